@@ -1,0 +1,121 @@
+"""Expert augmentation (paper, Algorithm 1, GenerateAugmentedSet)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.torch import save_file
+from torch import Tensor
+
+from expertaug.errors import InputError, SolveError
+from expertaug.files import atomic
+from expertaug.learning.sets import StackedSet
+from expertaug.learning.task import Task
+from expertaug.models.hybrid import HybridModel
+from expertaug.models.store import read_tensors
+
+CHUNK = 4096  # samples simulated at a time: bounds the memory
+ATTEMPTS = 10
+
+
+def prior_range(model: HybridModel, prior: Mapping[str, list[float]]) -> tuple[Tensor, Tensor]:
+    """Lower and upper ends (P,) of the uniform augmentation prior p⁺(z_e).
+
+    Raises:
+        InputError: the ranges are not those of the system's expert parameters.
+    """
+    names = [p.name for p in model.system.expert_parameters]
+    if sorted(prior) != sorted(names):
+        raise InputError("augmentation.prior", f"ranges for {sorted(prior)}", f"give one for each of {names}")
+    low, high = (torch.tensor([float(prior[n][end]) for n in names]) for end in (0, 1))
+    return low, high
+
+
+def prior_scale(model: HybridModel, prior: Mapping[str, list[float]]) -> Tensor:
+    """Standard deviation (P,) of p⁺."""
+    low, high = prior_range(model, prior)
+    return (high - low) / 12**0.5
+
+
+@torch.no_grad()
+def generate(
+    model: HybridModel, data: StackedSet, task: Task, seeds: list[int], prior: Mapping, noise: float, draw: int
+) -> StackedSet:
+    """One augmented sample for every sample of ``data``: x from the data, z_a ~ q(z_a | x, y), z_e ~ p⁺, y by the model.
+
+    Arguments:
+        model: stacked, trained; it is not changed.
+        data: (T, 1, N, *state); only its observed window is used.
+        task: of the training: ``t``, ``observed`` and ``solver``.
+        seeds: in the block's order; samples depend on the seed and ``draw`` alone.
+        prior: ranges of p⁺.
+        noise: standard deviation of the noise added to every point, the first one too.
+        draw: number of the draw (sets, passes).
+
+    Returns:
+        y (T, S, N, *state), z_e (S, N, P), all supervised.
+
+    Raises:
+        SolveError: a sample stays non-finite after redrawing z_e.
+    """
+    low, high = prior_range(model, prior)
+    generators = [np.random.default_rng([seed, draw, 1]) for seed in seeds]
+    parts = []
+    for start in range(0, len(data), CHUNK):
+        index = torch.arange(start, min(start + CHUNK, len(data)))
+        batch = StackedSet(data.y[:, :, index], data.z_e[:, index], data.supervised[index]).whole(len(seeds))
+        _, z_a = model.encode(batch.y[: task.observed]).rsample()
+        y0 = batch.y[0]
+        y, z_e = _simulate(model, y0, z_a, low, high, task, generators)
+        for _ in range(ATTEMPTS):
+            good = torch.isfinite(y).movedim(0, 2).flatten(2).all(-1)
+            if good.all():
+                break
+            again, other = _simulate(model, y0, z_a, low, high, task, generators)
+            y = torch.where(good.view(1, *good.shape, *[1] * (y.dim() - 3)), y, again)
+            z_e = torch.where(good.unsqueeze(-1), z_e, other)
+        else:
+            raise SolveError(
+                f"augmentation: {int((~good).sum())} samples are not finite for any z_e drawn; narrow augmentation.prior"
+            )
+        parts.append((y, z_e))
+    y, z_e = torch.cat([p[0] for p in parts], dim=2), torch.cat([p[1] for p in parts], dim=1)
+    if noise:
+        y = y + noise * _draw(generators, "standard_normal", (len(y), *y.shape[2:])).movedim(0, 1).to(y)
+    return StackedSet(y, z_e, torch.ones(z_e.shape[1], device=y.device))
+
+
+def _simulate(
+    model: HybridModel, y0: Tensor, z_a: Tensor, low: Tensor, high: Tensor, task: Task, generators: list
+) -> tuple[Tensor, Tensor]:
+    share = _draw(generators, "random", (y0.shape[1], len(low)))
+    z_e = (low + (high - low) * share).to(y0)
+    return model.forecast(y0, z_e, z_a, task.t, task.solver), z_e
+
+
+def _draw(generators: list, kind: str, shape: tuple[int, ...]) -> Tensor:
+    """(S, *shape) float32 draws, each seed from its own generator."""
+    return torch.from_numpy(np.stack([getattr(g, kind)(shape, dtype=np.float32) for g in generators]))
+
+
+def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping) -> None:
+    """Write the augmented training and validation sets."""
+    tensors = {}
+    for name, part in (("train", train), ("validation", validation)):
+        tensors |= {f"{name}_y": part.y.cpu().contiguous(), f"{name}_z_e": part.z_e.cpu().contiguous()}
+    with atomic(path) as temporary:
+        save_file(tensors, temporary, metadata={"expertaug": json.dumps(header)})
+
+
+def load(path: Path, device: torch.device) -> tuple[StackedSet, StackedSet, dict]:
+    """Read what :func:`save` wrote: training set, validation set, header."""
+    header, tensors = read_tensors(path)
+    sets = []
+    for name in ("train", "validation"):
+        y, z_e = tensors[f"{name}_y"].to(device), tensors[f"{name}_z_e"].to(device)
+        sets.append(StackedSet(y, z_e, torch.ones(z_e.shape[1], device=device)))
+    return sets[0], sets[1], header

@@ -1,0 +1,84 @@
+"""Checkpoints of a running job: a killed job goes on to the same bits."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import torch
+
+from expertaug.errors import InputError
+from expertaug.files import atomic, sha256
+
+PACKAGE = Path(__file__).parents[1]
+CODE = ("learning", "models", "systems", "types.py", "presets.py")
+
+
+def fingerprint(settings: Mapping, inputs: list[Path]) -> str:
+    """SHA-256 over the settings, the training code and the input files: a checkpoint of another one is not used."""
+    digest = hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode())
+    for entry in CODE:
+        path = PACKAGE / entry
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(sha256(file).encode())
+    for file in inputs:
+        digest.update(sha256(file).encode())
+    return digest.hexdigest()
+
+
+class Checkpoint:
+    """One file under ``work``, written atomically; removed when the job is done.
+
+    Arguments:
+        work: folder of the job, made when needed.
+        fingerprint: of the job; a file with another one is ignored.
+    """
+
+    def __init__(self, work: Path, fingerprint: str) -> None:
+        self.work, self.fingerprint = Path(work), fingerprint
+        self.file = self.work / "checkpoint.pt"
+
+    def save(self, state: dict) -> None:
+        """Write ``state`` (tensors, numbers, text, and lists and dicts of them)."""
+        with atomic(self.file) as temporary:
+            torch.save({"fingerprint": self.fingerprint, "state": state}, temporary)
+
+    def load(self) -> dict | None:
+        """The state of an earlier, killed run of the same job; None where there is none that fits."""
+        if not self.file.exists():
+            return None
+        try:
+            found = torch.load(self.file, weights_only=True)
+        except Exception:  # torch raises many kinds for a damaged file; the remedy is the same: start afresh
+            return None
+        return found["state"] if found.get("fingerprint") == self.fingerprint else None
+
+    def remove(self) -> None:
+        """The job's output is written: nothing to resume."""
+        shutil.rmtree(self.work, ignore_errors=True)
+
+
+@contextmanager
+def locked(work: Path) -> Iterator[None]:
+    """Hold the job's lock, a file beside ``work``: a killed workflow may leave its job running.
+
+    Raises:
+        InputError: another process holds it.
+    """
+    lock = Path(work).with_name(Path(work).name + ".lock")
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        stream = lock.open("w")
+    except OSError as error:
+        raise InputError(lock, f"cannot be written ({error.strerror})", "choose a writable results folder") from error
+    with stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise InputError(lock, "another process is running this job", "wait for it or stop it") from error
+        yield

@@ -1,0 +1,72 @@
+"""Running a trainer as a job: resumed after a kill, logged, its best state written as a model file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import torch
+
+from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
+from expertaug.learning.objectives import OBJECTIVES
+from expertaug.learning.task import Task
+from expertaug.learning.trainer import Trainer, TrainSettings
+from expertaug.models import store
+from expertaug.models.hybrid import HybridModel, find
+from expertaug.runlog import RunLog
+
+
+def fit(
+    model: HybridModel,
+    sets: Callable,
+    task: Task,
+    description: dict,
+    settings: Mapping,
+    paths: tuple[Path, Path, list[Path]],
+    tracking: Mapping | None,
+    unchanged: Mapping | None = None,
+) -> None:
+    """Train ``model``, resuming a killed run, and write its best state to the output."""
+    output, work, inputs = Path(paths[0]), Path(paths[1]), paths[2]
+    choices, seeds = settings["choices"], list(settings["seeds"])
+    train_set, validation = sets(task.points(choices))
+    options = dict(settings["training"].get("objective", {}))
+    objective = find("objective", description["objective"], OBJECTIVES)(len(seeds), choices, **options)
+    name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
+    trainer = Trainer(
+        model, objective, task, train_set, validation, seeds, TrainSettings.from_mapping(settings["training"]), name
+    )
+    with locked(work):
+        checkpoint = Checkpoint(work, fingerprint({k: v for k, v in settings.items() if k != "device"}, inputs))
+        state = checkpoint.load()
+        if state is not None:
+            trainer.restore(state)
+        log = RunLog(
+            output.with_name("log.jsonl"),
+            tracking,
+            **{k: description[k] for k in ("experiment", "method", "label", "preset", "stage")},
+            system=description["system"]["name"],
+            seeds=seeds,
+            params={k: v for k, v in settings.items() if k not in ("seeds", "label")},
+            tags={"fingerprint": checkpoint.fingerprint},
+            resume=state["log"] if state is not None else None,
+        )
+        if state is None:
+            for path in inputs:
+                log.dataset(path.stem, path)
+        trainer.run(log, checkpoint)
+        model.load_state_dict(trainer.best)
+        for key, value in (unchanged or {}).items():
+            if not torch.equal(model.state_dict()[key], value):
+                raise RuntimeError(f"{name}: fine-tuning changed {key}, which is frozen")
+        record = {
+            "wall_s": trainer.seconds,
+            "best_score": trainer.best_score.tolist(),
+            "best_epoch": trainer.best_epoch.tolist(),
+            "multiplier": objective.multiplier.tolist(),
+        }
+        store.save(output, model, json.loads(json.dumps(description | record)))
+        log.artifact(output)
+        log.close()
+        checkpoint.remove()

@@ -1,0 +1,95 @@
+"""Training sets as tensors, time first, with one data order a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from expertaug.types import Trajectories
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A batch for a block of S seeds: y (T, S, B, *state), z_e (S, B, P), supervised (S, B) in {0, 1}."""
+
+    y: Tensor
+    z_e: Tensor
+    supervised: Tensor
+
+
+@dataclass(frozen=True)
+class StackedSet:
+    """M samples for each of S seeds; S = 1 in the tensors where all seeds share them.
+
+    Attributes:
+        y: (T, S or 1, M, *state).
+        z_e: (S or 1, M, P).
+        supervised: (M,) in {0, 1}: whether z_e is the sample's label (augmented samples) or only for scoring.
+    """
+
+    y: Tensor
+    z_e: Tensor
+    supervised: Tensor
+
+    @classmethod
+    def of(cls, data: Trajectories, device: torch.device) -> StackedSet:
+        """A set that all seeds share, none of it supervised."""
+        y = torch.from_numpy(np.ascontiguousarray(np.moveaxis(data.y, 1, 0))).unsqueeze(1).to(device)
+        z_e = torch.from_numpy(data.z_e).unsqueeze(0).to(device)
+        return cls(y, z_e, torch.zeros(len(data), device=device))
+
+    def __len__(self) -> int:
+        return len(self.supervised)
+
+    def __or__(self, other: StackedSet) -> StackedSet:
+        """The union of two sets over the times that both have."""
+        points = min(len(self.y), len(other.y))
+        seeds = max(self.y.shape[1], other.y.shape[1])
+
+        def both(a: Tensor, b: Tensor, axis: int) -> Tensor:
+            grow = [x.expand(*x.shape[:axis], seeds, *x.shape[axis + 1 :]) for x in (a, b)]
+            return torch.cat(grow, dim=axis + 1)
+
+        return StackedSet(
+            both(self.y[:points], other.y[:points], 1),
+            both(self.z_e, other.z_e, 0),
+            torch.cat((self.supervised, other.supervised)),
+        )
+
+    def window(self, points: int) -> StackedSet:
+        """The first ``points`` points of every sample."""
+        return StackedSet(self.y[:points].contiguous(), self.z_e, self.supervised)
+
+    def subset(self, count: int | None) -> StackedSet:
+        """At most ``count`` samples, evenly spread."""
+        if count is None or count >= len(self):
+            return self
+        index = torch.linspace(0, len(self) - 1, count, device=self.y.device).long()
+        return StackedSet(self.y[:, :, index], self.z_e[:, index], self.supervised[index])
+
+    def whole(self, seeds: int) -> Batch:
+        """All samples as one batch for ``seeds`` seeds."""
+        return Batch(
+            self.y.expand(len(self.y), seeds, *self.y.shape[2:]),
+            self.z_e.expand(seeds, *self.z_e.shape[1:]),
+            self.supervised.expand(seeds, -1),
+        )
+
+    def batches(self, seeds: list[int], epoch: int, size: int) -> Iterator[Batch]:
+        """One pass: full batches in an order that depends on the seed and the epoch alone (a rest is left out)."""
+        order = np.stack([np.random.default_rng([seed, epoch]).permutation(len(self)) for seed in seeds])
+        order = torch.from_numpy(order).to(self.y.device)
+        size = min(size, len(self))
+        row = torch.arange(len(seeds), device=self.y.device).unsqueeze(1)
+        shared = torch.zeros_like(row) if self.y.shape[1] == 1 else row
+        for start in range(0, len(self) - size + 1, size):
+            index = order[:, start : start + size]
+            yield Batch(self.y[:, shared, index], self.z_e[shared, index], self.supervised[index])
+
+    def steps(self, size: int) -> int:
+        """Batches in one pass."""
+        return max(len(self) // min(size, len(self)), 1)

@@ -1,0 +1,61 @@
+"""What losses, selection and augmentation need to know about the data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from expertaug.systems.solver import Solver
+from expertaug.types import points_until
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a loss needs to know about the data.
+
+    Attributes:
+        t: all times of a trajectory in s, (T,).
+        observed: points in [t0, t1], which the encoder sees.
+        horizon: points that the loss compares, from the first on.
+        solver: for the forecasts.
+        z_e_scale: (P,), standard deviation of p⁺ for the supervision of z_e.
+        supervision_weight: of the z_e term.
+    """
+
+    t: Tensor
+    observed: int
+    horizon: int
+    solver: Solver
+    z_e_scale: Tensor | float = 1.0
+    supervision_weight: float = 1.0
+
+    def shortened(self, points: int) -> Task:
+        """The same over the first ``points`` times."""
+        return replace(self, t=self.t[:points])
+
+    def points(self, choices: Mapping) -> int:
+        """Points of a trajectory that training needs."""
+        return len(self.t) if choices["loss_window"] == "half_batch" else max(self.horizon, self.observed)
+
+    def selection(self, choices: Mapping) -> range:
+        """Points of the validation set that select the best model."""
+        return range(1, self.horizon) if choices["selection"] == "observed" else range(self.observed, len(self.t))
+
+
+def task_of(training: Mapping, description: Mapping, device: torch.device, scale: Tensor | float = 1.0) -> Task:
+    """The task of a training block (``solver``, ``horizon_s``, ``supervision_weight``) for a described model."""
+    t = torch.tensor(description["t"], dtype=torch.float32, device=device)
+    horizon = (
+        points_until(description["t"], training["horizon_s"]) if "horizon_s" in training else description["observed"]
+    )
+    return Task(
+        t=t,
+        observed=description["observed"],
+        horizon=max(horizon, 2),
+        solver=Solver.from_mapping(training.get("solver", {})),
+        z_e_scale=scale,
+        supervision_weight=float(training.get("supervision_weight", 1.0)),
+    )

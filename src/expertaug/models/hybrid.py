@@ -1,0 +1,137 @@
+"""The hybrid model: an encoder and the decoder dy/dt = F_e(y; z_e) + F_a(y; z_a)."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.errors import InputError
+from expertaug.models.encoders import ENCODERS
+from expertaug.models.interaction import INTERACTIONS
+from expertaug.models.posterior import Posterior
+from expertaug.systems import System
+from expertaug.systems.solver import Solver
+
+
+class HybridModel(nn.Module):
+    """A system's expert, an interaction model and an encoder.
+
+    Arguments:
+        system: gives F_e.
+        encoder: observed window → posterior.
+        interaction: F_a, or None for the expert alone.
+        expert: False takes F_e away and keeps the system's kinematics: the agnostic neural ODE.
+    """
+
+    def __init__(self, system: System, encoder: nn.Module, interaction: nn.Module | None, expert: bool = True) -> None:
+        super().__init__()
+        self.system = system
+        self.encoder = encoder
+        self.interaction = interaction
+        self.expert = expert
+
+    def encode(self, observed: Tensor) -> Posterior:
+        """Observed window (T1, …, B, *state) → q(z_e, z_a)."""
+        return self.encoder(observed)
+
+    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+        """States (T, …, B, *state) at the times t (T,), from the known first point y0 (…, B, *state)."""
+        context = self.interaction.context(z_a) if self.interaction is not None else None
+
+        def field(s: Tensor, y: Tensor) -> Tensor:
+            rate = self.system.expert(s, y, z_e) if self.expert else self.system.kinematics(y)
+            return rate if context is None else rate + self.interaction(y, context)
+
+        return solver(field, self.system.initial_state(y0, z_e), t)
+
+    def predict(self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> tuple[Tensor, Tensor]:
+        """Forecast from the posterior's mean.
+
+        Arguments:
+            observed: (T1, …, B, *state).
+            t: (T,) in s, T ≥ T1.
+            start: y0, or y_t1: integrate onwards from the last observed point and return the observation before it.
+
+        Returns:
+            states (T, …, B, *state) and the estimate of z_e (…, B, P).
+        """
+        z_e, z_a = self.encode(observed).mean
+        if start == "y0":
+            return self.forecast(observed[0], z_e, z_a, t, solver), z_e
+        last = len(observed) - 1
+        onwards = self.forecast(observed[last], z_e, z_a, t[last:], solver)
+        return torch.cat((observed[:last], onwards)), z_e
+
+    def interaction_squares(self, y: Tensor, z_a: Tensor) -> Tensor:
+        """Mean over the state's dimensions of F_a² at every point, (…, B·T): y is (T, …, B, *state), z_a (…, B, Q).
+
+        Raises:
+            AttributeError: the model has no interaction model.
+        """
+        state = self.system.state_shape
+        points = y.movedim(0, -1 - len(state)).flatten(-2 - len(state), -1 - len(state))  # (…, B·T, *state)
+        context = self.interaction.context(z_a).repeat_interleave(len(y), dim=-2)
+        return self.interaction(points, context).square().flatten(-len(state)).mean(-1)
+
+
+def build(system: System, times: Tensor, model: Mapping, expert: bool = True, interaction: bool = True) -> HybridModel:
+    """Make the model that a config's ``model`` block describes.
+
+    Arguments:
+        times: of the observed window in s, (T1,).
+        model: ``encoder`` and ``interaction``, each with ``kind`` and its class's arguments.
+        expert, interaction: False leaves that part out.
+
+    Raises:
+        InputError: an unknown kind or argument.
+    """
+    encoder = _make("model.encoder", ENCODERS, model["encoder"], system=system, times=times)
+    part = (
+        _make("model.interaction", INTERACTIONS, model["interaction"], system=system, latent=encoder.latent)
+        if interaction
+        else None
+    )
+    return HybridModel(system, encoder, part, expert)
+
+
+def find(where: str, kind: str, kinds: Mapping[str, type]) -> type:
+    """The class of a kind: one of ``kinds`` by name, or ``package.module:Class`` from anywhere.
+
+    Raises:
+        InputError: no such class.
+    """
+    module, _, name = kind.partition(":")
+    try:
+        return getattr(importlib.import_module(module), name) if name else kinds[kind]
+    except (KeyError, ImportError, AttributeError) as error:
+        raise InputError(where, repr(kind), f"one of {', '.join(kinds)}, or package.module:Class") from error
+
+
+def _make(where: str, kinds: Mapping[str, type], settings: Mapping, **fixed: object) -> nn.Module:
+    arguments = dict(settings)
+    kind = str(arguments.pop("kind", ""))
+    cls = find(f"{where}.kind", kind, kinds)
+    known = set(inspect.signature(cls).parameters) - set(fixed)
+    for key in arguments:
+        if key not in known:
+            raise InputError(f"{where}.{key}", f"unknown to {kind}", f"known: {', '.join(sorted(known))}")
+    return cls(**fixed, **arguments)
+
+
+def stack(models: list[HybridModel]) -> HybridModel:
+    """One model that computes a block of seeds: every parameter and buffer gains a leading seed axis."""
+    stacked = models[0]
+    tensors = [dict(m.named_parameters()) | dict(m.named_buffers()) for m in models]
+    for name in list(tensors[0]):
+        owner = stacked.get_submodule(name.rpartition(".")[0])
+        leaf = name.rpartition(".")[2]
+        value = torch.stack([t[name].detach() for t in tensors])
+        if leaf in owner._parameters:
+            owner._parameters[leaf] = nn.Parameter(value)
+        else:
+            owner._buffers[leaf] = value
+    return stacked

@@ -1,0 +1,44 @@
+"""The interaction model F_a(y; z_a)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.models.layers import MLP, Linear, affine
+from expertaug.systems import System
+
+
+class MLPInteraction(nn.Module):
+    """MLP on the state's features and z_a (paper, appendix).
+
+    The part of the first layer that reads z_a is constant along a trajectory: :meth:`context` computes it once.
+
+    Arguments:
+        latent: size of z_a.
+        layers, activation: hidden layers.
+    """
+
+    def __init__(
+        self, system: System, latent: int, layers: Sequence[int] = (50, 50, 50), activation: str = "relu"
+    ) -> None:
+        super().__init__()
+        self.system = system
+        inputs = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
+        self.state_layer = Linear(inputs, layers[0], bias=False)
+        self.latent_layer = Linear(latent, layers[0])
+        self.rest = MLP(layers[0], layers[1:], len(system.state), activation)
+
+    def context(self, z_a: Tensor) -> Tensor:
+        """(…, B, latent) → (…, B, width), for :meth:`forward`."""
+        return self.latent_layer(z_a)
+
+    def forward(self, y: Tensor, context: Tensor) -> Tensor:
+        """F_a at states y (…, B, *state), the shape of y."""
+        hidden = affine(self.system.features(y), self.state_layer.weight, context)
+        return self.rest(self.rest.activation(hidden))
+
+
+INTERACTIONS = {"mlp": MLPInteraction}

@@ -1,0 +1,83 @@
+"""Layers that compute one seed or a block of seeds alike.
+
+Weights are stored (in, out) and biases (1, out).  Under ``torch.func.functional_call`` with parameters stacked along a
+leading seed axis, (S, in, out) and (S, 1, out), the same line is one batched matrix product: measured 25 to 35 % faster
+than ``torch.vmap`` over ordinary layers (benchmarks/training_step.py).  Inputs are (S, B, in) for stacked parameters and
+(B, in) otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+ACTIVATIONS = {"relu": torch.relu, "silu": nn.functional.silu, "selu": torch.selu, "tanh": torch.tanh}
+
+
+class Linear(nn.Module):
+    """x W + b, initialised as torch's own linear layer: uniform within ±1/√in."""
+
+    def __init__(self, inputs: int, outputs: int, bias: bool = True) -> None:
+        super().__init__()
+        bound = 1 / math.sqrt(inputs)
+        self.weight = nn.Parameter(torch.empty(inputs, outputs).uniform_(-bound, bound))
+        self.bias = nn.Parameter(torch.empty(1, outputs).uniform_(-bound, bound)) if bias else None
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(…, B, in) → (…, B, out)."""
+        if self.bias is None:
+            return x @ self.weight
+        return affine(x, self.weight, self.bias)
+
+
+def affine(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    """x W + bias in one call; bias may also be (…, B, out)."""
+    if x.dim() == 3 and weight.dim() == 3:
+        return torch.baddbmm(bias, x, weight)
+    return x @ weight + bias
+
+
+class MLP(nn.Module):
+    """Fully connected network: ``layers`` hidden layers, no activation after the last."""
+
+    def __init__(self, inputs: int, layers: Sequence[int], outputs: int, activation: str = "relu") -> None:
+        super().__init__()
+        widths = (inputs, *layers, outputs)
+        self.layers = nn.ModuleList(Linear(a, b) for a, b in zip(widths, widths[1:], strict=False))
+        self.activation = ACTIVATIONS[activation]
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(…, B, inputs) → (…, B, outputs)."""
+        for layer in self.layers[:-1]:
+            x = self.activation(layer(x))
+        return self.layers[-1](x)
+
+
+class GRU(nn.Module):
+    """One-layer gated recurrent unit; returns the last hidden state."""
+
+    def __init__(self, inputs: int, hidden: int) -> None:
+        super().__init__()
+        self.hidden = hidden
+        self.input = Linear(inputs, 3 * hidden)
+        self.recurrent = Linear(hidden, 3 * hidden)
+        bound = 1 / math.sqrt(hidden)
+        for parameter in self.input.parameters():
+            nn.init.uniform_(parameter, -bound, bound)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(T, …, B, inputs) → (…, B, hidden)."""
+        gates = torch.stack([self.input(point) for point in x]) if x.dim() == 4 else self.input(x)
+        state = x.new_zeros(*x.shape[1:-1], self.hidden)
+        # unbind, not x[t]: autograd fills a full-size zero gradient for every slice.
+        for gate in gates.unbind(0):
+            inner = self.recurrent(state)
+            reset_in, update_in, new_in = gate.split(self.hidden, dim=-1)
+            reset_h, update_h, new_h = inner.split(self.hidden, dim=-1)
+            update = torch.sigmoid(update_in + update_h)
+            new = torch.tanh(new_in + torch.sigmoid(reset_in + reset_h) * new_h)
+            state = torch.lerp(new, state, update)
+        return state

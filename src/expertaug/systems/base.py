@@ -1,0 +1,81 @@
+"""What a physical system is to the rest of the package."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named scalar of a system.
+
+    Attributes:
+        name: as in config files and tables.
+        unit: SI text; empty for a pure number.
+        positive: whether estimates are kept positive by construction.
+        scale: typical magnitude in that unit; estimates of an untrained encoder are of this size.
+    """
+
+    name: str
+    unit: str = ""
+    positive: bool = True
+    scale: float = 1.0
+
+
+class System(ABC):
+    """One physical system dy/dt = F_e(t, y; z_e) + F_a(t, y; z_a) (paper, equation generic_ode).
+
+    A subclass in a module of its own is all that a new system needs: the config names the module.  All arrays are torch
+    tensors whose leading axes broadcast; (…) below stands for them.
+
+    Attributes:
+        state: names, units and shape are per component; one :class:`Parameter` each (``positive`` and ``scale`` unused).
+        expert_parameters: the components of z_e, in order.
+        interaction_parameters: the components of the true z_a in simulations; empty where there is no simulation.
+    """
+
+    state: tuple[Parameter, ...]
+    expert_parameters: tuple[Parameter, ...]
+    interaction_parameters: tuple[Parameter, ...] = ()
+
+    @property
+    def state_shape(self) -> tuple[int, ...]:
+        """Shape of one state."""
+        return (len(self.state),)
+
+    @abstractmethod
+    def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
+        """F_e: time derivative (…, *state) at states y (…, *state) for parameters z_e (…, P)."""
+
+    def truth(self, t: Tensor, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+        """The full right-hand side that simulations follow: (…, *state) for z_a (…, Q)."""
+        raise NotImplementedError(f"{type(self).__name__} has no simulation: its data come from recordings")
+
+    def sample_initial_state(self, n: int, generator: torch.Generator) -> Tensor:
+        """n initial states of the simulation, (n, *state), float64."""
+        raise NotImplementedError(f"{type(self).__name__} has no simulation: its data come from recordings")
+
+    def kinematics(self, y: Tensor) -> Tensor:
+        """What stays of the right-hand side when the expert is taken away, (…, *state): nothing, unless overridden."""
+        return torch.zeros_like(y)
+
+    def initial_state(self, y0: Tensor, z_e: Tensor) -> Tensor:
+        """The state (…, *state) in which a forecast starts, from the known first point y0 and z_e (…, P)."""
+        return y0
+
+    def observe(self, y: Tensor) -> Tensor:
+        """The quantities (…, *observed) whose squared error is the loss and the metric: the state, unless overridden."""
+        return y
+
+    @property
+    def error_dims(self) -> int:
+        """By what the summed squared error is divided in the per-dimension convention."""
+        return len(self.state)
+
+    def features(self, y: Tensor) -> Tensor:
+        """States as networks see them, (…, features): the state, unless overridden."""
+        return y

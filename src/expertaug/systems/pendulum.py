@@ -1,0 +1,31 @@
+"""The damped pendulum (paper, section 4.1): θ'' = −ω0² sin θ − α θ'."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from expertaug.systems.base import Parameter, System
+
+
+class DampedPendulum(System):
+    """State (θ, θ'), z_e = ω0, z_a = α; the expert knows gravity, the interaction is the damping."""
+
+    state = (Parameter("theta", "rad"), Parameter("omega", "rad/s"))
+    expert_parameters = (Parameter("omega0", "rad/s"),)
+    interaction_parameters = (Parameter("alpha", "1/s"),)
+
+    def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
+        theta, speed = y[..., :1], y[..., 1:]
+        return torch.cat((speed, -z_e.square() * torch.sin(theta)), dim=-1)
+
+    def truth(self, t: Tensor, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+        damping = torch.cat((torch.zeros_like(z_a), -z_a * y[..., 1:]), dim=-1)
+        return self.expert(t, y, z_e) + damping
+
+    def sample_initial_state(self, n: int, generator: torch.Generator) -> Tensor:
+        """θ0 uniform in [−π/2, π/2], at rest (paper, appendix)."""
+        theta = (torch.rand(n, generator=generator, dtype=torch.float64) - 0.5) * math.pi
+        return torch.stack((theta, torch.zeros_like(theta)), dim=-1)

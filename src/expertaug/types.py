@@ -1,0 +1,87 @@
+"""Value objects that every stage shares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from expertaug.errors import InputError
+from expertaug.files import atomic
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """A set of N trajectories of one system on common times; checked once, when made.
+
+    Attributes:
+        t: times in seconds, (T,), strictly increasing, float64.
+        y: states, (N, T, *state), float32, finite.
+        z_e: expert parameters, (N, P), float32, finite.
+        z_a: true interaction latent where it is known, (N, Q), float32; Q = 0 where it is not.
+
+    Raises:
+        InputError: an array has the wrong number of axes, sizes disagree or a value is not finite.
+    """
+
+    t: np.ndarray
+    y: np.ndarray
+    z_e: np.ndarray
+    z_a: np.ndarray = field(default=None)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.z_a is None:
+            object.__setattr__(self, "z_a", np.zeros((len(self.y), 0)))
+        for name, dtype in (("t", np.float64), ("y", np.float32), ("z_e", np.float32), ("z_a", np.float32)):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=dtype))
+        if self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
+            raise InputError("trajectories", f"t has shape {self.t.shape}", "t must be strictly increasing, (T,)")
+        if self.y.ndim < 3 or self.y.shape[1] != len(self.t):
+            raise InputError("trajectories", f"y has shape {self.y.shape} for {len(self.t)} times", "y is (N, T, *state)")
+        for name in ("z_e", "z_a"):
+            value = getattr(self, name)
+            if value.ndim != 2 or len(value) != len(self.y):
+                raise InputError("trajectories", f"{name} has shape {value.shape} for {len(self.y)} samples", f"{name} is (N, P)")
+        for name in ("t", "y", "z_e", "z_a"):
+            bad = ~np.isfinite(getattr(self, name))
+            if bad.any():
+                where = tuple(int(i) for i in np.argwhere(bad)[0])
+                raise InputError("trajectories", f"{name} is not finite, first at index {where}", "every value must be finite")
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    def subset(self, index: object) -> Trajectories:
+        """The samples that ``index`` (a slice, a mask or integers along N) selects."""
+        return Trajectories(self.t, self.y[index], self.z_e[index], self.z_a[index])
+
+    def window(self, start: int, stop: int) -> Trajectories:
+        """The points ``start`` to ``stop`` (not included) along time."""
+        return Trajectories(self.t[start:stop], self.y[:, start:stop], self.z_e, self.z_a)
+
+    def save(self, path: str | Path) -> None:
+        """Write a compressed npz without pickle, atomically."""
+        with atomic(path) as temporary, temporary.open("wb") as stream:
+            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Trajectories:
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            InputError: the file is missing, is no npz or lacks an array.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                return cls(**{name: archive[name] for name in ("t", "y", "z_e", "z_a")})
+        except FileNotFoundError as error:
+            raise InputError(path, "no such file", "run the stage that makes it") from error
+        except (KeyError, ValueError, OSError, EOFError) as error:
+            raise InputError(path, f"not a trajectory file ({error})", "make it again with its stage") from error
+
+
+def points_until(t: Iterable[float], end: float) -> int:
+    """Number of the times ``t`` up to ``end``, which is included."""
+    return sum(1 for value in t if value <= end + 1e-9)

@@ -1,0 +1,167 @@
+"""Algorithm 1: D⁺, the frozen interaction model, supervision; and the rows of the preset table."""
+
+import pytest
+import torch
+from conftest import PRIOR
+
+from expertaug.errors import InputError
+from expertaug.learning import augmentation
+from expertaug.learning.augment import augment
+from expertaug.learning.finetune import finetune
+from expertaug.learning.objectives import Aphynity
+from expertaug.learning.sets import StackedSet
+from expertaug.learning.task import task_of
+from expertaug.learning.train import train
+from expertaug.models import store
+from expertaug.presets import ROWS, resolve
+from expertaug.systems.solver import Solver
+from expertaug.types import Trajectories
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def trained(data, tmp_path_factory):
+    from conftest import SETTINGS
+
+    folder = tmp_path_factory.mktemp("trained")
+    train(data, folder / "model.safetensors", folder / "work", SETTINGS, None)
+    return folder / "model.safetensors"
+
+
+def augmented(trained, data, folder, settings, **choices):
+    chosen = settings["choices"] | choices
+    augment(trained, data, folder / "plus.st", settings | {"prior": PRIOR, "noise": 0.01, "choices": chosen})
+    return augmentation.load(folder / "plus.st", CPU)
+
+
+def test_augmented_samples_are_the_models_own(trained, data, tmp_path, settings):
+    plus, validation, header = augmented(trained, data, tmp_path, settings, augmentation_noise="none")
+    real = StackedSet.of(Trajectories.load(data / "train.npz"), CPU)
+    stored = store.load(trained)
+    assert header["prior"] == PRIOR and len(plus) == len(real) == 40 and len(validation) == 10
+    assert torch.equal(plus.y[0], real.y[0].expand(2, -1, -1)), "x comes from the data"
+    assert plus.z_e.min() >= 0.5 and plus.z_e.max() <= 3.5 and plus.z_e.max() - plus.z_e.min() > 2.5
+    assert not torch.equal(plus.z_e[0], plus.z_e[1]), "every seed draws its own"
+    _, z_a = stored.model.encode(real.y[:11].expand(-1, 2, -1, -1)).mean
+    t = torch.tensor(stored.description["t"][:11])
+    expected = stored.model.forecast(real.y[0].expand(2, -1, -1), plus.z_e, z_a, t, Solver("rk4"))
+    torch.testing.assert_close(plus.y, expected.detach())
+
+
+def test_augmented_samples_get_the_datas_noise(trained, data, tmp_path, settings):
+    clean, _, _ = augmented(trained, data, tmp_path, settings, augmentation_noise="none")
+    noisy, _, _ = augmented(trained, data, tmp_path, settings)
+    assert torch.equal(clean.z_e, noisy.z_e)
+    assert (noisy.y - clean.y).std() == pytest.approx(0.01, rel=0.1)
+
+
+@pytest.mark.parametrize("choices", [{}, {"frozen": "interaction_and_z_e_head"}, {"resample": "epoch"}])
+def test_finetuning_changes_the_encoder_and_nothing_else(trained, data, tmp_path, settings, choices):
+    settings["choices"] |= choices
+    augmented(trained, data, tmp_path, settings)
+    settings |= {"method": "aphynity+", "label": "APHYNITY+"}
+    finetune(trained, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "work", settings, None)
+    before, after = store.load(trained), store.load(tmp_path / "plus.safetensors")
+    assert after.description["label"] == "APHYNITY+" and after.description["best_epoch"] != [0, 0]
+    head_frozen = "frozen" in choices
+    for name, value in before.model.state_dict().items():
+        frozen = name.startswith("interaction.") or (head_frozen and name.startswith("encoder.head."))
+        assert torch.equal(value, after.model.state_dict()[name]) == frozen, name
+
+
+def test_the_mean_cannot_be_augmented(data, tmp_path, settings):
+    train(data, tmp_path / "m.st", tmp_path / "w", settings | {"build": {"kind": "mean"}}, None)
+    with pytest.raises(InputError, match="only hybrid models"):
+        augmented(tmp_path / "m.st", data, tmp_path, settings)
+
+
+def test_prior_must_name_the_parameters(trained, data, tmp_path, settings):
+    with pytest.raises(InputError, match=r"augmentation\.prior.*omega0"):
+        augment(trained, data, tmp_path / "p.st", settings | {"prior": {"omega": [0, 1]}, "noise": 0.0})
+
+
+class TestPresetRows:
+    """Each row of the table changes what it says it changes."""
+
+    @pytest.fixture
+    def loss(self, trained, data):
+        stored = store.load(trained)
+        batch = StackedSet.of(Trajectories.load(data / "train.npz"), CPU).whole(2)
+
+        def compute(model=None, supervised=0.0, lambda0=10.0, batch=batch, **choices):
+            objective = Aphynity(2, resolve("corrected", choices), lambda0=lambda0)
+            task = task_of({}, stored.description, CPU, torch.tensor([0.5]))
+            batch = type(batch)(batch.y, batch.z_e, torch.full_like(batch.supervised, supervised))
+            return objective, *objective.loss(model or stored.model, batch, task)
+
+        compute.batch, compute.model = batch, stored.model
+        return compute
+
+    def test_presets_differ_where_the_table_says(self):
+        assert resolve("code")["loss_window"] == "half_batch" and resolve("paper")["noise"] == "none"
+        assert resolve("corrected", {"selection": "forecast"})["selection"] == "forecast"
+        assert all(getattr(row, p) in row.values for row in ROWS.values() for p in ("paper", "code", "corrected"))
+        for bad, match in (({"colour": 1}, "choices.colour"), ({"penalty": "l1"}, "choices.penalty.*'l1'")):
+            with pytest.raises(InputError, match=match):
+                resolve("corrected", bad)
+        with pytest.raises(InputError, match="preset"):
+            resolve("best")
+
+    def test_loss_window(self, loss):
+        batch = loss.batch
+        later, second = batch.y.clone(), batch.y.clone()
+        later[11:] += 1.0
+        second[:, :, 20:] += 1.0
+        for choice, sees_later in (("observed", False), ("half_batch", True)):
+            base = loss(loss_window=choice)[1]
+            changed = loss(loss_window=choice, batch=type(batch)(later, batch.z_e, batch.supervised))[1]
+            assert torch.equal(base, changed) != sees_later
+        unseen = loss(loss_window="half_batch", batch=type(batch)(second, batch.z_e, batch.supervised))[1]
+        assert torch.equal(unseen, loss(loss_window="half_batch")[1]), "half of the batch is not trained on"
+
+    def test_multiplier(self, loss):
+        for choice, grows in (("lagrangian", True), ("fixed", False)):
+            objective, _, parts = loss(multiplier=choice)
+            objective.end_of_pass()
+            expected = 10 + (5 * parts["data"] if grows else 0 * parts["data"])
+            torch.testing.assert_close(objective.multiplier, expected)
+
+    def test_penalty(self, loss):
+        model, batch = loss.model, loss.batch
+        _, z_a = model.encode(batch.y[:11]).mean
+        context = model.interaction.context(z_a)
+        on_data = torch.stack([model.interaction(y, context) for y in batch.y[:11]])
+        norm = on_data.norm(dim=-1).mean((0, 2))
+        torch.testing.assert_close(loss(penalty="norm_data")[2]["penalty"], norm.detach(), rtol=1e-3, atol=1e-6)
+        z_e, _ = model.encode(batch.y[:11]).mean
+        path = model.forecast(batch.y[0], z_e, z_a, torch.arange(11) * 0.1, Solver("rk4"))
+        squares = torch.stack([model.interaction(y, context) for y in path]).square().mean((0, 2, 3))
+        torch.testing.assert_close(loss()[2]["penalty"], squares.sqrt().detach(), rtol=1e-3, atol=1e-6)
+
+    def test_loss_is_the_lagrangian(self, loss):
+        _, value, parts = loss(lambda0=[10.0, 20.0])
+        torch.testing.assert_close(value, torch.tensor([10.0, 20.0]) * parts["data"] + parts["penalty"])
+
+    def test_loss_normalisation(self, loss):
+        _, value, parts = loss(loss_normalisation="first")
+        torch.testing.assert_close(value, 10 + parts["penalty"])
+
+    def test_supervision(self, loss):
+        z_e, _ = loss.model.encode(loss.batch.y[:11]).mean
+        error = (z_e - loss.batch.z_e).square().sum(-1).mean(1)
+        plain = loss()[1]
+        torch.testing.assert_close(loss(supervised=1.0)[1], plain + error / (2 * 0.5**2))
+        torch.testing.assert_close(loss(supervised=1.0, supervision="raw")[1], plain + error)
+        assert torch.equal(loss(supervised=1.0, supervision="off")[1], plain)
+
+    def test_observed_points_and_selection(self, data, tmp_path, settings):
+        settings["training"]["epochs"] = 1
+        for choice, points in (("inclusive", 11), ("exclusive", 10)):
+            settings["choices"]["observed_points"] = choice
+            train(data, tmp_path / "m.st", tmp_path / "w", settings, None)
+            stored = store.load(tmp_path / "m.st")
+            assert stored.description["observed"] == points
+            task = task_of({}, stored.description, CPU)
+            assert task.selection({"selection": "observed"}) == range(1, points)
+            assert task.selection({"selection": "forecast"}) == range(points, 21)

@@ -1,0 +1,133 @@
+"""Blocks of seeds, resuming, selection: the promises that the trainer makes."""
+
+import json
+
+import pytest
+import torch
+
+from expertaug.errors import InputError, SolveError
+from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
+from expertaug.learning.fitting import Trainer
+from expertaug.learning.sets import StackedSet
+from expertaug.learning.train import train
+from expertaug.learning.trainer import TrainSettings
+from expertaug.models import store
+from expertaug.types import Trajectories
+
+
+def run(data, folder, settings):
+    train(data, folder / "model.safetensors", folder / "work", settings, None)
+    return (folder / "model.safetensors").read_bytes()
+
+
+def test_same_seed_same_bits_apart_from_the_time_it_took(data, tmp_path, settings):
+    for name in "ab":
+        run(data, tmp_path / name, settings)
+    first, second = (store.load(tmp_path / name / "model.safetensors").model.state_dict() for name in "ab")
+    assert all(torch.equal(first[k], second[k]) for k in first)
+
+
+def test_one_step_of_a_seed_is_the_same_alone_and_in_a_block(data, tmp_path, settings):
+    """To rounding: batched products sum in another order."""
+    settings["training"] |= {"epochs": 1, "batch_size": 40}
+    settings["seeds"] = [5, 6, 7]
+    run(data, tmp_path / "block", settings)
+    block = store.load(tmp_path / "block/model.safetensors").model.state_dict()
+    for place, seed in enumerate(settings["seeds"]):
+        run(data, tmp_path / str(seed), settings | {"seeds": [seed]})
+        alone = store.load(tmp_path / str(seed) / "model.safetensors").model.state_dict()
+        for name, value in alone.items():
+            torch.testing.assert_close(block[name][place], value[0], rtol=1e-3, atol=1e-5)
+
+
+def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, monkeypatch):
+    run(data, tmp_path / "whole", settings)
+    whole = store.load(tmp_path / "whole/model.safetensors").model.state_dict()
+
+    steps = Trainer.step
+    count = iter(range(10**6))
+
+    def dying(self, *args):
+        if next(count) == 9:  # in the third pass
+            raise KeyboardInterrupt
+        return steps(self, *args)
+
+    monkeypatch.setattr(Trainer, "step", dying)
+    with pytest.raises(KeyboardInterrupt):
+        run(data, tmp_path / "killed", settings)
+    assert (tmp_path / "killed/work/checkpoint.pt").exists()
+    assert not (tmp_path / "killed/model.safetensors").exists()
+    monkeypatch.undo()
+    resumed_steps = []
+    monkeypatch.setattr(Trainer, "step", lambda self, *a: resumed_steps.append(1) or steps(self, *a))
+    run(data, tmp_path / "killed", settings)
+    resumed = store.load(tmp_path / "killed/model.safetensors").model.state_dict()
+    assert len(resumed_steps) == 4, "only the last pass is left"
+    assert all(torch.equal(whole[k], resumed[k]) for k in whole)
+    assert not (tmp_path / "killed/work").exists()
+    logs = [[json.loads(line) for line in (tmp_path / n / "log.jsonl").open()] for n in ("whole", "killed")]
+    losses = [[(line["step"], line["loss"]) for line in log if "loss" in line] for log in logs]
+    assert losses[0] == losses[1] and len(losses[0]) == 3, "no line lost, none twice"
+
+
+def test_a_changed_setting_starts_afresh(tmp_path):
+    first, other = (fingerprint({"rate": rate}, []) for rate in (1, 2))
+    Checkpoint(tmp_path / "work", first).save({"epoch": 1})
+    assert Checkpoint(tmp_path / "work", first).load() == {"epoch": 1}
+    assert Checkpoint(tmp_path / "work", other).load() is None
+    (tmp_path / "work/checkpoint.pt").write_bytes(b"half")
+    assert Checkpoint(tmp_path / "work", first).load() is None
+
+
+def test_two_processes_do_not_run_one_job(tmp_path):
+    with locked(tmp_path / "work"), pytest.raises(InputError, match="another process"), locked(tmp_path / "work"):
+        pass
+
+
+def test_the_best_model_by_validation_is_kept(data, tmp_path, settings, monkeypatch):
+    scores = iter([[1.0, 3.0], [2.0, 2.0], [3.0, 4.0]])
+    states = []
+
+    def score(self):
+        states.append({k: v.clone() for k, v in self.model.state_dict().items()})
+        return torch.tensor(next(scores))
+
+    monkeypatch.setattr(Trainer, "score", score)
+    run(data, tmp_path, settings)
+    stored = store.load(tmp_path / "model.safetensors")
+    assert stored.description["best_epoch"] == [1, 2]
+    for name, value in stored.model.state_dict().items():
+        assert torch.equal(value[0], states[0][name][0])
+        assert torch.equal(value[1], states[1][name][1])
+
+
+def test_a_seed_that_never_has_a_gradient_is_named(data, tmp_path, settings, monkeypatch):
+    monkeypatch.setattr("expertaug.learning.trainer.SKIPPED_LIMIT", 3)
+    broken = Trajectories.load(data / "train.npz")
+    for name in ("train", "validation"):
+        Trajectories(broken.t, broken.y * 1e18, broken.z_e).save(tmp_path / f"{name}.npz")
+    with pytest.raises(SolveError, match=r"pendulum/APHYNITY.*seed 0.*learning_rate"):
+        run(tmp_path, tmp_path, settings)
+
+
+def test_orders_depend_on_seed_and_pass_alone(data):
+    whole = StackedSet.of(Trajectories.load(data / "train.npz"), "cpu")
+    batch = next(whole.batches([3, 4], 0, 8))
+    again = next(whole.batches([4], 0, 8))
+    later = next(whole.batches([4], 1, 8))
+    assert torch.equal(batch.y[:, 1], again.y[:, 0])
+    assert not torch.equal(again.y, later.y)
+    every = torch.cat([b.z_e for b in whole.batches([3], 0, 8)], 1)
+    assert torch.equal(every[0].sort(0)[0], whole.z_e[0].sort(0)[0])
+
+
+def test_one_cycle_warms_up_and_decays():
+    settings = TrainSettings(learning_rate=1.0, warmup=0.1)
+    rates = [settings.rate(k, 100) for k in range(100)]
+    assert max(rates) == rates[9] == 1.0 and rates[0] == 0.1 and rates[-1] < 1e-3
+    assert TrainSettings(learning_rate=1.0, schedule="constant").rate(50, 100) == 1.0
+
+
+def test_unknown_training_key_is_named():
+    with pytest.raises(InputError, match=r"training\.epoch.*unknown"):
+        TrainSettings.from_mapping({"epoch": 3})

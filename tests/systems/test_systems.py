@@ -1,0 +1,122 @@
+"""Systems and simulation against closed forms."""
+
+import numpy as np
+import pytest
+import torch
+
+from expertaug import systems
+from expertaug.errors import InputError, SolveError
+from expertaug.systems.double_pendulum import Constants, accelerations, energy, point_masses
+from expertaug.systems.simulate import sample, simulate
+from expertaug.systems.solver import Solver, check_finite
+from expertaug.types import Trajectories
+
+REAL = Constants(0.103, 69.4, 1.35, 93.5)
+
+
+def pendulum_data(size=50, noise=0.0, alpha=(0.0, 0.6), omega0=(1.5, 3.1), **extra):
+    sets = {"train": {"size": size, "z_e": {"omega0": list(omega0)}, "z_a": {"alpha": list(alpha)}}}
+    return {"seed": 0, "step_s": 0.1, "t2_s": 20.0, "noise": noise, "sets": sets} | extra
+
+
+def test_undamped_pendulum_keeps_its_energy():
+    data = sample(systems.load({"name": "pendulum"}), pendulum_data(alpha=(0.0, 0.0)), "train")
+    theta, speed = data.y[..., 0].astype(float), data.y[..., 1].astype(float)
+    total = speed**2 / 2 + data.z_e.astype(float) ** 2 * (1 - np.cos(theta))
+    assert np.abs(total / total[:, :1] - 1).max() < 1e-4
+
+
+def test_small_damped_oscillation_is_the_linear_solution():
+    class Small(type(systems.load({"name": "pendulum"}))):
+        def sample_initial_state(self, n, generator):
+            return torch.tensor([[1e-3, 0.0]], dtype=torch.float64).expand(n, 2)
+
+    data = sample(Small(), pendulum_data(size=8), "train")
+    omega0, alpha = data.z_e[:, :1].astype(float), data.z_a.astype(float)
+    frequency = np.sqrt(omega0**2 - alpha**2 / 4)
+    phase = frequency * data.t
+    expected = 1e-3 * np.exp(-alpha * data.t / 2) * (np.cos(phase) + alpha / (2 * frequency) * np.sin(phase))
+    assert np.abs(data.y[..., 0] - expected).max() < 1e-6  # a thousandth of the amplitude, which is what sin θ ≈ θ leaves
+
+
+def test_simulation_is_reproducible_and_sets_are_independent(tmp_path):
+    settings = {"system": {"name": "pendulum"}, "data": pendulum_data(noise=0.01)}
+    settings["data"]["sets"]["test"] = settings["data"]["sets"]["train"]
+    for name, folder in (("train", "a"), ("train", "b"), ("test", "a")):
+        simulate(name, tmp_path / folder / f"{name}.npz", settings)
+    assert (tmp_path / "a/train.npz").read_bytes() == (tmp_path / "b/train.npz").read_bytes()
+    first, other = (Trajectories.load(tmp_path / f"a/{n}.npz") for n in ("train", "test"))
+    assert not np.array_equal(first.z_e, other.z_e)
+
+
+def test_noise_is_on_every_point_including_the_first():
+    clean, noisy = (sample(systems.load({"name": "pendulum"}), pendulum_data(200, s), "train") for s in (0.0, 0.01))
+    assert np.std((noisy.y - clean.y)[:, 0]) == pytest.approx(0.01, rel=0.15)
+    assert np.std((noisy.y - clean.y)[:, -1]) == pytest.approx(0.01, rel=0.15)
+
+
+def test_double_pendulum_energy_is_conserved_without_friction_and_lost_with_it():
+    y0 = torch.tensor([[2.0, 1.5, 3.0, -5.0], [0.5, -2.0, 12.0, 20.0]], dtype=torch.float64)
+    t = torch.linspace(0, 2, 5, dtype=torch.float64)
+    solver = Solver("dopri8", 1e-10, 1e-10)
+    for friction, kept in (((0.0, 0.0), True), ((0.02, 0.12), False)):
+        y = solver(lambda s, y, f=friction: torch.cat((y[..., 2:], accelerations(y, REAL, f)), -1), y0, t)
+        change = energy(y.numpy(), REAL)[-1] / energy(y.numpy(), REAL)[0] - 1
+        assert (np.abs(change) < 1e-6).all() if kept else (change < -1e-3).all()
+
+
+def test_point_masses_are_the_papers_equations():
+    l1, l2, m, g = 0.091, 0.070, 1.0, 9.81
+    t1, t2, w1, w2 = np.random.default_rng(0).uniform(-3, 3, (4, 20)) * np.array([[1], [1], [9], [15]])
+    common = 2 * m + m - m * np.cos(2 * t1 - 2 * t2)
+    a1 = -g * 3 * m * np.sin(t1) - m * g * np.sin(t1 - 2 * t2)
+    a1 -= 2 * np.sin(t1 - t2) * m * (w2**2 * l2 + w1**2 * l1 * np.cos(t1 - t2))
+    a2 = w1**2 * l1 * 2 * m + g * 2 * m * np.cos(t1) + w2**2 * l2 * m * np.cos(t1 - t2)
+    expected = np.stack((a1 / (l1 * common), 2 * np.sin(t1 - t2) * a2 / (l2 * common)), -1)
+    found = accelerations(torch.from_numpy(np.stack((t1, t2, w1, w2), -1)), point_masses(l1, l2))
+    np.testing.assert_allclose(found.numpy(), expected, rtol=1e-9)
+
+
+def test_fixed_grid_agrees_with_tolerance():
+    """One RK4 step a data interval: 3e-4 rad on the pendulum over the observed window."""
+    system = systems.load({"name": "pendulum"})
+    z_e, y0 = torch.linspace(0.5, 3.5, 31).unsqueeze(-1), torch.tensor([[1.5, 0.0]]).expand(31, 2)
+    t = torch.linspace(0, 5, 51)
+    fixed, exact = (s(lambda q, y: system.expert(q, y, z_e), y0, t) for s in (Solver("rk4"), Solver("dopri5", 1e-7, 1e-7)))
+    assert 1e-7 < (fixed - exact).abs().max() < 3e-3
+
+
+def test_bad_input_is_named():
+    with pytest.raises(InputError, match="system.name.*'nothing'"):
+        systems.load({"name": "nothing"})
+    with pytest.raises(InputError, match="system.colour.*unknown"):
+        systems.load({"name": "double_pendulum", "colour": 1})
+    with pytest.raises(InputError, match="constants.*calibrate"):
+        systems.load({"name": "double_pendulum"})
+    with pytest.raises(InputError, match="min must not exceed max"):
+        sample(systems.load({"name": "pendulum"}), pendulum_data(omega0=(3.0, 1.0)), "train")
+    with pytest.raises(InputError, match="euler9"):
+        Solver("euler9")
+
+
+def test_non_finite_trajectory_names_system_and_parameters():
+    y = torch.zeros(3, 2, 5, 2)
+    y[1, 1, 4, 0] = float("nan")
+    z_e = torch.arange(10.0).reshape(2, 5, 1)
+    with pytest.raises(SolveError, match=r"pendulum.*index \(1, 4\).*\(9\)"):
+        check_finite(y, z_e, "pendulum")
+
+
+def test_trajectories_check_and_round_trip(tmp_path):
+    data = Trajectories(np.arange(4.0), np.ones((3, 4, 2)), np.ones((3, 1)))
+    data.save(tmp_path / "x.npz")
+    assert np.array_equal(Trajectories.load(tmp_path / "x.npz").window(1, 3).y, data.y[:, 1:3])
+    with pytest.raises(InputError, match="not finite"):
+        Trajectories(np.arange(4.0), np.full((3, 4, 2), np.nan), np.ones((3, 1)))
+    with pytest.raises(InputError, match="strictly increasing"):
+        Trajectories(np.zeros(4), np.ones((3, 4, 2)), np.ones((3, 1)))
+    with pytest.raises(InputError, match="z_e"):
+        Trajectories(np.arange(4.0), np.ones((3, 4, 2)), np.ones((2, 1)))
+    (tmp_path / "y.npz").write_bytes(b"nonsense")
+    with pytest.raises(InputError, match=r"y\.npz.*not a trajectory file"):
+        Trajectories.load(tmp_path / "y.npz")
