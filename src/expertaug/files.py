@@ -35,11 +35,12 @@ def atomic(path: str | Path) -> Iterator[Path]:
         with temporary.open("rb") as stream:
             os.fsync(stream.fileno())
         temporary.chmod(0o666 & ~_umask())
-        os.replace(temporary, path)
+        temporary.replace(path)
     except OSError as error:
         if error.errno is None:
             raise
-        raise InputError(path, f"cannot be written ({error.strerror})", "free some space or choose another results folder") from error
+        remedy = "free some space or choose another results folder"
+        raise InputError(path, f"cannot be written ({error.strerror})", remedy) from error
     finally:
         temporary.unlink(missing_ok=True)
 

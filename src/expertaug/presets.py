@@ -1,8 +1,8 @@
 """Where the paper and the authors' code disagree, and what each preset does.
 
-One row of :data:`ROWS` is one choice: its meaning and the value under each preset.  ``paper`` follows the text, ``code``
-the authors' release as it behaves, ``corrected`` (the default) what this project takes for right.  A config's ``choices``
-override single rows; whatever is listed here is what the stages obey.
+One row of :data:`ROWS` is one choice: its meaning and the value under each preset.  ``paper`` follows the text,
+``code`` the authors' release as it behaves, ``corrected`` (the default) what this project takes for right.  A config's
+``choices`` override single rows; whatever is listed here is what the stages obey.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ ROWS: dict[str, Row] = {
         corrected="standardised",
     ),
     "forecast_start": Row(
-        "the state from which the forecast is integrated: y0, or y_t1 (the last observed point; z_e does not depend on it)",
+        "the state from which the forecast is integrated: y0, or y_t1 (the last observed point)",
         ("y0", "y_t1"),
         paper="y0",
         code="y0",

@@ -39,16 +39,22 @@ class Trajectories:
         if self.t.ndim != 1 or np.any(np.diff(self.t) <= 0):
             raise InputError("trajectories", f"t has shape {self.t.shape}", "t must be strictly increasing, (T,)")
         if self.y.ndim < 3 or self.y.shape[1] != len(self.t):
-            raise InputError("trajectories", f"y has shape {self.y.shape} for {len(self.t)} times", "y is (N, T, *state)")
+            raise InputError(
+                "trajectories", f"y has shape {self.y.shape} for {len(self.t)} times", "y is (N, T, *state)"
+            )
         for name in ("z_e", "z_a"):
             value = getattr(self, name)
             if value.ndim != 2 or len(value) != len(self.y):
-                raise InputError("trajectories", f"{name} has shape {value.shape} for {len(self.y)} samples", f"{name} is (N, P)")
+                raise InputError(
+                    "trajectories", f"{name} has shape {value.shape} for {len(self.y)} samples", f"{name} is (N, P)"
+                )
         for name in ("t", "y", "z_e", "z_a"):
             bad = ~np.isfinite(getattr(self, name))
             if bad.any():
                 where = tuple(int(i) for i in np.argwhere(bad)[0])
-                raise InputError("trajectories", f"{name} is not finite, first at index {where}", "every value must be finite")
+                raise InputError(
+                    "trajectories", f"{name} is not finite, first at index {where}", "every value must be finite"
+                )
 
     def __len__(self) -> int:
         return len(self.y)

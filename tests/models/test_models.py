@@ -26,7 +26,13 @@ WINDOWS = {"theta1": [0.0, 0.1], "theta2": [0.05, 0.1]}
 DOUBLE = {
     "system": {"name": "double_pendulum", "constants": CONSTANTS},
     "model": {
-        "encoder": {"kind": "window", "windows": WINDOWS, "angles": ["theta1", "theta2"], "layers": [9, 7], "latent": 3},
+        "encoder": {
+            "kind": "window",
+            "windows": WINDOWS,
+            "angles": ["theta1", "theta2"],
+            "layers": [9, 7],
+            "latent": 3,
+        },
         "interaction": {"kind": "mlp", "layers": [5, 5]},
     },
     "step": 0.01,
@@ -77,9 +83,7 @@ class TestEveryModel:
         again = store.load(tmp_path / "m.safetensors")
         y, t = data_for(case, 2), torch.tensor(description["t"])
         assert again.seeds == [0, 1]
-        assert torch.equal(
-            model.predict(y[:11], t, Solver("rk4"))[0], again.model.predict(y[:11], t, Solver("rk4"))[0]
-        )
+        assert torch.equal(model.predict(y[:11], t, Solver("rk4"))[0], again.model.predict(y[:11], t, Solver("rk4"))[0])
 
 
 def test_expert_alone_is_the_experts_trajectory():
@@ -133,7 +137,9 @@ def test_inputs_are_standardised_by_the_training_set():
 
 def test_mean_model_predicts_the_mean():
     mean = torch.arange(8.0).reshape(4, 2)
-    forecast, z_e = MeanModel(systems.load({"name": "pendulum"}), mean).predict(torch.zeros(2, 3, 5, 2), torch.arange(4), Solver())
+    forecast, z_e = MeanModel(systems.load({"name": "pendulum"}), mean).predict(
+        torch.zeros(2, 3, 5, 2), torch.arange(4), Solver()
+    )
     assert forecast.shape == (4, 3, 5, 2) and z_e is None
     assert torch.equal(forecast[:, 2, 4], mean)
 

@@ -36,7 +36,9 @@ def test_small_damped_oscillation_is_the_linear_solution():
     frequency = np.sqrt(omega0**2 - alpha**2 / 4)
     phase = frequency * data.t
     expected = 1e-3 * np.exp(-alpha * data.t / 2) * (np.cos(phase) + alpha / (2 * frequency) * np.sin(phase))
-    assert np.abs(data.y[..., 0] - expected).max() < 1e-6  # a thousandth of the amplitude, which is what sin θ ≈ θ leaves
+    assert (
+        np.abs(data.y[..., 0] - expected).max() < 1e-6
+    )  # a thousandth of the amplitude, which is what sin θ ≈ θ leaves
 
 
 def test_simulation_is_reproducible_and_sets_are_independent(tmp_path):
@@ -82,16 +84,18 @@ def test_fixed_grid_agrees_with_tolerance():
     system = systems.load({"name": "pendulum"})
     z_e, y0 = torch.linspace(0.5, 3.5, 31).unsqueeze(-1), torch.tensor([[1.5, 0.0]]).expand(31, 2)
     t = torch.linspace(0, 5, 51)
-    fixed, exact = (s(lambda q, y: system.expert(q, y, z_e), y0, t) for s in (Solver("rk4"), Solver("dopri5", 1e-7, 1e-7)))
+    fixed, exact = (
+        s(lambda q, y: system.expert(q, y, z_e), y0, t) for s in (Solver("rk4"), Solver("dopri5", 1e-7, 1e-7))
+    )
     assert 1e-7 < (fixed - exact).abs().max() < 3e-3
 
 
 def test_bad_input_is_named():
-    with pytest.raises(InputError, match="system.name.*'nothing'"):
+    with pytest.raises(InputError, match=r"system.name.*'nothing'"):
         systems.load({"name": "nothing"})
-    with pytest.raises(InputError, match="system.colour.*unknown"):
+    with pytest.raises(InputError, match=r"system.colour.*unknown"):
         systems.load({"name": "double_pendulum", "colour": 1})
-    with pytest.raises(InputError, match="constants.*calibrate"):
+    with pytest.raises(InputError, match=r"constants.*calibrate"):
         systems.load({"name": "double_pendulum"})
     with pytest.raises(InputError, match="min must not exceed max"):
         sample(systems.load({"name": "pendulum"}), pendulum_data(omega0=(3.0, 1.0)), "train")

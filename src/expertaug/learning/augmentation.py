@@ -45,7 +45,7 @@ def prior_scale(model: HybridModel, prior: Mapping[str, list[float]]) -> Tensor:
 def generate(
     model: HybridModel, data: StackedSet, task: Task, seeds: list[int], prior: Mapping, noise: float, draw: int
 ) -> StackedSet:
-    """One augmented sample for every sample of ``data``: x from the data, z_a ~ q(z_a | x, y), z_e ~ p⁺, y by the model.
+    """One augmented sample for each of ``data``: x from the data, z_a ~ q(z_a | x, y), z_e ~ p⁺, y by the model.
 
     Arguments:
         model: stacked, trained; it is not changed.
@@ -80,7 +80,8 @@ def generate(
             z_e = torch.where(good.unsqueeze(-1), z_e, other)
         else:
             raise SolveError(
-                f"augmentation: {int((~good).sum())} samples are not finite for any z_e drawn; narrow augmentation.prior"
+                f"augmentation: {int((~good).sum())} samples are not finite for any z_e drawn; "
+                "narrow augmentation.prior"
             )
         parts.append((y, z_e))
     y, z_e = torch.cat([p[0] for p in parts], dim=2), torch.cat([p[1] for p in parts], dim=1)

@@ -141,7 +141,7 @@ class Trainer:
 
     @torch.no_grad()
     def score(self) -> Tensor:
-        """Validation score (S,): mean over the validation sets of the log mean squared error; infinite where not finite."""
+        """Validation score (S,): mean over the sets of the log mean squared error; infinite where not finite."""
         scores = []
         for batch, points in self.validation:
             z_e, z_a = self.model.encode(batch.y[: self.task.observed]).mean

@@ -1,15 +1,15 @@
 """Layers that compute one seed or a block of seeds alike.
 
-Weights are stored (in, out) and biases (1, out).  Under ``torch.func.functional_call`` with parameters stacked along a
-leading seed axis, (S, in, out) and (S, 1, out), the same line is one batched matrix product: measured 25 to 35 % faster
-than ``torch.vmap`` over ordinary layers (benchmarks/training_step.py).  Inputs are (S, B, in) for stacked parameters and
-(B, in) otherwise.
+Weights are stored (in, out) and biases (1, out).  With parameters stacked along a leading seed axis, (S, in, out) and
+(S, 1, out), the same line is one batched matrix product, faster than ``torch.vmap`` over ordinary layers
+(benchmarks/training_step.py shows by how much).  Inputs are (S, B, in) for stacked parameters and (B, in) otherwise.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -46,7 +46,7 @@ class MLP(nn.Module):
     def __init__(self, inputs: int, layers: Sequence[int], outputs: int, activation: str = "relu") -> None:
         super().__init__()
         widths = (inputs, *layers, outputs)
-        self.layers = nn.ModuleList(Linear(a, b) for a, b in zip(widths, widths[1:], strict=False))
+        self.layers = nn.ModuleList(Linear(a, b) for a, b in pairwise(widths))
         self.activation = ACTIVATIONS[activation]
 
     def forward(self, x: Tensor) -> Tensor:

@@ -33,7 +33,7 @@ class System(ABC):
     tensors whose leading axes broadcast; (…) below stands for them.
 
     Attributes:
-        state: names, units and shape are per component; one :class:`Parameter` each (``positive`` and ``scale`` unused).
+        state: name and unit of each component (``positive`` and ``scale`` are not used).
         expert_parameters: the components of z_e, in order.
         interaction_parameters: the components of the true z_a in simulations; empty where there is no simulation.
     """
@@ -68,7 +68,7 @@ class System(ABC):
         return y0
 
     def observe(self, y: Tensor) -> Tensor:
-        """The quantities (…, *observed) whose squared error is the loss and the metric: the state, unless overridden."""
+        """The quantities (…, *observed) whose squared error is loss and metric: the state, unless overridden."""
         return y
 
     @property
