@@ -1,0 +1,97 @@
+"""Speed and accuracy of the marker tracker on one core, on rendered video of the fastest motion there is.
+
+    python benchmarks/track.py [--frames 1500] [--crf 18]
+
+Renders the fastest stretch of 21 recordings, compresses it as H.264, decodes it into memory and tracks it at the full
+frame rate and at a quarter of it; the truth that it scores against is the renderer's.  The last line is the whole
+stage: a frame store read, tracked and written as markers.csv.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy
+
+import cv2
+import numpy as np
+
+from expertaug.recordings.disks import NAMES
+from expertaug.recordings.frames import writing
+from expertaug.recordings.markers import track_markers
+from expertaug.recordings.render import RenderSettings, encode, markers, motion, poses
+from expertaug.recordings.scene import Scene
+from expertaug.recordings.tracker import Track, TrackSettings, estimate_geometry, track_frames
+
+SECONDS = 10  # of each recording: launches are fastest at first
+
+
+def fastest(count: int, settings: RenderSettings) -> tuple[np.ndarray, tuple[float, float]]:
+    """States (count, 4) round the fastest turn of the second arm in all recordings, and that recording's pivot."""
+    runs = [motion(index, settings) for index in range(settings.count)]
+    _, states, pivot = max(runs, key=lambda run: np.abs(run[1][:, 3]).max())
+    middle = int(np.abs(states[:, 3]).argmax())
+    start = min(max(0, middle - count // 2), max(0, len(states) - count))
+    return states[start : start + count], pivot
+
+
+def render(
+    states: np.ndarray, pivot: tuple[float, float], arms: tuple[float, float], settings: RenderSettings
+) -> np.ndarray:
+    """Frames (n, H, W, 3) after compression."""
+    size = settings.image_size_px
+    scene = Scene(size, pivot, arms, settings.noise, np.random.default_rng(0))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "clip.mp4"
+        drawn = (scene.frame(poses(state, pivot, arms, settings.exposure_s)) for state in states)
+        encode(path, drawn, size, settings.rate_hz, crf=settings.crf, preset=settings.preset)
+        video = cv2.VideoCapture(str(path))
+        frames = np.empty((len(states), size, size, 3), np.uint8)
+        for frame in frames:
+            frame[:] = video.read()[1]
+    return frames
+
+
+def report(label: str, seconds: float, track: Track, truth: np.ndarray) -> None:
+    error = np.linalg.norm(track.position - truth, axis=-1)
+    step = np.linalg.norm(np.diff(truth[:, 2], axis=0), axis=-1).max()
+    usable = np.mean(track.quality > 0)
+    print(f"{label}: {len(truth) / seconds:.0f} frames/s, tip up to {step:.1f} px a frame, {usable:.2%} usable")
+    for name, column in (("all", error), *zip(NAMES, error.T, strict=True)):
+        middle, tail, largest = np.nanmedian(column), np.nanpercentile(column, 99), np.nanmax(column)
+        print(f"    {name:5s} error median {middle:.3f} px, p99 {tail:.3f} px, largest {largest:.2f} px")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--frames", type=int, default=1500)
+    parser.add_argument("--crf", type=int, default=18)
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    settings = RenderSettings(duration_s=SECONDS, crf=options.crf)
+    arms = tuple(length * settings.pixels_per_metre for length in settings.arms_m)
+    states, pivot = fastest(options.frames, settings)
+    frames = render(states, pivot, arms, settings)
+    truth = np.stack([np.broadcast_to(pivot, (len(states), 2)), *markers(states, pivot, arms)], axis=1)
+    checked = TrackSettings()
+    geometry, _ = estimate_geometry(frames[:: max(1, len(frames) // checked.calibration_frames)], checked)
+    for step in (1, 4):
+        start = time.process_time()  # of this one thread: other work on the machine does not count
+        track = track_frames(frames[::step], geometry, checked)
+        report(f"{settings.rate_hz / step:3.0f} Hz", time.process_time() - start, track, truth[::step])
+    with tempfile.TemporaryDirectory() as folder:
+        store = Path(folder) / "frames.b2nd"
+        with writing(store, *frames.shape[1:3], settings.rate_hz, {}) as writer:
+            for frame in frames:
+                writer.append(frame)
+        start = time.process_time()
+        track_markers(store, Path(folder) / "markers.csv")
+        print(f"track_markers from the store: {len(frames) / (time.process_time() - start):.0f} frames/s")
+
+
+if __name__ == "__main__":
+    main()

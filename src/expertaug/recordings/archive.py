@@ -1,0 +1,263 @@
+"""Marker CSVs in the layout of IBM's "Double Pendulum Chaotic" dataset, from a folder or from its archive."""
+
+from __future__ import annotations
+
+import csv as csv_format
+import re
+import shutil
+import stat
+import tarfile
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import IO
+
+import numpy as np
+import pandas as pd
+
+from expertaug.errors import InputError
+from expertaug.files import atomic, sha256
+from expertaug.recordings.options import read_settings
+
+IBM_FOLDER = "dpc_dataset_csv"  # the dataset's archive keeps its marker CSVs in original/dpc_dataset_csv/
+IBM_COLUMNS = ("y_red", "x_red", "y_green", "x_green", "y_blue", "x_blue")
+MAX_UNPACKED_BYTES = 2**30  # the dataset's own CSVs take 12 MB
+
+
+@dataclass(frozen=True)
+class ArchiveSettings:
+    """Settings of :func:`unpack_archive`: ``sha256`` is the archive's expected checksum, None accepts any."""
+
+    sha256: str | None = None
+
+
+@dataclass(frozen=True)
+class MarkerSettings:
+    """Settings of :func:`import_markers`.
+
+    Attributes:
+        rate_hz: frame rate of the recordings.
+        rate_provenance: where that rate comes from; kept in the reports.
+        scale, offset: px = (number in the file − offset) / scale.
+        arm_tolerance: an arm whose length is off its median by more than this share is no arm ...
+        arm_outliers: ... and a file in which more than this share of the rows have such an arm is refused.
+    """
+
+    rate_hz: float = 400.0
+    rate_provenance: str = "nominal rate of the dataset"
+    scale: float = 5.0
+    offset: float = 2.0
+    arm_tolerance: float = 0.1
+    arm_outliers: float = 0.05
+
+
+def list_marker_files(path: str | Path) -> dict[str, Path]:
+    """Marker CSVs of a folder by name (the file's stem), in natural order: 2 before 10.
+
+    Looks into subfolders as well; where one is called ``dpc_dataset_csv``, as in the IBM archive, only there.
+
+    Raises:
+        InputError: no such folder, no CSV in it, or two files of one name.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise InputError(path, "no such folder", "give a folder of marker CSVs")
+    return _by_name(path, (p for p in path.rglob("*") if p.is_file() and _is_marker_file(p.relative_to(path))))
+
+
+def unpack_archive(
+    archive: str | Path, folder: str | Path, settings: Mapping[str, object] | None = None
+) -> dict[str, Path]:
+    """Unpack the marker CSVs of a .tar.gz or .zip, and nothing else, into ``folder``, which is replaced as a whole.
+
+    Arguments:
+        archive: the file.
+        folder: where to; it appears only when everything went well.
+        settings: see :class:`ArchiveSettings`.
+
+    Returns:
+        what :func:`list_marker_files` finds there.
+
+    Raises:
+        InputError: a missing or damaged archive, a wrong checksum, a member that would land outside of ``folder``
+            (``..``, an absolute path, a link), no CSV, two CSVs of one name or a folder that cannot be written.
+    """
+    archive, folder = Path(archive), Path(folder)
+    options = read_settings(ArchiveSettings, settings, "archive")
+    if not archive.is_file():
+        raise InputError(archive, "no such file", "give the dataset's .tar.gz or .zip")
+    if options.sha256 is not None and (found := sha256(archive)) != options.sha256.lower():
+        raise InputError(archive, f"SHA-256 is {found}", f"expected {options.sha256}: get the archive again")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    except OSError as error:
+        raise InputError(folder, f"cannot be written ({error.strerror})", "choose a writable results folder") from error
+    try:
+        _unpack(archive, temporary / "new")
+        if folder.exists():
+            folder.rename(temporary / "old")
+        (temporary / "new").rename(folder)
+    except OSError as error:
+        raise InputError(folder, f"cannot be written ({error.strerror or error})", "free some space") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return list_marker_files(folder)
+
+
+def import_markers(csv: str | Path, output: str | Path, settings: Mapping[str, object] | None = None) -> None:
+    """Convert one IBM marker CSV to a ``markers.csv``.
+
+    Arguments:
+        csv: no header; a row per frame of y_red, x_red, y_green, x_green, y_blue, x_blue: vertical (downwards) first,
+            in pixels times ``scale`` plus ``offset``.
+        output: frame, t (s), red_x, red_y, green_x, green_y, blue_x, blue_y (px), quality (1), reason (empty).
+        settings: see :class:`MarkerSettings`.
+
+    Raises:
+        InputError: a missing column, text, NaN or points that make no arm; with row and column, both from 1.
+    """
+    options = read_settings(MarkerSettings, settings, "markers")
+    if not options.rate_hz > 0:
+        raise InputError("markers settings", f"rate_hz is {options.rate_hz}", "the frame rate must be positive")
+    raw = _read_ibm(Path(csv))
+    _check_arms(Path(csv), raw, options)
+    px = (raw - options.offset) / options.scale
+    frame = np.arange(len(px))
+    table = pd.DataFrame({"frame": frame, "t": frame / options.rate_hz})
+    for name, column in (("red", 0), ("green", 2), ("blue", 4)):
+        table[f"{name}_x"], table[f"{name}_y"] = px[:, column + 1], px[:, column]
+    table["quality"], table["reason"] = 1, ""
+    with atomic(output) as temporary:
+        table.to_csv(temporary, index=False, float_format="%.9g")
+
+
+def _is_marker_file(path: PurePosixPath | Path) -> bool:
+    hidden = any(part.startswith(".") or part == "__MACOSX" for part in path.parts)
+    return path.suffix.lower() == ".csv" and not hidden
+
+
+def _by_name(where: Path, paths: Iterable[Path | PurePosixPath]) -> dict[str, Path]:
+    """Name → path in natural order; the IBM folder wins over anything beside it."""
+    paths = sorted(paths)
+    paths = [p for p in paths if IBM_FOLDER in p.parts] or paths
+    if not paths:
+        raise InputError(where, "no marker CSV in it", "expected files like 0.csv")
+    names: dict[str, Path] = {}
+    for path in paths:
+        other = next((p for name, p in names.items() if name.lower() == path.stem.lower()), None)
+        if other is not None:
+            raise InputError(where, f"two files of one name: {other} and {path}", "rename or remove one")
+        names[path.stem] = path
+    return dict(sorted(names.items(), key=lambda item: natural_key(item[0])))
+
+
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Sorting key that puts 2 before 10."""
+    return [(0, int(p), "") if p.isdecimal() else (1, 0, p) for p in re.split(r"(\d+)", name.lower()) if p]
+
+
+def _unpack(archive: Path, folder: Path) -> None:
+    try:
+        if tarfile.is_tarfile(archive):
+            with tarfile.open(archive) as tar:
+                members = tar.getmembers()
+                odd = [m.name for m in members if not (m.isfile() or m.isdir())]
+                names = [(m.name, m.size, m.isfile()) for m in members]
+                _extract(archive, folder, names, odd, lambda name: tar.extractfile(name))
+        elif zipfile.is_zipfile(archive):
+            with zipfile.ZipFile(archive) as pack:
+                infos = pack.infolist()
+                odd = [i.filename for i in infos if stat.S_ISLNK(i.external_attr >> 16)]
+                names = [(i.filename, i.file_size, not i.is_dir()) for i in infos]
+                _extract(archive, folder, names, odd, pack.open)
+        else:
+            raise InputError(archive, "neither a tar nor a zip archive", "give the dataset's .tar.gz or .zip")
+    except (tarfile.TarError, zipfile.BadZipFile, EOFError, RuntimeError, NotImplementedError) as error:
+        raise InputError(archive, f"damaged archive ({error})", "get it again") from error
+    except OSError as error:
+        if error.errno is not None:  # a full disk; gzip's own complaints about the data carry no number
+            raise
+        raise InputError(archive, f"damaged archive ({error})", "get it again") from error
+
+
+def _extract(
+    archive: Path,
+    folder: Path,
+    members: list[tuple[str, int, bool]],
+    odd: list[str],
+    open_member: Callable[[str], IO[bytes] | None],
+) -> None:
+    if odd:
+        raise InputError(archive, f"member '{odd[0]}' is a link or a device", "an archive of plain files is needed")
+    for name, _, _ in members:
+        path = PurePosixPath(name)
+        if path.is_absolute() or ".." in path.parts or "\\" in name or ":" in name:
+            raise InputError(archive, f"member '{name}' would land outside of the folder", "do not trust this archive")
+    files = [(PurePosixPath(name), name, size) for name, size, is_file in members if is_file]
+    sizes = {path: (name, size) for path, name, size in files if _is_marker_file(path)}
+    chosen = _by_name(archive, sizes)
+    if sum(sizes[path][1] for path in chosen.values()) > MAX_UNPACKED_BYTES:
+        raise InputError(archive, "its CSVs take more than 1 GiB", "do not trust this archive")
+    for path in chosen.values():
+        target = folder / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        source = open_member(sizes[path][0])
+        with source, target.open("wb") as stream:
+            shutil.copyfileobj(source, stream)
+
+
+def _read_ibm(path: Path) -> np.ndarray:
+    """The six columns of a CSV as (n, 6) float64, checked cell by cell."""
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv_format.reader(stream))
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "give a marker CSV") from error
+    except (UnicodeDecodeError, csv_format.Error) as error:
+        raise InputError(path, f"not a CSV ({error})", f"expected rows of {','.join(IBM_COLUMNS)}") from error
+    while rows and not rows[-1]:
+        rows.pop()
+    if not rows:
+        raise InputError(path, "no rows in it", f"expected rows of {','.join(IBM_COLUMNS)}")
+    for number, row in enumerate(rows, 1):
+        if len(row) != len(IBM_COLUMNS):
+            column = f"column {IBM_COLUMNS[len(row)]} is missing" if len(row) < len(IBM_COLUMNS) else "too many columns"
+            raise InputError(path, f"row {number}: {column} ({len(row)} found)", f"expected {','.join(IBM_COLUMNS)}")
+    try:
+        values = np.array(rows, dtype=np.float64)
+    except ValueError:
+        values = None
+    if values is None or not np.isfinite(values).all():
+        row, column, cell = next(
+            (r, c, cell) for r, cells in enumerate(rows) for c, cell in enumerate(cells) if not _is_number(cell)
+        )
+        raise InputError(
+            path, f"row {row + 1}, column {IBM_COLUMNS[column]}: '{cell}' is no number", "expected numbers, no header"
+        )
+    return values
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
+
+
+def _check_arms(path: Path, raw: np.ndarray, options: MarkerSettings) -> None:
+    points = raw.reshape(-1, 3, 2)
+    for arm, columns in ((0, "y_green,x_green"), (1, "y_blue,x_blue")):
+        length = np.linalg.norm(points[:, arm + 1] - points[:, arm], axis=1) / options.scale
+        middle = float(np.median(length))
+        remedy = "the points must make two arms of constant length; are the columns y,x of red, green, blue?"
+        if (length == 0).any():
+            row = int(np.argmax(length == 0)) + 1
+            raise InputError(path, f"row {row}, columns {columns}: arm {arm + 1} has no length", remedy)
+        off = np.abs(length / middle - 1) > options.arm_tolerance
+        if off.mean() > options.arm_outliers:
+            row = int(np.argmax(off)) + 1
+            found = f"arm {arm + 1} is {length[row - 1]:.1f} px, not {middle:.1f}; {off.mean():.0%} of the rows are off"
+            raise InputError(path, f"row {row}, columns {columns}: {found}", remedy)

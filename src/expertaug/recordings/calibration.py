@@ -1,0 +1,136 @@
+"""The compound expert's constants from the training chunks, judged by their forecasts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from expertaug.errors import InputError
+from expertaug.files import write_json
+from expertaug.recordings.fitting import Fit, fit_constants, implied_rate
+from expertaug.recordings.options import read_settings
+from expertaug.systems.double_pendulum import Constants, accelerations
+from expertaug.types import Trajectories
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """Settings of :func:`calibrate`.
+
+    Attributes:
+        step_s: longest Runge-Kutta step of the forecasts that judge the fits.
+        arm1_m, arm2_m: arm lengths, for the implied frame rate and the report.
+        nominal_rate_hz: frame rate by which the data's times were made.
+        rate_provenance: where that rate comes from.
+    """
+
+    step_s: float = 0.005
+    arm1_m: float = 0.091
+    arm2_m: float = 0.070
+    nominal_rate_hz: float = 400.0
+    rate_provenance: str = "nominal rate of the dataset"
+
+
+def forecast(
+    y0: Tensor,
+    times: int,
+    interval: float,
+    constants: Constants | None,
+    friction: tuple[float, float] = (0.0, 0.0),
+    step: float = 0.005,
+) -> Tensor:
+    """Classical Runge-Kutta forecasts, batched.
+
+    Arguments:
+        y0: initial states (N, 4).
+        times: number of points, the first of which is ``y0``.
+        interval: seconds between points.
+        constants: of the rigid body; None forecasts constant speeds.
+        friction: of the joints in s⁻¹.
+        step: longest step in s.
+
+    Returns:
+        (N, times, 4).
+    """
+    substeps = max(1, math.ceil(interval / step - 1e-9))
+    h = interval / substeps
+
+    def slope(y: Tensor) -> Tensor:
+        speeds = y[..., 2:]
+        second = torch.zeros_like(speeds) if constants is None else accelerations(y, constants, friction)
+        return torch.cat((speeds, second), dim=-1)
+
+    y, points = y0, [y0]
+    for _ in range(times - 1):
+        for _ in range(substeps):
+            k1 = slope(y)
+            k2 = slope(y + h / 2 * k1)
+            k3 = slope(y + h / 2 * k2)
+            k4 = slope(y + h * k3)
+            y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        points.append(y)
+    return torch.stack(points, dim=1)
+
+
+def forecast_log_mse(
+    chunks: Trajectories,
+    constants: Constants | None,
+    friction: tuple[float, float] = (0.0, 0.0),
+    step: float = 0.005,
+) -> float:
+    """Log-MSE of forecasts from each chunk's own first state.
+
+    Natural log of the mean, over chunks, all points (the first included) and both angles, of (Δ sin)² + (Δ cos)².
+    """
+    truth = torch.as_tensor(chunks.y, dtype=torch.float64)
+    predicted = forecast(truth[:, 0], len(chunks.t), float(chunks.t[1] - chunks.t[0]), constants, friction, step)
+    difference = predicted[..., :2] - truth[..., :2]
+    return math.log(float((2 - 2 * torch.cos(difference)).mean()))  # (Δ sin)² + (Δ cos)² = 2 − 2 cos Δ
+
+
+def calibrate(train: str | Path, output: str | Path, settings: Mapping[str, object] | None = None) -> None:
+    """Fit the compound expert's constants on the training chunks alone and write ``calibration.json``.
+
+    Arguments:
+        train: npz of :class:`expertaug.types.Trajectories`, states (θ1, θ2, θ1', θ2').
+        output: JSON with the constants, their standard errors (clustered by chunk; chunks that overlap count as
+            independent), R², the log-MSE of forecasts of the training chunks, the same with joint friction, the frame
+            rate that the motion implies (by the fit with friction) and the settings used.
+        settings: see :class:`CalibrationSettings`.
+
+    Raises:
+        InputError: a file without chunks of enough points, or motion that determines no pendulum.
+    """
+    options = read_settings(CalibrationSettings, settings, "calibration")
+    chunks = Trajectories.load(train)
+    if len(chunks) < 10 or chunks.y.ndim != 3 or chunks.y.shape[1] < 7 or chunks.y.shape[2] != 4:
+        found = f"{len(chunks)} chunks, y of shape {chunks.y.shape}"
+        raise InputError(train, found, "at least 10 chunks of 7 points or more are needed, (N, T, 4)")
+    interval = float(chunks.t[1] - chunks.t[0])
+    try:
+        plain, rubbed = (fit_constants(chunks.y, interval, friction) for friction in (False, True))
+    except InputError as error:
+        raise InputError(train, str(error)) from error
+    report = _describe(chunks, plain, options)
+    report["with_friction"] = {"friction": list(rubbed.friction)} | _describe(chunks, rubbed, options)
+    report |= {
+        "implied_rate_hz": implied_rate(rubbed.constants, options.nominal_rate_hz, options.arm1_m),
+        "chunks": len(chunks),
+        **{name: value for name, value in asdict(options).items() if name != "step_s"},
+    }
+    write_json(output, report)
+
+
+def _describe(chunks: Trajectories, fit: Fit, options: CalibrationSettings) -> dict[str, object]:
+    return {
+        "constants": fit.constants.to_dict(),
+        "std_errors": fit.std_errors,
+        "r2_1": fit.r2[0],
+        "r2_2": fit.r2[1],
+        "train_log_mse": forecast_log_mse(chunks, fit.constants, fit.friction, options.step_s),
+    }

@@ -1,0 +1,269 @@
+"""The frames of one recording in one lossless, seekable file.
+
+Frames are mostly black, so that the fastest compressor (LZ4) keeps a frame in some 30 kB of its 691 kB and costs less
+than decoding it did.  The file is a Blosc2 frame: chunks of some frames, each in blocks that fit a cache and are
+unpacked singly, and a dictionary beside them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import blosc2
+import cv2
+import numpy as np
+
+from expertaug.errors import InputError
+from expertaug.files import atomic
+from expertaug.recordings.video import Video
+
+FORMAT = "expertaug frames 1"
+CHUNK_BYTES = 16 * 480 * 480 * 3  # memory that writing needs, and what a sequential reader unpacks at once
+BLOCK_BYTES = 2**17
+
+
+class FrameStore:
+    """Read frames by number.
+
+    Attributes:
+        path: of the file.
+        shape: (n, height, width, 3), uint8 BGR.
+        rate_hz: of the stored frames.
+        t: nominal times of the frames in s from the first, (n,) float64.
+        source: what the frames were taken from: file name, its frame rate and where that is known from.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Open a store.
+
+        Raises:
+            InputError: the file is missing or was not written by this class.
+        """
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise InputError(path, "no such file", "run extract_frames")
+        try:
+            self._chunks = blosc2.open(str(path), mode="r", dparams={"nthreads": 1})
+            meta = dict(self._chunks.vlmeta.getall())
+        except (RuntimeError, ValueError, OSError, AttributeError) as error:
+            raise InputError(path, f"not a frame store ({type(error).__name__})", "run extract_frames again") from error
+        if meta.get("format") != FORMAT:
+            raise InputError(path, "not a frame store of this version", "run extract_frames again")
+        self.shape = (meta["count"], meta["height"], meta["width"], 3)
+        self.rate_hz = float(meta["rate_hz"])
+        self.source = dict(meta["source"])
+        self._frame_bytes = int(np.prod(self.shape[1:]))
+        if self._chunks.nbytes != self.shape[0] * self._frame_bytes:
+            raise InputError(
+                path, f"holds {self._chunks.nbytes} bytes for {self.shape[0]} frames", "run extract_frames again"
+            )
+
+    @classmethod
+    def open(cls, path: str | Path) -> FrameStore:
+        """Open a store to read."""
+        return cls(path)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    @property
+    def t(self) -> np.ndarray:
+        return np.arange(len(self)) / self.rate_hz
+
+    def __getitem__(self, index: int) -> np.ndarray:
+        """One frame, (height, width, 3); a negative index counts from the end."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        index %= len(self)
+        return self.read(index, index + 1)[0]
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Frames ``start`` to ``stop`` (not included), (k, height, width, 3); both are cut to the store."""
+        start, stop = max(0, start), min(stop, len(self))
+        if stop <= start:
+            return np.empty((0, *self.shape[1:]), np.uint8)
+        out = np.empty((stop - start, *self.shape[1:]), np.uint8)
+        try:
+            self._chunks.get_slice(start * self._frame_bytes, stop * self._frame_bytes, out)
+        except (RuntimeError, ValueError) as error:
+            raise InputError(
+                self.path, f"frames {start} to {stop} cannot be read", "run extract_frames again"
+            ) from error
+        return out
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        some = max(1, CHUNK_BYTES // self._frame_bytes)
+        for start in range(0, len(self), some):
+            yield from self.read(start, start + some)
+
+
+class FrameWriter:
+    """Appends frames to a new store; made by :func:`writing`."""
+
+    def __init__(self, path: Path, height: int, width: int) -> None:
+        self._shape = (height, width, 3)
+        self._buffer = np.empty((max(1, CHUNK_BYTES // (height * width * 3)), *self._shape), np.uint8)
+        self._filled = 0
+        self.count = 0
+        self._chunks = blosc2.SChunk(
+            chunksize=self._buffer.nbytes,
+            urlpath=str(path),
+            contiguous=True,
+            mode="w",
+            cparams={
+                "codec": blosc2.Codec.LZ4,
+                "clevel": 1,
+                "filters": [blosc2.Filter.NOFILTER],
+                "typesize": 1,
+                "blocksize": min(BLOCK_BYTES, self._buffer.nbytes),
+                "nthreads": 1,
+            },
+        )
+
+    def slot(self) -> np.ndarray:
+        """Where the next frame may be put before it is appended, so that it need not be copied."""
+        return self._buffer[self._filled]
+
+    def append(self, frame: np.ndarray) -> None:
+        """Append one frame, uint8 (height, width, 3)."""
+        slot = self.slot()
+        if frame.shape != self._shape or frame.dtype != np.uint8:
+            raise ValueError(f"frame is {frame.shape} {frame.dtype}, expected {self._shape} uint8")
+        if not np.shares_memory(frame, slot, max_work=1):
+            slot[:] = frame
+        self._filled += 1
+        self.count += 1
+        if self._filled == len(self._buffer):
+            self._flush()
+
+    def _flush(self) -> None:
+        if self._filled:
+            self._chunks.append_data(self._buffer[: self._filled])
+            self._filled = 0
+
+    def finish(self, rate_hz: float, source: Mapping) -> None:
+        self._flush()
+        height, width, _ = self._shape
+        meta = {
+            "format": FORMAT,
+            "count": self.count,
+            "height": height,
+            "width": width,
+            "rate_hz": rate_hz,
+            "source": dict(source),
+        }
+        for key, value in meta.items():
+            self._chunks.vlmeta[key] = value
+
+
+@contextmanager
+def writing(path: str | Path, height: int, width: int, rate_hz: float, source: Mapping) -> Iterator[FrameWriter]:
+    """Write a new frame store, which appears at ``path`` only when the block ends well.
+
+    Arguments:
+        height, width: of the images in px.
+        rate_hz: of the stored frames.
+        source: plain values that describe where the frames come from.
+
+    Raises:
+        InputError: the folder is read-only or the disk is full.
+    """
+    with atomic(path) as temporary:
+        try:
+            writer = FrameWriter(temporary, height, width)
+            yield writer
+            writer.finish(rate_hz, source)
+            FrameStore(temporary)
+        except RuntimeError as error:
+            raise InputError(
+                path, f"cannot be written ({error})", "free some space or choose another results folder"
+            ) from error
+
+
+@dataclass(frozen=True)
+class ExtractSettings:
+    """How frames are taken from a video.
+
+    Attributes:
+        analysis_rate_hz: frames kept per second; must divide the video's rate evenly. None keeps all.
+        rate_hz: frame rate at which the video was taken; None takes the one in its metadata.
+        rate_provenance: where ``rate_hz`` is known from, in words.
+        expected_frames: frames that the video must have; None takes the number in its metadata.
+        image_size_px: side of a square image or [width, height] that the video must have; None takes any.
+    """
+
+    analysis_rate_hz: float | None = None
+    rate_hz: float | None = None
+    rate_provenance: str | None = None
+    expected_frames: int | None = None
+    image_size_px: int | tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("analysis_rate_hz", "rate_hz", "expected_frames"):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int | float) and 0 < value < math.inf):
+                raise InputError(f"recordings.{name}", f"is {value!r}", "give a positive number or null")
+        size = self.image_size_px
+        if size is not None and not isinstance(size, int):
+            if not (isinstance(size, list | tuple) and len(size) == 2 and all(isinstance(v, int) for v in size)):
+                raise InputError(
+                    "recordings.image_size_px", f"is {size!r}", "give a whole number or [width, height] or null"
+                )
+            object.__setattr__(self, "image_size_px", tuple(size))
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping) -> ExtractSettings:
+        """Settings from configuration.
+
+        Raises:
+            InputError: a key is unknown or a value cannot be used.
+        """
+        known = [f.name for f in fields(cls)]
+        for key in mapping:
+            if key not in known:
+                raise InputError(f"recordings.{key}", "unknown key", f"known are {', '.join(known)}")
+        return cls(**mapping)
+
+
+def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings) -> None:
+    """Decode a video into a frame store at the analysis rate; memory does not grow with the length.
+
+    Arguments:
+        video: any file that OpenCV's FFmpeg reads.
+        store: file to write.
+        settings: of :class:`ExtractSettings`.
+
+    Raises:
+        InputError: the video or a setting cannot be used, or the store cannot be written.
+    """
+    cv2.setNumThreads(1)
+    s = settings if isinstance(settings, ExtractSettings) else ExtractSettings.from_mapping(settings)
+    with Video(video, s.rate_hz, s.rate_provenance, s.expected_frames, s.image_size_px) as source:
+        step = _step(source.rate_hz, s.analysis_rate_hz)
+        described = {
+            "video": Path(video).name,
+            "rate_hz": source.rate_hz,
+            "rate_provenance": source.rate_provenance,
+            "frames": source.count,
+            "step": step,
+        }
+        with writing(store, source.height, source.width, source.rate_hz / step, described) as out:
+            for _, image in source.frames(step, out.slot):
+                out.append(image)
+
+
+def _step(rate_hz: float, analysis_rate_hz: float | None) -> int:
+    if analysis_rate_hz is None:
+        return 1
+    step = round(rate_hz / analysis_rate_hz)
+    if step < 1 or abs(step * analysis_rate_hz - rate_hz) > 1e-3 * rate_hz:
+        raise InputError(
+            "recordings.analysis_rate_hz",
+            f"{analysis_rate_hz:g} Hz does not divide the frame rate of {rate_hz:g} Hz evenly",
+            f"choose {rate_hz:g}, {rate_hz / 2:g}, {rate_hz / 4:g} …",
+        )
+    return step

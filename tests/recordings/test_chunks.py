@@ -1,0 +1,199 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from pendulum_motion import CONSTANTS, real_recordings, truth
+
+from expertaug.errors import InputError
+from expertaug.recordings.angles import measure_angles
+from expertaug.recordings.archive import import_markers, list_marker_files
+from expertaug.recordings.chunks import split_chunks
+from expertaug.recordings.figures import plot_splits
+from expertaug.recordings.splitting import SPLITS, keep_apart, label_blocks
+from expertaug.systems.double_pendulum import energy
+from expertaug.types import Trajectories
+
+SMALL = {"min_chunks": 1, "guard_s": 0.0}
+
+
+def write_angles(folder, y, rate=400.0, gaps=(), half=()):
+    """angles.csv of true states; ``gaps`` and ``half`` are (start, stop) of unusable and of interpolated frames."""
+    quality = np.ones(len(y))
+    y = y.copy()
+    for start, stop in gaps:
+        quality[start:stop], y[start:stop] = 0, np.nan
+    for start, stop in half:
+        quality[start:stop] = 0.5
+    table = pd.DataFrame({"frame": np.arange(len(y)), "t": np.arange(len(y)) / rate})
+    for k, name in enumerate(("theta1", "theta2", "omega1", "omega2")):
+        table[name] = y[:, k]
+    table["energy"], table["quality"], table["reason"] = energy(y, CONSTANTS), quality, ""
+    folder.mkdir(parents=True, exist_ok=True)
+    table.to_csv(folder / "angles.csv", index=False)
+    return folder / "angles.csv"
+
+
+def frames_of(folder, step=4, length=20):
+    """Per split, the set of (recording, frame) that its chunks span, between their points included."""
+    table = pd.read_csv(folder / "chunks.csv", dtype={"recording": str})
+    span = (length - 1) * step + 1
+    return {
+        name: {(r, f + k) for r, f in zip(part["recording"], part["first_frame"], strict=True) for k in range(span)}
+        for name, part in table.groupby("split")
+    }
+
+
+@pytest.mark.parametrize("by", ["energy", "time"])
+@pytest.mark.parametrize("seed", range(8))
+def test_no_frame_is_in_two_splits_and_none_is_unmeasured(tmp_path, by, seed):
+    rng = np.random.default_rng(seed)
+    angles, unmeasured = [], set()
+    for k, y in enumerate(truth()[:, :8000]):
+        y = y[: int(rng.integers(4000, 8000))]
+        starts, lengths = rng.integers(0, len(y) - 60, size=(2, 6)), rng.integers(1, 60, size=(2, 6))
+        gaps, half = (list(zip(s, s + n, strict=True)) for s, n in zip(starts, lengths, strict=True))
+        angles.append(write_angles(tmp_path / f"r{k}", y, gaps=gaps, half=half))
+        unmeasured |= {(f"r{k}", f) for a, b in gaps + half for f in range(a, b)}
+    settings = {
+        "by": by,
+        "stride": int(rng.integers(1, 21)),
+        "evaluation_stride": int(rng.integers(1, 21)),
+        "phases": str(rng.choice(["all", "first"])),
+        "guard_s": float(rng.choice([0.0, 0.06])),
+        "min_chunks": 1,
+    }
+    split_chunks(angles, tmp_path / "data", settings)
+    frames = frames_of(tmp_path / "data")
+    assert set(frames) == set(SPLITS)
+    for a, b in (("train", "validation"), ("train", "test"), ("validation", "test")):
+        assert not frames[a] & frames[b]
+        if settings["guard_s"]:  # nor do the smoothing windows of 24 frames on either side touch
+            assert not {(r, f + d) for r, f in frames[a] for d in (-48, -24, 24, 48)} & frames[b]
+    for name in SPLITS:
+        assert not frames[name] & unmeasured
+
+
+def test_chunks_hold_the_states_of_their_frames(tmp_path):
+    y = truth()[0, :8000]
+    split_chunks([write_angles(tmp_path / "r0", y)], tmp_path / "data", {**SMALL, "stride": 7})
+    table = pd.read_csv(tmp_path / "data" / "chunks.csv")
+    for name in SPLITS:
+        chunks, rows = Trajectories.load(tmp_path / "data" / f"{name}.npz"), table[table["split"] == name]
+        assert np.array_equal(rows["chunk"], np.arange(len(chunks)))
+        points = y[rows["first_frame"].to_numpy()[:, None] + 4 * np.arange(20)]
+        turns = (points - chunks.y)[..., :2] / (2 * np.pi)
+        assert np.abs(turns - np.round(turns[:, :1])).max() < 1e-5
+        assert np.abs(chunks.y[:, 0, :2]).max() <= np.pi + 1e-5
+        assert np.allclose(chunks.y[..., 2:], points[..., 2:], atol=1e-4)
+        assert np.array_equal(chunks.z_e, chunks.y[:, 0, 2:]) and chunks.z_a.shape[1] == 0
+        assert np.allclose(chunks.t, np.arange(20) / 100)
+
+
+def test_energy_rule_orders_the_splits(tmp_path):
+    angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth())]
+    split_chunks(angles, tmp_path / "data", {**SMALL, "phases": "first", "stride": 20})
+    table = pd.read_csv(tmp_path / "data" / "chunks.csv").groupby("split")["energy"]
+    report = json.loads((tmp_path / "data" / "splits.json").read_text())
+    low, high = report["thresholds"]["train_below"], report["thresholds"]["test_above"]
+    # A chunk's mean energy may differ a little from that of the block that it was cut from.
+    assert table.max()["train"] < low * 1.02 and table.min()["test"] > high * 0.98
+    assert low * 0.98 < table.min()["validation"] and table.max()["validation"] < high * 1.02
+    counts = np.array([report["chunks"][name] for name in SPLITS])
+    assert counts / counts.sum() == pytest.approx([0.4, 0.3, 0.3], abs=0.02)
+    assert report["energy_constants"]["G1"] == pytest.approx(CONSTANTS.G1, rel=0.02)
+
+
+def test_time_rule_takes_test_from_the_start(tmp_path):
+    split_chunks([write_angles(tmp_path / "r0", truth()[0])], tmp_path / "data", {**SMALL, "by": "time", "stride": 1})
+    first = pd.read_csv(tmp_path / "data" / "chunks.csv").groupby("split")["first_frame"]
+    assert (first.min()["test"], first.min()["validation"], first.min()["train"]) == (0, 4800, 9600)
+    assert first.max()["test"] == 4800 - 77 and first.max()["train"] == 16000 - 77
+
+
+def test_stride_phases_and_a_lower_analysis_rate(tmp_path):
+    def count(rate, **settings):
+        angles = write_angles(tmp_path / "r0", truth()[0][:: int(400 / rate)], rate)
+        split_chunks([angles], tmp_path / "data", {**SMALL, "by": "time", "evaluation_stride": 20, **settings})
+        return json.loads((tmp_path / "data" / "splits.json").read_text())["chunks"]["train"]
+
+    assert count(400, stride=20, phases="first") == 80  # 16 s of .2 s
+    assert count(400, stride=20, phases="all") == 320
+    assert count(400, stride=1, phases="first") == 1581
+    assert count(100, stride=1, phases="all") == 1581
+
+
+def test_max_chunks_is_an_even_and_repeatable_subset(tmp_path):
+    angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth()[:, :8000])]
+    settings = {**SMALL, "by": "time", "max_chunks": {"train": 30, "test": None}}
+    split_chunks(angles, tmp_path / "a", settings)
+    split_chunks(angles, tmp_path / "b", settings)
+    report = json.loads((tmp_path / "a" / "splits.json").read_text())
+    assert report["recordings"]["train"] == {"r0": 10, "r1": 10, "r2": 10}
+    assert report["chunks"]["test"] > 30
+    assert (tmp_path / "a" / "train.npz").read_bytes() == (tmp_path / "b" / "train.npz").read_bytes()
+
+
+def test_blocks_and_guard():
+    measured = np.array([1, 1, 1, 1, 1, 0, 1, 1, 0, 1, 1, 1, 1], dtype=bool)
+    assert label_blocks(measured, 2).tolist() == [0, 0, 1, 1, 1, -1, 2, 2, -1, 3, 3, 4, 4]
+    assert keep_apart(np.array([2, 2, 2, 1, 1, -1, 0, 0]), 1).tolist() == [2, 2, -1, -1, -1, -1, -1, 0]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"min_chunks": 10**6}, "too few chunks for the train split"),
+        ({"by": "speed"}, "by is 'speed'"),
+        ({"rate_hz": 150.0}, "multiple"),
+        ({"stride": 0}, "stride is 0"),
+        ({"test_share": 0.5}, "sum to 1"),
+        ({"phase": "all"}, "unknown key 'phase'"),
+    ],
+)
+def test_bad_settings(tmp_path, settings, message):
+    angles = write_angles(tmp_path / "r0", truth()[0, :8000])
+    with pytest.raises(InputError, match=message):
+        split_chunks([angles], tmp_path / "data", settings)
+    assert not (tmp_path / "data").exists()
+
+
+def test_too_few_chunks_in_a_split_names_it(tmp_path):
+    y = truth()[0, :8000]
+    angles = write_angles(tmp_path / "r0", y, gaps=[(0, 2400)])
+    with pytest.raises(InputError, match="too few chunks for the test split"):
+        split_chunks([angles], tmp_path / "data", {"by": "time", "min_chunks": 5})
+
+
+def test_two_recordings_of_one_name_and_a_broken_table(tmp_path):
+    angles = write_angles(tmp_path / "r0", truth()[0, :8000])
+    with pytest.raises(InputError, match="different names"):
+        split_chunks([angles, angles], tmp_path / "data")
+    angles.write_text("frame,t\n0,0\n")
+    with pytest.raises(InputError, match="not a table of angles"):
+        split_chunks([angles], tmp_path / "data")
+
+
+def test_figure(tmp_path):
+    angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth()[:, :8000])]
+    split_chunks(angles, tmp_path / "data", SMALL)
+    plot_splits(tmp_path / "data", [tmp_path / "splits.png", tmp_path / "splits.pdf"])
+    assert (tmp_path / "splits.png").stat().st_size > 20_000 and (tmp_path / "splits.pdf").stat().st_size > 5_000
+    (tmp_path / "data" / "chunks.csv").unlink()
+    with pytest.raises(InputError, match="no such file"):
+        plot_splits(tmp_path / "data", tmp_path / "splits.png")
+
+
+def test_real_recordings_by_energy(tmp_path):
+    angles = []
+    for name, path in list(list_marker_files(real_recordings()).items())[:4]:
+        import_markers(path, tmp_path / name / "markers.csv")
+        measure_angles(*(tmp_path / name / f for f in ("markers.csv", "angles.csv", "angles.json")))
+        angles.append(tmp_path / name / "angles.csv")
+    split_chunks(angles, tmp_path / "data", {"phases": "first", "stride": 20})
+    frames = frames_of(tmp_path / "data")
+    assert not frames["train"] & frames["test"]
+    report = json.loads((tmp_path / "data" / "splits.json").read_text())
+    counts = np.array([report["chunks"][name] for name in SPLITS])
+    assert counts / counts.sum() == pytest.approx([0.4, 0.3, 0.3], abs=0.02)
+    assert report["initial_speeds_p99"]["test"][1] > 1.5 * report["initial_speeds_p99"]["train"][1]

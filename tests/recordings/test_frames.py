@@ -1,0 +1,135 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from expertaug.errors import InputError
+from expertaug.recordings.frames import ExtractSettings, FrameStore, extract_frames, writing
+from expertaug.recordings.render import render_recording
+
+FRAMES = 50
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("videos")
+    render_recording(0, folder / "video.mp4", folder / "truth.csv", {"duration_s": FRAMES / 400})
+    return folder / "video.mp4"
+
+
+@pytest.fixture(scope="module")
+def decoded(video):
+    capture = cv2.VideoCapture(str(video))
+    return np.stack([capture.read()[1] for _ in range(FRAMES)])
+
+
+@pytest.fixture(scope="module")
+def store(video, tmp_path_factory):
+    path = tmp_path_factory.mktemp("stores") / "frames.b2frame"
+    extract_frames(video, path, {})
+    return path
+
+
+def test_frames_are_those_of_the_decoder(store, decoded):
+    frames = FrameStore.open(store)
+    assert len(frames) == FRAMES
+    np.testing.assert_array_equal(frames.read(0, FRAMES), decoded)
+    np.testing.assert_array_equal(np.stack(list(frames)), decoded)
+
+
+def test_seeking(store, decoded):
+    frames = FrameStore.open(store)
+    for index in (37, 0, 7, 8, FRAMES - 1, -1, -FRAMES):
+        np.testing.assert_array_equal(frames[index], decoded[index])
+    np.testing.assert_array_equal(frames.read(5, 19), decoded[5:19])
+    assert frames.read(48, 99).shape == (2, 480, 480, 3)
+    assert frames.read(20, 10).shape == (0, 480, 480, 3)
+    for index in (FRAMES, -FRAMES - 1):
+        with pytest.raises(IndexError):
+            frames[index]
+
+
+def test_times_and_source(store):
+    frames = FrameStore.open(store)
+    assert frames.rate_hz == 400
+    np.testing.assert_allclose(frames.t, np.arange(FRAMES) / 400)
+    assert frames.source["rate_provenance"] == "video metadata"
+    assert json.dumps(frames.source)
+
+
+def test_analysis_rate_keeps_every_fourth_frame(video, decoded, tmp_path):
+    extract_frames(
+        video, tmp_path / "s.b2frame", {"analysis_rate_hz": 100, "image_size_px": 480, "expected_frames": FRAMES}
+    )
+    frames = FrameStore.open(tmp_path / "s.b2frame")
+    np.testing.assert_array_equal(frames.read(0, FRAMES), decoded[::4])
+    np.testing.assert_allclose(frames.t, np.arange(FRAMES)[::4] / 400)
+
+
+def test_configured_rate_stretches_time(video, tmp_path):
+    extract_frames(
+        video, tmp_path / "s.b2frame", {"analysis_rate_hz": 100, "rate_hz": 500, "rate_provenance": "motion"}
+    )
+    frames = FrameStore.open(tmp_path / "s.b2frame")
+    assert (len(frames), frames.rate_hz, frames.source["rate_provenance"]) == (10, 100, "motion")
+
+
+@pytest.mark.parametrize("rate", [150, 390, 800])
+def test_analysis_rate_must_divide(video, tmp_path, rate):
+    with pytest.raises(InputError, match=f"{rate} Hz does not divide the frame rate of 400 Hz evenly"):
+        extract_frames(video, tmp_path / "s.b2frame", {"analysis_rate_hz": rate})
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"rate": 100}, "recordings.rate: unknown key; known are analysis_rate_hz"),
+        ({"rate_hz": "1e3"}, "recordings.rate_hz: is '1e3'"),
+        ({"analysis_rate_hz": -1}, "analysis_rate_hz: is -1"),
+        ({"image_size_px": [480]}, r"image_size_px: is \[480\]"),
+    ],
+)
+def test_bad_settings_are_named(settings, message):
+    with pytest.raises(InputError, match=message):
+        ExtractSettings.from_mapping(settings)
+
+
+def test_bad_video_leaves_nothing(video, tmp_path):
+    data = video.read_bytes()
+    (tmp_path / "bad.mp4").write_bytes(data[: len(data) // 2] + bytes(1000) + data[len(data) // 2 + 1000 :])
+    with pytest.raises(InputError, match=r"bad.mp4: (spoiled|ends)"):
+        extract_frames(tmp_path / "bad.mp4", tmp_path / "out" / "s.b2frame", {})
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_output_folder_that_cannot_be_written(video, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"s\.b2frame: cannot be written"):
+        extract_frames(video, tmp_path / "file" / "s.b2frame", {})
+
+
+@pytest.mark.parametrize("damage", [lambda d: b"", lambda d: d[: len(d) // 2], lambda d: b"frames" * 99])
+def test_damaged_store_is_named(store, tmp_path, damage):
+    path = tmp_path / "frames.b2frame"
+    path.write_bytes(damage(store.read_bytes()))
+    with pytest.raises(InputError, match="not a frame store"):
+        FrameStore.open(path)
+
+
+def test_missing_store(tmp_path):
+    with pytest.raises(InputError, match="no such file; run extract_frames"):
+        FrameStore.open(tmp_path / "frames.b2frame")
+
+
+def test_interrupted_writer_leaves_nothing(tmp_path):
+    with pytest.raises(KeyError), writing(tmp_path / "s.b2frame", 8, 8, 10, {}) as out:
+        out.append(np.zeros((8, 8, 3), np.uint8))
+        raise KeyError
+    assert not any(tmp_path.iterdir())
+
+
+def test_frame_of_another_size_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="expected"), writing(tmp_path / "s.b2frame", 8, 8, 10, {}) as out:
+        out.append(np.zeros((9, 8, 3), np.uint8))

@@ -1,0 +1,142 @@
+import av
+import numpy as np
+import pytest
+
+from expertaug.errors import InputError
+from expertaug.recordings.render import encode, render_recording
+from expertaug.recordings.video import Video
+
+FRAMES = 60
+
+
+def read(path, **given):
+    with Video(path, **given) as video:
+        return [index for index, _ in video.frames()]
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("videos")
+    render_recording(0, folder / "video.mp4", folder / "truth.csv", {"duration_s": FRAMES / 400})
+    return folder / "video.mp4"
+
+
+def remux(source, target, format=None, pts=None):
+    """Copy the packets into another container, with other timestamps if a function of them is given."""
+    with av.open(str(source)) as given, av.open(str(target), "w", format=format) as made:
+        stream = made.add_stream_from_template(given.streams.video[0])
+        for packet in given.demux(video=0):
+            if packet.dts is None:
+                continue
+            if pts is not None:
+                packet.pts, packet.dts = pts(packet.pts), pts(packet.dts)
+            packet.stream = stream
+            made.mux(packet)
+    return target
+
+
+def drawn(count=FRAMES):
+    rng = np.random.default_rng(0)
+    for _ in range(count):
+        yield rng.integers(0, 256, (64, 64, 3), dtype=np.uint8)
+
+
+def test_good_file(good):
+    with Video(good, image_size_px=480) as video:
+        assert (video.count, video.rate_hz, video.width, video.height) == (FRAMES, 400, 480, 480)
+        assert video.rate_provenance == "video metadata"
+        assert [index for index, _ in video.frames(step=8)] == list(range(0, FRAMES, 8))
+
+
+def test_matroska_with_its_rounded_timestamps_is_good(good, tmp_path):
+    assert len(read(remux(good, tmp_path / "video.mkv"))) == FRAMES
+
+
+def test_configured_rate_replaces_the_file_s(good):
+    with Video(good, rate_hz=500, rate_provenance="motion") as video:
+        assert (video.rate_hz, video.rate_provenance) == (500, "motion")
+        assert len(list(video.frames())) == FRAMES
+
+
+def test_nothing_reaches_standard_error(good, tmp_path, capfd):
+    broken = tmp_path / "broken.mp4"
+    broken.write_bytes(good.read_bytes()[:3000])
+    with pytest.raises(InputError):
+        Video(broken)
+    assert capfd.readouterr().err == ""
+
+
+def spoil(data, kind):
+    if kind == "empty":
+        return b""
+    if kind == "truncated":
+        return data[: len(data) // 2]
+    if kind == "text":
+        return b"t,theta1\n" * 100
+    start = len(data) // 2
+    if kind == "zeroed":
+        return data[:start] + bytes(2000) + data[start + 2000 :]
+    noise = np.random.default_rng(0).integers(0, 256, 600, dtype=np.uint8).tobytes()
+    return data[:start] + noise + data[start + 600 :]
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("empty", r"is empty \(0 bytes\)"),
+        ("truncated", "cannot be opened as a video; it is truncated or not a video"),
+        ("text", "cannot be opened as a video"),
+        ("zeroed", "spoiled near frame|ends after"),
+        ("garbled", "spoiled near frame|ends after"),
+    ],
+)
+def test_broken_file_is_one_line(good, tmp_path, kind, message):
+    path = tmp_path / "recording.mp4"
+    path.write_bytes(spoil(good.read_bytes(), kind))
+    with pytest.raises(InputError, match=message) as caught:
+        read(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        Video(tmp_path / "none.mp4")
+
+
+def test_video_that_stops_early_though_its_metadata_claim_more(tmp_path):
+    whole = tmp_path / "whole.mkv"
+    encode(whole, drawn(), 64, 100)
+    cut = tmp_path / "cut.mkv"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 2 // 3])
+    with pytest.raises(InputError, match=rf"ends after \d+ of {FRAMES} declared frames|spoiled near"):
+        read(cut)
+
+
+def test_unexpected_number_of_frames(good):
+    with pytest.raises(InputError, match=f"declares {FRAMES} frames; 61 expected"):
+        Video(good, expected_frames=61)
+
+
+def test_wrong_size(good):
+    with pytest.raises(InputError, match=r"images are 480x480 px; 640x480 expected \(image_size_px\)"):
+        Video(good, image_size_px=(640, 480))
+
+
+def test_missing_rate_is_refused_unless_given(good, tmp_path):
+    bare = remux(good, tmp_path / "bare.h264", format="h264")
+    with pytest.raises(InputError, match="no usable frame rate in its metadata"):
+        Video(bare)
+    with pytest.raises(InputError, match="no frame count in its metadata"):
+        Video(bare, rate_hz=400)
+
+
+def test_absurd_rate_is_refused(good):
+    with pytest.raises(InputError, match=r"recordings.videos.rate_hz: is 1e\+09 Hz"):
+        Video(good, rate_hz=1e9)
+
+
+def test_variable_rate_is_refused_by_name(good, tmp_path):
+    uneven = remux(good, tmp_path / "uneven.mp4", pts=lambda t: t + max(t, 0) ** 2 // 2000)
+    with pytest.raises(InputError, match="variable frame rate"):
+        read(uneven, rate_hz=400)
