@@ -93,6 +93,14 @@ ROWS: dict[str, Row] = {
         code="none",
         corrected="as_data",
     ),
+    "augmented_x": Row(
+        "x of augmented samples: data = the sample's own; resampled = drawn anew where the system can "
+        "(the double pendulum's two angles), which the authors' code does",
+        ("data", "resampled"),
+        paper="data",
+        code="resampled",
+        corrected="data",
+    ),
     "supervision": Row(
         "the z_e term of augmented samples: standardised = Gaussian log-density with z_e in units of p+'s standard "
         "deviation; raw = squared error in the parameter's own unit; off = none",

@@ -4,6 +4,7 @@ import pytest
 import torch
 from conftest import PRIOR
 
+from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
 from expertaug.learning.augment import augment
@@ -54,6 +55,16 @@ def test_augmented_samples_get_the_datas_noise(trained, data, tmp_path, settings
     noisy, _, _ = augmented(trained, data, tmp_path, settings)
     assert torch.equal(clean.z_e, noisy.z_e)
     assert (noisy.y - clean.y).std() == pytest.approx(0.01, rel=0.1)
+
+
+def test_x_of_augmented_samples_is_the_datas_unless_resampled():
+    system = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+    y0 = torch.zeros(2, 5000, 4)
+    fresh = system.resample_known(y0, lambda k: torch.rand(2, 5000, k))
+    assert torch.equal(fresh[..., 2:], y0[..., 2:])
+    assert fresh[..., :2].min() < -3.1 and fresh[..., :2].max() > 3.1
+    one = systems.load({"name": "pendulum"})
+    assert one.resample_known(y0, lambda k: None) is y0
 
 
 @pytest.mark.parametrize("choices", [{}, {"frozen": "interaction_and_z_e_head"}, {"resample": "epoch"}])

@@ -106,10 +106,11 @@ def test_forecast_from_the_last_observed_point_keeps_the_observation():
 def test_gru_is_torchs():
     ours, theirs = GRU(3, 4), torch.nn.GRU(3, 4)
     with torch.no_grad():
-        theirs.weight_ih_l0.copy_(ours.input.weight.T)
-        theirs.weight_hh_l0.copy_(ours.recurrent.weight.T)
-        theirs.bias_ih_l0.copy_(ours.input.bias[0])
-        theirs.bias_hh_l0.copy_(ours.recurrent.bias[0])
+        theirs.weight_ih_l0.copy_(torch.cat([layer.weight.T for layer in ours.inputs]))
+        theirs.weight_hh_l0.copy_(torch.cat([layer.weight.T for layer in ours.recurrent]))
+        theirs.bias_ih_l0.copy_(torch.cat([layer.bias[0] for layer in ours.inputs]))
+        theirs.bias_hh_l0.zero_()
+        theirs.bias_hh_l0[8:] = ours.recurrent[2].bias[0]
         x = torch.randn(7, 5, 3)
         torch.testing.assert_close(ours(x), theirs(x)[1][0])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,14 @@ def prior_scale(model: HybridModel, prior: Mapping[str, list[float]]) -> Tensor:
 
 @torch.no_grad()
 def generate(
-    model: HybridModel, data: StackedSet, task: Task, seeds: list[int], prior: Mapping, noise: float, draw: int
+    model: HybridModel,
+    data: StackedSet,
+    task: Task,
+    seeds: list[int],
+    prior: Mapping,
+    noise: float,
+    draw: int,
+    resample_x: bool = False,
 ) -> StackedSet:
     """One augmented sample for each of ``data``: x from the data, z_a ~ q(z_a | x, y), z_e ~ p⁺, y by the model.
 
@@ -55,6 +63,7 @@ def generate(
         prior: ranges of p⁺.
         noise: standard deviation of the noise added to every point, the first one too.
         draw: number of the draw (sets, passes).
+        resample_x: whether x is drawn anew (:meth:`System.resample_known`) instead of taken from the data.
 
     Returns:
         y (T, S, N, *state), z_e (S, N, P), all supervised.
@@ -70,6 +79,8 @@ def generate(
         batch = StackedSet(data.y[:, :, index], data.z_e[:, index], data.supervised[index]).whole(len(seeds))
         _, z_a = model.encode(batch.y[: task.observed]).rsample()
         y0 = batch.y[0]
+        if resample_x:
+            y0 = model.system.resample_known(y0, partial(_uniform, generators, y0))
         y, z_e = _simulate(model, y0, z_a, low, high, task, generators)
         for _ in range(ATTEMPTS):
             good = torch.isfinite(y).movedim(0, 2).flatten(2).all(-1)
@@ -93,9 +104,13 @@ def generate(
 def _simulate(
     model: HybridModel, y0: Tensor, z_a: Tensor, low: Tensor, high: Tensor, task: Task, generators: list
 ) -> tuple[Tensor, Tensor]:
-    share = _draw(generators, "random", (y0.shape[1], len(low)))
-    z_e = (low + (high - low) * share).to(y0)
+    z_e = (low + (high - low) * _uniform(generators, y0, len(low))).to(y0)
     return model.forecast(y0, z_e, z_a, task.t, task.solver), z_e
+
+
+def _uniform(generators: list, y0: Tensor, count: int) -> Tensor:
+    """(S, B, count) numbers, uniform in [0, 1), for first points y0 (S, B, *state)."""
+    return _draw(generators, "random", (y0.shape[1], count)).to(y0)
 
 
 def _draw(generators: list, kind: str, shape: tuple[int, ...]) -> Tensor:

@@ -66,7 +66,9 @@ def finetune(
         return (
             lambda epoch: (
                 real
-                | augmentation.generate(source, train_set, short, seeds, header["prior"], header["noise"], 2 + epoch)
+                | augmentation.generate(
+                    source, train_set, short, seeds, header["prior"], header["noise"], 2 + epoch, header["resample_x"]
+                )
             ),
             validation,
         )

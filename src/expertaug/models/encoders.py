@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.layers import GRU, MLP
+from expertaug.models.layers import GRU, MLP, Linear
 from expertaug.models.posterior import Delta, Posterior
 from expertaug.systems import Parameter, System
 
@@ -69,6 +69,7 @@ class WindowEncoder(nn.Module):
         angles: components that enter as angles.
         layers, activation: of the MLP.
         latent: size of z_a.
+        skip: whether a linear map of the inputs is added to the z_e head's output.
     """
 
     head_prefix = "head."
@@ -82,6 +83,7 @@ class WindowEncoder(nn.Module):
         layers: Sequence[int] = (300, 300, 300),
         latent: int = 10,
         activation: str = "relu",
+        skip: bool = False,
     ) -> None:
         super().__init__()
         self.system = system
@@ -93,6 +95,7 @@ class WindowEncoder(nn.Module):
         self.trunk = MLP(inputs, layers[:-1], layers[-1], activation)
         self.head = MLP(layers[-1], (), len(system.expert_parameters))
         self.latent_head = MLP(layers[-1], (), latent)
+        self.skip = Linear(inputs, len(system.expert_parameters), bias=False) if skip else None
 
     def _select(self, name: str, window: Sequence[float], times: Tensor) -> tuple[int, list[int]]:
         """Index of a component and of its points."""
@@ -122,10 +125,10 @@ class WindowEncoder(nn.Module):
 
     def forward(self, observed: Tensor) -> Posterior:
         """(T1, …, B, *state) → z_e (…, B, P), z_a (…, B, latent)."""
-        hidden = self.trunk.activation(self.trunk((self.inputs(observed) - self.mean) / self.std))
-        return Posterior(
-            Delta(constrain(self.head(hidden), self.system.expert_parameters)), Delta(self.latent_head(hidden))
-        )
+        x = (self.inputs(observed) - self.mean) / self.std
+        hidden = self.trunk.activation(self.trunk(x))
+        raw = self.head(hidden) if self.skip is None else self.head(hidden) + self.skip(x)
+        return Posterior(Delta(constrain(raw, self.system.expert_parameters)), Delta(self.latent_head(hidden)))
 
 
 ENCODERS = {"recurrent": RecurrentEncoder, "window": WindowEncoder}

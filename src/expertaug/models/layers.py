@@ -57,27 +57,32 @@ class MLP(nn.Module):
 
 
 class GRU(nn.Module):
-    """One-layer gated recurrent unit; returns the last hidden state."""
+    """One-layer gated recurrent unit; returns the last hidden state.
+
+    The gates have weights of their own: splitting one product into three makes autograd join three gradients at every
+    step, a sixth of the whole training step's time.
+    """
 
     def __init__(self, inputs: int, hidden: int) -> None:
         super().__init__()
         self.hidden = hidden
-        self.input = Linear(inputs, 3 * hidden)
-        self.recurrent = Linear(hidden, 3 * hidden)
+        self.inputs = nn.ModuleList(Linear(inputs, hidden) for _ in range(3))  # reset, update, new
+        self.recurrent = nn.ModuleList(Linear(hidden, hidden, bias=k == 2) for k in range(3))
         bound = 1 / math.sqrt(hidden)
-        for parameter in self.input.parameters():
+        for parameter in self.inputs.parameters():
             nn.init.uniform_(parameter, -bound, bound)
 
     def forward(self, x: Tensor) -> Tensor:
         """(T, …, B, inputs) → (…, B, hidden)."""
-        gates = torch.stack([self.input(point) for point in x]) if x.dim() == 4 else self.input(x)
+        reset_h, update_h, new_h = self.recurrent
         state = x.new_zeros(*x.shape[1:-1], self.hidden)
-        # unbind, not x[t]: autograd fills a full-size zero gradient for every slice.
-        for gate in gates.unbind(0):
-            inner = self.recurrent(state)
-            reset_in, update_in, new_in = gate.split(self.hidden, dim=-1)
-            reset_h, update_h, new_h = inner.split(self.hidden, dim=-1)
-            update = torch.sigmoid(update_in + update_h)
-            new = torch.tanh(new_in + torch.sigmoid(reset_in + reset_h) * new_h)
+        flat = x.movedim(0, -3).flatten(-3, -2)  # one product for all times
+        shape = (*x.shape[1:-2], len(x), *x.shape[-2:-1], self.hidden)
+        # unbind, not gates[t]: autograd fills a full-size zero gradient for every slice.
+        gates = zip(*(layer(flat).view(shape).unbind(-3) for layer in self.inputs), strict=True)
+        for reset_in, update_in, new_in in gates:
+            reset = torch.sigmoid(affine(state, reset_h.weight, reset_in))
+            update = torch.sigmoid(affine(state, update_h.weight, update_in))
+            new = torch.tanh(torch.addcmul(new_in, reset, new_h(state)))
             state = torch.lerp(new, state, update)
         return state

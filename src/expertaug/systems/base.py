@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -65,6 +66,13 @@ class System(ABC):
 
     def initial_state(self, y0: Tensor, z_e: Tensor) -> Tensor:
         """The state (…, *state) in which a forecast starts, from the known first point y0 and z_e (…, P)."""
+        return y0
+
+    def resample_known(self, y0: Tensor, uniform: Callable[[int], Tensor]) -> Tensor:
+        """First points y0 (…, *state) with x drawn anew: unchanged, unless overridden.
+
+        ``uniform(k)`` gives (…, k) numbers, uniform in [0, 1).
+        """
         return y0
 
     def observe(self, y: Tensor) -> Tensor:

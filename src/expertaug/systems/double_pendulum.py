@@ -11,7 +11,8 @@ with different constants: two equal point masses on massless arms (paper, sectio
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -137,6 +138,10 @@ class DoublePendulum(System):
 
     def initial_state(self, y0: Tensor, z_e: Tensor) -> Tensor:
         return torch.cat((y0[..., :2], z_e), dim=-1)
+
+    def resample_known(self, y0: Tensor, uniform: Callable[[int], Tensor]) -> Tensor:
+        """Both angles uniform over the circle."""
+        return torch.cat((2 * math.pi * (uniform(2) - 0.5), y0[..., 2:]), dim=-1)
 
     def observe(self, y: Tensor) -> Tensor:
         """Sines and cosines of both angles, so that whole turns do not count."""
