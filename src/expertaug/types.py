@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -84,7 +86,7 @@ class Trajectories:
                 return cls(**{name: archive[name] for name in ("t", "y", "z_e", "z_a")})
         except FileNotFoundError as error:
             raise InputError(path, "no such file", "run the stage that makes it") from error
-        except (KeyError, ValueError, OSError, EOFError) as error:
+        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise InputError(path, f"not a trajectory file ({error})", "make it again with its stage") from error
 
 

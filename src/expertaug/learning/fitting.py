@@ -42,7 +42,7 @@ def fit(
         state = checkpoint.load()
         if state is not None:
             trainer.restore(state)
-        log = RunLog(
+        with RunLog(
             output.with_name("log.jsonl"),
             tracking,
             **{k: description[k] for k in ("experiment", "method", "label", "preset", "stage")},
@@ -51,22 +51,21 @@ def fit(
             params={k: v for k, v in settings.items() if k not in ("seeds", "label")},
             tags={"fingerprint": checkpoint.fingerprint},
             resume=state["log"] if state is not None else None,
-        )
-        if state is None:
-            for path in inputs:
-                log.dataset(path.stem, path)
-        trainer.run(log, checkpoint)
-        model.load_state_dict(trainer.best)
-        for key, value in (unchanged or {}).items():
-            if not torch.equal(model.state_dict()[key], value):
-                raise RuntimeError(f"{name}: fine-tuning changed {key}, which is frozen")
-        record = {
-            "wall_s": trainer.seconds,
-            "best_score": trainer.best_score.tolist(),
-            "best_epoch": trainer.best_epoch.tolist(),
-            "multiplier": objective.multiplier.tolist(),
-        }
-        store.save(output, model, json.loads(json.dumps(description | record)))
-        log.artifact(output)
-        log.close()
+        ) as log:
+            if state is None:
+                for path in inputs:
+                    log.dataset(path.stem, path)
+            trainer.run(log, checkpoint)
+            model.load_state_dict(trainer.best)
+            for key, value in (unchanged or {}).items():
+                if not torch.equal(model.state_dict()[key], value):
+                    raise RuntimeError(f"{name}: fine-tuning changed {key}, which is frozen")
+            record = {
+                "wall_s": trainer.seconds,
+                "best_score": trainer.best_score.tolist(),
+                "best_epoch": trainer.best_epoch.tolist(),
+                "multiplier": objective.multiplier.tolist(),
+            }
+            store.save(output, model, json.loads(json.dumps(description | record)))
+            log.artifact(output)
         checkpoint.remove()

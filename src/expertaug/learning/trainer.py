@@ -21,6 +21,7 @@ from expertaug.runlog import RunLog
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0
+FLUSH_S = 5.0
 SKIPPED_LIMIT = 50
 
 
@@ -155,7 +156,8 @@ class Trainer:
     def run(self, log: RunLog, checkpoint: Checkpoint) -> None:
         """Train to the end, from the checkpoint's state if it has one; the best models are then in ``best``."""
         settings, per_pass = self.settings, self.sets(self.epoch).steps(self.settings.batch_size)
-        steps, saved, told = settings.epochs * per_pass, time.monotonic(), 0.0
+        steps, told = settings.epochs * per_pass, 0.0
+        saved = flushed = time.monotonic()
         while self.epoch < settings.epochs:
             begun = time.monotonic()
             for number, batch in enumerate(self.sets(self.epoch).batches(self.seeds, self.epoch, settings.batch_size)):
@@ -173,9 +175,11 @@ class Trainer:
                 record["validation_score"] = self._select().tolist()
             log.metrics(step + 1, record)
             self.seconds += time.monotonic() - begun
+            if time.monotonic() - flushed > FLUSH_S:
+                log.flush()
+                flushed = time.monotonic()
             if time.monotonic() - saved > settings.checkpoint_s and self.epoch < settings.epochs:
                 checkpoint.save(self.state() | {"log": log.state()})
-                log.flush()
                 saved = time.monotonic()
         self._progress(steps, steps, parts, 0.0)
         if not torch.isfinite(self.best_score).all():

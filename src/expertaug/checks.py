@@ -1,0 +1,250 @@
+"""What a schema cannot say about a configuration: names that exist, ranges that agree, paths that are there."""
+
+from __future__ import annotations
+
+import difflib
+import glob
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+from expertaug import sources
+from expertaug.errors import InputError
+
+# Folders beside those of the experiments in the results folder.
+RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
+NOT_SYSTEMS = ("base", "solver", "simulate")
+VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
+TEXT_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?")
+
+
+def check(config: Mapping) -> None:
+    """Check a completed configuration.
+
+    Raises:
+        InputError: the first thing that is wrong.
+    """
+    for path, value in _texts(config, ""):
+        number = number_in(value) if "e" in value.lower() else None
+        if number:
+            raise InputError(
+                path, f"found '{value}', which YAML takes for a text", f"write {number}, or name it otherwise"
+            )
+    _writable("results", Path(config["results"]))
+    _seeds(config)
+    _names(config["run"], config["experiments"], "run", "experiment")
+    for name, experiment in config["experiments"].items():
+        if name in RESERVED:
+            raise InputError(f"experiments.{name}", "the results folder needs this name", "choose another name")
+        _experiment(f"experiments.{name}", experiment, config)
+    if _uses_recordings(config):
+        _recordings(config["recordings"])
+
+
+def number_in(text: str) -> str | None:
+    """The number in a text as YAML wants it written (``1e-3`` → ``1.0e-3``); None where it holds no number."""
+    text = text.strip()
+    match = TEXT_NUMBER.fullmatch(text)
+    if match is None:
+        return None
+    if match[2] is None:
+        return text
+    mantissa, exponent = text[: -len(match[2])], match[2][1:]
+    mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
+    return f"{mantissa}e{exponent if exponent[0] in '+-' else f'+{exponent}'}"
+
+
+def suggest(name: object, known: Iterable[object]) -> str:
+    """“did you mean …?” and what is known."""
+    known = [str(k) for k in known]
+    close = difflib.get_close_matches(str(name), known, 1)
+    return (f"did you mean '{close[0]}'? " if close else "") + f"known: {', '.join(known) or 'none'}"
+
+
+def _texts(value: object, path: str) -> Iterator[tuple[str, str]]:
+    """Every text of a configuration but names and labels, with its key path."""
+    if isinstance(value, str):
+        yield path, value
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            if key not in ("label", "sha256", "results", "path", "rate_provenance", "experiment"):
+                yield from _texts(item, f"{path}.{key}" if path else key)
+    elif isinstance(value, list):
+        for k, item in enumerate(value):
+            yield from _texts(item, f"{path}[{k}]")
+
+
+def _writable(where: str, folder: Path) -> None:
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not existing.is_dir():
+        raise InputError(where, f"'{existing}' is no folder", "choose another results folder")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(where, f"'{existing}' cannot be written", "choose a writable results folder")
+
+
+def _seeds(config: Mapping) -> None:
+    seeds = config["seeds"]
+    for k, seed in enumerate(seeds):
+        if seed in seeds[:k]:
+            raise InputError(f"seeds[{k}]", f"{seed} is there twice", "give each seed once")
+
+
+def _names(used: Iterable[str], known: Iterable[str], where: str, what: str) -> None:
+    known = list(known)
+    for k, name in enumerate(used):
+        if name not in known:
+            raise InputError(f"{where}[{k}]", f"'{name}' is no {what}", suggest(name, known))
+        if name in list(used)[:k]:
+            raise InputError(f"{where}[{k}]", f"'{name}' is there twice", f"name each {what} once")
+
+
+def _experiment(where: str, experiment: Mapping, config: Mapping) -> None:
+    _system(f"{where}.system.name", experiment["system"]["name"])
+    methods = config["methods"]
+    for part, settings in experiment["model"].items():
+        if ":" in settings["kind"]:
+            sources.find(f"{where}.model.{part}.kind", settings["kind"])
+    _names(experiment["methods"], methods, f"{where}.methods", "method")
+    _names(experiment["augmented"], experiment["methods"], f"{where}.augmented", "method of this experiment")
+    for k, method in enumerate(experiment["augmented"]):
+        if methods[method]["kind"] == "mean":
+            raise InputError(
+                f"{where}.augmented[{k}]", f"'{method}' is of kind mean", "only hybrid methods can be augmented"
+            )
+    if experiment["augmented"]:
+        for key in ("augmentation", "finetuning"):
+            if key not in experiment:
+                raise InputError(f"{where}.{key}", "missing", "methods under augmented need it")
+    data = experiment["data"]
+    (_simulation if data["source"] == "simulation" else _chunks)(where, experiment, config)
+
+
+def _system(where: str, name: str) -> None:
+    if "." in name:
+        sources.find(where, name)
+        return
+    known = [module for module in sources.modules("expertaug.systems") if module not in NOT_SYSTEMS]
+    if name not in known:
+        raise InputError(where, f"'{name}' is no system", suggest(name, known))
+
+
+def _simulation(where: str, experiment: Mapping, config: Mapping) -> None:
+    data = experiment["data"]
+    if data["t1_s"] >= data["t2_s"]:
+        raise InputError(
+            f"{where}.data.t1_s", f"found {data['t1_s']:g}, t2_s is {data['t2_s']:g}", "t1_s must be less than t2_s"
+        )
+    for key in ("t1_s", "t2_s"):
+        if not _is_multiple(data[key], data["step_s"]):
+            raise InputError(
+                f"{where}.data.{key}", f"found {data[key]:g}", f"give a multiple of step_s, {data['step_s']:g}"
+            )
+    first, sets = next(iter(data["sets"])), data["sets"]
+    for name, one in sets.items():
+        for part in ("z_e", "z_a"):
+            _same_parameters(f"{where}.data.sets.{name}.{part}", one[part], sets[first][part], f"the set {first}")
+    if "augmentation" in experiment:
+        prior = experiment["augmentation"]["prior"]
+        _same_parameters(f"{where}.augmentation.prior", prior, sets[first]["z_e"], "the sets' z_e")
+
+
+def _same_parameters(where: str, ranges: Mapping, expected: Mapping, of: str) -> None:
+    if set(ranges) != set(expected):
+        names = ", ".join(expected) or "none"
+        raise InputError(
+            where, f"names {', '.join(ranges) or 'none'}", f"give a range for each parameter of {of}: {names}"
+        )
+
+
+def _chunks(where: str, experiment: Mapping, config: Mapping) -> None:
+    split, recordings = experiment["data"]["split"], config["recordings"]
+    total = split["train_share"] + split["validation_share"] + split["test_share"]
+    if abs(total - 1) > 1e-6:
+        raise InputError(f"{where}.data.split", f"the shares sum to {total:g}", "they must sum to 1")
+    for key in ("stride", "evaluation_stride"):
+        if split[key] > split["length"]:
+            raise InputError(
+                f"{where}.data.split.{key}", f"found {split[key]}", f"give at most the length, {split['length']}"
+            )
+    end = (split["length"] - 1) / split["rate_hz"]
+    if experiment["data"]["t1_s"] > end:
+        raise InputError(f"{where}.data.t1_s", f"found {experiment['data']['t1_s']:g}", f"a chunk ends at {end:g} s")
+    key = "markers.rate_hz" if recordings["source"] == "markers" else "analysis_rate_hz"
+    rate = recordings["markers"]["rate_hz"] if recordings["source"] == "markers" else recordings["analysis_rate_hz"]
+    if not _is_multiple(rate, split["rate_hz"]):
+        remedy = f"recordings.{key}, {rate:g}, must be a multiple of it"
+        raise InputError(f"{where}.data.split.rate_hz", f"found {split['rate_hz']:g}", remedy)
+
+
+def _recordings(recordings: Mapping) -> None:
+    source = recordings["source"]
+    if source == "rendered":
+        rate = recordings["rendered"]["rate_hz"]
+        if not _is_multiple(rate, recordings["analysis_rate_hz"]):
+            remedy = f"recordings.rendered.rate_hz, {rate:g}, must be a multiple of it"
+            raise InputError("recordings.analysis_rate_hz", f"found {recordings['analysis_rate_hz']:g}", remedy)
+        return
+    where, path = f"recordings.{source}.path", recordings[source]["path"]
+    if path is None:
+        raise InputError(where, "missing", f"recordings.source is {source}: say where they are")
+    if source == "videos":
+        list_videos(path)
+    elif not Path(path).exists():
+        raise InputError(where, f"'{path}' does not exist", f"relative paths start at {Path.cwd()}")
+
+
+def list_recordings(config: Mapping) -> dict[str, str | int] | None:
+    """Recordings by name: the number of a rendered one, the path of a video or of a marker CSV.
+
+    Returns:
+        None where they are in an archive that has to be unpacked first; none at all where no experiment of the run
+        takes recordings.
+
+    Raises:
+        InputError: there is no recording, or there are two of one name.
+    """
+    recordings = config["recordings"]
+    source = recordings["source"]
+    if not _uses_recordings(config):
+        return {}
+    if source == "rendered":
+        return {f"rendered_{k:02d}": k for k in range(recordings["rendered"]["count"])}
+    path = recordings[source]["path"]
+    if source == "videos":
+        return {name: str(video) for name, video in list_videos(path).items()}
+    if Path(path).is_file():
+        return None
+    from expertaug.recordings.archive import list_marker_files
+
+    return {name: str(csv) for name, csv in list_marker_files(path).items()}
+
+
+def _uses_recordings(config: Mapping) -> bool:
+    return any(config["experiments"][name]["data"]["source"] == "recordings" for name in config["run"])
+
+
+def list_videos(path: str) -> dict[str, Path]:
+    """Videos by name (the file's stem): of a folder, of a glob, or one file.
+
+    Raises:
+        InputError: there is none, or there are two of one name.
+    """
+    where = "recordings.videos.path"
+    if Path(path).is_dir():
+        found = [p for p in Path(path).iterdir() if p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES]
+    else:
+        found = [Path(p) for p in sorted(glob.glob(path, recursive=True)) if Path(p).is_file()]  # noqa: PTH207
+    if not found:
+        raise InputError(where, f"no video at '{path}'", f"relative paths start at {Path.cwd()}")
+    names: dict[str, Path] = {}
+    for video in sorted(found):
+        other = next((p for name, p in names.items() if name.lower() == video.stem.lower()), None)
+        if other is not None:
+            raise InputError(where, f"two files of one name: {other} and {video}", "rename or remove one")
+        names[video.stem] = video
+    return names
+
+
+def _is_multiple(value: float, step: float) -> bool:
+    return abs(value / step - round(value / step)) < 1e-6 and round(value / step) >= 1

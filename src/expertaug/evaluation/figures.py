@@ -1,0 +1,268 @@
+"""Figures of metrics and of estimated parameters; every name and unit comes from the files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from expertaug.errors import InputError
+from expertaug.evaluation import style
+from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.summary import (
+    CONVENTIONS,
+    SETS,
+    log_mse_name,
+    order_labels,
+    order_sets,
+    read_metrics,
+    set_title,
+    summarise,
+)
+
+MARKERS = {"train": "^", "validation": "o", "test": "D"}
+POINTS = 200  # of one set and seed in a scatter plot
+MARGIN = 0.12  # of an axis beyond the ranges that it shows
+
+
+def bars(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+    """Draw the log-MSE of every method on every set: mean over seeds, standard deviation as error bar, seeds as dots.
+
+    Arguments:
+        metrics: metrics.csv of every method and block; several experiments become panels.
+        outputs: .png or .pdf files, or one path without suffix for both.
+        settings: all optional: ``convention`` ("sum" or "dim"), ``labels`` (all labels of the configuration, in order),
+            ``sets`` (those to draw), ``set_titles`` (how they are printed), ``leave_out`` (labels).
+
+    Raises:
+        InputError: a file is broken or has no such metric.
+    """
+    settings = dict(settings or {})
+    convention = settings.get("convention", "sum")
+    metric = log_mse_name(convention)
+    table = _select(read_metrics(metrics), [metric], settings)
+    panels = [(name.replace("_", " "), part) for name, part in table.groupby("experiment", sort=False)]
+    title = f"log-MSE, squared error {CONVENTIONS[convention]}"
+    _draw_bars(panels, outputs, settings, "log-MSE (lower is better)", title)
+
+
+def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+    """Draw the relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`bars`.
+
+    Where no method estimates parameters the figure says so.
+    """
+    settings = dict(settings or {})
+    table = read_metrics(metrics)
+    names = [name for name in dict.fromkeys(table["metric"]) if name.startswith("relative_error_")]
+    names = names or [name for name in ("relative_error",) if name in set(table["metric"])]
+    if not names:
+        style.save_note("no method estimates parameters", outputs)
+        return
+    table = _select(table, names, settings)
+    panels = []
+    for (experiment, metric), part in table.groupby(["experiment", "metric"], sort=False):
+        parameter = style.symbol(metric.removeprefix("relative_error").removeprefix("_"))
+        name = experiment.replace("_", " ")
+        panels.append((f"{name}: {parameter}" if parameter else name, part))
+    title = "relative error of the expert parameters"
+    _draw_bars(panels, outputs, settings, "relative error [%] (lower is better)", title)
+
+
+def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+    """Draw estimated against true expert parameters: a row per parameter, a column per method, all seeds.
+
+    Arguments:
+        forecasts: forecasts.npz by label; methods that estimate nothing are left out.
+        outputs: as in :func:`bars`; where no method estimates anything the figure says so.
+        settings: all optional: ``labels``, ``sets`` (default: those in the files), ``training_range`` and ``prior``
+            (p⁺) as {parameter: [low, high]}, ``set_titles``; without a training range that of the file's training
+            values is shaded, and where it has none that of its validation values.
+
+    Raises:
+        InputError: a file is broken.
+    """
+    settings = dict(settings or {})
+    found = {label: Forecasts.load(path) for label, path in forecasts.items()}
+    found = {label: data for label, data in found.items() if data.estimates}
+    if not found:
+        style.save_note("no method estimates parameters", outputs)
+        return
+    labels = order_labels(found, settings.get("labels", ()))
+    colours = style.colours(labels, settings.get("labels", ()))
+    first = found[labels[0]]
+    count = len(first.parameter_names)
+    with style.styled():
+        side = min(2.3, (style.WIDTH - 0.5) / len(labels))
+        figure = style.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(labels) + 0.5))
+        grid = figure.subplots(count, len(labels), squeeze=False, sharex="row", sharey="row")
+        for row, name in enumerate(first.parameter_names):
+            low, high = _show_ranges(grid[row], first, row, name, settings)
+            for axis, label in zip(grid[row], labels, strict=True):
+                _scatter(axis, found[label], row, (low, high), colours[label], settings)
+                axis.set_xlabel(f"true {style.quantity(name, first.parameter_units[row])}")
+                if row == 0:
+                    axis.set_title(label)
+            grid[row, 0].set_ylabel(f"estimated {style.quantity(name, first.parameter_units[row])}")
+        _parameter_legend(figure, first, settings)
+        style.save(figure, outputs)
+
+
+def _select(table: pd.DataFrame, metrics: Sequence[str], settings: Mapping) -> pd.DataFrame:
+    sets = settings.get("sets") or list(SETS)
+    keep = table["metric"].isin(metrics) & table["set"].isin(sets) & ~table["label"].isin(settings.get("leave_out", ()))
+    if not keep.any():
+        known = ", ".join(dict.fromkeys(table["metric"]))
+        raise InputError("metrics", f"no {' or '.join(metrics)} on {', '.join(sets)}", f"the files hold {known}")
+    return table[keep]
+
+
+def _draw_bars(
+    panels: Sequence[tuple[str, pd.DataFrame]],
+    outputs: Path | Sequence[Path],
+    settings: Mapping,
+    axis_label: str,
+    title: str,
+) -> None:
+    everything = pd.concat([part for _, part in panels])
+    labels = order_labels(everything["label"], settings.get("labels", ()))
+    colours = style.colours(labels, settings.get("labels", ()))
+    columns = min(len(panels), 3)
+    rows = -(-len(panels) // columns)
+    with style.styled():
+        figure = style.new_figure(0.75 + 2.35 * rows, style.WIDTH if columns > 1 else 5.2)
+        grid = figure.subplots(rows, columns, squeeze=False)
+        for axis, (name, part) in zip(grid.flat, panels, strict=False):
+            _bar_panel(axis, part, labels, colours, settings)
+            axis.set_title(name)
+        for axis in grid.flat[len(panels) :]:
+            axis.set_axis_off()
+        for axis in grid[:, 0]:
+            axis.set_ylabel(axis_label)
+        presets = ", ".join(dict.fromkeys(everything["preset"]))
+        seeds = everything.groupby(["experiment", "label"])["seed"].nunique()
+        number = "1 seed" if set(seeds) == {1} else f"{seeds.min()} seeds" if seeds.nunique() == 1 else "all seeds"
+        number = number if number == "1 seed" else f"mean ± std over {number}"
+        text = f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}"
+        figure.suptitle(text, fontsize=7.5, color="0.35")
+        handles = [Patch(facecolor=colours[label], edgecolor="0.25", linewidth=0.5, label=label) for label in labels]
+        style.legend(figure, handles)
+        style.save(figure, outputs)
+
+
+def _bar_panel(axis: Axes, part: pd.DataFrame, labels: Sequence[str], colours: Mapping, settings: Mapping) -> None:
+    """Groups of bars, one group per set; a method keeps its place in the group."""
+    sets = order_sets(part["set"])
+    shown = [label for label in labels if label in set(part["label"])]
+    step = 0.84 / len(shown)
+    values = summarise(part).set_index(["label", "set"])
+    axis.axhline(0, color="0.25", linewidth=0.7, zorder=3)
+    for place, label in enumerate(shown):
+        for group, name in enumerate(sets):
+            x = group + (place - (len(shown) - 1) / 2) * step
+            if (label, name) not in values.index:
+                continue
+            cell = values.loc[(label, name)]
+            cell = cell.iloc[0] if isinstance(cell, pd.DataFrame) else cell
+            if cell["n"] == 0:
+                axis.annotate("not finite", (x, 0), rotation=90, ha="center", va="bottom", fontsize=6, color="0.3")
+                continue
+            axis.bar(x, cell["mean"], 0.9 * step, color=colours[label], edgecolor="0.25", linewidth=0.5, zorder=2)
+            if cell["n"] > 1:
+                seeds = part.loc[(part["label"] == label) & (part["set"] == name), "value"]
+                spread = np.linspace(-0.22, 0.22, len(seeds)) * step
+                dots = {"markersize": 2.2, "markerfacecolor": "white", "markeredgecolor": "0.1", "markeredgewidth": 0.4}
+                axis.plot(x + spread, seeds, "o", zorder=6, **dots)
+                axis.errorbar(x, cell["mean"], cell["std"], color="0.1", linewidth=0.9, capsize=1.8, zorder=5)
+    axis.set_xticks(range(len(sets)), [set_title(name, settings).replace(" (", "\n(") for name in sets])
+    axis.tick_params(axis="x", length=0)
+    axis.set_xlim(-0.5, len(sets) - 0.5)
+    axis.grid(axis="y")
+    for edge in range(1, len(sets)):
+        axis.axvline(edge - 0.5, color="0.85", linewidth=0.6, zorder=0)
+
+
+def _show_ranges(
+    axes: Sequence[Axes], data: Forecasts, column: int, name: str, settings: Mapping
+) -> tuple[float, float]:
+    """Shade the training range and p⁺ and set the limits, which are returned."""
+    training = (settings.get("training_range") or {}).get(name)
+    if training is None and _shaded(data, {}) is not None:
+        values = data.truths.get("train", data.truths.get("validation"))[:, column]
+        training = (values.min(), values.max())
+    prior = (settings.get("prior") or {}).get(name)
+    ends = [value for limits in (training, prior) if limits is not None for value in limits]
+    shown = [data.truths[name][:, column] for name in settings.get("sets") or data.estimates]
+    ends += [end for values in shown for end in (values.min(), values.max())]
+    low, high = min(ends), max(ends)
+    margin = MARGIN * ((high - low) or 1.0)
+    limits = (float(low - margin), float(high + margin))
+    for axis in axes:
+        if training is not None:
+            axis.axvspan(*training, color="0.9", linewidth=0, zorder=0)
+        if prior is not None:
+            for edge in prior:
+                axis.axvline(edge, color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
+        axis.plot(limits, limits, color="0.25", linewidth=0.8, zorder=1)
+        axis.set(xlim=limits, ylim=limits)
+    return limits
+
+
+def _shaded(data: Forecasts, settings: Mapping) -> str | None:
+    """What the shaded range is."""
+    if settings.get("training_range") or "train" in data.truths:
+        return "training range"
+    return "validation range" if "validation" in data.truths else None
+
+
+def _scatter(
+    axis: Axes,
+    data: Forecasts,
+    column: int,
+    limits: tuple[float, float],
+    colour: tuple[float, float, float],
+    settings: Mapping,
+) -> None:
+    outside = total = 0
+    for name in reversed(order_sets(settings.get("sets") or data.estimates)):  # the narrower sets on top
+        truth = data.truths[name][:, column]
+        chosen = np.linspace(0, len(truth) - 1, min(POINTS, len(truth))).astype(int)
+        for estimate in data.estimates[name][:, :, column]:
+            inside = (estimate >= limits[0]) & (estimate <= limits[1])
+            outside, total = outside + int((~inside).sum()), total + len(truth)
+            filled = name != "test"
+            axis.scatter(
+                truth[chosen],
+                estimate[chosen],
+                s=6,
+                marker=MARKERS.get(name, "s"),
+                facecolor=colour if filled else "none",
+                edgecolor="0.2" if filled else colour,
+                linewidth=0.3 if filled else 0.6,
+                alpha=0.7,
+                zorder=2,
+                rasterized=True,
+            )
+    if outside:
+        share = 100 * outside / total
+        text = f"{share:.0f} % outside" if share >= 1 else "< 1 % outside"
+        axis.annotate(text, (0.03, 0.97), xycoords="axes fraction", va="top", fontsize=6.5, color="0.3")
+
+
+def _parameter_legend(figure: Figure, data: Forecasts, settings: Mapping) -> None:
+    handles = []
+    for name in order_sets(settings.get("sets") or data.estimates):
+        face = "none" if name == "test" else "0.6"
+        marker = {"marker": MARKERS.get(name, "s"), "markerfacecolor": face, "markeredgecolor": "0.3"}
+        handles.append(Line2D([], [], linestyle="", markersize=4, label=set_title(name, settings), **marker))
+    if text := _shaded(data, settings):
+        handles.append(Patch(facecolor="0.9", label=text))
+    if settings.get("prior"):
+        handles.append(Line2D([], [], color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), label="range of p⁺"))
+    handles.append(Line2D([], [], color="0.25", linewidth=0.8, label="estimate = truth"))
+    style.legend(figure, handles)

@@ -1,0 +1,76 @@
+"""The forecasts.npz of the stage evaluate, read and checked."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from expertaug.errors import InputError
+
+ALWAYS = ("t", "observed", "seeds", "state_names", "state_units", "parameter_names", "parameter_units")
+
+
+@dataclass(frozen=True)
+class Forecasts:
+    """Forecasts of chosen samples and parameters of all samples, of S seeds.
+
+    Attributes:
+        t: times in s, (T,).
+        observed: index of the last observed point.
+        seeds: (S,).
+        state_names, state_units, parameter_names, parameter_units: texts, one per dimension.
+        index, truth, prediction: by set: which samples, (K,); their states, (K, T, D), and forecasts, (S, K, T, D).
+        truths, estimates: by set: expert parameters, (N, P), and their estimates, (S, N, P); the second is empty for a
+            method that estimates none. The training set may be in the first alone.
+    """
+
+    t: np.ndarray
+    observed: int
+    seeds: list[int]
+    state_names: list[str]
+    state_units: list[str]
+    parameter_names: list[str]
+    parameter_units: list[str]
+    index: dict[str, np.ndarray]
+    truth: dict[str, np.ndarray]
+    prediction: dict[str, np.ndarray]
+    truths: dict[str, np.ndarray]
+    estimates: dict[str, np.ndarray]
+
+    @classmethod
+    def load(cls, path: str | Path) -> Forecasts:
+        """Read the file.
+
+        Raises:
+            InputError: the file is missing, is no npz, lacks an array, or shapes disagree.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                arrays = dict(archive)
+        except FileNotFoundError as error:
+            raise InputError(path, "no such file", "run evaluate") from error
+        except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise InputError(path, f"not a forecast file ({error})", "make it again with evaluate") from error
+        sets = [name.removesuffix("_truth") for name in arrays if name.endswith("_truth")]
+        wanted = [*ALWAYS, *(f"{s}_{end}" for s in sets for end in ("index", "prediction", "z_e"))]
+        if missing := [name for name in wanted if name not in arrays]:
+            raise InputError(path, f"no array {missing[0]!r}", "make it again with evaluate")
+        for name in sets:
+            truth, prediction = arrays[f"{name}_truth"], arrays[f"{name}_prediction"]
+            expected = (len(arrays["seeds"]), len(arrays[f"{name}_index"]), len(arrays["t"]), truth.shape[-1])
+            if prediction.shape != expected or truth.shape != expected[1:]:
+                found = f"{name}_truth {truth.shape} and {name}_prediction {prediction.shape}"
+                raise InputError(path, found, f"forecasts are (S, K, T, D), here {expected}")
+        return cls(
+            t=arrays["t"],
+            observed=int(arrays["observed"]),
+            seeds=[int(seed) for seed in arrays["seeds"]],
+            **{name: [str(text) for text in arrays[name]] for name in ALWAYS[3:]},
+            **{name: {s: arrays[f"{s}_{name}"] for s in sets} for name in ("index", "truth", "prediction")},
+            truths={name.removesuffix("_z_e"): arrays[name] for name in arrays if name.endswith("_z_e")},
+            estimates={s: arrays[f"{s}_z_e_hat"] for s in sets if f"{s}_z_e_hat" in arrays},
+        )

@@ -1,0 +1,48 @@
+"""Pure functions of truth and forecast."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from expertaug.systems import System
+
+
+def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tensor]:
+    """Natural log of the mean, over samples and times, of the squared error, in both conventions.
+
+    ``log_mse_sum`` sums the squared error over the observed dimensions (the paper's tables), ``log_mse_dim`` divides
+    the sum by :attr:`System.error_dims` first.
+
+    Arguments:
+        prediction, truth: states (T, S, N, *state).
+
+    Returns:
+        name → (S,).
+    """
+    error = (system.observe(prediction) - system.observe(truth)).double().square()
+    axes = tuple(range(3, error.dim()))
+    summed = error.sum(axes).mean((0, 2)).log()
+    return {"log_mse_sum": summed, "log_mse_dim": summed - torch.log(torch.tensor(float(system.error_dims)))}
+
+
+def parameter_errors(system: System, estimate: Tensor, truth: Tensor) -> dict[str, Tensor]:
+    """Errors of the expert parameters.
+
+    ``relative_error`` is the paper's: the mean over samples and parameters of |z − ẑ| / |z|, in %; it is dominated by
+    samples with z near 0 where a parameter can vanish, so ``rmse_<name>`` stands beside it, in the parameter's unit.
+
+    Arguments:
+        estimate, truth: (S, N, P).
+
+    Returns:
+        name → (S,).
+    """
+    relative = 100 * ((estimate - truth) / truth).abs().double().mean(1)
+    squared = (estimate - truth).double().square().mean(1).sqrt()
+    names = [p.name for p in system.expert_parameters]
+    return (
+        {"relative_error": relative.mean(1)}
+        | {f"relative_error_{n}": relative[:, i] for i, n in enumerate(names)}
+        | {f"rmse_{n}": squared[:, i] for i, n in enumerate(names)}
+    )

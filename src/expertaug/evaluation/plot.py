@@ -1,0 +1,39 @@
+"""The stage plot: all figures of one experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from expertaug.evaluation import figures, traces
+
+NAMES = ("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
+
+
+def plot(
+    metrics: Sequence[Path], forecasts: Sequence[Path], logs: Sequence[Path], prefix: Path, settings: Mapping
+) -> None:
+    """Write ``<prefix>_<name>.png`` and ``.pdf`` for every name in :data:`NAMES`.
+
+    Arguments:
+        metrics: metrics.csv of every method and block of seeds.
+        forecasts: forecasts.npz of one block of each method, in the order of ``settings["labels"]``.
+        logs: log.jsonl of every trained method and block.
+        settings: {labels, training_range, prior}: all labels in order; ranges of the expert parameters where they
+            are known, else empty.
+
+    Raises:
+        InputError: a file is missing or broken.
+    """
+    labels = list(settings["labels"])
+    by_label = dict(zip(labels, forecasts, strict=True))
+    ranges = {key: settings[key] for key in ("training_range", "prior") if settings[key]}
+
+    def output(name: str) -> Path:
+        return Path(f"{prefix}_{name}")
+
+    figures.bars(metrics, output("log_mse"), {"labels": labels})
+    figures.parameter_errors(metrics, output("parameter_errors"), {"labels": labels})
+    figures.parameters(by_label, output("parameters"), {"labels": labels, **ranges})
+    traces.forecasts(by_label, output("forecasts"), {"labels": labels})
+    traces.curves(logs, output("curves"), {"labels": labels})

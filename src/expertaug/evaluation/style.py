@@ -1,0 +1,128 @@
+"""One look for all figures: sizes, colours by method, text of names, and saving."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from expertaug.errors import InputError
+from expertaug.evaluation.summary import base_label
+from expertaug.files import atomic
+
+WIDTH = 7.0  # inches: the text width of a page
+DPI = 200
+RC = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "grid.color": "0.88",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.3,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "figure.dpi": DPI,
+    "savefig.dpi": DPI,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "expertaug",
+}
+# Hues that the colour-blind tell apart (Okabe and Ito, with a grey and a brown).
+HUES = ("#7A7A7A", "#E69F00", "#8C5A2B", "#B5589A", "#009E73", "#0072B2", "#D55E00", "#56B4E9")
+LETTERS = "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|chi|psi|omega"
+
+
+def colours(labels: Sequence[str], order: Sequence[str] = ()) -> dict[str, tuple[float, float, float]]:
+    """A colour for each label: one hue per method, light as trained, dark when augmented ("X+").
+
+    Arguments:
+        labels: to be drawn.
+        order: all labels of the configuration: keeps a method's colour the same in figures of different methods.
+    """
+    bases = list(dict.fromkeys(base_label(label) for label in (*order, *labels)))
+    found = {}
+    for label in labels:
+        red, green, blue = to_rgb(HUES[bases.index(base_label(label)) % len(HUES)])
+        if label.endswith("+"):
+            found[label] = (0.72 * red, 0.72 * green, 0.72 * blue)
+        else:
+            found[label] = tuple(0.58 * part + 0.42 for part in (red, green, blue))
+    return found
+
+
+def symbol(name: str) -> str:
+    """A parameter's or state's name as it is printed: ``omega0`` becomes ω with index 0."""
+    match = re.fullmatch(rf"({LETTERS}|[A-Za-z])_?(\d*)", name)
+    if match is None:
+        return name.replace("_", " ")
+    stem = match[1] if len(match[1]) == 1 else rf"\{match[1]}"
+    return f"${stem}_{{{match[2]}}}$" if match[2] else f"${stem}$"
+
+
+def quantity(name: str, unit: str) -> str:
+    """Symbol and unit of an axis."""
+    return f"{symbol(name)} [{unit}]" if unit else symbol(name)
+
+
+def new_figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure in inches that needs no display."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def legend(figure: Figure, handles: Sequence[Artist]) -> None:
+    """One legend below all panels, in as many columns as fit (entries fill them top to bottom)."""
+    widths = [0.5 + 0.055 * len(str(handle.get_label())) for handle in handles]  # inches at the legend's font size
+    columns = len(handles)
+    while columns > 1 and sum(map(max, np.array_split(widths, columns))) > figure.get_figwidth() - 0.1:
+        rows = -(-len(handles) // (columns - 1))
+        columns = -(-len(handles) // rows)
+    figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
+
+
+def save_note(text: str, outputs: Path | Iterable[Path]) -> None:
+    """Save a figure that says only why there is nothing to draw: what a workflow expects is then there all the same."""
+    with styled():
+        figure = new_figure(0.8, 5.2)
+        figure.text(0.5, 0.5, text, ha="center", va="center", color="0.35")
+        save(figure, outputs)
+
+
+def styled() -> AbstractContextManager:
+    """The context in which figures are made and saved."""
+    return mpl.rc_context(RC)
+
+
+def save(figure: Figure, outputs: Path | Iterable[Path]) -> None:
+    """Write a figure as PNG or PDF by suffix, atomically; a path without either suffix means both.
+
+    Raises:
+        InputError: another suffix, or the file cannot be written.
+    """
+    listed = [outputs] if isinstance(outputs, str | Path) else list(outputs)
+    for output in map(Path, listed):
+        if output.suffix and output.suffix not in (".png", ".pdf"):
+            raise InputError(output, f"suffix {output.suffix!r}", "figures are .png or .pdf")
+        for path in [output] if output.suffix else [output.with_suffix(".png"), output.with_suffix(".pdf")]:
+            # Without its date a figure of the same numbers is the same file.
+            metadata = {"CreationDate": None} if path.suffix == ".pdf" else {"Software": None}
+            with atomic(path) as temporary:
+                figure.savefig(temporary, metadata=metadata)

@@ -1,0 +1,86 @@
+"""Metrics of many runs in long format, and their mean and spread over seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from expertaug.errors import InputError
+from expertaug.loglines import COLUMNS, read_rows
+
+SETS = {"train": "train", "validation": "validation (IID)", "test": "test (OOD)"}
+CONVENTIONS = {
+    "sum": "summed over the observed dimensions",
+    "dim": "averaged over the observed dimensions",
+}
+
+
+def read_metrics(paths: Sequence[str | Path]) -> pd.DataFrame:
+    """The rows of several metrics.csv in one table; columns as in the files.
+
+    Raises:
+        InputError: a file is missing or broken, or two files hold the same value.
+    """
+    if not paths:
+        raise InputError("metrics", "no file", "at least one metrics.csv")
+    parts = []
+    for path in paths:
+        part = pd.DataFrame(read_rows(path))[list(COLUMNS)]
+        parts.append(part.assign(seed=part["seed"].astype(int), value=part["value"].astype(float), file=str(path)))
+    table = pd.concat(parts, ignore_index=True)
+    same = table.duplicated(["experiment", "method", "preset", "seed", "set", "metric"])
+    if same.any():
+        row = table[same].iloc[0]
+        what = f"{row['metric']} of {row['label']}, seed {row['seed']}, on {row['set']} is there twice"
+        raise InputError(row["file"], what, "give each block of seeds once")
+    return table.drop(columns="file")
+
+
+def summarise(table: pd.DataFrame) -> pd.DataFrame:
+    """Mean and standard deviation (divided by n − 1) over the seeds with a finite value.
+
+    Returns:
+        one row per experiment, preset, method, set and metric, with mean, std (NaN for one seed), n (finite seeds) and
+        of (all seeds).
+    """
+    finite = table.assign(value=table["value"].where(np.isfinite(table["value"])))
+    keys = ["experiment", "system", "preset", "method", "label", "set", "metric"]
+    groups = finite.groupby(keys, sort=False)["value"]
+    return groups.agg(mean="mean", std="std", n="count", of="size").reset_index()
+
+
+def order_labels(labels: Iterable[str], wanted: Sequence[str] = ()) -> list[str]:
+    """Labels in the order of ``wanted``, then of appearance, each augmented one ("X+") behind its own "X"."""
+    known = list(dict.fromkeys(labels))
+    bases = list(dict.fromkeys(base_label(label) for label in (*wanted, *known)))
+    return [label for base in bases for label in (base, f"{base}+") if label in known]
+
+
+def order_sets(sets: Iterable[str]) -> list[str]:
+    """Train, validation, test, then others in order of appearance."""
+    known = list(dict.fromkeys(sets))
+    return [name for name in SETS if name in known] + [name for name in known if name not in SETS]
+
+
+def set_title(name: str, settings: Mapping) -> str:
+    """A set's name as it is printed; ``settings["set_titles"]`` may say otherwise (validation is not always IID)."""
+    return (settings.get("set_titles") or {}).get(name, SETS.get(name, name))
+
+
+def base_label(label: str) -> str:
+    """The label of the method before augmentation."""
+    return label.removesuffix("+")
+
+
+def log_mse_name(convention: str) -> str:
+    """Name of the log-MSE metric in a convention.
+
+    Raises:
+        InputError: there is no such convention.
+    """
+    if convention not in CONVENTIONS:
+        raise InputError("convention", f"{convention!r}", f"one of {', '.join(CONVENTIONS)}")
+    return f"log_mse_{convention}"

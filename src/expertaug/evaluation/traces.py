@@ -1,0 +1,200 @@
+"""Figures over time: forecasts against the truth, and the course of a training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from expertaug.errors import InputError
+from expertaug.evaluation import style
+from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.summary import order_labels, set_title
+from expertaug.loglines import Log, read_log
+
+TRUTH = "0.05"
+MOST_DIMENSIONS = 4
+CURVE_POINTS = 150
+# A forecast may run away; the axis shows the truth's range and this share of it on each side.
+ROOM = 0.5
+METRICS = {"loss": "training loss", "validation_score": "validation log-MSE"}
+
+
+def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+    """Draw the forecasts of several methods for the same samples: a row per state dimension, a column per sample.
+
+    Arguments:
+        forecasts: forecasts.npz by label; all of one experiment.
+        outputs: .png or .pdf files, or one path without suffix for both.
+        settings: all optional: ``labels`` (all labels of the configuration, in order), ``set`` (default "test"),
+            ``samples`` (positions among those kept; default the first three), ``dimensions`` (indices of the state;
+            default all, or four spread evenly), ``seed`` (default the first in the files), ``set_titles``.
+
+    Raises:
+        InputError: a file is broken, holds other samples than the first one, or lacks the set, the seed or a sample.
+    """
+    settings = dict(settings or {})
+    if not forecasts:
+        raise InputError("forecasts", "no file", "at least one forecasts.npz")
+    labels = order_labels(forecasts, settings.get("labels", ()))
+    found = {label: Forecasts.load(forecasts[label]) for label in labels}
+    first, name = found[labels[0]], settings.get("set", "test")
+    _check_same(forecasts, found, labels, name)
+    samples = settings.get("samples") or list(range(min(3, len(first.index[name]))))
+    if max(samples) >= len(first.index[name]):
+        raise InputError(forecasts[labels[0]], f"no sample {max(samples)}", f"it keeps {len(first.index[name])}")
+    seed = settings.get("seed", first.seeds[0])
+    size = first.truth[name].shape[-1]
+    spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
+    dimensions = settings.get("dimensions") or list(dict.fromkeys(spread.tolist()))
+    colours = style.colours(labels, settings.get("labels", ()))
+    with style.styled():
+        figure = style.new_figure(0.85 + 1.25 * len(dimensions), min(style.WIDTH, 2.2 + 2.0 * len(samples)))
+        grid = figure.subplots(len(dimensions), len(samples), squeeze=False, sharex=True, sharey="row")
+        for row, dimension in enumerate(dimensions):
+            for axis, sample in zip(grid[row], samples, strict=True):
+                axis.axvspan(first.t[0], first.t[first.observed], color="0.92", linewidth=0, zorder=0)
+                axis.plot(first.t, first.truth[name][sample, :, dimension], color=TRUTH, linewidth=1.9, zorder=2)
+                for label in labels:
+                    prediction = found[label].prediction[name][_seed_position(forecasts[label], found[label], seed)]
+                    line = {"color": colours[label], "linestyle": _dash(label), "zorder": 4 if label[-1] == "+" else 3}
+                    axis.plot(first.t, prediction[sample, :, dimension], linewidth=1.2, **line)
+                if row == 0:
+                    axis.set_title(_sample_title(first, name, sample), fontsize=7.5)
+                if row == len(dimensions) - 1:
+                    axis.set_xlabel("t [s]")
+            grid[row, 0].set_ylim(*_limits(grid[row], first.truth[name][samples][:, :, dimension]))
+            grid[row, 0].set_ylabel(_dimension_title(first, dimension, size))
+        grid[0, 0].set_xlim(first.t[0], first.t[-1])
+        figure.align_ylabels(grid[:, 0])
+        handles = [Line2D([], [], color=TRUTH, linewidth=1.9, label="truth")]
+        handles += [Line2D([], [], color=colours[x], linestyle=_dash(x), label=x) for x in labels]
+        handles.append(Patch(facecolor="0.92", label="observed window"))
+        style.legend(figure, handles)
+        figure.suptitle(f"forecasts on the {set_title(name, settings)} set, seed {seed}", fontsize=7.5, color="0.35")
+        style.save(figure, outputs)
+
+
+def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+    """Draw the course of trainings: mean over seeds as a line, all seeds as a band; a row per experiment.
+
+    Arguments:
+        logs: log.jsonl of every method and block of seeds.
+        outputs: as in :func:`forecasts`.
+        settings: all optional: ``labels``, ``metrics`` ({name in the log: title}; default the loss and the validation
+            score).
+
+    Raises:
+        InputError: a log is broken or holds none of the metrics.
+    """
+    settings = dict(settings or {})
+    metrics = settings.get("metrics") or METRICS
+    found: dict[str, dict[str, list[Log]]] = {}
+    for path in logs:
+        log = read_log(path)
+        found.setdefault(log.header["experiment"], {}).setdefault(log.header["label"], []).append(log)
+    known = {key for group in found.values() for logs in group.values() for log in logs for s in log.steps for key in s}
+    metrics = {key: title for key, title in metrics.items() if key in known}
+    if not metrics:
+        raise InputError("logs", "none of them has the metrics", f"trainings log {', '.join(METRICS)}")
+    labels = order_labels([label for group in found.values() for label in group], settings.get("labels", ()))
+    colours = style.colours(labels, settings.get("labels", ()))
+    with style.styled():
+        figure = style.new_figure(0.6 + 2.1 * len(found), style.WIDTH)
+        grid = figure.subplots(len(found), len(metrics), squeeze=False)
+        for row, (experiment, group) in enumerate(found.items()):
+            for axis, (metric, title) in zip(grid[row], metrics.items(), strict=True):
+                for label in labels:
+                    if label in group:
+                        _curve(axis, group[label], metric, colours[label], _dash(label))
+                _scale(axis)
+                axis.set(title=experiment.replace("_", " "), xlabel="step", ylabel=title)
+                axis.grid(axis="y")
+        handles = [Line2D([], [], color=colours[x], linestyle=_dash(x), label=x) for x in labels]
+        handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
+        style.legend(figure, handles)
+        style.save(figure, outputs)
+
+
+def _limits(axes: Sequence[Axes], truth: np.ndarray) -> tuple[float, float]:
+    """All curves, but not far beyond the truth where one runs away."""
+    drawn = np.concatenate([line.get_ydata() for axis in axes for line in axis.lines])
+    drawn = drawn[np.isfinite(drawn)]
+    room = ROOM * (np.ptp(truth) or 1.0)
+    low, high = max(drawn.min(), truth.min() - room), min(drawn.max(), truth.max() + room)
+    return low - 0.06 * (high - low), high + 0.06 * (high - low)
+
+
+def _curve(axis: Axes, logs: Sequence[Log], metric: str, colour: tuple, dash: object) -> None:
+    """Blocks of one method side by side; a long course is averaged in bins."""
+    by_step: dict[int, list[float]] = {}
+    for log in logs:
+        for line in log.steps:
+            if metric in line:
+                values = line[metric] if isinstance(line[metric], list) else [line[metric]]
+                by_step.setdefault(line["step"], []).extend(map(float, values))
+    widest = max(map(len, by_step.values()), default=0)
+    steps = np.array(sorted(step for step, values in by_step.items() if len(values) == widest))
+    if not len(steps):
+        return
+    values = np.array([by_step[step] for step in steps])
+    values[~np.isfinite(values)] = np.nan
+    size = -(-len(steps) // CURVE_POINTS)
+    edges = np.arange(0, len(steps), size)
+    counts = np.diff(np.append(edges, len(steps)))
+    steps = np.add.reduceat(steps, edges) / counts
+    values = np.add.reduceat(values, edges) / counts[:, None]
+    if widest > 1:
+        axis.fill_between(steps, values.min(1), values.max(1), color=colour, alpha=0.25, linewidth=0)
+    axis.plot(steps, values.mean(1), color=colour, linestyle=dash, linewidth=1.3)
+
+
+def _scale(axis: Axes) -> None:
+    """A logarithmic axis where all values are positive and span more than a factor of 30."""
+    values = np.concatenate([line.get_ydata() for line in axis.lines] or [np.array([])])
+    values = values[np.isfinite(values)]
+    if len(values) and values.min() > 0 and values.max() / values.min() > 30:
+        axis.set_yscale("log")
+
+
+def _check_same(paths: Mapping[str, Path], found: Mapping[str, Forecasts], labels: Sequence[str], name: str) -> None:
+    first = found[labels[0]]
+    for label in labels:
+        data = found[label]
+        if name not in data.truth:
+            raise InputError(paths[label], f"no set {name!r}", f"it has {', '.join(data.truth)}")
+        same = data.truth[name].shape == first.truth[name].shape and np.array_equal(data.index[name], first.index[name])
+        if not same:
+            raise InputError(paths[label], f"other samples than {paths[labels[0]]}", "evaluate both on the same data")
+
+
+def _seed_position(path: Path, data: Forecasts, seed: int) -> int:
+    if seed not in data.seeds:
+        raise InputError(path, f"no seed {seed}", f"it has {', '.join(map(str, data.seeds))}")
+    return data.seeds.index(seed)
+
+
+def _dash(label: str) -> object:
+    """Augmented methods solid, others dashed: told apart where they lie on each other."""
+    return "-" if label.endswith("+") else (0, (3.5, 1.6))
+
+
+def _sample_title(data: Forecasts, name: str, sample: int) -> str:
+    values = data.truths[name][data.index[name][sample]]
+    texts = [
+        f"{style.symbol(parameter)} = {value:.3g} {unit}".strip()
+        for parameter, unit, value in zip(data.parameter_names, data.parameter_units, values, strict=True)
+    ]
+    return ", ".join(texts[:2]).replace("-", "−")
+
+
+def _dimension_title(data: Forecasts, dimension: int, size: int) -> str:
+    """Name and unit of a flattened state dimension; fields have fewer names than dimensions."""
+    each = size // len(data.state_names)
+    place, inside = divmod(dimension, each)
+    title = style.quantity(data.state_names[place], data.state_units[place])
+    return title if each == 1 else f"{title}, point {inside}"

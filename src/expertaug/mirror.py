@@ -1,0 +1,211 @@
+"""The mirror of a run log in an MLflow store: one run per seed below a parent run per method."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from expertaug.tracking import connect, locked
+
+logger = logging.getLogger(__name__)
+
+# MLflow's own limits (mlflow.utils.validation, 3.17).
+METRICS_PER_BATCH = 1000
+PARAMS_PER_BATCH = 100
+KEY_LENGTH = 250
+PARAM_LENGTH = 6000
+TAG_LENGTH = 8000
+DIGEST_LENGTH = 36
+
+
+class Mirror:
+    """The MLflow runs of one run log.
+
+    Every method may raise whatever mlflow raises; the caller decides what a failure costs.
+
+    Arguments:
+        uri, experiment: of the tracking store.
+        header: first line of the run log.
+        folder: of the run log; its paths are relative to it.
+        runs: run ids by seed, as an earlier process stored them. A run is found again by its id, else by the log's own
+            key (a rebuilt store has other ids), else made.
+    """
+
+    def __init__(
+        self, uri: str, experiment: str, header: Mapping[str, Any], folder: Path, runs: Mapping[str, str] | None
+    ) -> None:
+        self._client, self._experiment_id = connect(uri, experiment)
+        self._header, self._folder = header, folder
+        self._seeds: list[Any] = list(header["seeds"]) or [None]
+        self._stored: dict[str, dict[str, set[int]]] = {}
+        self._datasets: set[tuple[str, str]] = set()
+        with locked(uri):  # two jobs of one method must not make two parents
+            self.parent = self._find_parent()
+        self.runs = {str(seed): self._open(seed, (runs or {}).get(str(seed))) for seed in self._seeds}
+
+    def write(self, lines: Iterable[Mapping[str, Any]]) -> None:
+        """Store what the lines of a run log say; steps and datasets that the store has already are left out."""
+        steps = []
+        for line in lines:
+            event = line.get("event")
+            if event is None:
+                steps.append(line)
+            elif event == "dataset":
+                self._log_dataset(line)
+            elif event == "artifact":
+                self._log_artifact(line)
+            elif event == "end":
+                self._log_metrics(steps)
+                steps = []
+                for run in self.runs.values():
+                    self._client.set_terminated(run, line["status"], end_time=_milliseconds(line["time"]))
+                self._end_parent(_milliseconds(line["time"]))
+        self._log_metrics(steps)
+
+    def abandon(self, runs: Mapping[str, str]) -> None:
+        """Mark runs as killed that a training left open and that nobody will resume."""
+        for run in runs.values():
+            try:
+                if self._client.get_run(run).info.status == "RUNNING":
+                    self._client.set_terminated(run, "KILLED")
+            except Exception as error:
+                if getattr(error, "error_code", "") != "RESOURCE_DOES_NOT_EXIST":
+                    raise
+
+    def _log_metrics(self, lines: list[Mapping[str, Any]]) -> None:
+        from mlflow.entities import Metric
+
+        for position, (seed, run) in enumerate(self.runs.items()):
+            stored = self._stored.get(seed, {})
+            metrics = []
+            for line in lines:
+                for name, values in line.items():
+                    key = _key(name)
+                    if name in ("step", "time") or line["step"] in stored.get(key, ()):
+                        continue
+                    value = values[position] if isinstance(values, list) else values
+                    metrics.append(Metric(key, float(value), _milliseconds(line["time"]), line["step"]))
+            for start in range(0, len(metrics), METRICS_PER_BATCH):
+                self._client.log_batch(run, metrics=metrics[start : start + METRICS_PER_BATCH])
+
+    def _log_dataset(self, line: Mapping[str, Any]) -> None:
+        from mlflow.entities import Dataset, DatasetInput, InputTag
+
+        digest = line["sha256"][:DIGEST_LENGTH]
+        if (line["name"], digest) in self._datasets:
+            return
+        self._datasets.add((line["name"], digest))
+        source = json.dumps({"uri": os.path.normpath(self._folder / line["path"])})
+        dataset = Dataset(line["name"], digest, source_type="local", source=source)
+        for run in self.runs.values():
+            self._client.log_inputs(run, [DatasetInput(dataset, [InputTag("mlflow.data.context", line["name"])])])
+
+    def _log_artifact(self, line: Mapping[str, Any]) -> None:
+        path = self._folder / line["path"]
+        if not path.is_file():  # a log may outlive the file; the run is no worse for it
+            logger.warning("%s: no such file, so it is no artifact of its run", path)
+            return
+        for run in self.runs.values():
+            self._client.log_artifact(run, str(path))
+
+    def _end_parent(self, end: int) -> None:
+        if (self._client.get_run(self.parent).info.end_time or 0) < end:
+            self._client.set_terminated(self.parent, "FINISHED", end_time=end)
+
+    def _find_parent(self) -> str:
+        header = self._header
+        fields = {name: str(header[name]) for name in ("experiment", "method", "label", "system", "preset")}
+        names = [fields[name] for name in ("experiment", "label", "preset")]
+        key = hashlib.sha256(json.dumps(names).encode()).hexdigest()[:32]
+        found = self._client.search_runs(
+            [self._experiment_id], f"tags.parent_key = '{key}'", order_by=["attributes.start_time ASC"], max_results=1
+        )
+        if found:
+            return found[0].info.run_id
+        return self._create(f"{fields['experiment']}/{fields['label']}", fields | {"parent_key": key})
+
+    def _open(self, seed: Any, run_id: str | None) -> str:
+        run = self._get(run_id) or self._search(seed)
+        if run is None:
+            header = self._header
+            name = f"{header['experiment']}/{header['label']}/" + (header["stage"] if seed is None else f"seed{seed}")
+            fields = ("experiment", "method", "label", "system", "preset", "stage")
+            tags = {name: str(header[name]) for name in fields} | dict(header["tags"])
+            if seed is not None:
+                tags["seed"] = str(seed)
+            if "git_revision" in tags:
+                tags["mlflow.source.git.commit"] = tags["git_revision"].removesuffix("-dirty")
+            tags |= {"mlflow.source.type": "LOCAL", "mlflow.source.name": f"expertaug {header['stage']}"}
+            tags |= {"mlflow.parentRunId": self.parent, "log_key": self._log_key(seed)}
+            run = self._client.get_run(self._create(name, tags))
+        elif run.info.status != "RUNNING":
+            self._client.update_run(run.info.run_id, status="RUNNING")
+        run_id = run.info.run_id
+        self._log_params(run_id, seed, run.data.params)
+        self._stored[str(seed)] = {
+            key: {metric.step for metric in self._client.get_metric_history(run_id, key)} for key in run.data.metrics
+        }
+        if run.inputs is not None and seed == self._seeds[-1]:
+            self._datasets = {(i.dataset.name, i.dataset.digest) for i in run.inputs.dataset_inputs}
+        return run_id
+
+    def _log_params(self, run_id: str, seed: Any, stored: Mapping[str, str]) -> None:
+        from mlflow.entities import Param
+
+        flat = flatten(self._header["params"])
+        if seed is not None:
+            flat["seed"] = str(seed)
+        params = [Param(key, value) for key, value in flat.items() if key not in stored]
+        for start in range(0, len(params), PARAMS_PER_BATCH):
+            self._client.log_batch(run_id, params=params[start : start + PARAMS_PER_BATCH])
+
+    def _get(self, run_id: str | None) -> Any:
+        if run_id is None:
+            return None
+        try:
+            return self._client.get_run(run_id)
+        except Exception as error:
+            if getattr(error, "error_code", "") == "RESOURCE_DOES_NOT_EXIST":
+                return None
+            raise
+
+    def _search(self, seed: Any) -> Any:
+        found = self._client.search_runs(
+            [self._experiment_id], f"tags.log_key = '{self._log_key(seed)}'", max_results=1
+        )
+        return found[0] if found else None
+
+    def _log_key(self, seed: Any) -> str:
+        return f"{self._header['id']}/{seed}"
+
+    def _create(self, name: str, tags: Mapping[str, str]) -> str:
+        cut = {_key(key): str(value)[:TAG_LENGTH] for key, value in tags.items()}
+        start = _milliseconds(self._header["time"])
+        return self._client.create_run(self._experiment_id, start_time=start, tags=cut, run_name=name).info.run_id
+
+
+def flatten(params: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Nested settings as MLflow params: keys joined by dots, values as text cut at MLflow's limit."""
+    flat: dict[str, str] = {}
+    for key, value in params.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping) and value:
+            flat |= flatten(value, f"{name}.")
+        else:
+            text = value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
+            flat[_key(name)] = text[:PARAM_LENGTH]
+    return flat
+
+
+def _key(name: str) -> str:
+    return re.sub(r"[^\w\-. :/]", "_", name)[:KEY_LENGTH]
+
+
+def _milliseconds(seconds: float) -> int:
+    return round(seconds * 1000)

@@ -1,0 +1,93 @@
+"""Making the tracking store again from the run logs."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from expertaug import tracking
+from expertaug.errors import InputError
+from expertaug.loglines import Log, log_of_table, read_log
+from expertaug.mirror import Mirror
+
+
+def rebuild(results: Path, uri: str, experiment: str) -> int:
+    """Make the tracking store again from every run log below ``results``, and from each metrics.csv that has none.
+
+    A sqlite store that exists is moved, with its artifacts, into the folder ``previous`` beside it (which replaces what
+    an earlier rebuild left there); on a server only what it lacks is added. Runs get new ids.
+
+    Returns:
+        the number of logs and tables that were stored.
+
+    Raises:
+        InputError: a log cannot be read or the store cannot be used; the old store is then back in its place.
+    """
+    database = tracking.database(uri)
+    logs = sorted(_find_logs(Path(results), database), key=lambda found: found[1].header["time"])
+    moved = _move_aside(database) if database is not None else []
+    try:
+        tracking.connect(uri, experiment, prepare=True)
+        for folder, log in logs:
+            Mirror(uri, experiment, log.header, folder, None).write(log.lines)
+    except Exception as error:
+        if moved:
+            _move_back(database, moved)
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            uri, f"the tracking store cannot be made ({tracking.brief(error)})", "check tracking.uri"
+        ) from error
+    return len(logs)
+
+
+def _find_logs(results: Path, database: Path | None) -> Iterator[tuple[Path, Log]]:
+    evaluated = set()
+    for path in _find(results, "*.jsonl", database):
+        log = read_log(path)
+        if log.header["stage"] == "evaluate":
+            evaluated.add(path.parent)
+        yield path.parent, log
+    for path in _find(results, "metrics.csv", database):
+        if path.parent not in evaluated:
+            yield path.parent, log_of_table(path)
+
+
+def _find(results: Path, pattern: str, database: Path | None) -> list[Path]:
+    """Files below ``results`` but for work in progress (hidden folders), published copies and the store itself."""
+    store = None if database is None else database.parent.resolve()
+    found = []
+    for path in sorted(results.rglob(pattern)):
+        parts = path.relative_to(results).parts
+        hidden = parts[0] == "published" or any(part.startswith(".") for part in parts)
+        if not hidden and store not in path.resolve().parents:
+            found.append(path)
+    return found
+
+
+def _parts(database: Path) -> list[Path]:
+    """Everything that makes up a store; a write-ahead log must never meet another database than its own."""
+    names = [f"{database.name}{end}" for end in ("", "-wal", "-shm")]
+    return [path for path in (database.with_name(name) for name in (*names, "artifacts")) if path.exists()]
+
+
+def _move_aside(database: Path) -> list[Path]:
+    moved = _parts(database)
+    previous = database.parent / "previous"
+    if moved:
+        shutil.rmtree(previous, ignore_errors=True)
+        previous.mkdir()
+        for path in moved:
+            path.replace(previous / path.name)
+    return moved
+
+
+def _move_back(database: Path, moved: list[Path]) -> None:
+    for path in _parts(database):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+    for path in moved:
+        (database.parent / "previous" / path.name).replace(path)

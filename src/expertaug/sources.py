@@ -1,0 +1,118 @@
+"""Which files of this package a stage is made of, so that the workflow redoes it when one of them changes.
+
+Files are found by following the import statements, without importing anything: the workflow asks for every rule
+whenever it starts.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+from expertaug.errors import InputError
+
+PACKAGE = Path(__file__).resolve().parent
+
+# Stage → the module whose public function does its work.
+STAGES = {
+    "init_tracking": "expertaug.tracking",
+    "render_video": "expertaug.recordings.render",
+    "extract_frames": "expertaug.recordings.frames",
+    "track_markers": "expertaug.recordings.markers",
+    "unpack_markers": "expertaug.recordings.archive",
+    "import_markers": "expertaug.recordings.archive",
+    "measure_angles": "expertaug.recordings.angles",
+    "summarise_recordings": "expertaug.recordings.summary",
+    "split_chunks": "expertaug.recordings.chunks",
+    "plot_splits": "expertaug.recordings.figures",
+    "calibrate": "expertaug.recordings.calibration",
+    "simulate": "expertaug.systems.simulate",
+    "train": "expertaug.learning.train",
+    "augment": "expertaug.learning.augment",
+    "finetune": "expertaug.learning.finetune",
+    "evaluate": "expertaug.evaluation.evaluate",
+    "tabulate": "expertaug.evaluation.tables",
+    "plot": "expertaug.evaluation.plot",
+}
+
+# Mirroring to the tracking store changes no result; neither does translating the command line.
+WITHOUT_EFFECT = {"expertaug.cli", "expertaug.mirror", "expertaug.tracking", "expertaug.rebuild"}
+
+
+def sources(stage: str, extra: Iterable[str] = ()) -> list[str]:
+    """Source files of a stage, relative to the working directory, sorted.
+
+    Arguments:
+        stage: a key of :data:`STAGES`.
+        extra: modules that the configuration names: ``package.module`` or ``package.module:Class``.
+
+    Raises:
+        InputError: a module does not exist.
+    """
+    ignored = WITHOUT_EFFECT - {STAGES[stage]}
+    files = set(_reachable(STAGES[stage], frozenset(ignored)))
+    for name in extra:
+        files |= _reachable(name.partition(":")[0], frozenset(ignored))
+    return sorted(os.path.relpath(file) for file in files)
+
+
+def modules(package: str) -> list[str]:
+    """Names of the modules directly in a package of ``expertaug``."""
+    folder = PACKAGE.joinpath(*package.split(".")[1:])
+    return sorted(path.stem for path in folder.glob("*.py") if path.stem != "__init__")
+
+
+@cache
+def _reachable(name: str, ignored: frozenset[str]) -> frozenset[Path]:
+    """Files of a module and of everything of this package that it imports, also inside functions."""
+    if not name.startswith("expertaug."):
+        return frozenset([find(name, name)])
+    todo, found = [name], {}
+    while todo:
+        module = todo.pop()
+        path = _path(module)
+        if module in found or module in ignored or path is None:
+            continue
+        found[module] = path
+        todo += _imported(path)
+        todo.append(module.rpartition(".")[0])
+    if name not in found:
+        raise InputError(name, "no such module of expertaug", "correct the name")
+    return frozenset(found.values())
+
+
+def _path(module: str) -> Path | None:
+    base = PACKAGE.parent.joinpath(*module.split("."))
+    return next((p for p in (base.with_suffix(".py"), base / "__init__.py") if module and p.is_file()), None)
+
+
+def find(where: str, name: str) -> Path:
+    """File of the module that a configuration names as ``package.module`` or ``package.module:Class``.
+
+    Raises:
+        InputError: there is no such module.
+    """
+    module = name.partition(":")[0]
+    try:
+        found = importlib.util.find_spec(module)
+    except (ImportError, ValueError):
+        found = None
+    if found is None or not found.origin:
+        raise InputError(where, f"no module '{module}'", "name a module that Python finds: is its package installed?")
+    return Path(found.origin)
+
+
+@cache
+def _imported(path: Path) -> tuple[str, ...]:
+    """Modules of this package that a file names in import statements."""
+    names = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return tuple(name for name in names if name.split(".")[0] == "expertaug")

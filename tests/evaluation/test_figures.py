@@ -1,0 +1,207 @@
+"""Figures: what is drawn, that nothing is cut off, and that bad input is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from fake_runs import LABELS, write_double_forecasts, write_forecasts, write_logs, write_metrics
+from matplotlib.image import imread
+
+from expertaug.errors import InputError
+from expertaug.evaluation import figures, style, traces
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The last figure that was saved."""
+    kept = []
+    save = style.save
+    monkeypatch.setattr(style, "save", lambda figure, outputs: (kept.append(figure), save(figure, outputs)))
+    return kept
+
+
+def assert_nothing_is_cut(figure):
+    """All texts and legends lie inside the page, and the legend touches no panel."""
+    with style.styled():
+        figure.draw_without_rendering()
+        renderer = figure.canvas.get_renderer()
+        page = figure.bbox
+        inside = [axis.get_tightbbox(renderer) for axis in figure.axes if axis.axison]
+        parts = [*figure.legends, *figure.texts]
+        boxes = [*inside, *(part.get_window_extent(renderer) for part in parts)]
+    for box in boxes:
+        assert box.x0 >= page.x0 - 1
+        assert box.x1 <= page.x1 + 1
+        assert box.y0 >= page.y0 - 1
+        assert box.y1 <= page.y1 + 1
+    for legend in figure.legends:
+        assert not any(legend.get_window_extent(renderer).overlaps(box) for box in inside)
+
+
+def test_bars_have_the_means_as_heights(tmp_path, drawn):
+    metrics = write_metrics(tmp_path)
+    figures.bars(metrics, tmp_path / "bars", {"labels": list(LABELS)})
+    table = pd.concat(map(pd.read_csv, metrics)).query("metric == 'log_mse_sum'")
+    heights = sorted(bar.get_height() for bar in drawn[-1].axes[0].patches)
+    assert heights == pytest.approx(sorted(table.groupby(["label", "set"])["value"].mean()))
+    errors = table.groupby(["label", "set"])["value"].std()
+    drawn_errors = [np.ptp(c.get_segments()[0][:, 1]) / 2 for c in drawn[-1].axes[0].collections]
+    assert sorted(drawn_errors) == pytest.approx(sorted(errors))
+    assert (tmp_path / "bars.pdf").read_bytes().startswith(b"%PDF")
+    assert imread(tmp_path / "bars.png").std() > 0.1
+    assert_nothing_is_cut(drawn[-1])
+
+
+@pytest.mark.parametrize("seeds", [(0,), (0, 1, 2)])
+def test_several_experiments_and_long_labels_fit(tmp_path, drawn, monkeypatch, seeds):
+    from fake_runs import SWING
+
+    name = "Expert only (equal point masses)"
+    monkeypatch.setitem(SWING, name, SWING["Expert only"])
+    monkeypatch.setitem(SWING, "Other+", SWING["Hybrid+"])
+    labels = [*LABELS, name, "Other+"]
+    metrics = write_metrics(tmp_path, labels=labels, seeds=seeds)
+    for number, paths in enumerate((metrics, metrics + write_metrics(tmp_path, "double_swing", seeds, labels))):
+        figures.bars(paths, [tmp_path / f"{number}.png"])
+        assert_nothing_is_cut(drawn[-1])
+        figures.parameter_errors(paths, [tmp_path / f"{number}.png"])
+        assert_nothing_is_cut(drawn[-1])
+    assert [axis.get_title() for axis in drawn[-1].axes][:2] == [r"swing: $\omega_{0}$", r"double swing: $\omega_{1}$"]
+
+
+def test_bars_of_a_method_without_finite_values(tmp_path, drawn):
+    metrics = write_metrics(tmp_path)
+    table = pd.read_csv(metrics[0])
+    table["value"] = np.inf
+    table.to_csv(metrics[0], index=False)
+    figures.bars(metrics, [tmp_path / "bars.png"])
+    assert sum(text.get_text() == "not finite" for text in drawn[-1].axes[0].texts) == 3
+    assert_nothing_is_cut(drawn[-1])
+
+
+def test_same_numbers_make_the_same_files(tmp_path):
+    metrics = write_metrics(tmp_path)
+    for name in ("a", "b"):
+        figures.bars(metrics, tmp_path / name)
+    for suffix in (".png", ".pdf"):
+        assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
+
+
+def test_colours_are_fixed_by_the_configuration():
+    order = ["Mean", "Expert only", "Hybrid"]
+    assert style.colours(["Hybrid"], order)["Hybrid"] == style.colours(["Mean", "Hybrid"], order)["Hybrid"]
+    pair = style.colours(["Hybrid", "Hybrid+"], order)
+    assert sum(pair["Hybrid"]) > sum(pair["Hybrid+"]) + 0.5
+
+
+def test_symbols():
+    assert style.symbol("omega0") == r"$\omega_{0}$"
+    assert style.symbol("theta") == r"$\theta$"
+    assert style.symbol("L") == "$L$"
+    assert style.symbol("spring_rate") == "spring rate"
+    assert style.quantity("k", "") == "$k$"
+
+
+def test_forecasts(tmp_path, drawn):
+    paths = write_forecasts(tmp_path)
+    traces.forecasts(paths, [tmp_path / "f.png"], {"seed": 1, "labels": list(LABELS)})
+    panels = drawn[-1].axes
+    assert len(panels) == 6
+    assert [panels[0].get_ylabel(), panels[3].get_ylabel()] == [r"$\theta$ [rad]", r"$\omega$ [rad/s]"]
+    with np.load(paths["Hybrid+"]) as data:
+        np.testing.assert_array_equal(panels[4].lines[0].get_ydata(), data["test_truth"][1, :, 1])
+        np.testing.assert_array_equal(panels[4].lines[-1].get_ydata(), data["test_prediction"][1, 1, :, 1])
+    window = panels[0].patches[0]
+    assert (window.get_x(), window.get_width()) == (0.0, 5.0)
+    assert_nothing_is_cut(drawn[-1])
+
+
+def test_forecasts_of_four_dimensions(tmp_path, drawn):
+    paths = write_double_forecasts(tmp_path)
+    traces.forecasts(paths, [tmp_path / "f.png"], {"set": "validation", "samples": [0, 2]})
+    assert len(drawn[-1].axes) == 8
+    assert_nothing_is_cut(drawn[-1])
+
+
+def test_a_runaway_forecast_leaves_the_truth_visible(tmp_path, drawn):
+    paths = write_forecasts(tmp_path, labels=("Hybrid",))
+    arrays = dict(np.load(paths["Hybrid"]))
+    arrays["test_prediction"][..., -1, :] = 1e6
+    np.savez(paths["Hybrid"], **arrays)
+    traces.forecasts(paths, [tmp_path / "f.png"])
+    assert drawn[-1].axes[0].get_ylim()[1] < 4
+
+
+@pytest.mark.parametrize("write", [write_forecasts, write_double_forecasts])
+def test_parameters(tmp_path, drawn, write):
+    paths = write(tmp_path)
+    ranges = {"omega0": [1.5, 3.1], "omega1": [-20, 20], "omega2": [-40, 40]}
+    figures.parameters(paths, [tmp_path / "p.png"], {"training_range": ranges, "prior": {"omega0": [0.5, 3.5]}})
+    panels = drawn[-1].axes
+    estimating = [label for label in LABELS if label in paths and label not in ("Mean", "ML only")]
+    assert [axis.get_title() for axis in panels[: len(estimating)]] == estimating
+    patch = panels[0].patches[0]
+    low, high = ranges["omega0" if write is write_forecasts else "omega1"]
+    assert (patch.get_x(), patch.get_width()) == pytest.approx((low, high - low))
+    with np.load(paths["Hybrid"]) as data:
+        names = data["parameter_names"]
+        count = sum(len(c.get_offsets()) for c in panels[1].collections)
+        assert count == 2 * len(data["seeds"]) * min(len(data["test_z_e"]), figures.POINTS)
+    assert len(panels) == len(names) * len(estimating)
+    assert_nothing_is_cut(drawn[-1])
+
+
+def test_methods_without_parameters_get_a_note(tmp_path, drawn):
+    figures.parameters({"Mean": write_forecasts(tmp_path)["Mean"]}, [tmp_path / "a.png"])
+    figures.parameter_errors(write_metrics(tmp_path, labels=("Mean", "ML only")), [tmp_path / "b.png"])
+    assert [figure.texts[0].get_text() for figure in drawn] == ["no method estimates parameters"] * 2
+    assert (tmp_path / "a.png").is_file()
+    assert (tmp_path / "b.png").is_file()
+
+
+def test_estimates_outside_are_counted(tmp_path, drawn):
+    paths = write_forecasts(tmp_path, labels=("Hybrid",))
+    arrays = dict(np.load(paths["Hybrid"]))
+    arrays["test_z_e_hat"][:] = 50
+    np.savez(paths["Hybrid"], **arrays)
+    figures.parameters(paths, [tmp_path / "p.png"])
+    assert [text.get_text() for text in drawn[-1].axes[0].texts] == ["50 % outside"]
+
+
+def test_curves(tmp_path, drawn):
+    logs = write_logs(tmp_path, steps=40) + write_logs(tmp_path, "double_swing", steps=1000)
+    traces.curves(logs, [tmp_path / "c.png"], {"labels": list(LABELS)})
+    loss, score, long_loss, _ = drawn[-1].axes
+    assert len(loss.lines) == 3
+    assert list(loss.lines[0].get_xdata()) == list(range(1, 41))
+    assert list(score.lines[0].get_xdata()) == [10, 20, 30, 40]
+    assert len(long_loss.lines[0].get_xdata()) <= traces.CURVE_POINTS
+    assert long_loss.get_yscale() == "log"
+    assert_nothing_is_cut(drawn[-1])
+
+
+def test_bad_input(tmp_path):
+    metrics, paths = write_metrics(tmp_path / "m"), write_forecasts(tmp_path / "f")
+    output = tmp_path / "x.png"
+    with pytest.raises(InputError, match=r"suffix '\.svg'"):
+        figures.bars(metrics, [tmp_path / "x.svg"])
+    with pytest.raises(InputError, match="no log_mse_sum on held_out"):
+        figures.bars(metrics, output, {"sets": ["held_out"]})
+    with pytest.raises(InputError, match="no seed 9; it has 0, 1"):
+        traces.forecasts(paths, output, {"seed": 9})
+    with pytest.raises(InputError, match="no set 'held_out'"):
+        traces.forecasts(paths, output, {"set": "held_out"})
+    with pytest.raises(InputError, match="no sample 5"):
+        traces.forecasts(paths, output, {"samples": [5]})
+    with pytest.raises(InputError, match="other samples"):
+        traces.forecasts(paths | {"Other": write_forecasts(tmp_path / "g", count=50)["Hybrid"]}, output)
+    (tmp_path / "torn.npz").write_bytes(paths["Mean"].read_bytes()[:500])
+    with pytest.raises(InputError, match="not a forecast file"):
+        traces.forecasts({"Torn": tmp_path / "torn.npz"}, output)
+    np.savez(tmp_path / "short.npz", t=np.arange(3))
+    with pytest.raises(InputError, match="no array 'observed'"):
+        traces.forecasts({"Short": tmp_path / "short.npz"}, output)
+    with pytest.raises(InputError, match="none of them has the metrics"):
+        traces.curves(write_logs(tmp_path / "l", steps=2), output, {"metrics": {"speed": "speed"}})
+    assert not output.exists()

@@ -1,0 +1,151 @@
+"""Tables of metrics against values computed by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from fake_runs import LABELS, write_metrics
+
+from expertaug.errors import InputError
+from expertaug.evaluation.summary import order_labels, read_metrics
+from expertaug.evaluation.tables import tabulate
+
+HEAD = "experiment,system,method,label,preset,seed,set,metric,value\n"
+
+
+def write(path, rows):
+    path.write_text(HEAD + "".join(f"swing,pendulum,{method},{label},{rest}\n" for method, label, rest in rows))
+    return path
+
+
+@pytest.fixture
+def three_seeds(tmp_path):
+    rows = [("a", "A", f"paper,{seed},test,log_mse_sum,{value}") for seed, value in enumerate((-1.0, -2.0, -4.5))]
+    rows += [("a", "A", f"paper,{seed},test,relative_error,{value}") for seed, value in enumerate((5, 7, 9))]
+    rows += [("a+", "A+", f"paper,{seed},test,log_mse_sum,{-3 - seed}") for seed in range(3)]
+    return [write(tmp_path / "metrics.csv", rows)]
+
+
+def test_mean_and_deviation_over_seeds(tmp_path, three_seeds):
+    tabulate(three_seeds, [tmp_path / "t.csv", tmp_path / "t_long.csv"])
+    wide = pd.read_csv(tmp_path / "t.csv").set_index("label")
+    assert wide.loc["A", "test/log_mse_sum/mean"] == pytest.approx(-2.5, abs=1e-15)
+    assert wide.loc["A", "test/log_mse_sum/std"] == pytest.approx(math.sqrt(3.25), abs=1e-15)
+    assert wide.loc["A", "test/log_mse_sum/n"] == 3
+    assert math.isnan(wide.loc["A+", "test/relative_error/mean"])
+    long = pd.read_csv(tmp_path / "t_long.csv")
+    row = long[(long["label"] == "A") & (long["metric"] == "relative_error")].iloc[0]
+    assert (row["mean"], row["std"], row["n"], row["seeds"]) == (7.0, 2.0, 3, "0 1 2")
+
+
+def test_csv_has_full_precision(tmp_path):
+    value = 1 / 3
+    path = write(tmp_path / "metrics.csv", [("a", "A", f"paper,0,test,log_mse_sum,{value!r}")])
+    tabulate([path], [tmp_path / "t.csv"])
+    assert pd.read_csv(tmp_path / "t.csv", float_precision="round_trip")["test/log_mse_sum/mean"][0] == value
+
+
+def test_markdown(tmp_path, three_seeds):
+    tabulate(three_seeds, [tmp_path / "t.md"], {"from_s": None})
+    text = (tmp_path / "t.md").read_text()
+    assert "Preset: paper." in text
+    assert "over 3 seeds" in text
+    assert "convention: sum" in text
+    assert "(t1, t2]" in text
+    assert "| A | 3 | −2.50 ± 1.80 | 7.0 ± 2.0 |" in text
+    assert "| A+ | 3 | **−4.00 ± 1.00** | – |" in text
+
+
+def test_latex(tmp_path, three_seeds):
+    tabulate(three_seeds, [tmp_path / "t.tex"])
+    text = (tmp_path / "t.tex").read_text()
+    assert r"A & 3 & $-2.50 \pm 1.80$ & $7.0 \pm 2.0$ \\" in text
+    assert r"A+ & 3 & $\mathbf{-4.00 \pm 1.00}$ & -- \\" in text
+    assert r"\cmidrule(lr){3-4}" in text
+    assert r"error [\%]" in text
+    assert text.count("{") == text.count("}")
+    assert text.isascii()
+
+
+def test_one_seed_has_no_deviation(tmp_path):
+    metrics = write_metrics(tmp_path, seeds=(4,))
+    tabulate(metrics, [tmp_path / "t.md", tmp_path / "t.csv", tmp_path / "t.tex"])
+    text = (tmp_path / "t.md").read_text()
+    assert "over 1 seed per method" in text
+    assert "± –" in text
+    assert "nan" not in text + (tmp_path / "t.tex").read_text()
+    assert pd.read_csv(tmp_path / "t.csv")["test/log_mse_sum/std"].isna().all()
+
+
+def test_blocks_of_seeds_are_joined(tmp_path):
+    metrics = write_metrics(tmp_path, seeds=(0, 1)) + write_metrics(tmp_path, seeds=(2, 3))
+    tabulate(metrics, [tmp_path / "t.csv"])
+    assert set(pd.read_csv(tmp_path / "t.csv")["test/log_mse_sum/n"]) == {4}
+
+
+def test_seed_that_is_not_finite_is_counted_out(tmp_path):
+    rows = [("a", "A", f"paper,{seed},test,log_mse_sum,{value}") for seed, value in enumerate((-1, -3, "inf"))]
+    path = write(tmp_path / "metrics.csv", rows)
+    tabulate([path], [tmp_path / "t.md"])
+    assert "−2.00 ± 1.41 (2/3)" in (tmp_path / "t.md").read_text()
+
+
+def test_two_presets_do_not_mix(tmp_path):
+    paths = [
+        write(tmp_path / f"{preset}.csv", [("a", "A", f"{preset},0,test,log_mse_sum,{value}")])
+        for preset, value in {"paper": 1, "corrected": 3}.items()
+    ]
+    tabulate(paths, [tmp_path / "t.csv"])
+    table = pd.read_csv(tmp_path / "t.csv").set_index("label")["test/log_mse_sum/mean"]
+    assert table.to_dict() == {"A (paper)": 1, "A (corrected)": 3}
+
+
+def test_rows_and_columns_are_in_order(tmp_path):
+    metrics = write_metrics(tmp_path, labels=LABELS[::-1])
+    tabulate(metrics, [tmp_path / "t_long.csv"], {"labels": list(LABELS)})
+    long = pd.read_csv(tmp_path / "t_long.csv")
+    assert list(dict.fromkeys(long["label"])) == list(LABELS)
+    assert list(dict.fromkeys(long["set"])) == ["train", "validation", "test"]
+    assert order_labels(["B", "A+", "C", "A"], ["A"]) == ["A", "A+", "B", "C"]
+
+
+def test_dim_convention_and_own_titles(tmp_path):
+    metrics = write_metrics(tmp_path)
+    tabulate(metrics, [tmp_path / "t.md"], {"convention": "dim", "set_titles": {"validation": "middle energies"}})
+    text = (tmp_path / "t.md").read_text()
+    assert "averaged over the observed dimensions (convention: dim)" in text
+    assert "middle energies: log-MSE" in text
+    mean = read_metrics(metrics).query("label == 'Hybrid' and set == 'test' and metric == 'log_mse_dim'")["value"]
+    assert f"{np.mean(mean):.2f}".replace("-", "−") in text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no rows"),
+        (HEAD.replace(",value", ""), "no rows"),
+        (HEAD.replace(",value", "") + "a,b,c,d,e,0,test,m\n", "line 2 has no 'value'"),
+        (HEAD + "a,b,c,d,e,0,test,m,high\n", "line 2"),
+    ],
+)
+def test_bad_files(tmp_path, text, message):
+    (tmp_path / "metrics.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        tabulate([tmp_path / "metrics.csv"], [tmp_path / "t.csv"])
+    assert not (tmp_path / "t.csv").exists()
+
+
+def test_bad_requests(tmp_path, three_seeds):
+    with pytest.raises(InputError, match="there twice"):
+        tabulate(three_seeds * 2, [tmp_path / "t.csv"])
+    with pytest.raises(InputError, match=r"one of \.csv, \.md, \.tex"):
+        tabulate(three_seeds, [tmp_path / "t.xls"])
+    with pytest.raises(InputError, match="none of"):
+        tabulate(three_seeds, [tmp_path / "t.md"], {"metrics": ["speed"]})
+    with pytest.raises(InputError, match="one of sum, dim"):
+        tabulate(three_seeds, [tmp_path / "t.md"], {"convention": "mean"})
+    with pytest.raises(InputError, match="at least one"):
+        tabulate([], [tmp_path / "t.md"])

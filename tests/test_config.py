@@ -1,0 +1,285 @@
+"""The configuration: what is refused and in which words, what is completed, and that schema and settings agree."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+import yaml
+
+from expertaug import checks, config, reference, slices
+from expertaug.errors import InputError
+from expertaug.learning.trainer import TrainSettings
+from expertaug.recordings.angles import AngleSettings
+from expertaug.recordings.archive import ArchiveSettings, MarkerSettings
+from expertaug.recordings.calibration import CalibrationSettings
+from expertaug.recordings.chunks import ChunkSettings
+from expertaug.recordings.frames import ExtractSettings
+from expertaug.recordings.motion import Launch
+from expertaug.recordings.render import RenderSettings
+from expertaug.recordings.tracker import TrackSettings
+from expertaug.systems.solver import Solver
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def base() -> dict:
+    return config.load([ROOT / "config" / "config.yaml"])
+
+
+def refused(base: dict, text: str) -> str:
+    with pytest.raises(InputError) as caught:
+        config.validate(config.merge(base, yaml.safe_load(text)))
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("name", ["smoke", "ibm", "paper"])
+def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
+    over = config.load([ROOT / "config" / f"{name}.yaml"])
+    if name == "ibm":
+        (tmp_path / "shared" / "recordings").mkdir(parents=True)
+        (tmp_path / "here").mkdir()
+        monkeypatch.chdir(tmp_path / "here")
+    assert config.validate(config.merge(base, over))["results"] == f"results/{name}"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("sedes: [1]", "sedes: unknown key; did you mean 'seeds'?"),
+        (
+            "experiments: {pendulum: {training: {learning_rte: 1.0}}}",
+            "experiments.pendulum.training.learning_rte: unknown key; did you mean 'learning_rate'?",
+        ),
+        (
+            "experiments: {pendulum: {training: {learning_rate: 1e-3}}}",
+            "experiments.pendulum.training.learning_rate: found '1e-3', which YAML takes for a text; write 1.0e-3",
+        ),
+        ("experiments: {pendulum: {model: {encoder: {hidden: 1e2}}}}", "model.encoder.hidden: found '1e2'"),
+        ("seeds: [true]", "seeds[0]: found true; give a whole number"),
+        ("seeds: [1.5]", "seeds[0]: found 1.5; give a whole number"),
+        ("seeds: [3, 1, 3]", "seeds[2]: 3 is there twice"),
+        ("seeds: []", "seeds: found []; give 1 or more values"),
+        ("recordings: {rendered: {noise: yes}}", "recordings.rendered.noise: found true; give a number"),
+        ("recordings: {rendered: {crf: 60}}", "recordings.rendered.crf: found 60; give 51 or less"),
+        ("recordings: {rendered: {duration_s: 0}}", "duration_s: found 0; give more than 0"),
+        ("experiments: {pendulum: {data: {t1_s: .nan}}}", "data.t1_s: found .nan; give a number"),
+        ("recordings: 3", "recordings: found 3; give a mapping of keys"),
+        ("results: /dev/null/here", "results: '/dev/null' is no folder"),
+        ("results: /proc/here", "results: '/proc' cannot be written"),
+        ("preset: papr", "preset: found 'papr'; did you mean 'paper'?"),
+        ("choices: {resample: onec}", "choices.resample: 'onec'"),
+        ("run: [pendulm]", "run[0]: 'pendulm' is no experiment; did you mean 'pendulum'?"),
+        ("run: [pendulum, pendulum]", "run[1]: 'pendulum' is there twice"),
+        (
+            "experiments: {pendulum: {methods: [aphinity]}}",
+            "methods[0]: 'aphinity' is no method; did you mean 'aphynity'?",
+        ),
+        ("experiments: {pendulum: {augmented: [mean]}}", "augmented[0]: 'mean' is of kind mean"),
+        ("experiments: {pendulum: {methods: [mean]}}", "augmented[0]: 'aphynity' is no method of this experiment"),
+        ("experiments: {x: {based_on: pendulu}}", "experiments.x.based_on: found 'pendulu'"),
+        ("experiments: {x: {based_on: y}, y: {based_on: x}}", "is based on"),
+        ("experiments: {x: {based_on: pendulum, training: {epochs: 0}}}", "experiments.x.training.epochs: found 0"),
+        ("experiments: {x: {}}", "experiments.x.system: missing"),
+        (
+            "experiments: {recordings: {based_on: pendulum}}",
+            "experiments.recordings: the results folder needs this name",
+        ),
+        ("experiments: {a b: {based_on: pendulum}}", "experiments: found the name 'a b'"),
+        ("experiments: {pendulum: {system: {name: pendulums}}}", "system.name: 'pendulums' is no system"),
+        ("experiments: {pendulum: {system: {name: no.such}}}", "system.name: no module 'no.such'"),
+        ("experiments: {pendulum: {model: {encoder: {kind: 'no.such:X'}}}}", "model.encoder.kind: no module"),
+        (
+            "experiments: {pendulum: {augmentation: {prior: {omega0: [3.5, 0.5]}}}}",
+            "augmentation.prior.omega0: found [3.5, 0.5]; min must not exceed max",
+        ),
+        (
+            "experiments: {pendulum: {data: {sets: {test: {z_e: {omega: [1, 2]}}}}}}",
+            "data.sets.test.z_e: names omega0, omega",
+        ),
+        (
+            "experiments: {pendulum: {augmentation: {prior: {alpha: [1, 2]}}}}",
+            "augmentation.prior: names omega0, alpha",
+        ),
+        ("experiments: {pendulum: {data: {t1_s: 30.0}}}", "t1_s must be less than t2_s"),
+        ("experiments: {pendulum: {data: {t1_s: 5.05}}}", "give a multiple of step_s"),
+        ("experiments: {double_pendulum: {data: {split: {train_share: 0.5}}}}", "the shares sum to 1.1"),
+        ("experiments: {double_pendulum: {data: {split: {stride: 21}}}}", "give at most the length, 20"),
+        ("experiments: {double_pendulum: {data: {split: {rate_hz: 150}}}}", "data.split.rate_hz: found 150"),
+        ("recordings: {analysis_rate_hz: 300}", "recordings.analysis_rate_hz: found 300"),
+        ("recordings: {source: videos}", "recordings.videos.path: missing"),
+        ("recordings: {source: videos, videos: {path: nowhere}}", "recordings.videos.path: no video at 'nowhere'"),
+        (
+            "recordings: {source: markers, markers: {path: nowhere}}",
+            "recordings.markers.path: 'nowhere' does not exist",
+        ),
+    ],
+)
+def test_each_mistake_is_one_clear_line(base, text, expected):
+    assert expected in refused(base, text)
+
+
+def test_what_augmented_methods_need_is_named(base):
+    changed = config.merge(base, {})
+    del changed["experiments"]["pendulum"]["finetuning"]
+    with pytest.raises(InputError, match=r"experiments\.pendulum\.finetuning: missing"):
+        config.validate(changed)
+
+
+def test_a_file_that_is_not_yaml_is_named_with_its_line(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("seeds: [1\nrun: x\n")
+    with pytest.raises(InputError, match=r"a\.yaml:2:\d+: not YAML"):
+        config.load([path])
+    path.write_text("- 1\n")
+    with pytest.raises(InputError, match="a configuration is a mapping"):
+        config.load([path])
+    with pytest.raises(InputError, match="cannot be read"):
+        config.load([tmp_path / "none.yaml"])
+
+
+def test_completion_inherits_fills_and_resolves(base):
+    over = {"experiments": {"x": {"based_on": "pendulum", "data": {"noise": 0}}}, "choices": {"resample": "epoch"}}
+    found = config.validate(config.merge(base, over))
+    x, pendulum = found["experiments"]["x"], found["experiments"]["pendulum"]
+    assert x["data"] == pendulum["data"] | {"noise": 0.0} and isinstance(x["data"]["noise"], float)
+    assert "based_on" not in x
+    assert x["training"]["checkpoint_s"] == 30.0
+    assert found["choices"]["resample"] == "epoch" and found["choices"]["selection"] == "observed"
+    assert found["tracking"]["uri"] == "sqlite:///results/mlflow/mlflow.db"
+    assert config.validate(base)["choices"]["resample"] == "once", "the input must not be changed"
+
+
+def test_completed_configuration_is_valid_again(base):
+    assert config.validate(config.validate(base)) == config.validate(base)
+
+
+def defaults(kind: type) -> dict:
+    fields = {f.name: f.default for f in dataclasses.fields(kind)}
+    plain = {k: dataclasses.asdict(v) if dataclasses.is_dataclass(v) else v for k, v in fields.items()}
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in plain.items()}
+
+
+def lists(value: object) -> object:
+    if isinstance(value, dict):
+        return {k: lists(v) for k, v in value.items()}
+    return [lists(v) for v in value] if isinstance(value, tuple | list) else value
+
+
+@pytest.mark.parametrize(
+    ("path", "kind"),
+    [
+        ("rendered", RenderSettings),
+        ("rendered.launch", Launch),
+        ("track", TrackSettings),
+        ("angles", AngleSettings),
+        ("split", ChunkSettings),
+        ("calibration", CalibrationSettings),
+        ("training", TrainSettings),
+        ("solver", Solver),
+    ],
+)
+def test_schema_has_the_keys_and_defaults_of_the_settings(path, kind):
+    schema = config.read_schema()
+    rule = schema["$defs"]
+    for part in path.split("."):
+        rule = rule[part] if rule is schema["$defs"] else rule["properties"][part]
+    keys = {k: config.resolved(v, schema) for k, v in rule["properties"].items()}
+    # Filled in by the workflow, or (training) read by others than the trainer and without a default.
+    elsewhere = {"rate_provenance", "arm1_m", "arm2_m", "nominal_rate_hz"} & set(defaults(kind)) - set(keys)
+    assert set(keys) - {"horizon_s", "objective", "solver"} == set(defaults(kind)) - elsewhere
+    filled = config.fill({}, rule, schema)
+    if kind is RenderSettings:
+        filled["count"] = None  # how many there are is the workflow's to know
+    assert filled == {k: v for k, v in lists(defaults(kind)).items() if k in keys}
+
+
+def test_slices_are_settings_of_their_stages(base, tmp_path):
+    (tmp_path / "a.mp4").touch()
+    for source in ("rendered", "videos", "markers"):
+        over = {"recordings": {"source": source, source: {"path": str(tmp_path)} if source != "rendered" else {}}}
+        found = config.validate(config.merge(base, over))
+        RenderSettings.from_mapping(slices.render_video(found))
+        ExtractSettings.from_mapping(slices.extract_frames(found))
+        TrackSettings.from_mapping(slices.track_markers(found))
+        for kind, settings in (
+            (ArchiveSettings, slices.unpack_markers(found)),
+            (MarkerSettings, slices.import_markers(found)),
+            (AngleSettings, slices.measure_angles(found)),
+            (ChunkSettings, slices.split_chunks(found, "double_pendulum")),
+            (CalibrationSettings, slices.calibrate(found, "double_pendulum")),
+        ):
+            kind(**settings)
+        TrainSettings.from_mapping(slices.train(found, "pendulum", "aphynity", "seeds_0_1_2")["training"])
+
+
+def test_slices_hold_only_what_their_stage_uses(base):
+    found = config.validate(base)
+    block = "seeds_0_1_2"
+    other = config.validate(
+        config.merge(
+            base,
+            {
+                "choices": {"resample": "epoch", "forecast_start": "y_t1"},
+                "recordings": {"rendered": {"count": 3}},
+                "experiments": {"pendulum": {"finetuning": {"epochs": 7}, "data": {"sets": {"test": {"size": 7}}}}},
+            },
+        )
+    )
+    same = [
+        (slices.train, "pendulum", "aphynity", block),
+        (slices.augment, "pendulum", "aphynity", block),
+        (slices.simulate, "pendulum", "train"),
+        (slices.render_video,),
+    ]
+    for stage, *names in same:
+        assert stage(found, *names) == stage(other, *names)
+    changed = [
+        (slices.finetune, "pendulum", "aphynity", block),
+        (slices.evaluate, "pendulum", "aphynity+", block),
+        (slices.simulate, "pendulum", "test"),
+    ]
+    for stage, *names in changed:
+        assert stage(found, *names) != stage(other, *names)
+
+
+def test_blocks_and_variants(base):
+    found = config.validate(config.merge(base, {"seeds": [4, 0, 7], "seeds_per_job": 2}))
+    assert slices.blocks(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
+    assert slices.variants(found, "pendulum")[-2:] == ["aphynity", "aphynity+"]
+    assert slices.label(found, "aphynity+") == "APHYNITY+"
+
+
+def test_noise_follows_the_preset(base):
+    paper = config.validate(config.merge(base, {"preset": "paper"}))
+    assert slices.simulate(paper, "pendulum", "train")["data"]["noise"] == 0.0
+    assert slices.simulate(config.validate(base), "pendulum", "train")["data"]["noise"] == 0.01
+
+
+def test_videos_of_one_name_are_refused(tmp_path):
+    for name in ("a.mp4", "b.mkv", "notes.txt"):
+        (tmp_path / name).touch()
+    assert list(checks.list_videos(str(tmp_path))) == ["a", "b"]
+    assert list(checks.list_videos(str(tmp_path / "*.mkv"))) == ["b"]
+    (tmp_path / "A.avi").touch()
+    with pytest.raises(InputError, match="two files of one name"):
+        checks.list_videos(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [("1e-3", "1.0e-3"), ("2E5", "2.0e+5"), (".5e3", ".5e+3"), ("12", "12"), ("e3", None), ("x", None)],
+)
+def test_numbers_are_written_as_yaml_wants_them(text, number):
+    assert checks.number_in(text) == number
+    if number:
+        assert isinstance(yaml.safe_load(number), int | float)
+
+
+def test_readme_has_the_reference_of_the_schema():
+    text = (ROOT / "config" / "README.md").read_text(encoding="utf-8")
+    assert text.partition(reference.BEGIN)[2].strip() == reference.reference().strip(), "see the README's marker"

@@ -1,0 +1,40 @@
+"""The files that a stage is made of: nothing that it imports is missing."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from expertaug import sources
+from expertaug.errors import InputError
+
+
+@pytest.mark.parametrize("module", sorted(set(sources.STAGES.values())))
+def test_declared_files_are_those_that_importing_the_stage_loads(module):
+    stage = next(stage for stage, name in sources.STAGES.items() if name == module)
+    code = f"import sys, {module}; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('expertaug')])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {Path(line).resolve() for line in done.stdout.split()}
+    without = {sources.PACKAGE.parent.joinpath(*m.split(".")).with_suffix(".py") for m in sources.WITHOUT_EFFECT}
+    declared = {Path(path).resolve() for path in sources.sources(stage)}
+    assert loaded - without <= declared
+    assert all(path.is_file() for path in declared)
+
+
+def test_a_named_class_brings_its_file(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text("class System: pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = sources.sources("train", ["mine:System", "expertaug.systems.pendulum"])
+    assert any(path.endswith("mine.py") for path in found)
+    assert any(path.endswith("pendulum.py") for path in found)
+    assert not any(path.endswith(("double_pendulum.py", "cli.py")) for path in found)
+
+
+def test_modules_that_do_not_exist_are_named():
+    with pytest.raises(InputError, match=r"system\.name: no module 'no\.such'"):
+        sources.find("system.name", "no.such:Class")
+    with pytest.raises(InputError, match=r"expertaug\.systems\.none: no such module"):
+        sources.sources("train", ["expertaug.systems.none"])

@@ -1,0 +1,308 @@
+# From the recordings' source to chunks: video → frames → markers, or marker files → markers; then angles and chunks.
+
+
+rule render_video_of_recording:
+    input:
+        code=code("render_video"),
+        constraints=CONSTRAINTS,
+    output:
+        video=results("recordings/{recording}/video.mp4"),
+        truth=results("recordings/{recording}/truth.csv"),
+    log:
+        results("logs/render_video/{recording}.log"),
+    benchmark:
+        results("benchmarks/render_video/{recording}.tsv")
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        settings=lambda w: settings("render_video"),
+        index=lambda w: RECORDINGS[w.recording],
+    message:
+        "render {wildcards.recording}"
+    shell:
+        "expertaug render-video --index {params.index} --output {output.video:q} --truth {output.truth:q}"
+        " --settings {params.settings:q} --log {log:q}"
+
+
+rule extract_frames_of_recording:
+    input:
+        video=lambda w: video_of(w.recording),
+        code=code("extract_frames"),
+        constraints=CONSTRAINTS,
+    output:
+        temp(results("recordings/{recording}/frames.b2frame")),
+    log:
+        results("logs/extract_frames/{recording}.log"),
+    benchmark:
+        results("benchmarks/extract_frames/{recording}.tsv")
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        settings=lambda w: settings("extract_frames"),
+    message:
+        "extract the frames of {wildcards.recording}"
+    shell:
+        "expertaug extract-frames {input.video:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
+if SOURCE != "markers":
+
+    rule track_markers_of_recording:
+        input:
+            # Stores are temporary: what they are made from says whether they would be different.
+            frames=ancient(results("recordings/{recording}/frames.b2frame")),
+            video=lambda w: video_of(w.recording),
+            extraction=code("extract_frames"),
+            code=code("track_markers"),
+            constraints=CONSTRAINTS,
+        output:
+            results("recordings/{recording}/markers.csv"),
+        log:
+            results("logs/track_markers/{recording}.log"),
+        benchmark:
+            results("benchmarks/track_markers/{recording}.tsv")
+        conda:
+            "../envs/expertaug.yaml"
+        threads: 1
+        resources:
+            mem_mb=1000,
+        params:
+            settings=lambda w: settings("track_markers"),
+            extraction=lambda w: settings("extract_frames"),
+        message:
+            "track the markers of {wildcards.recording}"
+        shell:
+            "expertaug track-markers {input.frames:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+else:
+
+    if RECORDINGS is None:
+
+        checkpoint unpack_markers:
+            input:
+                archive=CONFIG["recordings"]["markers"]["path"],
+                code=code("unpack_markers"),
+                constraints=CONSTRAINTS,
+            output:
+                folder=directory(results("recordings/archive")),
+            log:
+                results("logs/unpack_markers.log"),
+            conda:
+                "../envs/expertaug.yaml"
+            threads: 1
+            resources:
+                mem_mb=1000,
+            params:
+                settings=lambda w: settings("unpack_markers"),
+            message:
+                "unpack the marker files of {input.archive}"
+            shell:
+                "expertaug unpack-markers {input.archive:q} --output {output.folder:q}"
+                " --settings {params.settings:q} --log {log:q}"
+
+    rule import_markers_of_recording:
+        input:
+            csv=lambda w: marker_csv(w.recording),
+            code=code("import_markers"),
+            constraints=CONSTRAINTS,
+        output:
+            results("recordings/{recording}/markers.csv"),
+        log:
+            results("logs/import_markers/{recording}.log"),
+        conda:
+            "../envs/expertaug.yaml"
+        threads: 1
+        resources:
+            mem_mb=1000,
+        params:
+            settings=lambda w: settings("import_markers"),
+        message:
+            "import the markers of {wildcards.recording}"
+        shell:
+            "expertaug import-markers {input.csv:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
+rule measure_angles_of_recording:
+    input:
+        markers=results("recordings/{recording}/markers.csv"),
+        code=code("measure_angles"),
+        constraints=CONSTRAINTS,
+    output:
+        angles=results("recordings/{recording}/angles.csv"),
+        summary=results("recordings/{recording}/angles.json"),
+    log:
+        results("logs/measure_angles/{recording}.log"),
+    benchmark:
+        results("benchmarks/measure_angles/{recording}.tsv")
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1500,
+    params:
+        settings=lambda w: settings("measure_angles"),
+    message:
+        "measure the angles of {wildcards.recording}"
+    shell:
+        "expertaug measure-angles {input.markers:q} --output {output.angles:q} --summary {output.summary:q}"
+        " --settings {params.settings:q} --log {log:q}"
+
+
+rule summarise_recordings:
+    input:
+        summaries=lambda w: of_recordings("angles.json"),
+        code=code("summarise_recordings"),
+        constraints=CONSTRAINTS,
+    output:
+        csv=results("recordings/summary.csv"),
+        markdown=report(
+            results("recordings/summary.md"),
+            caption="../report/recordings.rst",
+            category="Recordings",
+            labels={"content": "table of recordings"},
+        ),
+    log:
+        results("logs/summarise_recordings.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    message:
+        "summarise the recordings"
+    shell:
+        "expertaug summarise-recordings {input.summaries:q} --output {output.csv:q} --markdown {output.markdown:q}"
+        " --log {log:q}"
+
+
+rule split_chunks_of_experiment:
+    input:
+        angles=lambda w: of_recordings("angles.csv"),
+        code=code("split_chunks"),
+        constraints=CONSTRAINTS,
+    output:
+        expand(results("{{experiment}}/data/{set}.npz"), set=EVALUATED_SETS),
+        chunks=results("{experiment}/data/chunks.csv"),
+        splits=results("{experiment}/data/splits.json"),
+    log:
+        results("logs/split_chunks/{experiment}.log"),
+    benchmark:
+        results("benchmarks/split_chunks/{experiment}.tsv")
+    wildcard_constraints:
+        experiment=one_of(RECORDED),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+    params:
+        settings=lambda w: settings("split_chunks", w.experiment),
+        folder=lambda w: results(f"{w.experiment}/data"),
+    message:
+        "split the recordings into chunks for {wildcards.experiment}"
+    shell:
+        "expertaug split-chunks {input.angles:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
+
+
+rule plot_splits_of_experiment:
+    input:
+        sets=expand(results("{{experiment}}/data/{set}.npz"), set=EVALUATED_SETS),
+        chunks=results("{experiment}/data/chunks.csv"),
+        splits=results("{experiment}/data/splits.json"),
+        code=code("plot_splits"),
+        constraints=CONSTRAINTS,
+    output:
+        report(
+            results("figures/{experiment}_splits.png"),
+            caption="../report/splits.rst",
+            category="Recordings",
+            labels={"content": "splits of {experiment}"},
+        ),
+        results("figures/{experiment}_splits.pdf"),
+    log:
+        results("logs/plot_splits/{experiment}.log"),
+    wildcard_constraints:
+        experiment=one_of(RECORDED),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        folder=lambda w: results(f"{w.experiment}/data"),
+    message:
+        "draw the splits of {wildcards.experiment}"
+    shell:
+        "expertaug plot-splits {params.folder:q} --output {output:q} --log {log:q}"
+
+
+rule calibrate_experiment:
+    input:
+        train=results("{experiment}/data/train.npz"),
+        code=code("calibrate"),
+        constraints=CONSTRAINTS,
+    output:
+        results("{experiment}/data/calibration.json"),
+    log:
+        results("logs/calibrate/{experiment}.log"),
+    benchmark:
+        results("benchmarks/calibrate/{experiment}.tsv")
+    wildcard_constraints:
+        experiment=one_of(RECORDED),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        settings=lambda w: settings("calibrate", w.experiment),
+    message:
+        "calibrate the expert of {wildcards.experiment}"
+    shell:
+        "expertaug calibrate {input.train:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
+# Targets: `snakemake --cores 2 NAME`.
+
+
+rule render_video:
+    input:
+        of_recordings("video.mp4") if SOURCE == "rendered" and RECORDED else [],
+
+
+# A frame store is deleted when it has been tracked, unless it was asked for by this target.
+rule extract_frames:
+    input:
+        of_recordings("frames.b2frame") if SOURCE != "markers" and RECORDED else [],
+
+
+rule track_markers:
+    input:
+        lambda w: of_recordings("markers.csv") if RECORDED else [],
+
+
+rule measure_angles:
+    input:
+        lambda w: of_recordings("angles.csv") if RECORDED else [],
+
+
+rule recordings:
+    input:
+        SUMMARY,
+
+
+rule split_chunks:
+    input:
+        expand(results("{experiment}/data/{set}.npz"), experiment=RECORDED, set=EVALUATED_SETS),
+        expand(results("figures/{experiment}_splits.png"), experiment=RECORDED),
+
+
+rule calibrate:
+    input:
+        [calibration_of(experiment) for experiment in RECORDED],
