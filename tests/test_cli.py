@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from expertaug import cli, sources, tracking
+from expertaug import cli, commands, sources, tracking
 from expertaug.errors import SolveError
 from expertaug.systems import simulate
 
@@ -118,14 +118,14 @@ def test_tracking_store_is_prepared_or_switched_off(tmp_path, monkeypatch):
     settings = {"enabled": True, "uri": "sqlite:///x.db", "experiment": "e"}
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings)) == 0
     files = [f"--{name}={name}" for name in ("data", "output", "work", "settings")]
-    found = cli._tracking(cli._parser().parse_args(["train", *files, f"--tracking={output}"]))
+    found = commands._tracking(commands.parser().parse_args(["train", *files, f"--tracking={output}"]))
     assert found == settings | {"tags": {"rule": "train"}}
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings | {"enabled": False})) == 0
     assert json.loads(output.read_text()) == {"enabled": False}
 
 
 def test_help_loads_no_numerical_library():
-    code = "import sys; from expertaug import cli; cli._parser(); print({'numpy', 'torch', 'cv2'} & set(sys.modules))"
+    code = "import sys; from expertaug import cli, commands; commands.parser(); print({'numpy', 'torch', 'cv2'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
 
@@ -138,5 +138,5 @@ def test_one_thread_a_job():
 
 
 def test_every_stage_has_a_command():
-    actions = cli._parser()._subparsers._group_actions[0].choices
+    actions = commands.parser()._subparsers._group_actions[0].choices
     assert {stage.replace("_", "-") for stage in sources.STAGES} == set(actions) - {"validate", "rebuild-tracking"}

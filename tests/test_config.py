@@ -70,7 +70,16 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
         ("experiments: {pendulum: {data: {t1_s: .nan}}}", "data.t1_s: found .nan; give a number"),
         ("recordings: 3", "recordings: found 3; give a mapping of keys"),
         ("results: /dev/null/here", "results: '/dev/null' is no folder"),
-        ("results: /proc/here", "results: '/proc' cannot be written"),
+        ("experiments: {pendulum: {model: {encoder: {hiden: 3}}}}", "encoder.hiden: unknown key; did you mean"),
+        ("experiments: {pendulum: {model: {encoder: {kind: cnn}}}}", "model.encoder.kind: 'cnn' is no encoder"),
+        ("experiments: {double_pendulum: {system: {l3: 0.1}}}", "double_pendulum.system.l3: unknown key"),
+        ("methods: {aphynity: {system: {expertt: compound}}}", "methods.aphynity.system.expertt: unknown key"),
+        ("experiments: {pendulum: {training: {objective: {tau: 1.0}}}}", "training.objective.tau: unknown key"),
+        (
+            "experiments: {pendulum: {overrides: {aphynity: {training: {epoch: 3}}}}}",
+            "experiments.pendulum.overrides.aphynity",
+        ),
+        ("experiments: {pendulum: {choices: {resample: onec}}}", "choices.resample: 'onec'"),
         ("preset: papr", "preset: found 'papr'; did you mean 'paper'?"),
         ("choices: {resample: onec}", "choices.resample: 'onec'"),
         ("run: [pendulm]", "run[0]: 'pendulm' is no experiment; did you mean 'pendulum'?"),
@@ -283,3 +292,17 @@ def test_numbers_are_written_as_yaml_wants_them(text, number):
 def test_readme_has_the_reference_of_the_schema():
     text = (ROOT / "config" / "README.md").read_text(encoding="utf-8")
     assert text.partition(reference.BEGIN)[2].strip() == reference.reference().strip(), "see the README's marker"
+
+
+def test_results_that_cannot_be_written(base: dict, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Root may write anywhere, so the answer of the system is replaced."""
+    monkeypatch.setattr("expertaug.checks.os.access", lambda *_: False)
+    assert "cannot be written; choose a writable results folder" in refused(base, "results: here")
+
+
+def test_experiments_and_methods_may_override(base: dict) -> None:
+    over = "{choices: {resample: epoch}, overrides: {ml_only: {model: {interaction: {layers: [7]}}}}}"
+    changed = config.validate(config.merge(base, yaml.safe_load(f"experiments: {{pendulum: {over}}}")))
+    trained = [slices.train(changed, "pendulum", method, "seeds_0_1_2") for method in ("ml_only", "aphynity")]
+    assert [one["model"]["interaction"]["layers"] for one in trained] == [[7], [50, 50, 50]]
+    assert slices.finetune(changed, "pendulum", "aphynity", "seeds_0_1_2")["choices"]["resample"] == "epoch"

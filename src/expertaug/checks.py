@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from expertaug import sources
+from expertaug import signatures, sources
 from expertaug.errors import InputError
 
 # Folders beside those of the experiments in the results folder.
@@ -103,9 +103,12 @@ def _experiment(where: str, experiment: Mapping, config: Mapping) -> None:
     _system(f"{where}.system.name", experiment["system"]["name"])
     methods = config["methods"]
     for part, settings in experiment["model"].items():
-        if ":" in settings["kind"]:
-            sources.find(f"{where}.model.{part}.kind", settings["kind"])
+        known = signatures.of_kind(part, settings["kind"], f"{where}.model.{part}.kind")
+        _keys(f"{where}.model.{part}", set(settings) - {"kind"}, known)
+    _keys(f"{where}.system", set(experiment["system"]) - {"name"}, _system_keys(where, experiment["system"]))
     _names(experiment["methods"], methods, f"{where}.methods", "method")
+    for method in experiment["methods"]:
+        _method(f"methods.{method}", methods[method], experiment, where)
     _names(experiment["augmented"], experiment["methods"], f"{where}.augmented", "method of this experiment")
     for k, method in enumerate(experiment["augmented"]):
         if methods[method]["kind"] == "mean":
@@ -118,6 +121,27 @@ def _experiment(where: str, experiment: Mapping, config: Mapping) -> None:
                 raise InputError(f"{where}.{key}", "missing", "methods under augmented need it")
     data = experiment["data"]
     (_simulation if data["source"] == "simulation" else _chunks)(where, experiment, config)
+
+
+def _method(where: str, build: Mapping, experiment: Mapping, used: str) -> None:
+    """A method's objective and what it changes of the system, as an experiment uses them."""
+    if build["kind"] == "mean":
+        return
+    known = signatures.of_kind("objective", build.get("objective", "aphynity"), f"{where}.objective")
+    for key in ("training", "finetuning"):
+        _keys(f"{used}.{key}.objective", experiment.get(key, {}).get("objective", {}), known)
+    system = {**experiment["system"], **build.get("system", {})}
+    _keys(f"{where}.system", set(build.get("system", {})) - {"name"}, _system_keys(where, system))
+
+
+def _system_keys(where: str, system: Mapping) -> list[str]:
+    return signatures.of_system(system["name"], f"{where}.system.name")
+
+
+def _keys(where: str, used: Iterable[str], known: Iterable[str]) -> None:
+    for key in sorted(used):
+        if key not in known:
+            raise InputError(f"{where}.{key}", "unknown key", suggest(key, known))
 
 
 def _system(where: str, name: str) -> None:

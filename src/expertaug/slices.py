@@ -20,6 +20,9 @@ CHOICES = {
 }
 
 
+READING = ("convention", "set_titles")
+
+
 def blocks(config: Mapping) -> dict[str, list[int]]:
     """Seeds that one job trains together, by the block's name."""
     seeds, size = config["seeds"], config["seeds_per_job"]
@@ -149,7 +152,7 @@ def finetune(config: Mapping, experiment: str, method: str, block: str) -> dict:
 def evaluate(config: Mapping, experiment: str, variant: str, block: str) -> dict:
     return {
         **_identity(config, experiment, variant),
-        "evaluation": config["experiments"][experiment]["evaluation"],
+        "evaluation": {k: v for k, v in config["experiments"][experiment]["evaluation"].items() if k not in READING},
         "choices": _choices(config, experiment, "evaluate"),
         "seeds": blocks(config)[block],
         "device": config["device"],
@@ -157,8 +160,8 @@ def evaluate(config: Mapping, experiment: str, variant: str, block: str) -> dict
 
 
 def tabulate(config: Mapping, experiment: str) -> dict:
-    """The order of the methods, and which times the metrics see."""
-    return {"labels": _labels(config, experiment), "from_s": config["experiments"][experiment]["evaluation"]["from_s"]}
+    """The order of the methods, and how metrics and sets are to be read."""
+    return {"labels": _labels(config, experiment), **_reading(config, experiment)}
 
 
 def plot(config: Mapping, experiment: str) -> dict:
@@ -166,6 +169,8 @@ def plot(config: Mapping, experiment: str) -> dict:
     one = config["experiments"][experiment]
     return {
         "labels": _labels(config, experiment),
+        "all_labels": [build["label"] for build in config["methods"].values()],
+        **_reading(config, experiment),
         "training_range": one["data"]["sets"]["train"]["z_e"] if one["data"]["source"] == "simulation" else {},
         "prior": one.get("augmentation", {}).get("prior", {}),
     }
@@ -192,6 +197,12 @@ def _experiment(config: Mapping, experiment: str, method: str) -> dict:
     """An experiment with what it overrides for a method."""
     one = config["experiments"][experiment]
     return merge(one, one["overrides"].get(method, {}))
+
+
+def _reading(config: Mapping, experiment: str) -> dict:
+    """What tables and figures say of an experiment's metrics; it changes none of them."""
+    evaluation = config["experiments"][experiment]["evaluation"]
+    return {key: evaluation[key] for key in ("from_s", *READING)}
 
 
 def _labels(config: Mapping, experiment: str) -> list[str]:

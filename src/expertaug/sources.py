@@ -40,7 +40,7 @@ STAGES = {
 }
 
 # Mirroring to the tracking store changes no result; neither does translating the command line.
-WITHOUT_EFFECT = {"expertaug.cli", "expertaug.mirror", "expertaug.tracking", "expertaug.rebuild"}
+WITHOUT_EFFECT = {"expertaug.cli", "expertaug.commands", "expertaug.mirror", "expertaug.tracking", "expertaug.rebuild"}
 
 
 def sources(stage: str, extra: Iterable[str] = ()) -> list[str]:

@@ -23,6 +23,9 @@ from safetensors.torch import load_file
 from expertaug import config, slices, sources
 
 ROOT = Path(__file__).parents[2]
+DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "recordings", "split_chunks", "calibrate"]
+LEARNING_TARGETS = ["train", "augment", "finetune", "evaluate", "report", "pendulum", "double_pendulum"]
+TARGETS = [*DATA, "simulate", *LEARNING_TARGETS, "everything", "all"]
 SMOKE = ["--configfile", "config/smoke.yaml"]
 EVALUATION = {"evaluate_block", "tabulate_experiment", "plot_experiment"}
 AUGMENTED = {"finetune_block"} | EVALUATION
@@ -66,7 +69,7 @@ def planned(project: Path, *arguments: object) -> dict[str, int]:
     assert done.returncode == 0, done.stdout + done.stderr
     table = (done.stdout + done.stderr).rpartition("Job stats:")[2].partition("total")[0]
     jobs = {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
-    return {rule: count for rule, count in jobs.items() if rule not in ("everything", "all")}
+    return {rule: count for rule, count in jobs.items() if rule not in TARGETS}
 
 
 def copy_project(folder: Path) -> Path:
@@ -93,7 +96,9 @@ def project(tmp_path_factory) -> Path:
     (record / "sitecustomize.py").write_text(RECORDER)
     python_path = os.pathsep.join([str(folder / "src"), str(record)])
     done = snakemake(folder, *SMOKE, PYTHONPATH=python_path, RECORD=str(record))
-    assert done.returncode == 0, done.stdout + done.stderr
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if line.startswith(("expertaug ", "Error in rule"))]
+        pytest.fail("the smoke run failed: " + "; ".join(lines or done.stderr.splitlines()[-3:]), pytrace=False)
     return folder
 
 
@@ -129,9 +134,6 @@ def test_touched_files_redo_nothing(project):
     for path in [project / "constraints.txt", *(project / "src").rglob("*.py")]:
         path.touch()
     assert planned(project, *SMOKE) == {}
-
-
-PENDULUM, DOUBLE = ({"experiments": {name: None}} for name in ("pendulum", "double_pendulum"))
 
 
 @pytest.mark.parametrize(
@@ -214,12 +216,10 @@ def test_frame_stores_are_kept_when_they_are_asked_for(project):
 
 
 def test_every_stage_is_a_target(project):
-    data = ["render_video", "extract_frames", "track_markers", "measure_angles", "recordings", "split_chunks"]
-    learning = ["train", "augment", "finetune", "evaluate", "report", "pendulum", "double_pendulum"]
-    for target in [*data, "calibrate", "simulate", *learning]:
+    for target in TARGETS:
         plan = planned(project, target, "--forceall", *SMOKE)
         assert plan, target
-        assert ("train_block" in plan) == (target in learning), target
+        assert ("train_block" in plan) == (target in [*LEARNING_TARGETS, "everything", "all"]), target
 
 
 def test_report_is_one_file_with_tables_and_figures(project):
@@ -273,10 +273,7 @@ def test_an_archive_is_unpacked_before_its_recordings_are_known(tmp_path):
     project = copy_project(tmp_path / "project")
     (project / "markers.tar.gz").touch()
     change = {"recordings": {"source": "markers", "markers": {"path": "markers.tar.gz"}}}
-    assert planned(project, "recordings", *override(project, change)) == {
-        "unpack_markers": 1,
-        "summarise_recordings": 1,
-    }
+    assert set(planned(project, "recordings", *override(project, change))) == {"unpack_markers", "summarise_recordings"}
     done = snakemake(project, "recordings", *override(project, change))
     assert done.returncode == 1
     assert "expertaug unpack-markers: markers.tar.gz: " in done.stderr

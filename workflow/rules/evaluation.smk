@@ -33,6 +33,7 @@ rule evaluate_block:
 rule tabulate_experiment:
     input:
         metrics=lambda w: per_block("metrics.csv", w.experiment, slices.variants(CONFIG, w.experiment)),
+        forecasts=lambda w: per_block("forecasts.npz", w.experiment, slices.variants(CONFIG, w.experiment)),
         code=code("tabulate"),
         constraints=CONSTRAINTS,
     output:
@@ -57,7 +58,8 @@ rule tabulate_experiment:
     message:
         "tabulate {wildcards.experiment}"
     shell:
-        "expertaug tabulate {input.metrics:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+        "expertaug tabulate {input.metrics:q} --forecasts {input.forecasts:q} --output {output:q}"
+        " --settings {params.settings:q} --log {log:q}"
 
 
 rule plot_experiment:

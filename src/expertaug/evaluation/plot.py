@@ -19,8 +19,9 @@ def plot(
         metrics: metrics.csv of every method and block of seeds.
         forecasts: forecasts.npz of one block of each method, in the order of ``settings["labels"]``.
         logs: log.jsonl of every trained method and block.
-        settings: {labels, training_range, prior}: all labels in order; ranges of the expert parameters where they
-            are known, else empty.
+        settings: {labels, all_labels, convention, set_titles, training_range, prior}: this experiment's labels in
+            order and the whole configuration's, which fix the colours; ranges of the expert parameters where they are
+            known, else empty.
 
     Raises:
         InputError: a file is missing or broken.
@@ -28,12 +29,13 @@ def plot(
     labels = list(settings["labels"])
     by_label = dict(zip(labels, forecasts, strict=True))
     ranges = {key: settings[key] for key in ("training_range", "prior") if settings[key]}
+    shared = {"labels": settings["all_labels"], "set_titles": settings["set_titles"]}
 
     def output(name: str) -> Path:
         return Path(f"{prefix}_{name}")
 
-    figures.bars(metrics, output("log_mse"), {"labels": labels})
-    figures.parameter_errors(metrics, output("parameter_errors"), {"labels": labels})
-    figures.parameters(by_label, output("parameters"), {"labels": labels, **ranges})
-    traces.forecasts(by_label, output("forecasts"), {"labels": labels})
-    traces.curves(logs, output("curves"), {"labels": labels})
+    figures.bars(metrics, output("log_mse"), shared | {"convention": settings["convention"]})
+    figures.parameter_errors(metrics, output("parameter_errors"), shared)
+    figures.parameters(by_label, output("parameters"), shared | ranges)
+    traces.forecasts(by_label, output("forecasts"), shared)
+    traces.curves(logs, output("curves"), shared)

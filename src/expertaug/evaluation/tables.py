@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
+from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import (
     CONVENTIONS,
     log_mse_name,
@@ -23,7 +24,12 @@ from expertaug.files import write_text
 DASH = "–"
 
 
-def tabulate(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping | None = None) -> None:
+def tabulate(
+    metrics: Sequence[Path],
+    outputs: Sequence[Path],
+    settings: Mapping | None = None,
+    forecasts: Sequence[Path] = (),
+) -> None:
     """Write tables of mean ± standard deviation over seeds; rows are methods, columns set × metric.
 
     Arguments:
@@ -33,11 +39,13 @@ def tabulate(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping
         settings: all optional: ``convention`` ("sum" or "dim": of the log-MSE), ``metrics`` (those in the first table),
             ``labels`` (order of the methods), ``units`` (unit of each parameter by name), ``set_titles`` (how sets are
             printed), ``from_s`` (as in evaluation: the log-MSE sees times from there on; null = the forecast window).
+        forecasts: forecasts.npz of the same runs; the units of the parameters are taken from there.
 
     Raises:
         InputError: a metrics file is broken, an output's suffix or a metric is unknown.
     """
     settings = dict(settings or {})
+    settings["units"] = _units(forecasts) | settings.get("units", {})
     long = _prepare(read_metrics(metrics), settings)
     chosen = settings.get("metrics") or [log_mse_name(settings.get("convention", "sum")), "relative_error"]
     chosen = [name for name in chosen if name in set(long["metric"])]
@@ -54,6 +62,12 @@ def tabulate(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping
             write_text(output, "\n".join(_latex(part, chosen, settings) for part in _experiments(long)))
         else:
             raise InputError(output, f"suffix {output.suffix!r}", "one of .csv, .md, .tex")
+
+
+def _units(forecasts: Sequence[Path]) -> dict[str, str]:
+    """Unit of each parameter by name."""
+    files = [Forecasts.load(path) for path in forecasts]
+    return {name: unit for file in files for name, unit in zip(file.parameter_names, file.parameter_units, strict=True)}
 
 
 def metric_title(metric: str, units: Mapping[str, str]) -> str:

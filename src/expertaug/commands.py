@@ -1,0 +1,291 @@
+"""The subcommands of ``expertaug``: their arguments, and the stage that each one runs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from expertaug import __version__
+from expertaug.errors import InputError
+
+logger = logging.getLogger(__name__)
+
+
+class _Commands:
+    """The subcommands' parsers, each with what all of them take."""
+
+    def __init__(self, parser: argparse.ArgumentParser) -> None:
+        self._subparsers = parser.add_subparsers(dest="stage", required=True, metavar="STAGE")
+
+    def add(self, name: str, run: Callable, text: str, settings: bool = True) -> argparse.ArgumentParser:
+        """A subcommand; ``settings`` says whether it takes any."""
+        parser = self._subparsers.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        parser.set_defaults(run=run)
+        parser.add_argument("--log", type=Path, metavar="FILE", help="also write progress and errors to this file")
+        if settings:
+            parser.add_argument("--settings", required=True, metavar="JSON", help="JSON text, or a JSON or YAML file")
+        return parser
+
+
+def parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="expertaug", description="Run one stage of the pipeline.")
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = _Commands(parser)
+
+    p = commands.add("init-tracking", _init_tracking, "create or upgrade the MLflow store")
+    _files(p, output="JSON that logging stages read")
+
+    p = commands.add("render-video", _render_video, "simulate a recording and render it as video")
+    p.add_argument("--index", type=int, required=True, help="number of the recording, from 0")
+    _files(p, output="video", truth="CSV of the true motion")
+
+    p = commands.add("extract-frames", _extract_frames, "decode a video into a frame store")
+    p.add_argument("video", type=Path)
+    _files(p, output="frame store")
+
+    p = commands.add("track-markers", _track_markers, "find the markers in every frame")
+    p.add_argument("frames", type=Path)
+    _files(p, output="CSV of the marker positions")
+
+    p = commands.add("unpack-markers", _unpack_markers, "unpack an archive of marker CSVs")
+    p.add_argument("archive", type=Path)
+    _files(p, output="folder")
+
+    p = commands.add("import-markers", _import_markers, "convert a marker CSV of the IBM layout")
+    p.add_argument("csv", type=Path)
+    _files(p, output="CSV of the marker positions")
+
+    p = commands.add("measure-angles", _measure_angles, "measure arm angles, speeds and energy")
+    p.add_argument("markers", type=Path)
+    _files(p, output="CSV of the angles", summary="JSON of the recording's calibration")
+
+    p = commands.add("summarise-recordings", _summarise_recordings, "make the table of recordings", settings=False)
+    p.add_argument("summaries", type=Path, nargs="+", help="angles.json of each recording")
+    _files(p, output="CSV", markdown="Markdown")
+
+    p = commands.add("split-chunks", _split_chunks, "cut recordings into chunks and split them")
+    p.add_argument("angles", type=Path, nargs="+", help="angles.csv of each recording")
+    _files(p, output="folder of the sets")
+
+    p = commands.add("plot-splits", _plot_splits, "draw the distributions of the splits", settings=False)
+    p.add_argument("data", type=Path, help="folder of the sets")
+    p.add_argument("--output", type=Path, nargs="+", required=True, help="figure files, .png or .pdf")
+
+    p = commands.add("calibrate", _calibrate, "fit the expert's constants on training chunks")
+    p.add_argument("train", type=Path, help="train.npz")
+    _files(p, output="JSON of the constants")
+
+    p = commands.add("simulate", _simulate, "simulate one set of a system")
+    p.add_argument("set", help="name of the set")
+    _files(p, output="npz of the trajectories")
+
+    p = commands.add("train", _train, "train a method on a block of seeds")
+    _files(p, data="folder of the sets", output="model file", work="folder for checkpoints")
+    p.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
+    _add_tracking(p)
+
+    p = commands.add("augment", _augment, "draw augmented samples from a trained model")
+    _files(p, model="model file", data="folder of the sets", output="augmented samples")
+
+    p = commands.add("finetune", _finetune, "fine-tune a model on real and augmented samples")
+    _files(p, model="model file", augmented="augmented samples", data="folder of the sets")
+    _files(p, output="model file", work="folder for checkpoints")
+    _add_tracking(p)
+
+    p = commands.add("evaluate", _evaluate, "score a model's forecasts on every set")
+    _files(p, model="model file", data="folder of the sets", output="CSV of the metrics", forecasts="npz of forecasts")
+    _add_tracking(p)
+
+    p = commands.add("tabulate", _tabulate, "make the tables of an experiment")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and block")
+    p.add_argument("--forecasts", type=Path, nargs="+", default=[], help="forecasts.npz, which know the units")
+    p.add_argument("--output", type=Path, nargs="+", required=True, help="tables, .csv, .md or .tex")
+
+    p = commands.add("plot", _plot, "draw the figures of an experiment")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and block")
+    p.add_argument("--forecasts", type=Path, nargs="+", required=True, help="forecasts.npz of one block per method")
+    p.add_argument("--logs", type=Path, nargs="+", required=True, help="log.jsonl of every trained method and block")
+    _files(p, output="path of the figures, to which _NAME.png and _NAME.pdf are added")
+
+    p = commands.add("validate", _validate, "check configuration files", settings=False)
+    p.add_argument("config", type=Path, nargs="+", help="YAML files, later ones win")
+
+    p = commands.add("rebuild-tracking", _rebuild_tracking, "make the MLflow store again from the logs", settings=False)
+    p.add_argument("results", type=Path, help="results folder")
+    p.add_argument("--uri", help="of the store (default: sqlite in RESULTS/mlflow)")
+    p.add_argument("--experiment", default="expertaug", help="name of the MLflow experiment")
+    return parser
+
+
+def _files(parser: argparse.ArgumentParser, **options: str) -> None:
+    for name, text in options.items():
+        parser.add_argument(f"--{name}", type=Path, required=True, metavar="PATH", help=text)
+
+
+def _add_tracking(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--tracking", type=Path, metavar="FILE", help="what init-tracking wrote; none: do not track")
+
+
+def read_settings(text: str) -> dict:
+    """A stage's settings: JSON text, or the path of a JSON or YAML file.
+
+    Raises:
+        InputError: neither, or no mapping.
+    """
+    import yaml
+
+    try:
+        if not text.lstrip().startswith("{"):
+            text = Path(text).read_text(encoding="utf-8")
+        value = yaml.safe_load(text) if not text.lstrip().startswith("{") else json.loads(text)
+    except OSError as error:
+        raise InputError("--settings", f"{text}: {error.strerror}", "give JSON text or the path of a file") from error
+    except (ValueError, yaml.YAMLError) as error:
+        raise InputError("--settings", f"neither JSON nor YAML ({error})", "give a JSON object") from error
+    if not isinstance(value, dict):
+        raise InputError("--settings", f"holds {type(value).__name__}", "give a JSON object")
+    return value
+
+
+def _tracking(a: argparse.Namespace) -> Mapping | None:
+    """The tracking store that ``init-tracking`` prepared, for a stage that logs; None where it is switched off."""
+    if a.tracking is None:
+        return None
+    from expertaug.files import read_json
+
+    found = read_json(a.tracking)
+    if not isinstance(found, dict) or "enabled" not in found:
+        raise InputError(a.tracking, "does not say which tracking store", "make it again with init-tracking")
+    return {**found, "tags": {"rule": a.stage}} if found["enabled"] else None
+
+
+def _init_tracking(a: argparse.Namespace) -> None:
+    from expertaug.files import read_json, write_json
+    from expertaug.tracking import initialise
+
+    settings = read_settings(a.settings)
+    if not settings["enabled"]:
+        write_json(a.output, {"enabled": False})
+        return
+    initialise(settings["uri"], settings["experiment"], a.output)
+    write_json(a.output, {"enabled": True, **read_json(a.output)})
+
+
+def _render_video(a: argparse.Namespace) -> None:
+    from expertaug.recordings.render import render_recording
+
+    render_recording(a.index, a.output, a.truth, read_settings(a.settings))
+
+
+def _extract_frames(a: argparse.Namespace) -> None:
+    from expertaug.recordings.frames import extract_frames
+
+    extract_frames(a.video, a.output, read_settings(a.settings))
+
+
+def _track_markers(a: argparse.Namespace) -> None:
+    from expertaug.recordings.markers import track_markers
+
+    track_markers(a.frames, a.output, read_settings(a.settings))
+
+
+def _unpack_markers(a: argparse.Namespace) -> None:
+    from expertaug.recordings.archive import unpack_archive
+
+    unpack_archive(a.archive, a.output, read_settings(a.settings))
+
+
+def _import_markers(a: argparse.Namespace) -> None:
+    from expertaug.recordings.archive import import_markers
+
+    import_markers(a.csv, a.output, read_settings(a.settings))
+
+
+def _measure_angles(a: argparse.Namespace) -> None:
+    from expertaug.recordings.angles import measure_angles
+
+    measure_angles(a.markers, a.output, a.summary, read_settings(a.settings))
+
+
+def _summarise_recordings(a: argparse.Namespace) -> None:
+    from expertaug.recordings.summary import summarise
+
+    summarise(a.summaries, a.output, a.markdown)
+
+
+def _split_chunks(a: argparse.Namespace) -> None:
+    from expertaug.recordings.chunks import split_chunks
+
+    split_chunks(a.angles, a.output, read_settings(a.settings))
+
+
+def _plot_splits(a: argparse.Namespace) -> None:
+    from expertaug.recordings.figures import plot_splits
+
+    plot_splits(a.data, a.output)
+
+
+def _calibrate(a: argparse.Namespace) -> None:
+    from expertaug.recordings.calibration import calibrate
+
+    calibrate(a.train, a.output, read_settings(a.settings))
+
+
+def _simulate(a: argparse.Namespace) -> None:
+    from expertaug.systems.simulate import simulate
+
+    simulate(a.set, a.output, read_settings(a.settings))
+
+
+def _train(a: argparse.Namespace) -> None:
+    from expertaug.learning.train import train
+
+    train(a.data, a.output, a.work, read_settings(a.settings), _tracking(a), a.calibration)
+
+
+def _augment(a: argparse.Namespace) -> None:
+    from expertaug.learning.augment import augment
+
+    augment(a.model, a.data, a.output, read_settings(a.settings))
+
+
+def _finetune(a: argparse.Namespace) -> None:
+    from expertaug.learning.finetune import finetune
+
+    finetune(a.model, a.augmented, a.data, a.output, a.work, read_settings(a.settings), _tracking(a))
+
+
+def _evaluate(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.evaluate import evaluate
+
+    evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings), _tracking(a))
+
+
+def _tabulate(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.tables import tabulate
+
+    tabulate(a.metrics, a.output, read_settings(a.settings), a.forecasts)
+
+
+def _plot(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.plot import plot
+
+    plot(a.metrics, a.forecasts, a.logs, a.output, read_settings(a.settings))
+
+
+def _validate(a: argparse.Namespace) -> None:
+    from expertaug import config
+
+    config.validate(config.load(a.config))
+    logger.info("%s: valid", ", ".join(map(str, a.config)))
+
+
+def _rebuild_tracking(a: argparse.Namespace) -> None:
+    from expertaug.rebuild import rebuild
+
+    uri = a.uri or f"sqlite:///{a.results}/mlflow/mlflow.db"
+    count = rebuild(a.results, uri, a.experiment)
+    logger.info("%s: %d logs stored", uri, count)
