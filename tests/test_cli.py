@@ -124,10 +124,20 @@ def test_tracking_store_is_prepared_or_switched_off(tmp_path, monkeypatch):
     assert json.loads(output.read_text()) == {"enabled": False}
 
 
-def test_help_loads_no_numerical_library():
-    code = "import sys; from expertaug import cli, commands; commands.parser(); print({'numpy', 'torch', 'cv2'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
+@pytest.mark.parametrize("arguments", [["--version"], ["validate", "config/config.yaml", "config/smoke.yaml"]])
+def test_what_needs_no_numerical_library_loads_none(arguments):
+    code = """if True:
+        import sys
+        from expertaug import cli
+        try:
+            cli.main(sys.argv[1:])
+        except SystemExit:
+            pass
+        print({"numpy", "torch", "cv2"} & set(sys.modules))
+    """
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.splitlines()[-1] == "set()"
 
 
 def test_one_thread_a_job():

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import logging
 import os
-import subprocess
 import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,6 +22,7 @@ from expertaug import files
 from expertaug.errors import InputError
 from expertaug.loglines import Log, number, read_log, table_metrics
 from expertaug.mirror import Mirror
+from expertaug.provenance import revision
 from expertaug.rebuild import rebuild
 from expertaug.tracking import brief, initialise
 
@@ -71,8 +71,8 @@ class RunLog:
         self._pending: list[dict[str, Any]] = []
         self._closed = False
         tags = {**((tracking or {}).get("tags") or {}), **(tags or {})}
-        if "git_revision" not in tags and (revision := _revision()):
-            tags["git_revision"] = revision
+        if "git_revision" not in tags and (commit := revision()):
+            tags["git_revision"] = commit
         header = {
             "id": resume["id"] if resume else uuid.uuid4().hex,
             "time": time.time(),
@@ -234,20 +234,3 @@ def _read_if_any(path: Path) -> Log | None:
         return read_log(path)
     except InputError:
         return None
-
-
-def _revision() -> str | None:
-    """The git revision of this package's own checkout, with ``-dirty`` where it was changed; None outside of one."""
-    here = Path(__file__).resolve()
-
-    def git(*arguments: str) -> str | None:
-        try:
-            done = subprocess.run(["git", *arguments], cwd=here.parent, capture_output=True, text=True, timeout=5)
-        except (OSError, subprocess.SubprocessError):
-            return None
-        return done.stdout.strip() if done.returncode == 0 else None
-
-    # A package installed below somebody else's checkout must not report that one's revision.
-    if git("ls-files", "--error-unmatch", here.name) is None:
-        return None
-    return git("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")

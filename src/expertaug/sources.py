@@ -97,6 +97,9 @@ def find(where: str, name: str) -> Path:
         InputError: there is no such module.
     """
     module = name.partition(":")[0]
+    own = _path(module)  # without importing its package, which would load torch
+    if own is not None:
+        return own
     try:
         found = importlib.util.find_spec(module)
     except (ImportError, ValueError):

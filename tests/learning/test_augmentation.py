@@ -81,6 +81,15 @@ def test_finetuning_changes_the_encoder_and_nothing_else(trained, data, tmp_path
         assert torch.equal(value, after.model.state_dict()[name]) == frozen, name
 
 
+@pytest.mark.parametrize("preset", ["paper", "code"])
+def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, settings):
+    settings |= {"choices": resolve(preset), "preset": preset}
+    train(data, tmp_path / "m.st", tmp_path / "work", settings, None)
+    augmented(tmp_path / "m.st", data, tmp_path, settings)
+    finetune(tmp_path / "m.st", tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
+    assert store.load(tmp_path / "p.st").description["preset"] == preset
+
+
 def test_the_mean_cannot_be_augmented(data, tmp_path, settings):
     train(data, tmp_path / "m.st", tmp_path / "w", settings | {"build": {"kind": "mean"}}, None)
     with pytest.raises(InputError, match="only hybrid models"):
