@@ -111,6 +111,15 @@ def test_non_finite_trajectory_names_system_and_parameters():
         check_finite(y, z_e, "pendulum")
 
 
+def test_a_simulation_that_fails_names_set_and_parameters():
+    class Runaway(type(systems.load({"name": "pendulum"}))):
+        def truth(self, t, y, z_e, z_a):
+            return torch.where(z_e > 2.5, y.square().sum(-1, keepdim=True) * 1e3 + 1e3, y)
+
+    with pytest.raises(SolveError, match=r"Runaway, set train.*index \(\d+,\) with parameters \((2\.[5-9]|3)"):
+        sample(Runaway(), pendulum_data(), "train")
+
+
 def test_trajectories_check_and_round_trip(tmp_path):
     data = Trajectories(np.arange(4.0), np.ones((3, 4, 2)), np.ones((3, 1)))
     data.save(tmp_path / "x.npz")

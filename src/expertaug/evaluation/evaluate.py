@@ -10,7 +10,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from expertaug.errors import InputError
+from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, parameter_errors
 from expertaug.files import atomic
 from expertaug.models import store
@@ -99,14 +99,18 @@ def _forecast(
     seeds, observed = len(stored.seeds), stored.description["observed"]
     t = torch.from_numpy(data.t).float().to(device)
     states, estimates = [], []
+    name = "{experiment}/{label}, seeds {seeds}, (seed's place, sample)".format(**stored.description)
     for first in range(0, len(data), CHUNK):
         y = torch.from_numpy(data.y[first : first + CHUNK, :observed]).to(device).movedim(1, 0).unsqueeze(1)
-        y, z_e = stored.model.predict(y.expand(observed, seeds, *y.shape[2:]), t, solver, start)
-        states.append(y.cpu())
+        y = y.expand(observed, seeds, *y.shape[2:])
+        try:
+            states_of, z_e = stored.model.predict(y, t, solver, start)
+        except SolveError as error:  # a fixed grid goes on, so that the sample can be named
+            check_finite(*stored.model.predict(y, t, Solver("rk4"), start), name)
+            raise SolveError(f"{name}: {error}") from error
+        states.append(states_of.cpu())
         if z_e is not None:
-            check_finite(
-                y, z_e, f"{stored.description['experiment']}/{stored.description['label']}, index (seed, sample)"
-            )
+            check_finite(states_of, z_e, name)
             estimates.append(z_e.cpu())
     return torch.cat(states, dim=2), torch.cat(estimates, dim=1) if estimates else None
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.errors import InputError
+from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System, load
 from expertaug.systems.solver import Solver, check_finite
 from expertaug.types import Trajectories
@@ -56,9 +56,18 @@ def sample(system: System, data: Mapping, set_name: str) -> Trajectories:
     z_a = uniform(system.interaction_parameters, settings.get("z_a", {}), n, generator)
     y0 = system.sample_initial_state(n, generator)
     t = times(data)
+    name, parameters = f"{type(system).__name__}, set {set_name}, (sample)", torch.cat((z_e, z_a), dim=-1)
+
+    def field(s: Tensor, y: Tensor) -> Tensor:
+        return system.truth(s, y, z_e, z_a)
+
     with torch.no_grad():
-        y = SOLVER(lambda s, y: system.truth(s, y, z_e, z_a), y0, torch.from_numpy(t))
-    check_finite(y, z_e, f"{type(system).__name__}, set {set_name}")
+        try:
+            y = SOLVER(field, y0, torch.from_numpy(t))
+        except SolveError as error:  # a fixed grid goes on, so that the sample can be named
+            check_finite(Solver("rk4")(field, y0, torch.from_numpy(t)), parameters, name)
+            raise SolveError(f"{name}: {error}") from error
+    check_finite(y, parameters, name)
     y = y + float(data["noise"]) * torch.randn(y.shape, generator=generator, dtype=torch.float64)
     return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=z_e.numpy(), z_a=z_a.numpy())
 

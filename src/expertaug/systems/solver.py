@@ -67,6 +67,6 @@ def check_finite(y: Tensor, z_e: Tensor, what: str) -> None:
     index = tuple(bad.nonzero()[0].tolist())
     values = ", ".join(f"{v:.4g}" for v in z_e[index].tolist())
     raise SolveError(
-        f"{what}: {int(bad.sum())} trajectories are not finite, the first at index {index} with z_e = ({values}); "
+        f"{what}: {int(bad.sum())} trajectories are not finite, the first at index {index} with parameters ({values}); "
         "narrow the parameter range or lower solver.rtol"
     )

@@ -1,0 +1,113 @@
+"""The stage evaluate on a tiny trained pendulum."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from expertaug.errors import InputError, SolveError
+from expertaug.evaluation.evaluate import evaluate
+from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.learning.train import train
+from expertaug.models import store
+from expertaug.presets import resolve
+from expertaug.systems.simulate import simulate
+
+RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
+DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}
+DATA["sets"] = dict.fromkeys(("train", "validation", "test"), RANGES)
+COMMON = {"experiment": "pendulum", "preset": "corrected", "seeds": [4, 7], "device": "cpu"}
+TRAINING = COMMON | {
+    "method": "aphynity",
+    "label": "APHYNITY",
+    "system": {"name": "pendulum"},
+    "build": {"kind": "hybrid"},
+    "model": {
+        "encoder": {"kind": "recurrent", "hidden": 4, "layers": [4]},
+        "interaction": {"kind": "mlp", "layers": [4, 4]},
+    },
+    "training": {"epochs": 1, "batch_size": 6},
+    "t1_s": 1.0,
+    "choices": resolve("corrected"),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("evaluate")
+    for name in DATA["sets"]:
+        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": DATA})
+    train(folder, folder / "model.safetensors", folder / "work", TRAINING, None)
+    mean = TRAINING | {"build": {"kind": "mean"}, "model": {}, "training": {}, "method": "mean", "label": "Mean"}
+    train(folder, folder / "mean.safetensors", folder / "work", mean, None)
+    return folder
+
+
+def run(folder, model="model", choices=None, **evaluation):
+    outputs = [folder / f"{model}.csv", folder / f"{model}.npz"]
+    settings = COMMON | {"method": model, "label": model, "evaluation": {"samples": 2} | evaluation}
+    settings["choices"] = {"forecast_start": "y0"} | (choices or {})
+    evaluate(folder / f"{model}.safetensors", folder, *outputs, settings, None)
+    table = pd.read_csv(outputs[0])
+    return table.set_index(["seed", "set", "metric"])["value"], Forecasts.load(outputs[1])
+
+
+def test_metrics_of_every_seed_and_set_follow_from_the_forecasts(folder):
+    values, forecasts = run(folder, samples=12)
+    assert {seed for seed, *_ in values.index} == {4, 7}
+    assert forecasts.observed == 10 and forecasts.parameter_units == ["rad/s"]
+    for place, seed in enumerate([4, 7]):
+        error = (forecasts.prediction["test"][place] - forecasts.truth["test"]) ** 2
+        index = forecasts.index["test"]
+        assert len(set(index.tolist())) >= 10
+        late = error[:, 11:].sum(-1).mean()
+        assert values[seed, "test", "log_mse_sum"] == pytest.approx(np.log(late), abs=0.4)
+        wrong = np.abs(forecasts.estimates["test"][place] / forecasts.truths["test"] - 1)
+        assert values[seed, "test", "relative_error"] == pytest.approx(100 * wrong.mean(), rel=1e-4)
+    assert values[4, "test", "log_mse_sum"] - values[4, "test", "log_mse_dim"] == pytest.approx(np.log(2))
+
+
+def test_the_metric_can_see_the_whole_trajectory(folder):
+    late, _ = run(folder)
+    whole, _ = run(folder, from_s=0.0)
+    assert whole[4, "test", "log_mse_sum"] < late[4, "test", "log_mse_sum"], "the first point is known"
+
+
+def test_a_forecast_from_the_last_observed_point_shows_the_observation(folder):
+    _, forecasts = run(folder, choices={"forecast_start": "y_t1"})
+    np.testing.assert_allclose(forecasts.prediction["test"][0, :, :11], forecasts.truth["test"][:, :11], atol=1e-6)
+
+
+def test_the_mean_has_no_parameters(folder):
+    values, forecasts = run(folder, "mean")
+    assert not [metric for *_, metric in values.index if "error" in metric]
+    assert forecasts.estimates == {}
+    assert np.ptp(forecasts.prediction["test"], axis=1).max() == 0
+
+
+def test_the_same_evaluation_gives_the_same_bytes(folder):
+    run(folder)
+    first = [(folder / name).read_bytes() for name in ("model.csv", "model.npz")]
+    run(folder)
+    assert first == [(folder / name).read_bytes() for name in ("model.csv", "model.npz")]
+
+
+def test_other_seeds_are_refused(folder):
+    with pytest.raises(InputError, match=r"holds seeds \[4, 7\].*expected \[1\]"):
+        evaluate(
+            folder / "model.safetensors",
+            folder,
+            folder / "x.csv",
+            folder / "x.npz",
+            COMMON | {"seeds": [1], "method": "a", "label": "a", "evaluation": {}, "choices": {}},
+            None,
+        )
+    assert not (folder / "x.csv").exists()
+
+
+def test_a_forecast_that_is_not_finite_is_named(folder):
+    stored = store.load(folder / "model.safetensors")
+    stored.model.interaction.rest.layers[-1].bias.data.fill_(float("nan"))
+    store.save(folder / "broken.safetensors", stored.model, stored.description)
+    with pytest.raises(SolveError, match=r"pendulum/APHYNITY"):
+        run(folder, "broken")
+    assert not (folder / "broken.csv").exists()
