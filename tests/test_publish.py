@@ -18,6 +18,7 @@ def run(tmp_path, monkeypatch):
         "tables/pendulum.md": "table",
         "figures/pendulum_log_mse.png": "figure",
         "figures/pendulum_log_mse.pdf": "heavy",
+        "figures/pendulum_old_log_mse.png": "of an experiment that is no longer run",
         "pendulum/data/train.npz": "data",
         "benchmarks/train/a.tsv": "s\th:m:s\tmax_rss\n12.5\t0:00:12\t300.5\n",
         "benchmarks/train/b.tsv": "s\th:m:s\tmax_rss\n2.5\t0:00:02\tNA\n",

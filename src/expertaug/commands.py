@@ -117,6 +117,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("results", type=Path, help="results folder")
     p.add_argument("--uri", help="of the store (default: sqlite in RESULTS/mlflow)")
     p.add_argument("--experiment", default="expertaug", help="name of the MLflow experiment")
+
+    p = commands.add("publish", _publish, "keep a finished run's tables and figures with their provenance", settings=False)
+    p.add_argument("config", type=Path, nargs="+", help="YAML files of the run, later ones win")
+    p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder, which is replaced")
+    p.add_argument("--command", required=True, help="how the run was started, for the record")
     return parser
 
 
@@ -289,3 +294,10 @@ def _rebuild_tracking(a: argparse.Namespace) -> None:
     uri = a.uri or f"sqlite:///{a.results}/mlflow/mlflow.db"
     count = rebuild(a.results, uri, a.experiment)
     logger.info("%s: %d logs stored", uri, count)
+
+
+def _publish(a: argparse.Namespace) -> None:
+    from expertaug.publish import publish
+
+    publish(a.config, a.to, a.command)
+    logger.info("%s: published", a.to)

@@ -12,11 +12,13 @@ import yaml
 
 from expertaug import config, provenance
 from expertaug.errors import InputError
+from expertaug.evaluation.plot import NAMES
 from expertaug.files import write_json, write_text
 from expertaug.loglines import read_log
 
-KEPT = ("tables/*.csv", "tables/*.md", "tables/*.tex", "figures/*.png", "recordings/summary.*")
-KEPT += ("*/data/splits.json", "*/data/calibration.json", "*/data/*/splits.json")
+KEPT = ["tables/{0}.csv", "tables/{0}_long.csv", "tables/{0}.md", "tables/{0}.tex"]
+KEPT += [f"figures/{{0}}_{name}.png" for name in (*NAMES, "splits")]
+KEPT += ["{0}/data/splits.json", "{0}/data/calibration.json"]
 
 
 def publish(configs: Sequence[Path], folder: Path, command: str) -> None:
@@ -42,11 +44,11 @@ def publish(configs: Sequence[Path], folder: Path, command: str) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent) as name:
         new = Path(name) / folder.name
-        for pattern in KEPT:
-            for source in sorted(results.glob(pattern)):
-                target = new / source.relative_to(results)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(source, target)
+        files = [pattern.format(experiment) for pattern in KEPT for experiment in settings["run"]]
+        for file in (*files, "recordings/summary.csv", "recordings/summary.md"):
+            if (results / file).exists():
+                (new / file).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(results / file, new / file)
         costs = _costs(results / "benchmarks")
         lines = ["job,seconds,peak_memory_mb", *(f"{job},{seconds:.1f},{memory:.0f}" for job, seconds, memory in costs)]
         write_text(new / "costs.csv", "\n".join(lines) + "\n")
