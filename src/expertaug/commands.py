@@ -118,7 +118,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--uri", help="of the store (default: sqlite in RESULTS/mlflow)")
     p.add_argument("--experiment", default="expertaug", help="name of the MLflow experiment")
 
-    p = commands.add("publish", _publish, "keep a finished run's tables and figures with their provenance", settings=False)
+    p = commands.add("publish", _publish, "keep the tables and figures of a finished run", settings=False)
     p.add_argument("config", type=Path, nargs="+", help="YAML files of the run, later ones win")
     p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder, which is replaced")
     p.add_argument("--command", required=True, help="how the run was started, for the record")
