@@ -98,6 +98,10 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
             "experiments: {recordings: {based_on: pendulum}}",
             "experiments.recordings: the results folder needs this name",
         ),
+        (
+            "experiments: {simulate: {based_on: pendulum}}",
+            "experiments.simulate: a stage of the workflow has this name",
+        ),
         ("experiments: {a b: {based_on: pendulum}}", "experiments: found the name 'a b'"),
         ("experiments: {pendulum: {system: {name: pendulums}}}", "system.name: 'pendulums' is no system"),
         ("experiments: {pendulum: {system: {name: no.such}}}", "system.name: no module 'no.such'"),

@@ -14,6 +14,7 @@ from expertaug.errors import InputError
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
+TARGETS = (*sources.STAGES, "recordings", "report", "all", "everything")
 NOT_SYSTEMS = ("base", "solver", "simulate")
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
 TEXT_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -37,6 +38,8 @@ def check(config: Mapping) -> None:
     for name, experiment in config["experiments"].items():
         if name in RESERVED:
             raise InputError(f"experiments.{name}", "the results folder needs this name", "choose another name")
+        if name in TARGETS:
+            raise InputError(f"experiments.{name}", "a stage of the workflow has this name", "choose another name")
         _experiment(f"experiments.{name}", experiment, config)
     if _uses_recordings(config):
         _recordings(config["recordings"])
