@@ -11,6 +11,7 @@ from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.presets import resolve
 from expertaug.systems.simulate import simulate
+from expertaug.tracking import initialise
 
 RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}
@@ -89,6 +90,27 @@ def test_the_same_evaluation_gives_the_same_bytes(folder):
     first = [(folder / name).read_bytes() for name in ("model.csv", "model.npz")]
     run(folder)
     assert first == [(folder / name).read_bytes() for name in ("model.csv", "model.npz")]
+
+
+def test_figures_and_metrics_are_artifacts_of_the_tracked_run(folder, tmp_path):
+    import mlflow
+
+    tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/mlflow.db", "experiment": "test", "tags": {}}
+    initialise(tracking["uri"], "test", tmp_path / "marker.json")
+    settings = COMMON | {
+        "method": "aphynity",
+        "label": "APHYNITY",
+        "evaluation": {},
+        "choices": {"forecast_start": "y0"},
+    }
+    evaluate(folder / "model.safetensors", folder, tmp_path / "m.csv", tmp_path / "f.npz", settings, tracking)
+    client = mlflow.MlflowClient(tracking["uri"])
+    experiment = client.get_experiment_by_name("test").experiment_id
+    runs = {run.info.run_name: run for run in client.search_runs([experiment])}
+    for seed in COMMON["seeds"]:
+        run = runs[f"pendulum/APHYNITY/seed{seed}"]
+        assert {f.path for f in client.list_artifacts(run.info.run_id)} == {"m.csv", "forecasts.png", "parameters.png"}
+        assert "test/log_mse_sum" in run.data.metrics
 
 
 def test_other_seeds_are_refused(folder):

@@ -11,6 +11,7 @@ rule evaluate_block:
     output:
         metrics=results("{experiment}/{variant}/{block}/metrics.csv"),
         forecasts=results("{experiment}/{variant}/{block}/forecasts.npz"),
+        figures=[results(f"{{experiment}}/{{variant}}/{{block}}/{name}.png") for name in ("forecasts", "parameters")],
     log:
         results("logs/evaluate/{experiment}_{variant}_{block}.log"),
     benchmark:

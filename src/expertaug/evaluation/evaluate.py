@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
+from expertaug.evaluation import figures, traces
 from expertaug.evaluation.metrics import log_mse, parameter_errors
 from expertaug.files import atomic
 from expertaug.models import store
@@ -32,7 +33,8 @@ def evaluate(
         model: file of the trained model.
         data: folder of the sets.
         metrics: CSV in long format (experiment, system, method, label, preset, seed, set, metric, value).
-        forecasts: npz; its arrays are named in :func:`_collect`.
+        forecasts: npz; its arrays are named in :func:`_collect`.  Beside it forecasts.png and parameters.png are drawn,
+            this block's own figures.
         settings: {experiment, method, label, preset, evaluation, choices, seeds, device}; ``evaluation``
             has ``samples`` (forecasts kept of each set), ``from_s`` (the metric sees times from there on; null = those
             after the observed window), ``max_samples`` (of each set, evenly spread; null = all) and ``solver``.
@@ -82,7 +84,10 @@ def evaluate(
         np.savez_compressed(stream, **arrays)
     with atomic(metrics) as temporary:
         table.to_csv(temporary, index=False)
-    _log(metrics, identity, stored, settings, tracking)
+    drawn = Path(forecasts).with_name("forecasts.png"), Path(forecasts).with_name("parameters.png")
+    traces.forecasts({identity["label"]: forecasts}, drawn[0], {})
+    figures.parameters({identity["label"]: forecasts}, drawn[1], {})
+    _log(metrics, drawn, identity, stored, settings, tracking)
 
 
 def _spread(data: Trajectories, count: int | None) -> Trajectories:
@@ -145,7 +150,12 @@ def _collect(
 
 
 def _log(
-    metrics: Path, identity: Mapping, stored: store.StoredModel, settings: Mapping, tracking: Mapping | None
+    metrics: Path,
+    drawn: Sequence[Path],
+    identity: Mapping,
+    stored: store.StoredModel,
+    settings: Mapping,
+    tracking: Mapping | None,
 ) -> None:
     with RunLog(
         Path(metrics).with_name("evaluation.jsonl"),
@@ -157,3 +167,5 @@ def _log(
     ) as log:
         log.table(Path(metrics))
         log.artifact(Path(metrics))
+        for path in drawn:
+            log.artifact(path)
