@@ -5,10 +5,13 @@ import json
 import pytest
 import torch
 
+from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.fitting import Trainer
+from expertaug.learning.objectives import finite_forecast, mean_squared_error
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.task import task_of
 from expertaug.learning.train import train
 from expertaug.learning.trainer import TrainSettings
 from expertaug.models import store
@@ -108,6 +111,28 @@ def test_a_seed_that_never_has_a_gradient_is_named(data, tmp_path, settings, mon
         Trajectories(broken.t, broken.y * 1e18, broken.z_e).save(tmp_path / f"{name}.npz")
     with pytest.raises(SolveError, match=r"pendulum/APHYNITY.*seed 0.*learning_rate"):
         run(tmp_path, tmp_path, settings)
+
+
+def test_a_sample_that_runs_away_is_left_out():
+    """The double pendulum at 1e5 rad/s overflows in steps of 10 ms; the other samples' gradient is as without it."""
+    description = {"system": {"name": "double_pendulum", "expert": "point_mass"}, "seeds": [0, 1], "observed": 11}
+    encoder = {"kind": "window", "windows": {"theta1": [0.0, 0.1]}, "angles": ["theta1"], "layers": [5], "latent": 2}
+    description |= {"t": [0.01 * k for k in range(20)], "expert": True, "interaction": True}
+    description["model"] = {"encoder": encoder, "interaction": {"kind": "mlp", "layers": [4]}}
+    model = store.make(systems.load(description["system"]), description)
+    task = task_of({"horizon_s": 0.19}, description, torch.device("cpu"))
+    y0, z_a = torch.rand(2, 3, 4), torch.rand(2, 3, 2)
+    z_e = torch.tensor([[[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]] * 2)
+    z_e[0, 1] = 1e5
+    z_e.requires_grad_()
+    prediction, good = finite_forecast(model, y0, z_e, z_a, task, 20)
+    assert good.tolist() == [[True, False, True], [True, True, True]]
+    loss = mean_squared_error(model.system, prediction[1:], torch.zeros(19, 2, 3, 4), good)
+    loss.sum().backward()
+    assert torch.isfinite(z_e.grad).all() and (z_e.grad[0, 1] == 0).all() and (z_e.grad[0, 0] != 0).all()
+    kept, _ = finite_forecast(model, y0[:, ::2], z_e[:, ::2], z_a[:, ::2], task, 20)
+    expected = mean_squared_error(model.system, kept[1:], torch.zeros(19, 2, 2, 4))
+    torch.testing.assert_close(loss[0], expected[0])
 
 
 def test_orders_depend_on_seed_and_pass_alone(data):

@@ -14,17 +14,42 @@ from expertaug.models.posterior import Delta, Posterior
 from expertaug.systems import System
 
 
-def mean_squared_error(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
+def mean_squared_error(system: System, prediction: Tensor, truth: Tensor, good: Tensor | None = None) -> Tensor:
     """Mean over times, samples and dimensions of the squared error of observed quantities.
 
     Arguments:
         prediction, truth: (T, S, B, *state).
+        good: (S, B), the samples that count; all of them where it is None.
 
     Returns:
         (S,).
     """
-    error = (system.observe(prediction) - system.observe(truth)).square()
-    return error.movedim(1, 0).flatten(1).mean(1)
+    error = (system.observe(prediction) - system.observe(truth)).square().movedim(1, 0)
+    if good is None:
+        return error.flatten(1).mean(1)
+    each = error.movedim(2, 1).flatten(2).mean(2)
+    return (each * good).sum(1) / good.sum(1).clamp_min(1)
+
+
+def finite_forecast(
+    model: HybridModel, y0: Tensor, z_e: Tensor, z_a: Tensor, task: Task, points: int
+) -> tuple[Tensor, Tensor | None]:
+    """A training batch's forecast (T, S, B, *state), and which samples (S, B) it holds for; None where for all.
+
+    One sample whose speeds run away within a coarse step would make its seed's whole gradient NaN.  It is left out: it
+    is solved again with its seed's mean latents, which carry no gradient, and does not count.
+    """
+    prediction = model.forecast(y0, z_e, z_a, task.t[:points], task.solver)
+    good = torch.isfinite(prediction).movedim(0, 2).flatten(2).all(-1)
+    if good.all():
+        return prediction, None
+    weight = good.unsqueeze(-1)
+
+    def replaced(z: Tensor) -> Tensor:
+        mean = (z.detach().nan_to_num() * weight).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp_min(1)
+        return torch.where(weight, z, mean)
+
+    return model.forecast(y0, replaced(z_e), replaced(z_a), task.t[:points], task.solver), good
 
 
 class Aphynity:
@@ -63,8 +88,8 @@ class Aphynity:
             start, z_e_used, z_a_used = y[0][:, :half], z_e[:, :half], z_a[:, :half]
         else:
             truth, start, z_e_used, z_a_used = y[:points], y[0], z_e, z_a
-        prediction = model.forecast(start, z_e_used, z_a_used, task.t[:points], task.solver)
-        data = mean_squared_error(model.system, prediction[1:], truth[1:points])
+        prediction, good = finite_forecast(model, start, z_e_used, z_a_used, task, points)
+        data = mean_squared_error(model.system, prediction[1:], truth[1:points], good)
         penalty = self._penalty(model, prediction, truth[:points], z_a_used)
         loss = self._weight(data) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
