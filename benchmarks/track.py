@@ -28,11 +28,12 @@ from expertaug.recordings.scene import Scene
 from expertaug.recordings.tracker import Track, TrackSettings, estimate_geometry, track_frames
 
 SECONDS = 10  # of each recording: launches are fastest at first
+RECORDINGS = 8
 
 
 def fastest(count: int, settings: RenderSettings) -> tuple[np.ndarray, tuple[float, float]]:
     """States (count, 4) round the fastest turn of the second arm in all recordings, and that recording's pivot."""
-    runs = [motion(index, settings) for index in range(settings.count)]
+    runs = [motion(index, settings) for index in range(RECORDINGS)]
     _, states, pivot = max(runs, key=lambda run: np.abs(run[1][:, 3]).max())
     middle = int(np.abs(states[:, 3]).argmax())
     start = min(max(0, middle - count // 2), max(0, len(states) - count))
