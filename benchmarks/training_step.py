@@ -31,8 +31,7 @@ from expertaug.systems.simulate import sample
 
 POINTS, STEP = 51, 0.1
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
-SCALE = 3.0  # of ω0, as in the package
-TYPICAL = 0.1  # 3 softplus of it is an ω0 amid the data, as after some training: dopri5 then needs its usual steps
+TYPICAL = 2.2  # softplus of it is an ω0 amid the data, as after some training: dopri5 then needs its usual steps
 DATA = {"seed": 0, "step_s": STEP, "t2_s": 20.0, "noise": 0.01}
 MODEL = {"encoder": {"kind": "recurrent"}, "interaction": {"kind": "mlp"}}
 
@@ -75,7 +74,7 @@ class UsualModel(nn.Module):
     def solve(self, y: Tensor, adaptive: bool = True) -> tuple[Tensor, Tensor]:
         """Forecast of a batch y (T, B, 2) over the observed window, and its F_a."""
         z_a = self.encode(y[:POINTS])
-        omega0 = SCALE * nn.functional.softplus(self.head(z_a))
+        omega0 = nn.functional.softplus(self.head(z_a))
 
         def field(t: Tensor, s: Tensor) -> Tensor:
             expert = torch.cat((s[..., 1:], -omega0.square() * torch.sin(s[..., :1])), -1)

@@ -14,8 +14,7 @@ class DampedPendulum(System):
     """State (θ, θ'), z_e = ω0, z_a = α; the expert knows gravity, the interaction is the damping."""
 
     state = (Parameter("theta", "rad"), Parameter("omega", "rad/s"))
-    # Of the size of the data: from far below it, an expert without damping finds a wrong local minimum of the phase.
-    expert_parameters = (Parameter("omega0", "rad/s", scale=3.0),)
+    expert_parameters = (Parameter("omega0", "rad/s"),)
     interaction_parameters = (Parameter("alpha", "1/s"),)
 
     def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
