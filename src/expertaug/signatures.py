@@ -7,25 +7,11 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from expertaug import sources
+from expertaug import kinds, sources
 from expertaug.errors import InputError
 
 # What the package itself passes; the configuration gives the rest.
 GIVEN = {"encoder": {"system", "times"}, "interaction": {"system", "latent"}, "objective": {"seeds", "choices"}}
-REGISTRIES = {
-    "encoder": ("expertaug.models.encoders", "ENCODERS"),
-    "interaction": ("expertaug.models.interaction", "INTERACTIONS"),
-    "objective": ("expertaug.learning.objectives", "OBJECTIVES"),
-}
-
-
-def kinds(part: str) -> dict[str, str]:
-    """Built-in kinds of an encoder, interaction or objective: name → class."""
-    module, variable = REGISTRIES[part]
-    for node in _tree(sources.find(part, module)).body:
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == variable:
-            return {key.value: value.id for key, value in zip(node.value.keys, node.value.values, strict=True)}
-    raise LookupError(f"{module} has no {variable}")
 
 
 def of_kind(part: str, kind: str, where: str) -> list[str]:
@@ -34,12 +20,7 @@ def of_kind(part: str, kind: str, where: str) -> list[str]:
     Raises:
         InputError: there is no such kind, module or class.
     """
-    module, _, name = kind.partition(":")
-    if not name:
-        known = kinds(part)
-        if kind not in known:
-            raise InputError(where, f"'{kind}' is no {part}", f"known: {', '.join(known)}, or package.module:Class")
-        module, name = REGISTRIES[part][0], known[kind]
+    module, _, name = kinds.full_name(part, kind, where).partition(":")
     return [a for a in _arguments(sources.find(where, module), name, where) if a not in GIVEN[part]]
 
 

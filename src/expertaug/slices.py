@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from expertaug.config import merge
+from expertaug.kinds import full_name
 
 # Rows of the preset's table (expertaug.presets) that each stage of learning obeys.
 _TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection")
@@ -177,16 +178,23 @@ def plot(config: Mapping, experiment: str) -> dict:
 
 
 def modules(config: Mapping, experiment: str, method: str | None = None) -> list[str]:
-    """Modules that an experiment's configuration names: its system, and classes as ``package.module:Class``."""
+    """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
     one = config["experiments"][experiment]
     build = config["methods"][method] if method else {}
     name = build.get("system", {}).get("name", one["system"]["name"])
     named = [name if "." in name else f"expertaug.systems.{name}"]
     if method:
-        one = _experiment(config, experiment, method)
-        kinds = [one["model"][part]["kind"] for part in ("encoder", "interaction")] + [build.get("objective", "")]
-        named += [kind for kind in kinds if ":" in kind]
+        named += _classes(build, _experiment(config, experiment, method)["model"])
     return named
+
+
+def _classes(build: Mapping, model: Mapping) -> list[str]:
+    """Classes that a hybrid method is made of."""
+    if build["kind"] != "hybrid":
+        return []
+    parts = [part for part in ("encoder", "interaction") if build.get(part, True)]
+    objective = full_name("objective", build.get("objective", "aphynity"), "objective")
+    return [*(full_name(part, model[part]["kind"], part) for part in parts), objective]
 
 
 def _identity(config: Mapping, experiment: str, variant: str) -> dict:

@@ -149,12 +149,11 @@ class TestPresetRows:
 
     def test_penalty(self, loss):
         model, batch = loss.model, loss.batch
-        _, z_a = model.encode(batch.y[:11]).mean
-        context = model.interaction.context(z_a)
+        z_e, z_a = model.encode(batch.y[:11]).mean
+        context = model.interaction.context(z_a, z_e)
         on_data = torch.stack([model.interaction(y, context) for y in batch.y[:11]])
         norm = on_data.norm(dim=-1).mean((0, 2))
         torch.testing.assert_close(loss(penalty="norm_data")[2]["penalty"], norm.detach(), rtol=1e-3, atol=1e-6)
-        z_e, _ = model.encode(batch.y[:11]).mean
         path = model.forecast(batch.y[0], z_e, z_a, torch.arange(11) * 0.1, Solver("rk4"))
         squares = torch.stack([model.interaction(y, context) for y in path]).square().mean((0, 2, 3))
         torch.testing.assert_close(loss()[2]["penalty"], squares.sqrt().detach(), rtol=1e-3, atol=1e-6)

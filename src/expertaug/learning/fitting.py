@@ -8,12 +8,12 @@ from pathlib import Path
 
 import torch
 
+from expertaug.kinds import find
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
-from expertaug.learning.objectives import OBJECTIVES
 from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
-from expertaug.models.hybrid import HybridModel, find
+from expertaug.models.hybrid import HybridModel
 from expertaug.runlog import RunLog
 
 
@@ -32,7 +32,7 @@ def fit(
     choices, seeds = settings["choices"], list(settings["seeds"])
     train_set, validation = sets(task.points(choices))
     options = dict(settings["training"].get("objective", {}))
-    objective = find("objective", description["objective"], OBJECTIVES)(len(seeds), choices, **options)
+    objective = find("objective", description["objective"], "objective")(len(seeds), choices, **options)
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
     trainer = Trainer(
         model, objective, task, train_set, validation, seeds, TrainSettings.from_mapping(settings["training"]), name

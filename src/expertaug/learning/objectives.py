@@ -90,7 +90,7 @@ class Aphynity:
             truth, start, z_e_used, z_a_used = y[:points], y[0], z_e, z_a
         prediction, good = finite_forecast(model, start, z_e_used, z_a_used, task, points)
         data = mean_squared_error(model.system, prediction[1:], truth[1:points], good)
-        penalty = self._penalty(model, prediction, truth[:points], z_a_used)
+        penalty = self._penalty(model, prediction, truth[:points], z_e_used, z_a_used)
         loss = self._weight(data) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
         supervised = batch.supervised.sum(1)
@@ -108,14 +108,14 @@ class Aphynity:
             return (self.multiplier / self.first).to(data.device)
         return self.multiplier.to(data.device)
 
-    def _penalty(self, model: HybridModel, prediction: Tensor, truth: Tensor, z_a: Tensor) -> Tensor:
+    def _penalty(self, model: HybridModel, prediction: Tensor, truth: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
         if model.interaction is None:
             return prediction.new_zeros(prediction.shape[1])
         dims = len(model.system.state)
         if self.choices["penalty"] == "norm_data":
-            size = model.interaction_squares(truth, z_a) * dims
+            size = model.interaction_squares(truth, z_e, z_a) * dims
             return torch.sqrt(size + 1e-12).flatten(1).mean(1)
-        return torch.sqrt(model.interaction_squares(prediction, z_a).flatten(1).mean(1) + 1e-12)
+        return torch.sqrt(model.interaction_squares(prediction, z_e, z_a).flatten(1).mean(1) + 1e-12)
 
     def _supervision(self, posterior: Posterior, batch: Batch, task: Task) -> Tensor:
         if self.choices["supervision"] == "raw":
@@ -139,6 +139,3 @@ class Aphynity:
         """Take up what :meth:`state` gave."""
         for name, value in state.items():
             setattr(self, name, value)
-
-
-OBJECTIVES = {"aphynity": Aphynity}

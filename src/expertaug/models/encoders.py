@@ -129,6 +129,3 @@ class WindowEncoder(nn.Module):
         hidden = self.trunk.activation(self.trunk(x))
         raw = self.head(hidden) if self.skip is None else self.head(hidden) + self.skip(x)
         return Posterior(Delta(constrain(raw, self.system.expert_parameters)), Delta(self.latent_head(hidden)))
-
-
-ENCODERS = {"recurrent": RecurrentEncoder, "window": WindowEncoder}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 from collections.abc import Mapping
 
@@ -10,8 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.encoders import ENCODERS
-from expertaug.models.interaction import INTERACTIONS
+from expertaug.kinds import find
 from expertaug.models.posterior import Posterior
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
@@ -40,7 +38,7 @@ class HybridModel(nn.Module):
 
     def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
         """States (T, …, B, *state) at the times t (T,), from the known first point y0 (…, B, *state)."""
-        context = self.interaction.context(z_a) if self.interaction is not None else None
+        context = self.interaction.context(z_a, z_e) if self.interaction is not None else None
 
         def field(s: Tensor, y: Tensor) -> Tensor:
             rate = self.system.expert(s, y, z_e) if self.expert else self.system.kinematics(y)
@@ -66,15 +64,16 @@ class HybridModel(nn.Module):
         onwards = self.forecast(observed[last], z_e, z_a, t[last:], solver)
         return torch.cat((observed[:last], onwards)), z_e
 
-    def interaction_squares(self, y: Tensor, z_a: Tensor) -> Tensor:
-        """Mean over the state's dimensions of F_a² at every point, (…, B·T): y is (T, …, B, *state), z_a (…, B, Q).
+    def interaction_squares(self, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+        """Mean over the state's dimensions of F_a² at every point, (…, B·T): for y (T, …, B, *state),
+        z_e (…, B, P) and z_a (…, B, Q).
 
         Raises:
             AttributeError: the model has no interaction model.
         """
         state = self.system.state_shape
         points = y.movedim(0, -1 - len(state)).flatten(-2 - len(state), -1 - len(state))  # (…, B·T, *state)
-        context = self.interaction.context(z_a).repeat_interleave(len(y), dim=-2)
+        context = self.interaction.context(z_a, z_e).repeat_interleave(len(y), dim=-2)
         return self.interaction(points, context).square().flatten(-len(state)).mean(-1)
 
 
@@ -89,36 +88,19 @@ def build(system: System, times: Tensor, model: Mapping, expert: bool = True, in
     Raises:
         InputError: an unknown kind or argument.
     """
-    encoder = _make("model.encoder", ENCODERS, model["encoder"], system=system, times=times)
-    part = (
-        _make("model.interaction", INTERACTIONS, model["interaction"], system=system, latent=encoder.latent)
-        if interaction
-        else None
-    )
+    encoder = _make("encoder", model["encoder"], system=system, times=times)
+    part = _make("interaction", model["interaction"], system=system, latent=encoder.latent) if interaction else None
     return HybridModel(system, encoder, part, expert)
 
 
-def find(where: str, kind: str, kinds: Mapping[str, type]) -> type:
-    """The class of a kind: one of ``kinds`` by name, or ``package.module:Class`` from anywhere.
-
-    Raises:
-        InputError: no such class.
-    """
-    module, _, name = kind.partition(":")
-    try:
-        return getattr(importlib.import_module(module), name) if name else kinds[kind]
-    except (KeyError, ImportError, AttributeError) as error:
-        raise InputError(where, repr(kind), f"one of {', '.join(kinds)}, or package.module:Class") from error
-
-
-def _make(where: str, kinds: Mapping[str, type], settings: Mapping, **fixed: object) -> nn.Module:
+def _make(part: str, settings: Mapping, **fixed: object) -> nn.Module:
     arguments = dict(settings)
     kind = str(arguments.pop("kind", ""))
-    cls = find(f"{where}.kind", kind, kinds)
+    cls = find(part, kind, f"model.{part}.kind")
     known = set(inspect.signature(cls).parameters) - set(fixed)
     for key in arguments:
         if key not in known:
-            raise InputError(f"{where}.{key}", f"unknown to {kind}", f"known: {', '.join(sorted(known))}")
+            raise InputError(f"model.{part}.{key}", f"unknown to {kind}", f"known: {', '.join(sorted(known))}")
     return cls(**fixed, **arguments)
 
 

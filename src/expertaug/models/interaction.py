@@ -31,14 +31,11 @@ class MLPInteraction(nn.Module):
         self.latent_layer = Linear(latent, layers[0])
         self.rest = MLP(layers[0], layers[1:], len(system.state), activation)
 
-    def context(self, z_a: Tensor) -> Tensor:
-        """(…, B, latent) → (…, B, width), for :meth:`forward`."""
+    def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
+        """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""
         return self.latent_layer(z_a)
 
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y."""
         hidden = affine(self.system.features(y), self.state_layer.weight, context)
         return self.rest(self.rest.activation(hidden))
-
-
-INTERACTIONS = {"mlp": MLPInteraction}

@@ -1,0 +1,50 @@
+"""Classes that a configuration may name by a short ``kind``; any other is named as ``package.module:Class``.
+
+Only names stand here, so that checking a configuration does not wait for torch.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+from expertaug.errors import InputError
+
+KINDS = {
+    "encoder": {
+        "recurrent": "expertaug.models.encoders:RecurrentEncoder",
+        "window": "expertaug.models.encoders:WindowEncoder",
+    },
+    "interaction": {
+        "mlp": "expertaug.models.interaction:MLPInteraction",
+    },
+    "objective": {
+        "aphynity": "expertaug.learning.objectives:Aphynity",
+    },
+}
+
+
+def full_name(part: str, kind: str, where: str) -> str:
+    """``package.module:Class`` of a kind of ``part`` (encoder, interaction, objective).
+
+    Raises:
+        InputError: the kind is neither known nor of that form.
+    """
+    if ":" in kind:
+        return kind
+    known = KINDS[part]
+    if kind not in known:
+        raise InputError(where, f"'{kind}' is no {part}", f"known: {', '.join(known)}, or package.module:Class")
+    return known[kind]
+
+
+def find(part: str, kind: str, where: str) -> type:
+    """The class of a kind.
+
+    Raises:
+        InputError: there is no such kind, module or class.
+    """
+    module, _, name = full_name(part, kind, where).partition(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(where, repr(kind), f"one of {', '.join(KINDS[part])}, or package.module:Class") from error
