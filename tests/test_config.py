@@ -59,7 +59,7 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
             "experiments: {pendulum: {training: {learning_rate: 1e-3}}}",
             "experiments.pendulum.training.learning_rate: found '1e-3', which YAML takes for a text; write 1.0e-3",
         ),
-        ("experiments: {pendulum: {model: {encoder: {hidden: 1e2}}}}", "model.encoder.hidden: found '1e2'"),
+        ("experiments: {pendulum: {model: {encoder: {latent: 1e2}}}}", "model.encoder.latent: found '1e2'"),
         ("seeds: [true]", "seeds[0]: found true; give a whole number"),
         ("seeds: [1.5]", "seeds[0]: found 1.5; give a whole number"),
         ("seeds: [3, 1, 3]", "seeds[2]: 3 is there twice"),
@@ -70,7 +70,7 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
         ("experiments: {pendulum: {data: {t1_s: .nan}}}", "data.t1_s: found .nan; give a number"),
         ("recordings: 3", "recordings: found 3; give a mapping of keys"),
         ("results: /dev/null/here", "results: '/dev/null' is no folder"),
-        ("experiments: {pendulum: {model: {encoder: {hiden: 3}}}}", "encoder.hiden: unknown key; did you mean"),
+        ("experiments: {pendulum: {model: {encoder: {latnt: 3}}}}", "encoder.latnt: unknown key; did you mean"),
         ("experiments: {pendulum: {model: {encoder: {kind: cnn}}}}", "model.encoder.kind: 'cnn' is no encoder"),
         ("experiments: {double_pendulum: {system: {l3: 0.1}}}", "double_pendulum.system.l3: unknown key"),
         ("methods: {aphynity: {system: {expertt: compound}}}", "methods.aphynity.system.expertt: unknown key"),
@@ -310,3 +310,11 @@ def test_experiments_and_methods_may_override(base: dict) -> None:
     trained = [slices.train(changed, "pendulum", method, "seeds_0_1_2") for method in ("ml_only", "aphynity")]
     assert [one["model"]["interaction"]["layers"] for one in trained] == [[7], [50, 50, 50]]
     assert slices.finetune(changed, "pendulum", "aphynity", "seeds_0_1_2")["choices"]["resample"] == "epoch"
+
+
+def test_another_kind_takes_over_no_arguments():
+    base = {"encoder": {"kind": "window", "layers": [3]}, "interaction": {"kind": "mlp", "layers": [5]}}
+    over = {"encoder": {"kind": "recurrent", "hidden": 4}, "interaction": {"kind": "mlp", "activation": "silu"}}
+    merged = config.merge(base, over)
+    assert merged["encoder"] == over["encoder"]
+    assert merged["interaction"] == {"kind": "mlp", "layers": [5], "activation": "silu"}

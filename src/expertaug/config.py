@@ -59,11 +59,15 @@ def load(paths: Iterable[str | Path]) -> dict:
 
 
 def merge(base: Mapping, over: Mapping) -> dict:
-    """``base`` overridden by ``over``: mappings are merged key by key, anything else is replaced."""
+    """``base`` overridden by ``over``: mappings are merged key by key, anything else is replaced.
+
+    A mapping that names another ``kind`` is replaced too: the arguments of one class are none of another's.
+    """
     merged = copy.deepcopy(dict(base))
     for key, value in over.items():
         old = merged.get(key)
         both = isinstance(old, Mapping) and isinstance(value, Mapping)
+        both = both and value.get("kind", old.get("kind")) == old.get("kind")
         merged[key] = merge(old, value) if both else copy.deepcopy(value)
     return merged
 
@@ -106,8 +110,8 @@ def _check_overrides(config: Mapping, rules: Mapping) -> None:
     for name, one in config["experiments"].items():
         for method, blocks in one["overrides"].items():
             where = f"experiments.{name}.overrides.{method}"
-            if method not in one["methods"]:
-                raise InputError(where, "no method of this experiment", checks.suggest(method, one["methods"]))
+            if method not in config["methods"]:
+                raise InputError(where, "no method", checks.suggest(method, config["methods"]))
             try:
                 _check({**config, "experiments": {name: merge(one, blocks)}}, rules)
             except InputError as error:

@@ -153,6 +153,13 @@ def test_one_cycle_warms_up_and_decays():
     assert TrainSettings(learning_rate=1.0, schedule="constant").rate(50, 100) == 1.0
 
 
+def test_the_loss_window_grows_over_the_first_share_of_steps():
+    settings = TrainSettings(horizon_warmup=0.5)
+    points = [settings.points(51, k, 100) for k in range(100)]
+    assert points == sorted(points) and points[0] == 2 and points[24] == 26 and set(points[49:]) == {51}
+    assert {TrainSettings().points(51, k, 100) for k in range(100)} == {51}
+
+
 def test_unknown_training_key_is_named():
     with pytest.raises(InputError, match=r"training\.epoch.*unknown"):
         TrainSettings.from_mapping({"epoch": 3})

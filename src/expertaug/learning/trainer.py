@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -39,6 +39,8 @@ class TrainSettings:
         validation_samples: at most so many validation samples, evenly spread; null for all.
         checkpoint_s: least seconds between two checkpoints.
         supervision_weight: of the z_e term in fine-tuning.
+        horizon_warmup: share of all steps over which the loss window grows from its first points to its full length;
+            a long window from the start has minima at wrong frequencies.
     """
 
     epochs: int = 50
@@ -51,6 +53,7 @@ class TrainSettings:
     validation_samples: int | None = None
     checkpoint_s: float = 30.0
     supervision_weight: float = 1.0
+    horizon_warmup: float = 0.0
 
     @classmethod
     def from_mapping(cls, settings: Mapping) -> TrainSettings:
@@ -69,6 +72,11 @@ class TrainSettings:
         if step < warm:
             return self.learning_rate * (step + 1) / warm
         return self.learning_rate * 0.5 * (1 + math.cos(math.pi * (step - warm) / max(steps - warm, 1)))
+
+    def points(self, horizon: int, step: int, steps: int) -> int:
+        """Points of the loss window in step ``step`` of ``steps``, ``horizon`` at the end."""
+        growing = self.horizon_warmup * steps
+        return horizon if step >= growing else max(2, math.ceil(horizon * (step + 1) / growing))
 
 
 class Trainer:
@@ -110,14 +118,15 @@ class Trainer:
         self.epoch, self.seconds = 0, 0.0
         self.skipped = torch.zeros(len(seeds), dtype=torch.long)
 
-    def step(self, batch: Batch, rate: float) -> dict[str, Tensor]:
-        """One update of every seed; returns the loss's parts, each (S,)."""
-        loss, parts = self.objective.loss(self.model, batch, self.task)
+    def step(self, batch: Batch, step: int, steps: int) -> dict[str, Tensor]:
+        """Update number ``step`` of ``steps``, of every seed; returns the loss's parts, each (S,)."""
+        points = self.settings.points(self.task.horizon, step, steps)
+        loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
         self.optimiser.zero_grad(set_to_none=True)
         loss.sum().backward()
         self._tame()
         for group in self.optimiser.param_groups:
-            group["lr"] = rate
+            group["lr"] = self.settings.rate(step, steps)
         self.optimiser.step()
         return parts
 
@@ -162,7 +171,7 @@ class Trainer:
             begun = time.monotonic()
             for number, batch in enumerate(self.sets(self.epoch).batches(self.seeds, self.epoch, settings.batch_size)):
                 step = self.epoch * per_pass + number
-                parts = self.step(batch, settings.rate(step, steps))
+                parts = self.step(batch, step, steps)
                 if time.monotonic() - told > PROGRESS_S:
                     told = time.monotonic()
                     self._progress(step + 1, steps, parts, told - begun)

@@ -1,0 +1,154 @@
+"""Trials of hyperparameters on validation data: ``python benchmarks/search.py pendulum aphynity --trial '{…}' …``.
+
+A trial is a JSON mapping that overrides an experiment's blocks (model, training, augmentation, finetuning, choices) for
+one method.  It is trained, with ``--augmented`` also fine-tuned, and scored on the training and the validation set; the
+test set is never read.  Each trial adds a line to a CSV (results/published/search/<experiment>_<method>.csv unless
+``--table`` says otherwise); a trial that stands there already is not repeated.  With ``--from-best N`` the N best of
+the table are printed instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from expertaug import config, slices
+from expertaug.errors import InputError, SolveError
+from expertaug.evaluation.metrics import log_mse, parameter_errors
+from expertaug.learning.augment import augment
+from expertaug.learning.finetune import finetune
+from expertaug.learning.train import train
+from expertaug.models import store
+from expertaug.systems.simulate import simulate
+from expertaug.systems.solver import Solver
+from expertaug.types import Trajectories
+
+COLUMNS = [
+    "variant", "trial", "seeds", "minutes", "selection", "train", "validation", "validation_std", "parameter_error"
+]  # fmt: skip
+
+
+@torch.no_grad()
+def score(model: Path, data: Path, start: float | None, convention: str) -> dict[str, np.ndarray]:
+    """log-MSE of every seed on training and validation set, and the validation set's parameter error in %."""
+    stored = store.load(model)
+    scores = {}
+    for name in ("train", "validation"):
+        truth = Trajectories.load(data / f"{name}.npz")
+        truth = truth.subset(np.linspace(0, len(truth) - 1, min(len(truth), 500)).astype(int))
+        y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1)
+        observed = stored.description["observed"]
+        window = y[:observed].expand(observed, len(stored.seeds), *y.shape[2:])
+        prediction, z_e = stored.model.predict(window, torch.from_numpy(truth.t).float(), Solver("rk4"))
+        begin = observed if start is None else int(np.searchsorted(truth.t, start - 1e-9))
+        scores[name] = log_mse(stored.model.system, prediction[begin:], y[begin:])[f"log_mse_{convention}"].numpy()
+    if z_e is not None:
+        errors = parameter_errors(stored.model.system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
+        scores["parameter_error"] = errors["relative_error"].numpy()
+    return scores
+
+
+def run(settings: dict, experiment: str, method: str, augmented: bool, folder: Path) -> Path:
+    """Train (and fine-tune) a trial unless its files are there; the model's file."""
+    one, block = settings["experiments"][experiment], next(iter(slices.blocks(settings)))
+    data = Path(settings["results"], experiment, "data")
+    if one["data"]["source"] == "simulation":
+        for name in ("train", "validation"):
+            if not (data / f"{name}.npz").exists():
+                data.mkdir(parents=True, exist_ok=True)
+                simulate(name, data / f"{name}.npz", slices.simulate(settings, experiment, name))
+    calibration = data / "calibration.json" if one["data"]["calibrate"] else None
+    base = slices.train(settings, experiment, method, block)
+    model = folder / _digest(base) / "model.safetensors"
+    model.parent.mkdir(parents=True, exist_ok=True)
+    if not model.exists():
+        train(data, model, model.parent / "work", base, None, calibration)
+    if not augmented:
+        return model
+    drawn, tuned = (getattr(slices, f)(settings, experiment, method, block) for f in ("augment", "finetune"))
+    plus = model.parent / _digest([drawn, tuned]) / "model.safetensors"
+    plus.parent.mkdir(parents=True, exist_ok=True)
+    if not plus.exists():
+        augment(model, data, plus.with_name("augmented.safetensors"), drawn)
+        finetune(model, plus.with_name("augmented.safetensors"), data, plus, plus.parent / "work", tuned, None)
+    return plus
+
+
+def _digest(settings: object) -> str:
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def row(model: Path, trial: str, variant: str, data: Path, evaluation: dict) -> dict:
+    """A trial's line of the table."""
+    scores = score(model, data, evaluation["from_s"], evaluation["convention"])
+    description = store.load(model).description
+    return {
+        "variant": variant,
+        "trial": trial,
+        "seeds": len(description["seeds"]),
+        "minutes": round(description["wall_s"] / 60, 2),
+        "selection": round(float(np.mean(description["best_score"])), 3),
+        "train": round(float(scores["train"].mean()), 3),
+        "validation": round(float(scores["validation"].mean()), 3),
+        "validation_std": round(float(scores["validation"].std(ddof=1)), 3) if len(scores["validation"]) > 1 else "",
+        "parameter_error": round(float(scores["parameter_error"].mean()), 2) if "parameter_error" in scores else "",
+    }
+
+
+def main() -> None:
+    """Run the trials one after the other."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("experiment")
+    parser.add_argument("method")
+    parser.add_argument("--trial", action="append", default=[], help="JSON overrides; may be given often")
+    parser.add_argument("--augmented", action="store_true", help="fine-tune as well, and score the result")
+    parser.add_argument("--configfile", nargs="*", default=["config/config.yaml"])
+    parser.add_argument("--table", type=Path)
+    parser.add_argument("--from-best", type=int)
+    options = parser.parse_args()
+    table = options.table or Path("results/published/search", f"{options.experiment}_{options.method}.csv")
+    known = list(csv.DictReader(table.open(encoding="utf-8"))) if table.exists() else []
+    if options.from_best:
+        for line in sorted(known, key=lambda r: float(r["validation"]))[: options.from_best]:
+            print(", ".join(f"{k} {v}" for k, v in line.items()))
+        return
+    variant = options.method + "+" * options.augmented
+    for text in options.trial or ["{}"]:
+        trial = json.dumps(json.loads(text), sort_keys=True)
+        if any((r["variant"], r["trial"]) == (variant, trial) for r in known):
+            continue
+        loaded = config.load(options.configfile)
+        over = json.loads(trial)
+        override = {"choices": over.pop("choices", {}), "overrides": {options.method: over}}
+        settings = config.validate(config.merge(loaded, {"experiments": {options.experiment: override}}))
+        folder = Path(settings["results"], "search", options.experiment)
+        try:
+            model = run(settings, options.experiment, options.method, options.augmented, folder)
+        except SolveError as error:
+            print(f"{variant} {trial}: {error}", file=sys.stderr)
+            continue
+        data = Path(settings["results"], options.experiment, "data")
+        line = row(model, trial, variant, data, settings["experiments"][options.experiment]["evaluation"])
+        print(line, flush=True)
+        table.parent.mkdir(parents=True, exist_ok=True)
+        new = not table.exists()
+        with table.open("a", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, COLUMNS)
+            if new:
+                writer.writeheader()
+            writer.writerow(line)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except InputError as problem:
+        print(problem, file=sys.stderr)
+        sys.exit(2)
