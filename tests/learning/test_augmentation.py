@@ -147,15 +147,6 @@ class TestPresetRows:
             expected = 10 + (5 * parts["data"] if grows else 0 * parts["data"])
             torch.testing.assert_close(objective.multiplier, expected)
 
-    def test_multiplier_waits_for_its_start(self, loss):
-        objective = loss()[0]
-        objective.start = 1
-        objective.end_of_pass()
-        assert (objective.multiplier == 10).all()
-        objective.total, objective.count = torch.ones_like(objective.total), 1
-        objective.end_of_pass()
-        assert (objective.multiplier == 15).all()
-
     def test_penalty(self, loss):
         model, batch = loss.model, loss.batch
         z_e, z_a = model.encode(batch.y[:11]).mean

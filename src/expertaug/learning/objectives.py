@@ -64,7 +64,6 @@ class Aphynity:
         seeds: S, number of seeds in the block.
         lambda0: first multiplier, one for all seeds or one for each.
         tau2, every: size of its steps, passes between them.
-        start: passes before the first step.
         choices: rows of the preset.
     """
 
@@ -75,10 +74,9 @@ class Aphynity:
         lambda0: float | Sequence[float] = 10.0,
         tau2: float = 5.0,
         every: int = 1,
-        start: int = 0,
     ) -> None:
         self.choices = choices
-        self.tau2, self.every, self.start = float(tau2), int(every), int(start)
+        self.tau2, self.every = float(tau2), int(every)
         self.multiplier = torch.as_tensor(lambda0, dtype=torch.float32).expand(seeds).clone()
         self.first = torch.zeros(seeds)
         self.total = torch.zeros(seeds)
@@ -134,7 +132,7 @@ class Aphynity:
         """Raise the multiplier by tau2 times the passes' mean data term, when it is due."""
         self.passes += 1
         if self.passes % self.every == 0:
-            if self.choices["multiplier"] == "lagrangian" and self.passes > self.start:
+            if self.choices["multiplier"] == "lagrangian":
                 self.multiplier = self.multiplier + self.tau2 * self.total / max(self.count, 1)
             self.total, self.count = torch.zeros_like(self.total), 0
 
