@@ -55,7 +55,7 @@ def ours(
     settings = TrainSettings.from_mapping(config["training"] | {"epochs": epochs})
     trainer = Trainer(
         stacked,
-        Aphynity(seeds, config["choices"], **config["training"]["objective"]),
+        Aphynity(description["seeds"], config["choices"], **config["training"]["objective"]),
         task_of(config["training"], description, torch.device("cpu")),
         train.window(POINTS),
         [(validation, range(1, POINTS))],

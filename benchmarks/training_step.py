@@ -113,7 +113,7 @@ def stacked_steps(seeds: int, data: StackedSet) -> Callable[[], None]:
     description = {"model": MODEL, "t": t, "observed": POINTS, "seeds": list(range(seeds))}
     model = store.make(system, description | {"expert": True, "interaction": True})
     nn.init.constant_(model.encoder.head.layers[-1].bias, TYPICAL)
-    objective = Aphynity(seeds, resolve("corrected"))
+    objective = Aphynity(description["seeds"], resolve("corrected"))
     task = task_of({}, description, torch.device("cpu"))
     batch = next(data.batches(description["seeds"], 0, 100))
     optimiser = torch.optim.Adam(model.parameters())

@@ -13,12 +13,18 @@ KINDS = {
     "encoder": {
         "recurrent": "expertaug.models.encoders:RecurrentEncoder",
         "window": "expertaug.models.encoders:WindowEncoder",
+        "two_step": "expertaug.models.two_step:MLPTwoStep",
+        "conv_two_step": "expertaug.models.two_step_fields:ConvTwoStep",
+        "conv": "expertaug.models.convolutional:ConvEncoder",
     },
     "interaction": {
         "mlp": "expertaug.models.interaction:MLPInteraction",
+        "conv": "expertaug.models.convolutional:ConvInteraction",
+        "polynomial": "expertaug.models.polynomial:PolynomialInteraction",
     },
     "objective": {
         "aphynity": "expertaug.learning.objectives:Aphynity",
+        "hvae": "expertaug.learning.hvae:HybridVAE",
     },
 }
 

@@ -101,6 +101,22 @@ ROWS: dict[str, Row] = {
         code="resampled",
         corrected="data",
     ),
+    "augmented_z_a": Row(
+        "z_a of augmented samples: posterior = drawn from q(z_a | x, y); prior = from N(0, I) where the posterior is "
+        "no point estimate, which the authors' hybrid-VAE does",
+        ("posterior", "prior"),
+        paper="posterior",
+        code="prior",
+        corrected="posterior",
+    ),
+    "hvae_z_e": Row(
+        "the hybrid-VAE's z_e in training: sampled = a sample of q(z_e | x, y); mean = its mean, without a divergence "
+        "(the authors' pendulum)",
+        ("sampled", "mean"),
+        paper="sampled",
+        code="mean",
+        corrected="sampled",
+    ),
     "supervision": Row(
         "the z_e term of augmented samples: standardised = Gaussian log-density with z_e in units of p+'s standard "
         "deviation; raw = squared error in the parameter's own unit; off = none",

@@ -11,7 +11,11 @@ from expertaug import kinds, sources
 from expertaug.errors import InputError
 
 # What the package itself passes; the configuration gives the rest.
-GIVEN = {"encoder": {"system", "times"}, "interaction": {"system", "latent"}, "objective": {"seeds", "choices"}}
+GIVEN = {
+    "encoder": {"system", "times"},
+    "interaction": {"system", "latent"},
+    "objective": {"seeds", "choices", "prior"},
+}
 
 
 def of_kind(part: str, kind: str, where: str) -> list[str]:
@@ -20,8 +24,17 @@ def of_kind(part: str, kind: str, where: str) -> list[str]:
     Raises:
         InputError: there is no such kind, module or class.
     """
+    return [a for a in _all_of_kind(part, kind, where) if a not in GIVEN[part]]
+
+
+def takes(part: str, kind: str, argument: str, where: str) -> bool:
+    """Whether a kind's class has an argument, be it one that the package gives."""
+    return argument in _all_of_kind(part, kind, where)
+
+
+def _all_of_kind(part: str, kind: str, where: str) -> list[str]:
     module, _, name = kinds.full_name(part, kind, where).partition(":")
-    return [a for a in _arguments(sources.find(where, module), name, where) if a not in GIVEN[part]]
+    return _arguments(sources.find(where, module), name, where)
 
 
 def of_system(name: str, where: str) -> list[str]:

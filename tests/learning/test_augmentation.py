@@ -110,7 +110,7 @@ class TestPresetRows:
         batch = StackedSet.of(Trajectories.load(data / "train.npz"), CPU).whole(2)
 
         def compute(model=None, supervised=0.0, lambda0=10.0, batch=batch, **choices):
-            objective = Aphynity(2, resolve("corrected", choices), lambda0=lambda0)
+            objective = Aphynity([0, 1], resolve("corrected", choices), lambda0=lambda0)
             task = task_of({}, stored.description, CPU, torch.tensor([0.5]))
             batch = type(batch)(batch.y, batch.z_e, torch.full_like(batch.supervised, supervised))
             return objective, *objective.loss(model or stored.model, batch, task)

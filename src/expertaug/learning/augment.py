@@ -30,10 +30,10 @@ def augment(model: Path, data: Path, output: Path, settings: Mapping) -> None:
     task = task.shortened(task.points(choices))
     noise = float(settings["noise"]) if choices["augmentation_noise"] == "as_data" else 0.0
     sets = [StackedSet.of(Trajectories.load(Path(data) / f"{name}.npz"), device) for name in ("train", "validation")]
-    resample_x = choices["augmented_x"] == "resampled"
+    options = {"resample_x": choices["augmented_x"] == "resampled", "z_a_from": choices["augmented_z_a"]}
     drawn = [
-        augmentation.generate(stored.model, part, task, stored.seeds, settings["prior"], noise, draw, resample_x)
+        augmentation.generate(stored.model, part, task, stored.seeds, settings["prior"], noise, draw, **options)
         for draw, part in enumerate(sets)
     ]
-    header = {"prior": settings["prior"], "noise": noise, "seeds": stored.seeds, "resample_x": resample_x}
+    header = {"prior": settings["prior"], "noise": noise, "seeds": stored.seeds, "options": options}
     augmentation.save(output, *drawn, header)

@@ -7,16 +7,17 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import torch
 from safetensors.torch import save_file
 from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.files import atomic
+from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridModel
+from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.store import read_tensors
 
 CHUNK = 4096  # samples simulated at a time: bounds the memory
@@ -52,6 +53,7 @@ def generate(
     noise: float,
     draw: int,
     resample_x: bool = False,
+    z_a_from: str = "posterior",
 ) -> StackedSet:
     """One augmented sample for each of ``data``: x from the data, z_a ~ q(z_a | x, y), z_e ~ p⁺, y by the model.
 
@@ -64,6 +66,7 @@ def generate(
         noise: standard deviation of the noise added to every point, the first one too.
         draw: number of the draw (sets, passes).
         resample_x: whether x is drawn anew (:meth:`System.resample_known`) instead of taken from the data.
+        z_a_from: posterior: a sample of q(z_a | x, y); prior: of N(0, I), where the posterior is not a point.
 
     Returns:
         y (T, S, N, *state), z_e (S, N, P), all supervised.
@@ -72,21 +75,21 @@ def generate(
         SolveError: a sample stays non-finite after redrawing z_e.
     """
     low, high = prior_range(model, prior)
-    generators = [np.random.default_rng([seed, draw, 1]) for seed in seeds]
+    random = Noise(seeds, draw, 1, device=data.y.device)
     parts = []
     for start in range(0, len(data), CHUNK):
         index = torch.arange(start, min(start + CHUNK, len(data)))
         batch = StackedSet(data.y[:, :, index], data.z_e[:, index], data.supervised[index]).whole(len(seeds))
-        _, z_a = model.encode(batch.y[: task.observed]).rsample()
         y0 = batch.y[0]
+        z_a = _latent(model.encode(batch.y[: task.observed]), z_a_from, partial(random.normal, len(index)))
         if resample_x:
-            y0 = model.system.resample_known(y0, partial(_uniform, generators, y0))
-        y, z_e = _simulate(model, y0, z_a, low, high, task, generators)
+            y0 = model.system.resample_known(y0, partial(random.uniform, len(index)))
+        y, z_e = _simulate(model, y0, z_a, low, high, task, random)
         for _ in range(ATTEMPTS):
             good = torch.isfinite(y).movedim(0, 2).flatten(2).all(-1)
             if good.all():
                 break
-            again, other = _simulate(model, y0, z_a, low, high, task, generators)
+            again, other = _simulate(model, y0, z_a, low, high, task, random)
             y = torch.where(good.view(1, *good.shape, *[1] * (y.dim() - 3)), y, again)
             z_e = torch.where(good.unsqueeze(-1), z_e, other)
         else:
@@ -97,25 +100,21 @@ def generate(
         parts.append((y, z_e))
     y, z_e = torch.cat([p[0] for p in parts], dim=2), torch.cat([p[1] for p in parts], dim=1)
     if noise:
-        y = y + noise * _draw(generators, "standard_normal", (len(y), *y.shape[2:])).movedim(0, 1).to(y)
+        y = y + noise * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
     return StackedSet(y, z_e, torch.ones(z_e.shape[1], device=y.device))
 
 
+def _latent(posterior: Posterior, z_a_from: str, normal: Normal) -> Tensor:
+    if z_a_from == "prior" and isinstance(posterior.z_a, Gaussian):
+        return normal(posterior.z_a.loc.shape[-1])
+    return posterior.z_a.draw(normal)
+
+
 def _simulate(
-    model: HybridModel, y0: Tensor, z_a: Tensor, low: Tensor, high: Tensor, task: Task, generators: list
+    model: HybridModel, y0: Tensor, z_a: Tensor, low: Tensor, high: Tensor, task: Task, random: Noise
 ) -> tuple[Tensor, Tensor]:
-    z_e = (low + (high - low) * _uniform(generators, y0, len(low))).to(y0)
+    z_e = low.to(y0) + (high - low).to(y0) * random.uniform(y0.shape[1], len(low))
     return model.forecast(y0, z_e, z_a, task.t, task.solver), z_e
-
-
-def _uniform(generators: list, y0: Tensor, count: int) -> Tensor:
-    """(S, B, count) numbers, uniform in [0, 1), for first points y0 (S, B, *state)."""
-    return _draw(generators, "random", (y0.shape[1], count)).to(y0)
-
-
-def _draw(generators: list, kind: str, shape: tuple[int, ...]) -> Tensor:
-    """(S, *shape) float32 draws, each seed from its own generator."""
-    return torch.from_numpy(np.stack([getattr(g, kind)(shape, dtype=np.float32) for g in generators]))
 
 
 def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping) -> None:

@@ -38,7 +38,7 @@ def finetune(
         StackedSet.of(Trajectories.load(Path(data) / f"{name}.npz"), device) for name in ("train", "validation")
     )
     hybrid: HybridModel = stored.model
-    prefixes = ["interaction."]
+    prefixes = list(hybrid.decoder_prefixes)
     if choices["frozen"] == "interaction_and_z_e_head":
         prefixes.append(f"encoder.{hybrid.encoder.head_prefix}")
     before = {}
@@ -51,7 +51,7 @@ def finetune(
         **{k: base["training"][k] for k in ("solver", "horizon_s") if k in base["training"]},
         **settings["training"],
     }
-    first = base["training"].get("objective", {}) | {"lambda0": base["multiplier"]}
+    first = base["training"].get("objective", {}) | base["carried"]
     training["objective"] = first | training.get("objective", {})
     scale = augmentation.prior_scale(hybrid, header["prior"]).to(device)
     task = task_of(training, base, device, scale)
@@ -67,7 +67,7 @@ def finetune(
             lambda epoch: (
                 real
                 | augmentation.generate(
-                    source, train_set, short, seeds, header["prior"], header["noise"], 2 + epoch, header["resample_x"]
+                    source, train_set, short, seeds, header["prior"], header["noise"], 2 + epoch, **header["options"]
                 )
             ),
             validation,
@@ -85,7 +85,7 @@ def finetune(
             "augmented_prior": header["prior"],
             "base_wall_s": base["wall_s"],
         },
-        settings | {"seeds": seeds, "training": training},
+        settings | {"seeds": seeds, "training": training, "prior": header["prior"]},
         (output, work, [Path(model), Path(augmented), Path(data) / "train.npz", Path(data) / "validation.npz"]),
         tracking,
         unchanged=before,

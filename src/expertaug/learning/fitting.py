@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import torch
 
 from expertaug.kinds import find
+from expertaug.learning import snapshots
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer, TrainSettings
@@ -27,16 +29,20 @@ def fit(
     tracking: Mapping | None,
     unchanged: Mapping | None = None,
 ) -> None:
-    """Train ``model``, resuming a killed run, and write its best state to the output."""
+    """Train ``model``, resuming a killed run, and write its best state to the output.
+
+    Where ``settings`` have ``snapshots``, a list of passes, the states after these are written beside it.
+    """
     output, work, inputs = Path(paths[0]), Path(paths[1]), paths[2]
     choices, seeds = settings["choices"], list(settings["seeds"])
     train_set, validation = sets(task.points(choices))
     options = dict(settings["training"].get("objective", {}))
-    objective = find("objective", description["objective"], "objective")(len(seeds), choices, **options)
+    kind = find("objective", description["objective"], "objective")
+    given = {"prior": settings["prior"]} if "prior" in inspect.signature(kind).parameters else {}
+    objective = kind(seeds, choices, **given, **options)
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
-    trainer = Trainer(
-        model, objective, task, train_set, validation, seeds, TrainSettings.from_mapping(settings["training"]), name
-    )
+    options, keep = TrainSettings.from_mapping(settings["training"]), settings.get("snapshots", ())
+    trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep)
     with locked(work):
         checkpoint = Checkpoint(work, fingerprint({k: v for k, v in settings.items() if k != "device"}, inputs))
         state = checkpoint.load()
@@ -64,8 +70,10 @@ def fit(
                 "wall_s": trainer.seconds,
                 "best_score": trainer.best_score.tolist(),
                 "best_epoch": trainer.best_epoch.tolist(),
-                "multiplier": objective.multiplier.tolist(),
+                "carried": objective.carried(),
             }
+            if keep:
+                snapshots.save(output.with_name(snapshots.NAME), trainer.snapshots, description)
             store.save(output, model, json.loads(json.dumps(description | record)))
             log.artifact(output)
         checkpoint.remove()

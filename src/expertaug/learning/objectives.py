@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import prod
 
 import torch
 from torch import Tensor
@@ -10,7 +11,7 @@ from torch import Tensor
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridModel
-from expertaug.models.posterior import Delta, Posterior
+from expertaug.models.posterior import Posterior
 from expertaug.systems import System
 
 
@@ -31,28 +32,110 @@ def mean_squared_error(system: System, prediction: Tensor, truth: Tensor, good: 
     return (each * good).sum(1) / good.sum(1).clamp_min(1)
 
 
+def squares(system: System, prediction: Tensor, truth: Tensor) -> tuple[Tensor, int]:
+    """Squared errors (S, B) of every sample, summed over times and observed quantities; and how many are summed."""
+    error = (system.observe(prediction) - system.observe(truth)).square().flatten(3)
+    return error.sum((0, 3)), error.shape[0] * error.shape[3]
+
+
+def sample_mean(each: Tensor, good: Tensor | None = None) -> Tensor:
+    """Mean (S,) over the samples that count of (S, B); over all of them where ``good`` is None."""
+    if good is None:
+        return each.mean(1)
+    return torch.where(good, each, torch.zeros_like(each)).sum(1) / good.sum(1).clamp_min(1)
+
+
 def finite_forecast(
-    model: HybridModel, y0: Tensor, z_e: Tensor, z_a: Tensor, task: Task, points: int
+    model: HybridModel,
+    y0: Tensor,
+    z_e: Tensor,
+    z_a: Tensor,
+    task: Task,
+    points: int,
+    limit: Tensor | None = None,
 ) -> tuple[Tensor, Tensor | None]:
     """A training batch's forecast (T, S, B, *state), and which samples (S, B) it holds for; None where for all.
 
     One sample whose speeds run away within a coarse step would make its seed's whole gradient NaN.  It is left out: it
-    is solved again with its seed's mean latents, which carry no gradient, and does not count.
+    is solved again with its seed's mean latents, which carry no gradient, and does not count.  Samples beyond those of
+    z_a follow the expert alone.  With ``limit`` (S,) a sample also runs away where a value is beyond it.
     """
     prediction = model.forecast(y0, z_e, z_a, task.t[:points], task.solver)
-    good = torch.isfinite(prediction).movedim(0, 2).flatten(2).all(-1)
+    near = torch.isfinite(prediction)
+    if limit is not None:
+        near = near & (prediction.detach().abs() <= limit.view(1, -1, *[1] * (prediction.dim() - 2)))
+    good = near.movedim(0, 2).flatten(2).all(-1)
     if good.all():
         return prediction, None
     weight = good.unsqueeze(-1)
 
     def replaced(z: Tensor) -> Tensor:
-        mean = (z.detach().nan_to_num() * weight).sum(1, keepdim=True) / weight.sum(1, keepdim=True).clamp_min(1)
-        return torch.where(weight, z, mean)
+        kept = weight[:, : z.shape[1]]
+        mean = (z.detach().nan_to_num() * kept).sum(1, keepdim=True) / kept.sum(1, keepdim=True).clamp_min(1)
+        return torch.where(kept, z, mean)
 
     return model.forecast(y0, replaced(z_e), replaced(z_a), task.t[:points], task.solver), good
 
 
-class Aphynity:
+def supervision(posterior: Posterior, batch: Batch, task: Task, choice: str) -> Tensor | None:
+    """Mean over the labelled samples of the z_e term (S,); None where there is none.
+
+    Arguments:
+        choice: the preset's row supervision: −log q(z_e | x, y) with z_e in units of p⁺'s standard deviation, or the
+            squared error of the posterior's mean in the parameters' own units.
+    """
+    count = batch.supervised.sum(1)
+    if choice == "off" or not count.any():
+        return None
+    mean = posterior.z_e.mean
+    labels = torch.where(batch.supervised.bool().unsqueeze(-1), batch.z_e, mean.detach())  # others may be impossible
+    raw = choice == "raw"
+    each = (mean - labels).square().sum(-1) if raw else -posterior.z_e.log_prob_in(labels, task.z_e_scale)
+    return (each * batch.supervised).sum(1) / count.clamp_min(1)
+
+
+class Objective:
+    """What the trainer minimises.  A subclass needs :meth:`loss` and may need the others.
+
+    Arguments:
+        seeds: of the block, in its order.
+        choices: rows of the preset.
+
+    A subclass's further arguments are options in the configuration; one called ``prior`` gets the ranges of p⁺.
+
+    Attributes:
+        learns_likelihood: whether the model needs a likelihood with a learned scale.
+        kept: attributes that a checkpoint keeps.
+    """
+
+    learns_likelihood = False
+    kept: tuple[str, ...] = ()
+
+    def __init__(self, seeds: Sequence[int], choices: Mapping) -> None:
+        self.seeds, self.choices = list(seeds), choices
+
+    def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
+        """Loss (S,) and its parts, each (S,), without gradient."""
+        raise NotImplementedError
+
+    def end_of_pass(self) -> None:
+        """Called after every pass over the training set."""
+
+    def carried(self) -> dict:
+        """Options, of plain numbers, that fine-tuning takes over from the end of training."""
+        return {}
+
+    def state(self) -> dict:
+        """What a checkpoint keeps."""
+        return {name: getattr(self, name) for name in self.kept}
+
+    def restore(self, state: Mapping) -> None:
+        """Take up what :meth:`state` gave."""
+        for name, value in state.items():
+            setattr(self, name, value)
+
+
+class Aphynity(Objective):
     """APHYNITY (Yin et al. 2021; paper, section 2): minimise ‖F_a‖ subject to fitting the data.
 
     The Lagrangian is λ · L + ‖F_a‖, with L the mean squared error of the trajectory over the loss window and ‖F_a‖ the
@@ -61,32 +144,31 @@ class Aphynity:
     :mod:`expertaug.presets`.
 
     Arguments:
-        seeds: S, number of seeds in the block.
         lambda0: first multiplier, one for all seeds or one for each.
         tau2, every: size of its steps, passes between them.
-        choices: rows of the preset.
     """
+
+    kept = ("multiplier", "first", "total", "count", "passes")
 
     def __init__(
         self,
-        seeds: int,
+        seeds: Sequence[int],
         choices: Mapping,
         lambda0: float | Sequence[float] = 10.0,
         tau2: float = 5.0,
         every: int = 1,
     ) -> None:
-        self.choices = choices
+        super().__init__(seeds, choices)
         self.tau2, self.every = float(tau2), int(every)
-        self.multiplier = torch.as_tensor(lambda0, dtype=torch.float32).expand(seeds).clone()
-        self.first = torch.zeros(seeds)
-        self.total = torch.zeros(seeds)
+        self.multiplier = torch.as_tensor(lambda0, dtype=torch.float32).expand(len(self.seeds)).clone()
+        self.first = torch.zeros(len(self.seeds))
+        self.total = torch.zeros(len(self.seeds))
         self.count = self.passes = 0
 
     def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
-        """Loss (S,) and its parts, each (S,), without gradient."""
         y, points = batch.y, task.horizon
         posterior = model.encode(y[: task.observed])
-        z_e, z_a = posterior.rsample()
+        z_e, z_a = posterior.mean
         if self.choices["loss_window"] == "half_batch":
             half = max(y.shape[2] // 2, 1)
             points, truth = len(task.t), y[:, :, :half]
@@ -98,9 +180,8 @@ class Aphynity:
         penalty = self._penalty(model, prediction, truth[:points], z_e_used, z_a_used)
         loss = self._weight(data) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
-        supervised = batch.supervised.sum(1)
-        if self.choices["supervision"] != "off" and supervised.any():
-            term = self._supervision(posterior, batch, task) / supervised.clamp_min(1)
+        term = supervision(posterior, batch, task, self.choices["supervision"])
+        if term is not None:
             loss = loss + task.supervision_weight * term
             parts["z_e"] = term.detach()
         self.total += data.detach().cpu()
@@ -116,17 +197,10 @@ class Aphynity:
     def _penalty(self, model: HybridModel, prediction: Tensor, truth: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
         if model.interaction is None:
             return prediction.new_zeros(prediction.shape[1])
-        dims = len(model.system.state)
         if self.choices["penalty"] == "norm_data":
-            size = model.interaction_squares(truth, z_e, z_a) * dims
+            size = model.interaction_squares(truth, z_e, z_a) * prod(model.system.state_shape)
             return torch.sqrt(size + 1e-12).flatten(1).mean(1)
         return torch.sqrt(model.interaction_squares(prediction, z_e, z_a).flatten(1).mean(1) + 1e-12)
-
-    def _supervision(self, posterior: Posterior, batch: Batch, task: Task) -> Tensor:
-        if self.choices["supervision"] == "raw":
-            return ((posterior.z_e.mean - batch.z_e).square().sum(-1) * batch.supervised).sum(1)
-        density = Delta(posterior.z_e.mean, task.z_e_scale).log_prob(batch.z_e)
-        return -(density * batch.supervised).sum(1)
 
     def end_of_pass(self) -> None:
         """Raise the multiplier by tau2 times the passes' mean data term, when it is due."""
@@ -136,11 +210,5 @@ class Aphynity:
                 self.multiplier = self.multiplier + self.tau2 * self.total / max(self.count, 1)
             self.total, self.count = torch.zeros_like(self.total), 0
 
-    def state(self) -> dict:
-        """What a checkpoint keeps."""
-        return {name: getattr(self, name) for name in ("multiplier", "first", "total", "count", "passes")}
-
-    def restore(self, state: Mapping) -> None:
-        """Take up what :meth:`state` gave."""
-        for name, value in state.items():
-            setattr(self, name, value)
+    def carried(self) -> dict:
+        return {"lambda0": self.multiplier.tolist()}

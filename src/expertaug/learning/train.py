@@ -9,6 +9,7 @@ import torch
 
 from expertaug import systems
 from expertaug.files import read_json
+from expertaug.kinds import find
 from expertaug.learning.fitting import fit
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
@@ -43,12 +44,14 @@ def train(
     train_data, validation_data = (Trajectories.load(Path(data) / f"{name}.npz") for name in ("train", "validation"))
     t = [float(v) for v in train_data.t]
     observed = points_until(t, settings["t1_s"]) - (choices["observed_points"] == "exclusive")
+    objective = build.get("objective", "aphynity")
     description = {
         "kind": build["kind"],
         "system": system_settings,
         "model": settings["model"],
         "expert": build.get("expert", True),
         "interaction": build.get("interaction", True),
+        "likelihood": find("objective", objective, "objective").learns_likelihood,
         "t": t,
         "observed": observed,
         "training": settings["training"],
@@ -61,13 +64,13 @@ def train(
     device = device_of(settings["device"])
     model = store.make(system, description)
     train_set, validation_set = StackedSet.of(train_data, device), StackedSet.of(validation_data, device)
-    model.encoder.fit(train_set.y[:observed, 0])
+    model.fit(train_set.y[:observed, 0])
     task = task_of(settings["training"], description, device)
     fit(
         model.to(device),
         lambda points: (train_set.window(points), [(validation_set, task.selection(choices))]),
         task,
-        description | {"stage": "train", "objective": build.get("objective", "aphynity")},
+        description | {"stage": "train", "objective": objective},
         settings,
         (output, work, [Path(data) / "train.npz", Path(data) / "validation.npz"]),
         tracking,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 
 import torch
@@ -13,7 +13,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.learning.checkpoint import Checkpoint
-from expertaug.learning.objectives import Aphynity, mean_squared_error
+from expertaug.learning.objectives import Objective, mean_squared_error
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridModel
@@ -91,18 +91,20 @@ class Trainer:
         seeds: in the block's order.
         settings: how to train.
         name: for messages.
+        keep: passes after which the model's state is kept in ``snapshots``.
     """
 
     def __init__(
         self,
         model: HybridModel,
-        objective: Aphynity,
+        objective: Objective,
         task: Task,
         train: StackedSet | Callable[[int], StackedSet],
         validation: Iterable[tuple[StackedSet, range]],
         seeds: list[int],
         settings: TrainSettings,
         name: str,
+        keep: Collection[int] = (),
     ) -> None:
         self.model, self.objective, self.task = model, objective, task
         self.sets = train if callable(train) else lambda epoch: train
@@ -116,6 +118,7 @@ class Trainer:
         self.best_score = torch.full((len(seeds),), math.inf)
         self.best_epoch = torch.zeros(len(seeds), dtype=torch.long)
         self.epoch, self.seconds = 0, 0.0
+        self.keep, self.snapshots = keep, {}
         self.skipped = torch.zeros(len(seeds), dtype=torch.long)
 
     def step(self, batch: Batch, step: int, steps: int) -> dict[str, Tensor]:
@@ -184,6 +187,10 @@ class Trainer:
                 record["validation_score"] = self._select().tolist()
             log.metrics(step + 1, record)
             self.seconds += time.monotonic() - begun
+            if self.epoch in self.keep:
+                kept = {k: v.detach().clone() for k, v in self.model.state_dict().items()}
+                record = {"carried": self.objective.carried(), "wall_s": self.seconds}
+                self.snapshots[self.epoch] = record | {"model": kept}
             if time.monotonic() - flushed > FLUSH_S:
                 log.flush()
                 flushed = time.monotonic()
@@ -228,6 +235,7 @@ class Trainer:
             "epoch": self.epoch,
             "seconds": self.seconds,
             "skipped": self.skipped,
+            "snapshots": self.snapshots,
         }
 
     def restore(self, state: Mapping) -> None:
@@ -235,5 +243,5 @@ class Trainer:
         self.model.load_state_dict(state["model"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.objective.restore(state["objective"])
-        for name in ("best", "best_score", "best_epoch", "epoch", "seconds", "skipped"):
+        for name in ("best", "best_score", "best_epoch", "epoch", "seconds", "skipped", "snapshots"):
             setattr(self, name, state[name])

@@ -12,17 +12,10 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
-from expertaug.errors import InputError
 from expertaug.models.layers import GRU, MLP, Linear
-from expertaug.models.posterior import Delta, Posterior
-from expertaug.systems import Parameter, System
-
-
-def constrain(raw: Tensor, parameters: Sequence[Parameter]) -> Tensor:
-    """Unbounded network outputs (…, P) → parameters in their units: softplus where positive, scaled to their size."""
-    scale = raw.new_tensor([p.scale for p in parameters])
-    positive = torch.tensor([p.positive for p in parameters], device=raw.device)
-    return scale * torch.where(positive, nn.functional.softplus(raw), raw)
+from expertaug.models.posterior import Delta, Posterior, constrain
+from expertaug.models.windows import Windows
+from expertaug.systems import System
 
 
 class RecurrentEncoder(nn.Module):
@@ -58,10 +51,8 @@ class RecurrentEncoder(nn.Module):
 class WindowEncoder(nn.Module):
     """MLP over windows of chosen components (paper, appendix, double pendulum).
 
-    An angle enters as the sine and cosine of every point and, since the network must tell speeds far beyond its
-    training range from differences of nearly equal angles, as the sines of the increments from point to point.  Inputs
-    are standardised by the training set, each on its own: a full whitening blows up what the training set hardly
-    varies, and an augmented sample then lies thousands of units away.
+    Inputs (:class:`Windows`) are standardised by the training set, each on its own: a full whitening blows up what the
+    training set hardly varies, and an augmented sample then lies thousands of units away.
 
     Arguments:
         windows: component name → [first, last] time in s, both included; the first point of every component named
@@ -88,8 +79,8 @@ class WindowEncoder(nn.Module):
         super().__init__()
         self.system = system
         self.latent = latent
-        self.points = [(*self._select(name, window, times), name in angles) for name, window in windows.items()]
-        inputs = sum(3 * len(points) - 1 if angle else len(points) for _, points, angle in self.points)
+        self.window = Windows(system, times, windows, angles)
+        inputs = self.window.inputs
         self.register_buffer("mean", torch.zeros(1, inputs))
         self.register_buffer("std", torch.ones(1, inputs))
         self.trunk = MLP(inputs, layers[:-1], layers[-1], activation)
@@ -97,25 +88,9 @@ class WindowEncoder(nn.Module):
         self.latent_head = MLP(layers[-1], (), latent)
         self.skip = Linear(inputs, len(system.expert_parameters), bias=False) if skip else None
 
-    def _select(self, name: str, window: Sequence[float], times: Tensor) -> tuple[int, list[int]]:
-        """Index of a component and of its points."""
-        names = [p.name for p in self.system.state]
-        if name not in names:
-            raise InputError(f"model.encoder.windows.{name}", "unknown", f"components: {', '.join(names)}")
-        first, last = window
-        inside = [k for k, t in enumerate(times.tolist()) if first - 1e-9 <= t <= last + 1e-9]
-        if not inside:
-            where = f"model.encoder.windows.{name}"
-            raise InputError(where, f"[{first}, {last}] s", f"choose within 0 to {float(times[-1]):g} s")
-        return names.index(name), sorted({0, *inside})
-
     def inputs(self, observed: Tensor) -> Tensor:
         """(T1, …, B, *state) → (…, B, inputs)."""
-        columns = []
-        for component, points, angle in self.points:
-            value = observed[points][..., component]
-            columns += [torch.sin(value), torch.cos(value), torch.sin(value.diff(dim=0))] if angle else [value]
-        return torch.cat(columns).movedim(0, -1)
+        return self.window.features(self.window(observed))
 
     def fit(self, observed: Tensor) -> None:
         """Standardise by the training set's observed window (T1, N, *state)."""

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from expertaug.errors import InputError
 from expertaug.kinds import find
+from expertaug.models.likelihood import GaussianLikelihood
 from expertaug.models.posterior import Posterior
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
@@ -23,26 +24,57 @@ class HybridModel(nn.Module):
         encoder: observed window → posterior.
         interaction: F_a, or None for the expert alone.
         expert: False takes F_e away and keeps the system's kinematics: the agnostic neural ODE.
+        likelihood: p(y | forecast), where the objective learns one.
     """
 
-    def __init__(self, system: System, encoder: nn.Module, interaction: nn.Module | None, expert: bool = True) -> None:
+    # Parameters of p_θ, which fine-tuning leaves alone, begin with one of these.
+    decoder_prefixes = ("interaction.", "likelihood.")
+
+    def __init__(
+        self,
+        system: System,
+        encoder: nn.Module,
+        interaction: nn.Module | None,
+        expert: bool = True,
+        likelihood: nn.Module | None = None,
+    ) -> None:
         super().__init__()
         self.system = system
         self.encoder = encoder
         self.interaction = interaction
         self.expert = expert
+        self.likelihood = likelihood
+
+    def fit(self, observed: Tensor) -> None:
+        """Let the parts that learn scales from the training set's observed window (T1, N, *state) do so."""
+        self.encoder.fit(observed)
+        if hasattr(self.interaction, "fit"):
+            self.interaction.fit(observed)
+        if self.likelihood is not None:
+            self.likelihood.fit(self.system.observe(observed))
 
     def encode(self, observed: Tensor) -> Posterior:
         """Observed window (T1, …, B, *state) → q(z_e, z_a)."""
         return self.encoder(observed)
 
     def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
-        """States (T, …, B, *state) at the times t (T,), from the known first point y0 (…, B, *state)."""
-        context = self.interaction.context(z_a, z_e) if self.interaction is not None else None
+        """States (T, …, B, *state) at the times t (T,), from the known first point y0 (…, B, *state).
+
+        Samples beyond those of z_a follow the expert alone: one solve for both costs less than two.
+        """
+        count = z_a.shape[-2]
+        context = self.interaction.context(z_a, z_e[..., :count, :]) if self.interaction is not None else None
+        axis = -1 - len(self.system.state_shape)
+        rest = y0.shape[axis] - count
 
         def field(s: Tensor, y: Tensor) -> Tensor:
             rate = self.system.expert(s, y, z_e) if self.expert else self.system.kinematics(y)
-            return rate if context is None else rate + self.interaction(y, context)
+            if context is None:
+                return rate
+            if rest == 0:
+                return rate + self.interaction(y, context)
+            (first, _), (one, other) = y.split([count, rest], axis), rate.split([count, rest], axis)
+            return torch.cat((one + self.interaction(first, context), other), axis)
 
         return solver(field, self.system.initial_state(y0, z_e), t)
 
@@ -77,20 +109,28 @@ class HybridModel(nn.Module):
         return self.interaction(points, context).square().flatten(-len(state)).mean(-1)
 
 
-def build(system: System, times: Tensor, model: Mapping, expert: bool = True, interaction: bool = True) -> HybridModel:
+def build(
+    system: System,
+    times: Tensor,
+    model: Mapping,
+    expert: bool = True,
+    interaction: bool = True,
+    likelihood: bool = False,
+) -> HybridModel:
     """Make the model that a config's ``model`` block describes.
 
     Arguments:
         times: of the observed window in s, (T1,).
         model: ``encoder`` and ``interaction``, each with ``kind`` and its class's arguments.
         expert, interaction: False leaves that part out.
+        likelihood: whether the objective learns a likelihood's scale.
 
     Raises:
         InputError: an unknown kind or argument.
     """
     encoder = _make("encoder", model["encoder"], system=system, times=times)
     part = _make("interaction", model["interaction"], system=system, latent=encoder.latent) if interaction else None
-    return HybridModel(system, encoder, part, expert)
+    return HybridModel(system, encoder, part, expert, GaussianLikelihood() if likelihood else None)
 
 
 def _make(part: str, settings: Mapping, **fixed: object) -> nn.Module:

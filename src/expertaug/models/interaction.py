@@ -19,20 +19,29 @@ class MLPInteraction(nn.Module):
     Arguments:
         latent: size of z_a.
         layers, activation: hidden layers.
+        expert_parameters: whether F_a sees z_e too, each divided by its scale: F_a(y; z_a, z_e).
     """
 
     def __init__(
-        self, system: System, latent: int, layers: Sequence[int] = (50, 50, 50), activation: str = "relu"
+        self,
+        system: System,
+        latent: int,
+        layers: Sequence[int] = (50, 50, 50),
+        activation: str = "relu",
+        expert_parameters: bool = False,
     ) -> None:
         super().__init__()
         self.system = system
         inputs = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
         self.state_layer = Linear(inputs, layers[0], bias=False)
-        self.latent_layer = Linear(latent, layers[0])
+        self.scales = [p.scale for p in system.expert_parameters] if expert_parameters else []
+        self.latent_layer = Linear(latent + len(self.scales), layers[0])
         self.rest = MLP(layers[0], layers[1:], len(system.state), activation)
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""
+        if self.scales:
+            z_a = torch.cat((z_a, z_e / z_e.new_tensor(self.scales)), dim=-1)
         return self.latent_layer(z_a)
 
     def forward(self, y: Tensor, context: Tensor) -> Tensor:

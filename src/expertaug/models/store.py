@@ -66,7 +66,8 @@ def make(system: systems.System, description: Mapping) -> nn.Module:
     for seed in description["seeds"]:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            models.append(build(system, times, description["model"], description["expert"], description["interaction"]))
+            parts = (description["expert"], description["interaction"], description.get("likelihood", False))
+            models.append(build(system, times, description["model"], *parts))
     return stack(models)
 
 

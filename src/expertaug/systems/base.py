@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from expertaug.systems.solver import Solver
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -37,11 +39,13 @@ class System(ABC):
         state: name and unit of each component (``positive`` and ``scale`` are not used).
         expert_parameters: the components of z_e, in order.
         interaction_parameters: the components of the true z_a in simulations; empty where there is no simulation.
+        simulation: how simulations are solved.
     """
 
     state: tuple[Parameter, ...]
     expert_parameters: tuple[Parameter, ...]
     interaction_parameters: tuple[Parameter, ...] = ()
+    simulation: Solver = Solver("dopri5", rtol=1e-8, atol=1e-8)
 
     @property
     def state_shape(self) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Simulated sets of trajectories, all samples of a set in one batched solve."""
+"""Simulated sets of trajectories, many samples in one batched solve."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from expertaug.systems import Parameter, System, load
 from expertaug.systems.solver import Solver, check_finite
 from expertaug.types import Trajectories
 
-SOLVER = Solver("dopri5", rtol=1e-8, atol=1e-8)
+CHUNK = 2**17  # values of the state solved at a time: bounds the memory and stays in the processor's cache
 
 
 def uniform(
@@ -56,20 +56,30 @@ def sample(system: System, data: Mapping, set_name: str) -> Trajectories:
     z_a = uniform(system.interaction_parameters, settings.get("z_a", {}), n, generator)
     y0 = system.sample_initial_state(n, generator)
     t = times(data)
-    name, parameters = f"{type(system).__name__}, set {set_name}, (sample)", torch.cat((z_e, z_a), dim=-1)
+    name = f"{type(system).__name__}, set {set_name}, (sample)"
+    noise = float(data["noise"])
+    y = torch.empty(len(t), *y0.shape, dtype=torch.float64 if noise else torch.float32)
+    size = max(CHUNK // y0[0].numel(), 1)
+    for part in torch.arange(n).split(size):
+        y[:, part] = _solve(system, y0[part], z_e[part], z_a[part], torch.from_numpy(t), name).to(y)
+    check_finite(y, torch.cat((z_e, z_a), dim=-1), name)
+    if noise:
+        y += noise * torch.randn(y.shape, generator=generator, dtype=torch.float64)
+    return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=z_e.numpy(), z_a=z_a.numpy())
+
+
+@torch.no_grad()
+def _solve(system: System, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, name: str) -> Tensor:
+    """States (T, N, *state) of one chunk of samples."""
 
     def field(s: Tensor, y: Tensor) -> Tensor:
         return system.truth(s, y, z_e, z_a)
 
-    with torch.no_grad():
-        try:
-            y = SOLVER(field, y0, torch.from_numpy(t))
-        except SolveError as error:  # a fixed grid goes on, so that the sample can be named
-            check_finite(Solver("rk4")(field, y0, torch.from_numpy(t)), parameters, name)
-            raise SolveError(f"{name}: {error}") from error
-    check_finite(y, parameters, name)
-    y = y + float(data["noise"]) * torch.randn(y.shape, generator=generator, dtype=torch.float64)
-    return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=z_e.numpy(), z_a=z_a.numpy())
+    try:
+        return system.simulation(field, y0, t)
+    except SolveError as error:  # a fixed grid goes on, so that the sample can be named
+        check_finite(Solver("rk4")(field, y0, t), torch.cat((z_e, z_a), dim=-1), name)
+        raise SolveError(f"{name}: {error}") from error
 
 
 def times(data: Mapping) -> np.ndarray:

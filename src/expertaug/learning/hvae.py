@@ -1,0 +1,145 @@
+"""The hybrid-VAE's objective (Takeishi and Kalousis 2021; paper, section 2 and app. HVAE)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from expertaug.errors import InputError
+from expertaug.learning.augmentation import prior_range
+from expertaug.learning.noise import Noise
+from expertaug.learning.objectives import Objective, finite_forecast, sample_mean, squares, supervision
+from expertaug.learning.sets import Batch
+from expertaug.learning.task import Task
+from expertaug.models.hybrid import HybridModel
+from expertaug.models.posterior import unconstrain
+from expertaug.models.two_step import TwoStep
+
+STREAM = 2  # of the random numbers: 0 are orders of data, 1 augmented samples
+QUANTILES = 1000
+RUNAWAY = 3.0  # times the largest value of the batch and of the first states by p⁺: what is beyond does not count
+
+
+class HybridVAE(Objective):
+    """Minimise −ELBO + α R_PPC + β R_DA1 + γ R_DA2, divided by the number of values that the likelihood compares.
+
+    The paper's equation maximises a sum with plus signs; its appendix defines all three regularisers as penalties.
+    With ŷ the forecast and ŷ_e the expert's alone for the same sampled z_e, over the loss window, and x the batch's:
+
+    - ELBO: Gaussian log-likelihood of the observations around ŷ, of the learned scale σ, less the divergences of
+      q(z_a) from N(0, I) and of q(z_e) from a Gaussian in the unbounded space of z_e that has the mean and standard
+      deviation of p⁺ there;
+    - R_PPC: ‖ŷ − ŷ_e‖² / 2σ², the divergence of the two likelihoods, plus the divergences of the ELBO once more;
+    - R_DA1: ‖g_p1(x, y, z_a) − sg(ŷ_e)‖², on what the encoder sees of the observed window;
+    - R_DA2: ‖g_p2(ŷ_e(x, z_e)) − z_e‖² for z_e ~ p⁺, in units of p⁺'s standard deviation; g_p2 stands for its mean.
+
+    The three forecasts of a step are one solve. What keeps it stable where speeds are high (the authors' double
+    pendulum was not): posterior standard deviations are bounded on both sides (:mod:`expertaug.models.two_step`), so
+    that no sample of z lies far from where the decoder has been; σ has a floor and is set by the data alone, R_PPC
+    taking it as given; a sample whose forecast runs away, as coarse steps of the solver make stiff or fast ones do,
+    does not count in the terms that compare forecasts, and the divergence from p⁺ brings it back; and the loss is per
+    observed value, so that clipping a gradient's norm means the same for short and long trajectories.
+
+    Arguments:
+        prior: ranges of p⁺.
+        alpha, beta, gamma: weights of the regularisers.
+    """
+
+    learns_likelihood = True
+    kept = ("step",)
+
+    def __init__(
+        self,
+        seeds: Sequence[int],
+        choices: Mapping,
+        prior: Mapping[str, Sequence[float]],
+        alpha: float = 0.01,
+        beta: float = 0.01,
+        gamma: float = 1.0,
+    ) -> None:
+        super().__init__(seeds, choices)
+        self.prior = prior
+        self.alpha, self.beta, self.gamma = float(alpha), float(beta), float(gamma)
+        self.step = 0
+
+    def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
+        """Loss (S,) and its parts, each (S,), without gradient.
+
+        Raises:
+            InputError: the model's encoder is not a two-step encoder.
+        """
+        encoder, y, size = model.encoder, batch.y, batch.y.shape[2]
+        if not isinstance(encoder, TwoStep):
+            raise InputError("model.encoder.kind", type(encoder).__name__, "the hybrid-VAE needs a two-step encoder")
+        noise = Noise(self.seeds, self.step, STREAM, device=y.device)
+        self.step += 1
+        normal = partial(noise.normal, size)
+        low, high = (end.to(y) for end in prior_range(model, self.prior))
+        sampled = self.choices["hvae_z_e"] == "sampled"
+
+        posterior = encoder(y[: task.observed], normal)
+        z_e = posterior.z_e.draw(normal) if sampled else posterior.z_e.mean
+        z_plus = low + (high - low) * noise.uniform(size, len(low))
+        start = model.system.initial_state(y[0], z_plus)
+        largest = torch.maximum(*(x.abs().flatten(1).amax(1) for x in (y.movedim(1, 0), start)))
+        states, good = finite_forecast(
+            model,
+            torch.cat((y[0],) * 3, dim=1),
+            torch.cat((z_e, z_e, z_plus), dim=1),
+            posterior.z_a_used,
+            task,
+            max(task.horizon, task.observed),
+            limit=RUNAWAY * largest,
+        )
+        hybrid, expert, plus = states.split(size, dim=2)
+        hybrid_good, expert_good, plus_good = (None,) * 3 if good is None else good.split(size, dim=1)
+        both_good = None if good is None else hybrid_good & expert_good
+
+        divergence = posterior.z_a.divergence()
+        if sampled:
+            divergence = divergence + posterior.z_e.divergence(*raw_prior(model, self.prior))
+        window = slice(1, task.horizon)
+        errors, count = squares(model.system, hybrid[window], y[window])
+        apart, _ = squares(model.system, hybrid[window], expert[window])
+        likelihood = sample_mean(model.likelihood.log_prob(errors, count), hybrid_good)
+        ppc = apart / (2 * model.likelihood.scale.detach().square()) + divergence
+        filtered = posterior.filtered - encoder.view(expert[: task.observed]).detach()
+        inferred = encoder.infer(encoder.view(plus[: task.observed])).mean
+        scale = ((high - low) / 12**0.5).clamp_min(1e-12)
+        divergence = sample_mean(divergence)
+        r_ppc = sample_mean(ppc, both_good)
+        r_da1 = sample_mean(filtered.square().flatten(2).sum(2), expert_good)
+        r_da2 = sample_mean(((inferred - z_plus) / scale).square().sum(-1), plus_good)
+        loss = divergence - likelihood + self.alpha * r_ppc + self.beta * r_da1 + self.gamma * r_da2
+        parts = {
+            "data": sample_mean(errors, hybrid_good) / count,
+            "divergence": divergence,
+            "r_ppc": r_ppc,
+            "r_da1": r_da1,
+            "r_da2": r_da2,
+            "sigma": model.likelihood.scale.flatten().expand(len(self.seeds)),
+        }
+        term = supervision(posterior, batch, task, self.choices["supervision"])
+        if term is not None:
+            loss = loss + task.supervision_weight * term
+            parts["z_e"] = term
+        return loss / count, {k: v.detach() for k, v in (parts | {"loss": loss / count}).items()}
+
+
+def raw_prior(model: HybridModel, prior: Mapping) -> tuple[Tensor, Tensor]:
+    """Mean and standard deviation (P,) of p⁺ in the unbounded space of z_e, from its quantiles.
+
+    Raises:
+        InputError: p⁺ reaches below zero where a parameter is positive.
+    """
+    low, high = prior_range(model, prior)
+    parameters = model.system.expert_parameters
+    for parameter, least in zip(parameters, low.tolist(), strict=True):
+        if parameter.positive and least < 0:
+            raise InputError(f"augmentation.prior.{parameter.name}", f"starts at {least:g}", "it is positive")
+    share = (torch.arange(QUANTILES) + 0.5).unsqueeze(-1) / QUANTILES
+    raw = unconstrain(low + (high - low) * share, parameters)
+    return raw.mean(0), raw.std(0).clamp_min(1e-3)

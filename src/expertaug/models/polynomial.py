@@ -1,0 +1,92 @@
+"""An interaction model that is a polynomial of the state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+from math import prod
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.models.layers import MLP
+from expertaug.systems import System
+
+
+class PolynomialInteraction(nn.Module):
+    """F_a(y; z_a) = Σ c_i(z_a) φ_i(y), φ_i the polynomials that are orthonormal over the training set's states.
+
+    Where the state is made of fields, each cell's rate depends on that cell alone: a local reaction.  Beyond the states
+    seen in training a polynomial goes on as it must, where a network goes on straight; orthonormal terms make its
+    coefficients equally well determined, which a forecast far beyond those states needs.
+
+    Arguments:
+        latent: size of z_a.
+        degree: of the polynomial.
+        latent_degree: terms up to this degree have coefficients that depend on z_a; 0: the constant alone.
+        layers: hidden layers between z_a and these coefficients; none: they are linear in z_a.
+        expert_parameters: whether these coefficients depend on z_e too, each divided by its scale.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        latent: int,
+        degree: int = 3,
+        latent_degree: int = 0,
+        layers: Sequence[int] = (),
+        expert_parameters: bool = False,
+    ) -> None:
+        super().__init__()
+        self.components, self.cells = system.state_shape[0], prod(system.state_shape[1:])
+        # Term k is term ``self.factors[k][0]`` times component ``self.factors[k][1]``; term 0 is 1.
+        terms = [c for d in range(degree + 1) for c in combinations_with_replacement(range(self.components), d)]
+        self.factors = [(terms.index(term[:-1]), term[-1]) for term in terms[1:]]
+        self.terms, varying = len(terms), sum(len(term) <= latent_degree for term in terms)
+        self.scales = [p.scale for p in system.expert_parameters] if expert_parameters else []
+        self.register_buffer("mean", torch.zeros(self.components, 1))
+        self.register_buffer("std", torch.ones(self.components, 1))
+        self.register_buffer("mix", torch.eye(self.terms))
+        self.varying = MLP(latent + len(self.scales), layers, self.components * varying)
+        rest = self.components * (self.terms - varying)
+        # Zero: a random cubic would send forecasts to infinity before it is trained.
+        self.fixed = nn.Parameter(torch.zeros(1, rest)) if rest else None
+
+    def fit(self, observed: Tensor) -> None:
+        """Make the terms orthonormal over the training set's observed window (T1, N, *state)."""
+        y = observed.reshape(-1, self.components, self.cells)
+        variance, mean = torch.var_mean(y, dim=(0, 2))
+        self.mean.copy_(mean.unsqueeze(-1).expand_as(self.mean))
+        self.std.copy_(variance.sqrt().clamp_min(1e-6).unsqueeze(-1).expand_as(self.std))
+        one = [b if b.dim() == 2 else b[0] for b in (self.mean, self.std)]
+        moments = torch.zeros(self.terms, self.terms, dtype=torch.float64, device=y.device)
+        for part in y.split(1024):
+            terms = self._monomials((part - one[0]) / one[1]).transpose(0, 1).flatten(1).double()
+            moments += terms @ terms.T
+        moments /= y.shape[0] * y.shape[2]
+        inverse = torch.linalg.inv(torch.linalg.cholesky(moments + 1e-9 * torch.eye(self.terms).to(moments)))
+        self.mix.copy_(inverse.expand_as(self.mix))
+
+    def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
+        """z_a (…, B, latent) and z_e (…, B, P) → coefficients of the monomials (…, B, components · terms)."""
+        if self.scales:
+            z_a = torch.cat((z_a, z_e / z_e.new_tensor(self.scales)), dim=-1)
+        coefficients = self.varying(z_a).unflatten(-1, (self.components, -1))
+        if self.fixed is not None:
+            fixed = self.fixed.unflatten(-1, (self.components, -1))
+            coefficients = torch.cat((coefficients, fixed.expand(*coefficients.shape[:-1], -1)), dim=-1)
+        return (coefficients @ self.mix.unsqueeze(-3)).flatten(-2)
+
+    def forward(self, y: Tensor, context: Tensor) -> Tensor:
+        """F_a at states y (…, B, *state), the shape of y."""
+        lead = context.shape[:-1]
+        x = (y.reshape(*lead, self.components, self.cells) - self.mean.unsqueeze(-3)) / self.std.unsqueeze(-3)
+        return (context.unflatten(-1, (self.components, self.terms)) @ self._monomials(x)).view_as(y)
+
+    def _monomials(self, x: Tensor) -> Tensor:
+        """(…, components, cells) → (…, terms, cells)."""
+        components = x.unbind(-2)
+        terms = [torch.ones_like(components[0])]
+        for other, component in self.factors:
+            terms.append(terms[other] * components[component] if other else components[component])
+        return torch.stack(terms, dim=-2)

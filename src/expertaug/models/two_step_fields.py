@@ -1,0 +1,134 @@
+"""The two-step encoder of the hybrid-VAE for states that are fields on a periodic grid (paper, app. HVAE)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.errors import InputError
+from expertaug.models.convolutional import Conv2d, convolve, differences, wrap
+from expertaug.models.layers import MLP
+from expertaug.models.two_step import TwoStep
+from expertaug.models.unet import UNet
+from expertaug.systems import System
+
+
+class ConvTwoStep(TwoStep):
+    """CNNs for g_a and g_p2, a conditional U-Net for g_p1 (paper, app. HVAE, reaction–diffusion).
+
+    All frames enter as channels of one image: a tenth of the cost of one frame after the other, and g_p1, which has to
+    take away what the interaction has done by each frame, knows which frame is which.
+
+    Arguments:
+        latent: size of z_a.
+        channels, strides: of the layers of g_a and g_p2, 3 × 3 each.
+        layers: hidden layers of the MLPs on their averages over the grid.
+        filter_channels: of the U-Net's levels.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        times: Tensor,
+        latent: int = 10,
+        channels: Sequence[int] = (32, 32, 64),
+        strides: Sequence[int] = (1, 2, 2),
+        layers: Sequence[int] = (128,),
+        filter_channels: Sequence[int] = (16, 32, 32),
+    ) -> None:
+        if len(strides) != len(channels):
+            raise InputError("model.encoder.strides", str(list(strides)), f"{len(channels)} of them, one a layer")
+        halvings = len(filter_channels) - 1
+        if any(cells % 2**halvings for cells in system.state_shape[-2:]):
+            remedy = f"at most so many levels that the grid {system.state_shape[-2:]} can be halved"
+            raise InputError("model.encoder.filter_channels", str(list(filter_channels)), remedy)
+        fields = len(times) * system.state_shape[0]
+        super().__init__(
+            system,
+            frames,
+            latent,
+            FrameCNN(fields, channels, strides, layers, 2 * latent),
+            FrameFilter(fields, latent, filter_channels),
+            FrameCNN(fields, channels, strides, layers, 2 * len(system.expert_parameters)),
+        )
+
+
+def frames(observed: Tensor) -> Tensor:
+    """The view: (T1, …, B, fields, H, W) → (…, B, T1 · fields, H, W)."""
+    return observed.movedim(0, -4).flatten(-4, -3)
+
+
+class FrameCNN(nn.Module):
+    """Frames and their five-point Laplacians (…, B, frames, H, W) → (…, B, outputs): g_a or g_p2.
+
+    Every layer is averaged over the grid, as :class:`expertaug.models.convolutional.ConvEncoder` does.
+    """
+
+    def __init__(
+        self, fields: int, channels: Sequence[int], strides: Sequence[int], layers: Sequence[int], outputs: int
+    ) -> None:
+        super().__init__()
+        self.scale = StandardiseChannels(2 * fields)
+        self.layers = nn.ModuleList(
+            Conv2d(a, b, stride=s) for (a, b), s in zip(pairwise((2 * fields, *channels)), strides, strict=True)
+        )
+        self.head = MLP(sum(channels), layers, outputs)
+
+    def fit(self, seen: Tensor) -> None:
+        self.scale.fit(_with_differences(seen))
+
+    def forward(self, seen: Tensor) -> Tensor:
+        x = self.scale(_with_differences(seen))
+        stacked = x.dim() == 5
+        layers = zip(*(layer.seeds() for layer in self.layers), strict=True)
+        averages = [self._one(one, own) for one, own in zip(x.unbind(0) if stacked else [x], layers, strict=True)]
+        return self.head(torch.stack(averages) if stacked else averages[0])
+
+    def _one(self, x: Tensor, parameters: Sequence[tuple]) -> Tensor:
+        """One seed's averages (B, sum of the channels)."""
+        averages = []
+        for layer, (weight, bias) in zip(self.layers, parameters, strict=True):
+            x = torch.relu(convolve(wrap(x, layer.kernel // 2), weight, bias, layer.stride))
+            averages.append(x.mean((-2, -1)))
+        return torch.cat(averages, dim=-1)
+
+
+class FrameFilter(nn.Module):
+    """g_p1: frames + U-Net(frames, z_a), the U-Net's output in units of each frame's standard deviation."""
+
+    def __init__(self, fields: int, latent: int, channels: Sequence[int]) -> None:
+        super().__init__()
+        self.scale = StandardiseChannels(fields)
+        self.network = UNet(fields, latent, channels)
+
+    def fit(self, seen: Tensor) -> None:
+        self.scale.fit(seen)
+
+    def forward(self, seen: Tensor, z_a: Tensor) -> Tensor:
+        return seen + self.scale.std.unsqueeze(-4) * self.network(self.scale(seen), z_a)
+
+
+class StandardiseChannels(nn.Module):
+    """Subtracts the training set's mean and divides by its standard deviation, each channel on its own."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(channels, 1, 1))
+        self.register_buffer("std", torch.ones(channels, 1, 1))
+
+    def fit(self, x: Tensor) -> None:
+        """Take mean and standard deviation from x (N, channels, H, W)."""
+        variance, mean = torch.var_mean(x, dim=(0, 2, 3))
+        self.mean.copy_(mean.view(-1, 1, 1).expand_as(self.mean))
+        self.std.copy_(variance.sqrt().clamp_min(1e-6).view(-1, 1, 1).expand_as(self.std))
+
+    def forward(self, x: Tensor) -> Tensor:
+        # The statistics have the seeds' axis only where they are stacked; they are for all samples alike.
+        return (x - self.mean.unsqueeze(-4)) / self.std.unsqueeze(-4)
+
+
+def _with_differences(seen: Tensor) -> Tensor:
+    return torch.cat((seen, differences(seen)), dim=-3)

@@ -1,0 +1,79 @@
+"""What an encoder looks at: the observed states, or windows of chosen components.
+
+A view is called with the observed window (T1, …, B, *state) and gives what is seen of it, (…, B, *seen), which has one
+state's units still; ``features`` makes network inputs (…, B, inputs) of that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from expertaug.errors import InputError
+from expertaug.systems import System
+
+
+class States:
+    """All of it: (…, B, T1, *state)."""
+
+    def __init__(self, system: System, times: Tensor) -> None:
+        self.system = system
+        self.inputs = self.features(torch.zeros(1, len(times), *system.state_shape)).shape[-1]
+
+    def __call__(self, observed: Tensor) -> Tensor:
+        return observed.movedim(0, -1 - len(self.system.state_shape))
+
+    def features(self, seen: Tensor) -> Tensor:
+        """The system's features of every state, one after the other."""
+        return self.system.features(seen).flatten(-2)
+
+
+class Windows:
+    """Windows of components, (…, B, values).
+
+    An angle enters a network as the sine and cosine of every point and, since the network must tell speeds far beyond
+    its training range from differences of nearly equal angles, as the sines of the increments from point to point.
+
+    Arguments:
+        times: of the observed window in s, (T1,).
+        windows: component name → [first, last] time in s, both included; the first point of every component named
+            belongs to x and is seen as well.
+        angles: components that enter as angles.
+
+    Raises:
+        InputError: a component is unknown or a window holds no point.
+    """
+
+    def __init__(
+        self, system: System, times: Tensor, windows: Mapping[str, Sequence[float]], angles: Sequence[str] = ()
+    ) -> None:
+        self.points = [(*_select(system, name, window, times), name in angles) for name, window in windows.items()]
+        self.values = sum(len(points) for _, points, _ in self.points)
+        self.inputs = sum(3 * len(points) - 1 if angle else len(points) for _, points, angle in self.points)
+
+    def __call__(self, observed: Tensor) -> Tensor:
+        columns = [observed[points][..., component] for component, points, _ in self.points]
+        return torch.cat(columns).movedim(0, -1)
+
+    def features(self, seen: Tensor) -> Tensor:
+        """(…, B, values) → (…, B, inputs)."""
+        columns = []
+        parts = seen.split([len(points) for _, points, _ in self.points], dim=-1)
+        for value, (_, _, angle) in zip(parts, self.points, strict=True):
+            columns += [torch.sin(value), torch.cos(value), torch.sin(value.diff(dim=-1))] if angle else [value]
+        return torch.cat(columns, dim=-1)
+
+
+def _select(system: System, name: str, window: Sequence[float], times: Tensor) -> tuple[int, list[int]]:
+    """Index of a component and of its points."""
+    names = [p.name for p in system.state]
+    if name not in names:
+        raise InputError(f"model.encoder.windows.{name}", "unknown", f"components: {', '.join(names)}")
+    first, last = window
+    inside = [k for k, t in enumerate(times.tolist()) if first - 1e-9 <= t <= last + 1e-9]
+    if not inside:
+        where = f"model.encoder.windows.{name}"
+        raise InputError(where, f"[{first}, {last}] s", f"choose within 0 to {float(times[-1]):g} s")
+    return names.index(name), sorted({0, *inside})

@@ -1,0 +1,101 @@
+"""Snapshots of a training, and what is made of them."""
+
+import copy
+
+import pandas as pd
+import pytest
+import torch
+
+from expertaug.evaluation.along import along
+from expertaug.learning import along as learning_along
+from expertaug.learning import snapshots
+from expertaug.learning.train import train
+from expertaug.learning.trainer import Trainer
+from expertaug.models import store
+
+PRIOR = {"omega0": [0.5, 3.5]}
+CPU = torch.device("cpu")
+
+
+def run(data, folder, settings):
+    train(data, folder / "model.safetensors", folder / "work", settings, None)
+    return store.load(folder / "model.safetensors").model.state_dict()
+
+
+def same(first, second):
+    return all(torch.equal(first[k], second[k]) for k in first)
+
+
+def test_snapshots_are_the_states_after_their_passes_and_change_nothing(data, tmp_path, settings):
+    plain = run(data, tmp_path / "plain", settings)
+    assert not (tmp_path / "plain" / snapshots.NAME).exists()
+    kept = run(data, tmp_path / "kept", settings | {"snapshots": [1, 3]})
+    assert same(plain, kept)
+    found = snapshots.load(tmp_path / "kept" / snapshots.NAME, CPU)
+    assert list(found) == [1, 3] and found[1].seeds == [0, 1]
+    assert not same(found[1].model.state_dict(), found[3].model.state_dict())
+    last = store.load(tmp_path / "kept/model.safetensors")
+    if last.description["best_epoch"] == [3, 3]:
+        assert same(found[3].model.state_dict(), kept)
+    assert found[1].description["carried"] is not None and found[1].description["wall_s"] > 0
+
+
+def test_snapshots_survive_a_kill(data, tmp_path, settings, monkeypatch):
+    settings["snapshots"] = [1, 2, 3]
+    run(data, tmp_path / "whole", settings)
+    step, count = Trainer.step, iter(range(10**6))
+
+    def dying(self, *args):
+        if next(count) == 9:  # in the third pass
+            raise KeyboardInterrupt
+        return step(self, *args)
+
+    monkeypatch.setattr(Trainer, "step", dying)
+    with pytest.raises(KeyboardInterrupt):
+        run(data, tmp_path / "killed", settings)
+    monkeypatch.undo()
+    run(data, tmp_path / "killed", settings)
+    whole, killed = (snapshots.load(tmp_path / name / snapshots.NAME, CPU) for name in ("whole", "killed"))
+    assert all(same(whole[k].model.state_dict(), killed[k].model.state_dict()) for k in (1, 2, 3))
+
+
+def study_settings(settings):
+    common = {k: settings[k] for k in ("experiment", "preset", "choices", "seeds", "device")}
+    tuned = {"method": "aphynity+", "label": "APHYNITY+", "training": {"epochs": 9, "batch_size": 20}}
+    return common | {
+        "method": "aphynity",
+        "label": "APHYNITY",
+        "augment": common | {"method": "aphynity+", "prior": PRIOR, "noise": 0.01},
+        "finetune": common | tuned,
+        "finetune_epochs": [1, 2],
+        "evaluation": {"max_samples": 7},
+    }
+
+
+def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, settings, monkeypatch):
+    run(data, tmp_path, settings | {"snapshots": [1, 3]})
+    options = study_settings(settings)
+    finetune, trained = learning_along.finetune, []
+
+    def dying(*arguments):
+        if len(trained) == 2:
+            raise KeyboardInterrupt
+        trained.append(arguments[5]["training"]["epochs"])
+        finetune(*arguments)
+
+    files = tmp_path / snapshots.NAME, data, tmp_path / "along.csv", tmp_path / "work_along"
+    monkeypatch.setattr(learning_along, "finetune", dying)
+    with pytest.raises(KeyboardInterrupt):
+        along(*files, copy.deepcopy(options))
+    assert trained == [1, 2] and not files[2].exists()
+    calls = []
+    monkeypatch.setattr(learning_along, "finetune", lambda *a: (calls.append(a[5]["training"]["epochs"]), finetune(*a)))
+    along(*files, options)
+    assert calls == [1, 2], "those of the first snapshot were there already"
+    assert not files[3].exists()
+    table = pd.read_csv(files[2])
+    assert set(zip(table["epoch"], table["finetune_epochs"], strict=True)) == {
+        (e, f) for e in (1, 3) for f in (0, 1, 2)
+    }
+    scores = table[table["metric"] == "log_mse_sum"].set_index(["epoch", "finetune_epochs", "set", "seed"])["value"]
+    assert len(scores) == 2 * 3 * 3 * 2 and scores.is_unique

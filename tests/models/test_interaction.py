@@ -1,0 +1,37 @@
+"""What F_a may see."""
+
+import pytest
+import torch
+
+from expertaug import systems
+from expertaug.models.convolutional import ConvInteraction
+from expertaug.models.interaction import MLPInteraction
+from expertaug.systems.reaction_diffusion import SIZE
+
+CASES = {"mlp": ("rlc", MLPInteraction, (5, 2)), "conv": ("reaction_diffusion", ConvInteraction, (5, 2, SIZE, SIZE))}
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_expert_parameters_reach_the_interaction_on_request_only(kind):
+    name, cls, shape = CASES[kind]
+    system, y, z_a = systems.load({"name": name}), torch.rand(shape), torch.randn(5, 3)
+    scales = torch.tensor([p.scale for p in system.expert_parameters])
+    torch.manual_seed(0)
+    default, seeing = cls(system, 3), cls(system, 3, expert_parameters=True)
+    assert torch.equal(default.context(z_a, scales.expand(5, 2)), default.context(z_a, 3 * scales.expand(5, 2)))
+    rates = [seeing(y, seeing.context(z_a, k * scales.expand(5, 2))) for k in (1, 3)]
+    assert not torch.equal(*rates)
+    # In units of their scales: the context moves by the weights themselves.
+    steps = seeing.context(z_a, 2 * scales.expand(5, 2)) - seeing.context(z_a, scales.expand(5, 2))
+    torch.testing.assert_close(steps, seeing.latent_layer.weight[3:].sum(0).expand_as(steps))
+
+
+def test_the_default_draws_the_same_weights_as_without_the_option():
+    system = systems.load({"name": "rlc"})
+    drawn = []
+    for arguments in ({}, {"expert_parameters": False}):
+        torch.manual_seed(0)
+        drawn.append(MLPInteraction(system, 3, **arguments))
+    assert drawn[0].latent_layer.weight.shape == (3, 50)
+    for a, b in zip(drawn[0].parameters(), drawn[1].parameters(), strict=True):
+        assert torch.equal(a, b)
