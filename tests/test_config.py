@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from expertaug import checks, config, reference, slices
+from expertaug import checks, config, jobs, reference, slices
 from expertaug.errors import InputError
 from expertaug.learning.trainer import TrainSettings
 from expertaug.recordings.angles import AngleSettings
@@ -16,9 +16,10 @@ from expertaug.recordings.archive import ArchiveSettings, MarkerSettings
 from expertaug.recordings.calibration import CalibrationSettings
 from expertaug.recordings.chunks import ChunkSettings
 from expertaug.recordings.frames import ExtractSettings
+from expertaug.recordings.look import Look
 from expertaug.recordings.motion import Launch
 from expertaug.recordings.render import RenderSettings
-from expertaug.recordings.tracker import TrackSettings
+from expertaug.recordings.track_settings import TrackSettings
 from expertaug.systems.solver import Solver
 
 ROOT = Path(__file__).parents[1]
@@ -130,6 +131,49 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
             "recordings: {source: markers, markers: {path: nowhere}}",
             "recordings.markers.path: 'nowhere' does not exist",
         ),
+        (
+            "experiments: {pendulum: {augmentations: {wide: {prior: {omega: [1, 2]}}}}}",
+            "pendulum.augmentations.wide.prior: names omega; give a range for each parameter of augmentation.prior",
+        ),
+        ("experiments: {pendulum: {augmentations: {wide: {}}}}", "augmentations.wide.prior: missing"),
+        (
+            "experiments: {pendulum: {augmentations: {wide: {prior: {omega0: [1, 2]}, methods: [mean]}}}}",
+            "augmentations.wide.methods[0]: 'mean' is no method under augmented",
+        ),
+        ("experiments: {pendulum: {studies: {alon: {}}}}", "studies.alon: unknown key; did you mean 'along'?"),
+        ("experiments: {pendulum: {studies: {along: {method: aphynity}}}}", "studies.along.epochs: missing"),
+        (
+            "experiments: {pendulum: {studies: {along: {method: aphinity, epochs: [1]}}}}",
+            "studies.along.method: 'aphinity' is no method of this experiment; did you mean 'aphynity'?",
+        ),
+        (
+            "experiments: {pendulum: {studies: {along: {method: aphynity, epochs: [1, 9999]}}}}",
+            "studies.along.epochs[1]: found 9999; the training ends after",
+        ),
+        (
+            "experiments: {pendulum: {studies: {along: {method: aphynity, epochs: [1], finetuning: {epoch: 1}}}}}",
+            "experiments.pendulum.studies.along.finetuning: experiments.pendulum.finetuning.epoch: unknown key",
+        ),
+        (
+            "experiments: {pendulum: {studies: {out_of_expertise: {distances: [a], panels: {x: [tests]}}}}}",
+            "out_of_expertise.panels.x[0]: 'tests' is no set of this experiment; did you mean 'test'?",
+        ),
+        (
+            "experiments: {pendulum: {studies: {out_of_expertise: {distances: [a, b], panels: {x: [test]}}}}}",
+            "out_of_expertise.panels.x: 1 sets for 2 distances; give one set for each distance",
+        ),
+        ("experiments: {pendulum: {evaluation: {published: pendulm}}}", "evaluation.published: 'pendulm' is no system"),
+        ("experiments: {pendulum: {evaluation: {overview: 1}}}", "evaluation.overview: found 1; give true or false"),
+        ("experiments: {pendulum: {evaluation: {set_titles: {tes: x}}}}", "evaluation.set_titles.tes: unknown key"),
+        (
+            "experiments: {pendulum: {presets: {code: {training: {epoch: 3}}}}}",
+            "experiments.pendulum.presets.code: experiments.pendulum.training.epoch: unknown key",
+        ),
+        ("experiments: {pendulum: {presets: {cod: {}}}}", "presets.cod: unknown key; did you mean 'code'?"),
+        (
+            "experiments: {pendulum_along: {based_on: pendulum}}",
+            "experiments.pendulum_along: the files of 'pendulum' would have the same names",
+        ),
     ],
 )
 def test_each_mistake_is_one_clear_line(base, text, expected):
@@ -208,6 +252,9 @@ def test_schema_has_the_keys_and_defaults_of_the_settings(path, kind):
     filled = config.fill({}, rule, schema)
     if kind is RenderSettings:
         filled["count"] = None  # how many there are is the workflow's to know
+    if kind is TrackSettings:
+        assert Look.from_mapping(filled.pop("markers")) == Look()
+        del keys["markers"]
     assert filled == {k: v for k, v in lists(defaults(kind)).items() if k in keys}
 
 
@@ -312,9 +359,49 @@ def test_experiments_and_methods_may_override(base: dict) -> None:
     assert slices.finetune(changed, "pendulum", "aphynity", "seeds_0_1_2")["choices"]["resample"] == "epoch"
 
 
-def test_another_kind_takes_over_no_arguments():
-    base = {"encoder": {"kind": "window", "layers": [3]}, "interaction": {"kind": "mlp", "layers": [5]}}
-    over = {"encoder": {"kind": "recurrent", "hidden": 4}, "interaction": {"kind": "mlp", "activation": "silu"}}
-    merged = config.merge(base, over)
-    assert merged["encoder"] == over["encoder"]
-    assert merged["interaction"] == {"kind": "mlp", "layers": [5], "activation": "silu"}
+def test_an_experiment_may_differ_under_a_preset(base: dict) -> None:
+    presets = {"code": {"data": {"noise": 0.5}}, "paper": {"training": {"epochs": 7}}}
+    over = {"experiments": {"pendulum": {"presets": presets}, "x": {"based_on": "pendulum", "data": {"noise": 0.1}}}}
+    found = {p: config.validate(config.merge(base, over | {"preset": p}))["experiments"] for p in ("code", "paper")}
+    plain = config.validate(base)["experiments"]["pendulum"]
+    assert [found[p]["pendulum"]["data"]["noise"] for p in found] == [0.5, plain["data"]["noise"]]
+    assert [found[p]["x"]["data"]["noise"] for p in found] == [0.5, 0.1], "an inherited preset wins as well"
+    assert found["paper"]["pendulum"]["training"]["epochs"] == 7
+    assert "presets" not in found["code"]["pendulum"]
+    default = config.validate(config.merge(base, over))["experiments"]["pendulum"]
+    assert default["data"] == plain["data"] and default["training"] == plain["training"]
+
+
+STUDIES = """
+experiments:
+  pendulum:
+    data: {sets: {near: {size: 5, z_e: {omega0: [1.5, 3.1]}, z_a: {alpha: [0.6, 1.0]}}}}
+    augmentations: {wide: {prior: {omega0: [0.1, 7.0]}}}
+    studies:
+      along: {method: aphynity, epochs: [5, 1], finetuning: {learning_rate: 0.5}}
+      out_of_expertise: {distances: [none, near], panels: {z_a: [test, near]}, overview: near}
+  x: {based_on: pendulum, augmentations: {wide: null}, studies: {along: null}}
+"""
+
+
+def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
+    block, plain = "seeds_0_1_2", config.validate(base)
+    found = config.validate(config.merge(base, yaml.safe_load(STUDIES)))
+    assert jobs.studies(found, "pendulum") == ["along", "out_of_expertise", "prior_width"]
+    assert jobs.studies(found, "x") == ["out_of_expertise"], "null takes away"
+    assert jobs.variants(found, "pendulum") == jobs.variants(plain, "pendulum")
+    assert "aphynity+wide" in jobs.further_variants(found, "pendulum")
+    assert jobs.studied(found, "pendulum", "prior_width")[:2] == ["aphynity", "aphynity+"]
+    trained = slices.train(found, "pendulum", "aphynity", block)
+    assert trained.pop("snapshots") == [1, 5]
+    assert trained == slices.train(plain, "pendulum", "aphynity", block)
+    assert slices.train(found, "pendulum", "ml_only", block) == slices.train(plain, "pendulum", "ml_only", block)
+    for stage in (slices.augment, slices.finetune):
+        assert stage(found, "pendulum", "aphynity+", block) == stage(plain, "pendulum", "aphynity+", block)
+    wide = slices.augment(found, "pendulum", "aphynity+wide", block)
+    assert wide["prior"] == {"omega0": [0.1, 7.0]} and wide["method"] == "aphynity+wide"
+    assert slices.finetune(found, "pendulum", "aphynity+wide", block)["label"] == "APHYNITY+ (wide)"
+    assert slices.evaluate(found, "pendulum", "aphynity", block)["sets"][-1] == "near"
+    along = slices.along(found, "pendulum", "aphynity", block)
+    assert along["finetune"]["training"]["learning_rate"] == 0.5 and along["finetune_epochs"] == [1, 10]
+    assert slices.tabulate(found, "pendulum") == slices.tabulate(plain, "pendulum")

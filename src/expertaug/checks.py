@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import difflib
 import glob
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from expertaug import signatures, sources
+from expertaug import signatures, sources, study_checks
 from expertaug.errors import InputError
+from expertaug.known import require, require_all, require_keys, require_parameters, suggest
+from expertaug.recordings.look import Look
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
-TARGETS = (*sources.STAGES, "recordings", "report", "all", "everything")
+TARGETS = (*sources.STAGES, "recordings", "studies", "report", "all", "everything")
 NOT_SYSTEMS = ("base", "solver", "simulate")
+# Files of an experiment are called after it and one of these.
+ENDINGS = ("long", "published", "out_of_expertise", "prior_width", "along")
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
+CHECKSUM = re.compile(r"([0-9a-fA-F]{64}) [ *](.+)")
 TEXT_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
@@ -34,15 +38,20 @@ def check(config: Mapping) -> None:
             )
     _writable("results", Path(config["results"]))
     _seeds(config)
-    _names(config["run"], config["experiments"], "run", "experiment")
+    require_all(config["run"], config["experiments"], "run", "experiment")
     for name, experiment in config["experiments"].items():
         if name in RESERVED:
             raise InputError(f"experiments.{name}", "the results folder needs this name", "choose another name")
         if name in TARGETS:
             raise InputError(f"experiments.{name}", "a stage of the workflow has this name", "choose another name")
+        for ending in ENDINGS:
+            if name.endswith(f"_{ending}") and name.removesuffix(f"_{ending}") in config["experiments"]:
+                found = f"the files of '{name.removesuffix(f'_{ending}')}' would have the same names"
+                raise InputError(f"experiments.{name}", found, "choose another name")
         _experiment(f"experiments.{name}", experiment, config)
     if _uses_recordings(config):
         _recordings(config["recordings"])
+        _overlay(config)
 
 
 def number_in(text: str) -> str | None:
@@ -56,13 +65,6 @@ def number_in(text: str) -> str | None:
     mantissa, exponent = text[: -len(match[2])], match[2][1:]
     mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
     return f"{mantissa}e{exponent if exponent[0] in '+-' else f'+{exponent}'}"
-
-
-def suggest(name: object, known: Iterable[object]) -> str:
-    """“did you mean …?” and what is known."""
-    known = [str(k) for k in known]
-    close = difflib.get_close_matches(str(name), known, 1)
-    return (f"did you mean '{close[0]}'? " if close else "") + f"known: {', '.join(known) or 'none'}"
 
 
 def _texts(value: object, path: str) -> Iterator[tuple[str, str]]:
@@ -93,26 +95,24 @@ def _seeds(config: Mapping) -> None:
             raise InputError(f"seeds[{k}]", f"{seed} is there twice", "give each seed once")
 
 
-def _names(used: Iterable[str], known: Iterable[str], where: str, what: str) -> None:
-    known = list(known)
-    for k, name in enumerate(used):
-        if name not in known:
-            raise InputError(f"{where}[{k}]", f"'{name}' is no {what}", suggest(name, known))
-        if name in list(used)[:k]:
-            raise InputError(f"{where}[{k}]", f"'{name}' is there twice", f"name each {what} once")
-
-
 def _experiment(where: str, experiment: Mapping, config: Mapping) -> None:
     _system(f"{where}.system.name", experiment["system"]["name"])
     methods = config["methods"]
     for part, settings in experiment["model"].items():
         known = signatures.of_kind(part, settings["kind"], f"{where}.model.{part}.kind")
-        _keys(f"{where}.model.{part}", set(settings) - {"kind"}, known)
-    _keys(f"{where}.system", set(experiment["system"]) - {"name"}, _system_keys(where, experiment["system"]))
-    _names(experiment["methods"], methods, f"{where}.methods", "method")
+        require_keys(f"{where}.model.{part}", set(settings) - {"kind"}, known)
+    require_keys(f"{where}.system", set(experiment["system"]) - {"name"}, _system_keys(where, experiment["system"]))
+    require_all(experiment["methods"], methods, f"{where}.methods", "method")
     for method in experiment["methods"]:
-        _method(f"methods.{method}", methods[method], experiment, where)
-    _names(experiment["augmented"], experiment["methods"], f"{where}.augmented", "method of this experiment")
+        _method(method, methods[method], experiment, where)
+    # Each method takes of these what is its own objective's.
+    objectives = {
+        methods[m].get("objective", "aphynity") for m in experiment["methods"] if methods[m]["kind"] != "mean"
+    }
+    known = [key for kind in sorted(objectives) for key in signatures.of_kind("objective", kind, "objective")]
+    for key in ("training", "finetuning") if known else ():
+        require_keys(f"{where}.{key}.objective", experiment.get(key, {}).get("objective", {}), known)
+    require_all(experiment["augmented"], experiment["methods"], f"{where}.augmented", "method of this experiment")
     for k, method in enumerate(experiment["augmented"]):
         if methods[method]["kind"] == "mean":
             raise InputError(
@@ -124,27 +124,32 @@ def _experiment(where: str, experiment: Mapping, config: Mapping) -> None:
                 raise InputError(f"{where}.{key}", "missing", "methods under augmented need it")
     data = experiment["data"]
     (_simulation if data["source"] == "simulation" else _chunks)(where, experiment, config)
+    study_checks.check(where, experiment, methods)
 
 
-def _method(where: str, build: Mapping, experiment: Mapping, used: str) -> None:
+def _method(method: str, build: Mapping, experiment: Mapping, used: str) -> None:
     """A method's objective and what it changes of the system, as an experiment uses them."""
+    where = f"methods.{method}"
     if build["kind"] == "mean":
         return
-    known = signatures.of_kind("objective", build.get("objective", "aphynity"), f"{where}.objective")
+    objective = build.get("objective", "aphynity")
+    known = signatures.of_kind("objective", objective, f"{where}.objective")
+    if signatures.takes("objective", objective, "prior", f"{where}.objective") and "augmentation" not in experiment:
+        raise InputError(f"{used}.augmentation", "missing", f"the objective {objective} needs its prior")
+    over, there = experiment["overrides"].get(method, {}), f"{used}.overrides.{method}"
     for key in ("training", "finetuning"):
-        _keys(f"{used}.{key}.objective", experiment.get(key, {}).get("objective", {}), known)
+        require_keys(f"{there}.{key}.objective", over.get(key, {}).get("objective", {}), known)
+    for part, settings in over.get("model", {}).items():
+        kind = settings.get("kind", experiment["model"].get(part, {}).get("kind", ""))
+        require_keys(
+            f"{there}.model.{part}", set(settings) - {"kind"}, signatures.of_kind(part, kind, f"{there}.model.{part}")
+        )
     system = {**experiment["system"], **build.get("system", {})}
-    _keys(f"{where}.system", set(build.get("system", {})) - {"name"}, _system_keys(where, system))
+    require_keys(f"{where}.system", set(build.get("system", {})) - {"name"}, _system_keys(where, system))
 
 
 def _system_keys(where: str, system: Mapping) -> list[str]:
     return signatures.of_system(system["name"], f"{where}.system.name")
-
-
-def _keys(where: str, used: Iterable[str], known: Iterable[str]) -> None:
-    for key in sorted(used):
-        if key not in known:
-            raise InputError(f"{where}.{key}", "unknown key", suggest(key, known))
 
 
 def _system(where: str, name: str) -> None:
@@ -170,18 +175,10 @@ def _simulation(where: str, experiment: Mapping, config: Mapping) -> None:
     first, sets = next(iter(data["sets"])), data["sets"]
     for name, one in sets.items():
         for part in ("z_e", "z_a"):
-            _same_parameters(f"{where}.data.sets.{name}.{part}", one[part], sets[first][part], f"the set {first}")
+            require_parameters(f"{where}.data.sets.{name}.{part}", one[part], sets[first][part], f"the set {first}")
     if "augmentation" in experiment:
         prior = experiment["augmentation"]["prior"]
-        _same_parameters(f"{where}.augmentation.prior", prior, sets[first]["z_e"], "the sets' z_e")
-
-
-def _same_parameters(where: str, ranges: Mapping, expected: Mapping, of: str) -> None:
-    if set(ranges) != set(expected):
-        names = ", ".join(expected) or "none"
-        raise InputError(
-            where, f"names {', '.join(ranges) or 'none'}", f"give a range for each parameter of {of}: {names}"
-        )
+        require_parameters(f"{where}.augmentation.prior", prior, sets[first]["z_e"], "the sets' z_e")
 
 
 def _chunks(where: str, experiment: Mapping, config: Mapping) -> None:
@@ -204,9 +201,24 @@ def _chunks(where: str, experiment: Mapping, config: Mapping) -> None:
         raise InputError(f"{where}.data.split.rate_hz", f"found {split['rate_hz']:g}", remedy)
 
 
+def _overlay(config: Mapping) -> None:
+    chosen, where = config["recordings"]["overlay"], "recordings.overlay"
+    known = [e for e in config["run"] if config["experiments"][e]["data"]["source"] == "recordings"]
+    if chosen["experiment"] is not None:
+        require(chosen["experiment"], known, f"{where}.experiment", "experiment on recordings of this run")
+    if chosen["variants"]:
+        one = config["experiments"][chosen["experiment"] or known[0]]
+        variants = [v for m in one["methods"] for v in ((m, f"{m}+") if m in one["augmented"] else (m,))]
+        require_all(chosen["variants"], variants, f"{where}.variants", "method of this experiment")
+
+
 def _recordings(recordings: Mapping) -> None:
     source = recordings["source"]
+    if source != "markers":
+        Look.from_mapping(recordings["tracking"]["markers"])
     if source == "rendered":
+        if recordings["checksums"] is not None:
+            raise InputError("recordings.checksums", "the recordings are rendered", "remove it")
         rate = recordings["rendered"]["rate_hz"]
         if not _is_multiple(rate, recordings["analysis_rate_hz"]):
             remedy = f"recordings.rendered.rate_hz, {rate:g}, must be a multiple of it"
@@ -219,6 +231,39 @@ def _recordings(recordings: Mapping) -> None:
         list_videos(path)
     elif not Path(path).exists():
         raise InputError(where, f"'{path}' does not exist", f"relative paths start at {Path.cwd()}")
+    if recordings["checksums"] is not None:
+        _checksums(recordings)
+
+
+def _checksums(recordings: Mapping) -> None:
+    where, path = "recordings.checksums", recordings["checksums"]
+    files = _files(recordings)
+    if files is None:
+        raise InputError(where, "the recordings are in an archive", "set recordings.markers.sha256 instead")
+    known = read_checksums(path)
+    for file in files.values():
+        if file.name not in known:
+            raise InputError(where, f"'{path}' has no line for {file.name}", "add it with sha256sum")
+
+
+def read_checksums(path: str) -> dict[str, str]:
+    """SHA-256 by file name, from what ``sha256sum`` writes.
+
+    Raises:
+        InputError: no such file, or a line that is none of its.
+    """
+    where = "recordings.checksums"
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(where, f"'{path}' cannot be read ({error})", "name what sha256sum wrote") from error
+    found = {}
+    for number, line in enumerate(lines, 1):
+        match = CHECKSUM.fullmatch(line)
+        if match is None:
+            raise InputError(where, f"'{path}', line {number}: '{line}'", "expected a SHA-256 and a file's name")
+        found[Path(match[2]).name] = match[1].lower()
+    return found
 
 
 def list_recordings(config: Mapping) -> dict[str, str | int] | None:
@@ -237,14 +282,20 @@ def list_recordings(config: Mapping) -> dict[str, str | int] | None:
         return {}
     if source == "rendered":
         return {f"rendered_{k:02d}": k for k in range(recordings["rendered"]["count"])}
-    path = recordings[source]["path"]
-    if source == "videos":
-        return {name: str(video) for name, video in list_videos(path).items()}
+    files = _files(recordings)
+    return None if files is None else {name: str(path) for name, path in files.items()}
+
+
+def _files(recordings: Mapping) -> dict[str, Path] | None:
+    """The user's videos or marker CSVs by name; None where they are in an archive."""
+    path = recordings[recordings["source"]]["path"]
+    if recordings["source"] == "videos":
+        return list_videos(path)
     if Path(path).is_file():
         return None
     from expertaug.recordings.archive import list_marker_files
 
-    return {name: str(csv) for name, csv in list_marker_files(path).items()}
+    return list_marker_files(path)
 
 
 def _uses_recordings(config: Mapping) -> bool:

@@ -45,10 +45,12 @@ def parser() -> argparse.ArgumentParser:
     p = commands.add("extract-frames", _extract_frames, "decode a video into a frame store")
     p.add_argument("video", type=Path)
     _files(p, output="frame store")
+    _add_intake(p, checksum=True)
 
     p = commands.add("track-markers", _track_markers, "find the markers in every frame")
     p.add_argument("frames", type=Path)
     _files(p, output="CSV of the marker positions")
+    _add_intake(p)
 
     p = commands.add("unpack-markers", _unpack_markers, "unpack an archive of marker CSVs")
     p.add_argument("archive", type=Path)
@@ -57,14 +59,35 @@ def parser() -> argparse.ArgumentParser:
     p = commands.add("import-markers", _import_markers, "convert a marker CSV of the IBM layout")
     p.add_argument("csv", type=Path)
     _files(p, output="CSV of the marker positions")
+    _add_intake(p, checksum=True)
 
     p = commands.add("measure-angles", _measure_angles, "measure arm angles, speeds and energy")
     p.add_argument("markers", type=Path)
     _files(p, output="CSV of the angles", summary="JSON of the recording's calibration")
+    _add_intake(p)
 
     p = commands.add("summarise-recordings", _summarise_recordings, "make the table of recordings", settings=False)
     p.add_argument("summaries", type=Path, nargs="+", help="angles.json of each recording")
     _files(p, output="CSV", markdown="Markdown")
+
+    p = commands.add("plot-recording", _plot_recording, "draw a recording's page of the report", settings=False)
+    _files(p, markers="CSV of the marker positions", angles="CSV of the angles", summary="JSON of the calibration")
+    _files(p, output="figure, .png or .pdf")
+
+    p = commands.add("overlay", _overlay, "draw markers, arms, angles and forecasts over a recording's video")
+    p.add_argument("video", type=Path)
+    _files(p, markers="CSV of the marker positions", angles="CSV of the angles", output="video, .mp4")
+    p.add_argument("--forecasts", nargs="*", default=[], metavar="LABEL=PATH", help="forecasts.npz to draw")
+    p.add_argument("--chunks", type=Path, metavar="PATH", help="chunks.csv of the sets that they forecast")
+
+    p = commands.add("inspect", _inspect, "show what a video shows and propose its configuration", settings=False)
+    p.add_argument("video", type=Path)
+    p.add_argument(
+        "--output", type=Path, default=Path("contact.png"), metavar="PATH", help="contact sheet, .png or .jpg"
+    )
+    p.add_argument("--rate", type=float, metavar="HZ", help="frame rate (default: the video's own)")
+    text = "YAML files to which the proposal is to be added (default: config/config.yaml where it is)"
+    p.add_argument("--config", type=Path, nargs="+", metavar="YAML", help=text)
 
     p = commands.add("split-chunks", _split_chunks, "cut recordings into chunks and split them")
     p.add_argument("angles", type=Path, nargs="+", help="angles.csv of each recording")
@@ -99,6 +122,10 @@ def parser() -> argparse.ArgumentParser:
     _files(p, model="model file", data="folder of the sets", output="CSV of the metrics", forecasts="npz of forecasts")
     _add_tracking(p)
 
+    p = commands.add("along", _along, "augment and fine-tune a model at several stages of its training")
+    _files(p, snapshots="states along the training", data="folder of the sets", output="CSV of the metrics")
+    _files(p, work="folder for checkpoints")
+
     p = commands.add("tabulate", _tabulate, "make the tables of an experiment")
     p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and block")
     p.add_argument("--forecasts", type=Path, nargs="+", default=[], help="forecasts.npz, which know the units")
@@ -109,6 +136,18 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--forecasts", type=Path, nargs="+", required=True, help="forecasts.npz of one block per method")
     p.add_argument("--logs", type=Path, nargs="+", required=True, help="log.jsonl of every trained method and block")
     _files(p, output="path of the figures, to which _NAME.png and _NAME.pdf are added")
+
+    p = commands.add("study", _study, "make the table and the figure of a study")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv (along.csv) of every variant and block")
+    p.add_argument("--output", type=Path, nargs="+", required=True, help="files, .csv, .md, .tex, .png or .pdf")
+
+    p = commands.add("compare", _compare, "compare experiments with the published numbers")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and block")
+    p.add_argument("--output", type=Path, nargs="+", required=True, help="tables, .csv, .md or .tex")
+
+    p = commands.add("overview", _overview, "draw the figures over several experiments")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every experiment, method and block")
+    _files(p, output="folder of the figures")
 
     p = commands.add("validate", _validate, "check configuration files", settings=False)
     p.add_argument("config", type=Path, nargs="+", help="YAML files, later ones win")
@@ -128,6 +167,13 @@ def parser() -> argparse.ArgumentParser:
 def _files(parser: argparse.ArgumentParser, **options: str) -> None:
     for name, text in options.items():
         parser.add_argument(f"--{name}", type=Path, required=True, metavar="PATH", help=text)
+
+
+def _add_intake(parser: argparse.ArgumentParser, checksum: bool = False) -> None:
+    text = "a recording that is refused: stop, or skip it and write why into the outputs"
+    parser.add_argument("--on-bad-recording", choices=("stop", "skip"), default="stop", help=text)
+    if checksum:
+        parser.add_argument("--sha256", metavar="HEX", help="checksum that the file must have")
 
 
 def _add_tracking(parser: argparse.ArgumentParser) -> None:
@@ -185,16 +231,23 @@ def _render_video(a: argparse.Namespace) -> None:
     render_recording(a.index, a.output, a.truth, read_settings(a.settings))
 
 
+def _take(a: argparse.Namespace, task: Callable[[], None], source: Path, outputs: list[Path]) -> None:
+    """Run a stage on one recording, which may be left out."""
+    from expertaug.recordings.intake import take
+
+    take(task, source, outputs, a.on_bad_recording, getattr(a, "sha256", None))
+
+
 def _extract_frames(a: argparse.Namespace) -> None:
     from expertaug.recordings.frames import extract_frames
 
-    extract_frames(a.video, a.output, read_settings(a.settings))
+    _take(a, lambda: extract_frames(a.video, a.output, read_settings(a.settings)), a.video, [a.output])
 
 
 def _track_markers(a: argparse.Namespace) -> None:
     from expertaug.recordings.markers import track_markers
 
-    track_markers(a.frames, a.output, read_settings(a.settings))
+    _take(a, lambda: track_markers(a.frames, a.output, read_settings(a.settings)), a.frames, [a.output])
 
 
 def _unpack_markers(a: argparse.Namespace) -> None:
@@ -206,25 +259,67 @@ def _unpack_markers(a: argparse.Namespace) -> None:
 def _import_markers(a: argparse.Namespace) -> None:
     from expertaug.recordings.archive import import_markers
 
-    import_markers(a.csv, a.output, read_settings(a.settings))
+    _take(a, lambda: import_markers(a.csv, a.output, read_settings(a.settings)), a.csv, [a.output])
 
 
 def _measure_angles(a: argparse.Namespace) -> None:
     from expertaug.recordings.angles import measure_angles
 
-    measure_angles(a.markers, a.output, a.summary, read_settings(a.settings))
+    outputs = [a.output, a.summary]
+    _take(a, lambda: measure_angles(a.markers, *outputs, read_settings(a.settings)), a.markers, outputs)
 
 
 def _summarise_recordings(a: argparse.Namespace) -> None:
+    from expertaug.recordings.intake import divide
     from expertaug.recordings.summary import summarise
 
-    summarise(a.summaries, a.output, a.markdown)
+    kept, refused = divide(a.summaries)
+    summarise(kept, a.output, a.markdown, refused)
+
+
+def _plot_recording(a: argparse.Namespace) -> None:
+    from expertaug.recordings.intake import refusal
+    from expertaug.recordings.page import plot_recording, plot_refused
+
+    reason = refusal(a.summary)
+    if reason is None:
+        plot_recording(a.markers, a.angles, a.summary, a.output)
+    else:
+        plot_refused(a.summary.parent.name, reason, a.output)
+
+
+def _overlay(a: argparse.Namespace) -> None:
+    from expertaug.recordings.intake import refusal
+    from expertaug.recordings.overlay import note, overlay
+
+    forecasts = dict(text.partition("=")[::2] for text in a.forecasts)
+    for label, path in forecasts.items():
+        if not (label and path):
+            raise InputError("--forecasts", f"found '{label or path}'", "give LABEL=PATH")
+    reason = refusal(a.angles)
+    if reason is None:
+        overlay(a.video, a.markers, a.angles, a.output, read_settings(a.settings), forecasts, a.chunks)
+    else:
+        note(f"left out: {reason}", a.output)
+
+
+def _inspect(a: argparse.Namespace) -> None:
+    from expertaug import config
+    from expertaug.recordings.inspect import inspect
+
+    default = Path("config", "config.yaml")
+    files = a.config or ([default] if default.is_file() else [])
+    base = config.validate(config.load(files)) if files else None
+    text = inspect(a.video, a.output, base, a.rate)
+    logger.info("%s: contact sheet", a.output)
+    print(text, end="")
 
 
 def _split_chunks(a: argparse.Namespace) -> None:
     from expertaug.recordings.chunks import split_chunks
+    from expertaug.recordings.intake import divide
 
-    split_chunks(a.angles, a.output, read_settings(a.settings))
+    split_chunks(divide(a.angles)[0], a.output, read_settings(a.settings))
 
 
 def _plot_splits(a: argparse.Namespace) -> None:
@@ -269,6 +364,12 @@ def _evaluate(a: argparse.Namespace) -> None:
     evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings), _tracking(a))
 
 
+def _along(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.along import along
+
+    along(a.snapshots, a.data, a.output, a.work, read_settings(a.settings))
+
+
 def _tabulate(a: argparse.Namespace) -> None:
     from expertaug.evaluation.tables import tabulate
 
@@ -279,6 +380,24 @@ def _plot(a: argparse.Namespace) -> None:
     from expertaug.evaluation.plot import plot
 
     plot(a.metrics, a.forecasts, a.logs, a.output, read_settings(a.settings))
+
+
+def _study(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.studies import study
+
+    study(a.metrics, a.output, read_settings(a.settings))
+
+
+def _compare(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.published import compare
+
+    compare(a.metrics, a.output, read_settings(a.settings))
+
+
+def _overview(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.overview import overview
+
+    overview(a.metrics, a.output, read_settings(a.settings))
 
 
 def _validate(a: argparse.Namespace) -> None:

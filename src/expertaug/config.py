@@ -80,7 +80,8 @@ def validate(config: Mapping, schema: str | Path | None = None) -> dict:
         schema: file of the schema; None finds the one of this checkout or of the working directory.
 
     Returns:
-        the same with ``based_on`` resolved, defaults filled in, ``choices`` complete and ``tracking.uri`` set.
+        the same with ``based_on`` and the chosen preset's ``presets`` merged, defaults filled in, ``choices``
+        complete and ``tracking.uri`` set.
 
     Raises:
         InputError: the first thing that is wrong.
@@ -91,6 +92,7 @@ def validate(config: Mapping, schema: str | Path | None = None) -> dict:
     _check(config, rules, missing=False)
     if isinstance(config.get("experiments"), dict):
         config["experiments"] = {name: _inherit(name, config["experiments"]) for name in config["experiments"]}
+        config["experiments"] = _choose_preset(config, rules)
     config = fill(config, rules, rules)
     _check(config, rules)
     _check_overrides(config, rules)
@@ -105,9 +107,37 @@ def validate(config: Mapping, schema: str | Path | None = None) -> dict:
     return config
 
 
+def _check_along(name: str, config: Mapping, rules: Mapping) -> None:
+    """What studies.along says of the fine-tuning must fit that block."""
+    one = config["experiments"][name]
+    over = one["studies"].get("along", {}).get("finetuning", {})
+    try:
+        _check({**config, "experiments": {name: merge(one, {"finetuning": over} if over else {})}}, rules)
+    except InputError as error:
+        raise InputError(f"experiments.{name}.studies.along.finetuning", str(error)) from error
+
+
+def _choose_preset(config: Mapping, rules: Mapping) -> dict[str, dict]:
+    """The experiments with what they override under the configuration's preset; the others are only checked."""
+    chosen = config.get("preset", rules["properties"]["preset"]["default"])
+    merged = {}
+    for name, one in config["experiments"].items():
+        one = dict(one)
+        merged[name] = _without_null(one)
+        for preset, over in one.pop("presets", {}).items():
+            try:
+                _check({"experiments": {name: merge(one, over)}}, rules, missing=False)
+            except InputError as error:
+                raise InputError(f"experiments.{name}.presets.{preset}", str(error)) from error
+            if preset == chosen:
+                merged[name] = _without_null(merge(one, over))
+    return merged
+
+
 def _check_overrides(config: Mapping, rules: Mapping) -> None:
     """What experiments.*.overrides say must fit the blocks that they override."""
     for name, one in config["experiments"].items():
+        _check_along(name, config, rules)
         for method, blocks in one["overrides"].items():
             where = f"experiments.{name}.overrides.{method}"
             if method not in config["methods"]:
@@ -167,6 +197,13 @@ def _inherit(name: str, experiments: Mapping, after: tuple[str, ...] = ()) -> di
             where, f"'{base}' is based on '{name}' itself", "name an experiment that is not based on this one"
         )
     return merge(_inherit(base, experiments, (name, *after)), experiment)
+
+
+def _without_null(experiment: Mapping) -> dict:
+    """An experiment without the studies and priors that it takes away."""
+    blocks = ("studies", "augmentations")
+    kept = {key: {k: v for k, v in experiment[key].items() if v is not None} for key in blocks if key in experiment}
+    return {**experiment, **kept}
 
 
 def fill(value: object, schema: object, root: Mapping) -> object:

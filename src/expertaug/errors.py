@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+LONGEST = 300  # characters of each part of a message
+
 
 class InputError(Exception):
     """Bad input: a file, a value or a configuration key that cannot be used.
 
     The message is one line: which file or key, what was found, what would be right.  The command line prints it
     without a traceback and exits with status 2.
+
+    What it quotes may come from a hostile file: characters that a terminal would obey are escaped, and long texts cut.
+
+    Attributes:
+        where: the file or key, as a text.
     """
 
     def __init__(self, where: object, found: str, remedy: str = "") -> None:
-        text = f"{where}: {found}"
-        super().__init__(" ".join((f"{text}; {remedy}" if remedy else text).split()))
+        self.where = str(where)
+        parts = (str(where), found, remedy) if remedy else (str(where), found)
+        where, found, *rest = (_one_line(part) for part in parts)
+        super().__init__("; ".join((f"{where}: {found}", *rest)))
+
+
+def _one_line(text: str) -> str:
+    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split())[: 10 * LONGEST])
+    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
 
 
 class SolveError(RuntimeError):

@@ -13,12 +13,18 @@ import yaml
 from expertaug import config, provenance
 from expertaug.errors import InputError
 from expertaug.evaluation.plot import NAMES
+from expertaug.evaluation.studies import KINDS
 from expertaug.files import write_json, write_text
 from expertaug.loglines import read_log
 
 KEPT = ["tables/{0}.csv", "tables/{0}_long.csv", "tables/{0}.md", "tables/{0}.tex"]
 KEPT += [f"figures/{{0}}_{name}.png" for name in (*NAMES, "splits")]
+KEPT += [f"tables/{{0}}_{name}.{end}" for name in (*KINDS, "published") for end in ("csv", "md", "tex")]
+KEPT += [f"figures/{{0}}_{name}.png" for name in KINDS]
 KEPT += ["{0}/data/splits.json", "{0}/data/calibration.json"]
+OVERALL = ["recordings/summary.csv", "recordings/summary.md"]
+OVERALL += [f"tables/published.{end}" for end in ("csv", "md", "tex")]
+OVERALL += [f"figures/{name}.png" for name in ("log_mse", "parameter_errors", "za_shifted")]
 
 
 def publish(configs: Sequence[Path], folder: Path, command: str) -> None:
@@ -45,7 +51,7 @@ def publish(configs: Sequence[Path], folder: Path, command: str) -> None:
     with tempfile.TemporaryDirectory(dir=folder.parent) as name:
         new = Path(name) / folder.name
         files = [pattern.format(experiment) for pattern in KEPT for experiment in settings["run"]]
-        for file in (*files, "recordings/summary.csv", "recordings/summary.md"):
+        for file in (*files, *OVERALL):
             if (results / file).exists():
                 (new / file).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(results / file, new / file)

@@ -8,40 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from expertaug import signatures
+from expertaug import variants as naming
 from expertaug.config import merge
+from expertaug.jobs import blocks, label, sets, snapshots, studied, variants
 from expertaug.kinds import full_name
 
 # Rows of the preset's table (expertaug.presets) that each stage of learning obeys.
-_TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection")
+_TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection", "hvae_z_e")
 CHOICES = {
     "train": (*_TRAINING, "observed_points"),
-    "augment": ("loss_window", "augmentation_noise", "augmented_x"),
+    "augment": ("loss_window", "augmentation_noise", "augmented_x", "augmented_z_a"),
     "finetune": (*_TRAINING, "frozen", "resample"),
     "evaluate": ("forecast_start",),
 }
 
 
+# Keys of an evaluation that say how its numbers are read and shown; they change none of them.
 READING = ("convention", "set_titles")
-
-
-def blocks(config: Mapping) -> dict[str, list[int]]:
-    """Seeds that one job trains together, by the block's name."""
-    seeds, size = config["seeds"], config["seeds_per_job"]
-    parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
-    return {f"seeds_{'_'.join(map(str, part))}": part for part in parts}
-
-
-def variants(config: Mapping, experiment: str) -> list[str]:
-    """An experiment's methods, each followed by its augmented version ``method+`` where there is one."""
-    one = config["experiments"][experiment]
-    names = [[m, f"{m}+"] if m in one["augmented"] else [m] for m in one["methods"]]
-    return [name for pair in names for name in pair]
-
-
-def label(config: Mapping, variant: str) -> str:
-    """What tables and figures print for ``method`` or ``method+``."""
-    method = variant.removesuffix("+")
-    return config["methods"][method]["label"] + variant[len(method) :]
+SHOWING = (*READING, "published", "overview")
 
 
 def init_tracking(config: Mapping) -> dict:
@@ -81,8 +66,25 @@ def import_markers(config: Mapping) -> dict:
 
 def measure_angles(config: Mapping) -> dict:
     recordings = config["recordings"]
-    own = {"arm1_m": recordings["arms_m"][0], "rate_provenance": _rate(recordings)[1]}
+    own = {"arm1_m": _arms(recordings)[0], "rate_provenance": _rate(recordings)[1]}
     return recordings["angles"] | own
+
+
+def overlay(config: Mapping) -> dict:
+    """What is shown, and the rate by which the video's frames are told."""
+    shown = {k: v for k, v in config["recordings"]["overlay"].items() if k not in ("experiment", "variants")}
+    rates = extract_frames(config)
+    return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance")}
+
+
+def overlaid(config: Mapping) -> tuple[str, list[str]] | None:
+    """The experiment and the variants of its methods whose forecasts are drawn over the videos."""
+    chosen = config["recordings"]["overlay"]
+    known = [e for e in config["run"] if config["experiments"][e]["data"]["source"] == "recordings"]
+    experiment = chosen["experiment"] or next(iter(known), None)
+    if experiment is None:
+        return None
+    return experiment, chosen["variants"] or variants(config, experiment)[-1:]
 
 
 def split_chunks(config: Mapping, experiment: str) -> dict:
@@ -93,8 +95,8 @@ def calibrate(config: Mapping, experiment: str) -> dict:
     recordings = config["recordings"]
     rate, provenance = _rate(recordings)
     return config["experiments"][experiment]["data"]["calibration"] | {
-        "arm1_m": recordings["arms_m"][0],
-        "arm2_m": recordings["arms_m"][1],
+        "arm1_m": _arms(recordings)[0],
+        "arm2_m": _arms(recordings)[1],
         "nominal_rate_hz": rate,
         "rate_provenance": provenance,
     }
@@ -112,14 +114,21 @@ def train(config: Mapping, experiment: str, method: str, block: str) -> dict:
     model, training = dict(one["model"]), one["training"]
     if build.get("interaction") is False:
         del model["interaction"]
+    given = {}
     if build["kind"] == "mean":
         model, training = {}, {}
+    else:
+        training = _with_own_options(training, build)
+        if signatures.takes("objective", _objective(build), "prior", "objective"):
+            given = {"prior": one["augmentation"]["prior"]}
     return {
         **_identity(config, experiment, method),
         "system": one["system"],
         "build": {k: v for k, v in build.items() if k != "label"},
         "model": model,
         "training": training,
+        **given,
+        **({"snapshots": kept} if (kept := snapshots(config, experiment, method)) else {}),
         "t1_s": one["data"]["t1_s"],
         "choices": _choices(config, experiment, "train"),
         "seeds": blocks(config)[block],
@@ -127,12 +136,13 @@ def train(config: Mapping, experiment: str, method: str, block: str) -> dict:
     }
 
 
-def augment(config: Mapping, experiment: str, method: str, block: str) -> dict:
+def augment(config: Mapping, experiment: str, variant: str, block: str) -> dict:
+    method, name = naming.split(variant)
     one = _experiment(config, experiment, method)
     return {
         "experiment": experiment,
-        "method": f"{method}+",
-        "prior": one["augmentation"]["prior"],
+        "method": variant,
+        "prior": (one["augmentations"][name] if name else one["augmentation"])["prior"],
         "noise": _noise(one),
         "choices": _choices(config, experiment, "augment"),
         "seeds": blocks(config)[block],
@@ -140,10 +150,11 @@ def augment(config: Mapping, experiment: str, method: str, block: str) -> dict:
     }
 
 
-def finetune(config: Mapping, experiment: str, method: str, block: str) -> dict:
+def finetune(config: Mapping, experiment: str, variant: str, block: str) -> dict:
+    method = naming.split(variant)[0]
     return {
-        **_identity(config, experiment, f"{method}+"),
-        "training": _experiment(config, experiment, method)["finetuning"],
+        **_identity(config, experiment, variant),
+        "training": _with_own_options(_experiment(config, experiment, method)["finetuning"], config["methods"][method]),
         "choices": _choices(config, experiment, "finetune"),
         "seeds": blocks(config)[block],
         "device": config["device"],
@@ -153,10 +164,66 @@ def finetune(config: Mapping, experiment: str, method: str, block: str) -> dict:
 def evaluate(config: Mapping, experiment: str, variant: str, block: str) -> dict:
     return {
         **_identity(config, experiment, variant),
-        "evaluation": {k: v for k, v in config["experiments"][experiment]["evaluation"].items() if k not in READING},
+        "evaluation": _evaluation(config, experiment),
+        "sets": sets(config, experiment),
         "choices": _choices(config, experiment, "evaluate"),
         "seeds": blocks(config)[block],
         "device": config["device"],
+    }
+
+
+def along(config: Mapping, experiment: str, method: str, block: str) -> dict:
+    """The settings of augmentation, of the fine-tunings and of their evaluation."""
+    study = config["experiments"][experiment]["studies"]["along"]
+    tuned = finetune(config, experiment, f"{method}+", block)
+    evaluation = {k: v for k, v in _evaluation(config, experiment).items() if k in ("from_s", "solver")}
+    return {
+        **_identity(config, experiment, method),
+        "augment": augment(config, experiment, f"{method}+", block),
+        "finetune": tuned | {"training": merge(tuned["training"], study["finetuning"])},
+        "finetune_epochs": study["finetune_epochs"],
+        "evaluation": evaluation | {"max_samples": study["max_samples"]},
+        "choices": _choices(config, experiment, "evaluate"),
+        "seeds": blocks(config)[block],
+        "device": config["device"],
+    }
+
+
+def study(config: Mapping, experiment: str, name: str) -> dict:
+    """What a study's table and figure say: order and labels of the variants, sets, ranges."""
+    one = config["experiments"][experiment]
+    settings = {
+        "study": name,
+        "labels": [[variant, label(config, variant)] for variant in studied(config, experiment, name)],
+        "all_labels": _all_labels(config),
+        "sets": one["data"].get("sets", {}),
+        **_reading(config, experiment),
+    }
+    if name == "prior_width":
+        priors = {"": one["augmentation"]["prior"]} | {k: v["prior"] for k, v in one["augmentations"].items()}
+        return settings | {"priors": priors}
+    options = one["studies"][name]
+    if name == "out_of_expertise":
+        options = {"distances": options["distances"], "panels": [[k, v] for k, v in options["panels"].items()]}
+    return settings | {"options": options}
+
+
+def compare(config: Mapping, experiments: list[str]) -> dict:
+    """Which published numbers each experiment is compared with."""
+    return {"published": [[name, config["experiments"][name]["evaluation"]["published"]] for name in experiments]}
+
+
+def overview(config: Mapping, experiments: list[str]) -> dict:
+    """What the figures over several experiments show of each."""
+    all_of = [config["experiments"][name] for name in experiments]
+    shifted = [one["studies"].get("out_of_expertise", {}).get("overview") for one in all_of]
+    return {
+        "experiments": [
+            {"name": name, "shown": one["evaluation"]["overview"], "shifted": far, **_reading(config, name)}
+            for name, one, far in zip(experiments, all_of, shifted, strict=True)
+            if one["evaluation"]["overview"] or far
+        ],
+        "all_labels": _all_labels(config),
     }
 
 
@@ -170,7 +237,7 @@ def plot(config: Mapping, experiment: str) -> dict:
     one = config["experiments"][experiment]
     return {
         "labels": _labels(config, experiment),
-        "all_labels": [build["label"] for build in config["methods"].values()],
+        "all_labels": _all_labels(config),
         **_reading(config, experiment),
         "training_range": one["data"]["sets"]["train"]["z_e"] if one["data"]["source"] == "simulation" else {},
         "prior": one.get("augmentation", {}).get("prior", {}),
@@ -193,7 +260,7 @@ def _classes(build: Mapping, model: Mapping) -> list[str]:
     if build["kind"] != "hybrid":
         return []
     parts = [part for part in ("encoder", "interaction") if build.get(part, True)]
-    objective = full_name("objective", build.get("objective", "aphynity"), "objective")
+    objective = full_name("objective", _objective(build), "objective")
     return [*(full_name(part, model[part]["kind"], part) for part in parts), objective]
 
 
@@ -207,10 +274,30 @@ def _experiment(config: Mapping, experiment: str, method: str) -> dict:
     return merge(one, one["overrides"].get(method, {}))
 
 
+def _objective(build: Mapping) -> str:
+    """Kind of a method's objective."""
+    return build.get("objective", "aphynity")
+
+
+def _with_own_options(training: Mapping, build: Mapping) -> dict:
+    """A block of training with those of the objective's options that are the method's own objective's."""
+    known = signatures.of_kind("objective", _objective(build), "objective")
+    return {**training, "objective": {k: v for k, v in training.get("objective", {}).items() if k in known}}
+
+
 def _reading(config: Mapping, experiment: str) -> dict:
     """What tables and figures say of an experiment's metrics; it changes none of them."""
     evaluation = config["experiments"][experiment]["evaluation"]
     return {key: evaluation[key] for key in ("from_s", *READING)}
+
+
+def _evaluation(config: Mapping, experiment: str) -> dict:
+    """What an evaluation computes."""
+    return {k: v for k, v in config["experiments"][experiment]["evaluation"].items() if k not in SHOWING}
+
+
+def _all_labels(config: Mapping) -> list[str]:
+    return [build["label"] for build in config["methods"].values()]
 
 
 def _labels(config: Mapping, experiment: str) -> list[str]:
@@ -224,6 +311,11 @@ def _choices(config: Mapping, experiment: str, stage: str) -> dict:
 def _noise(experiment: Mapping) -> float:
     """Standard deviation of the noise of an experiment's data."""
     return experiment["data"]["noise"] if experiment["choices"]["noise"] == "config" else 0.0
+
+
+def _arms(recordings: Mapping) -> list[float | None]:
+    """Lengths of the two arms in m, None where they are not known."""
+    return recordings["arms_m"] or [None, None]
 
 
 def _rate(recordings: Mapping) -> tuple[float, str]:

@@ -27,6 +27,8 @@ STAGES = {
     "import_markers": "expertaug.recordings.archive",
     "measure_angles": "expertaug.recordings.angles",
     "summarise_recordings": "expertaug.recordings.summary",
+    "plot_recording": "expertaug.recordings.page",
+    "overlay": "expertaug.recordings.overlay",
     "split_chunks": "expertaug.recordings.chunks",
     "plot_splits": "expertaug.recordings.figures",
     "calibrate": "expertaug.recordings.calibration",
@@ -34,13 +36,25 @@ STAGES = {
     "train": "expertaug.learning.train",
     "augment": "expertaug.learning.augment",
     "finetune": "expertaug.learning.finetune",
+    "along": "expertaug.evaluation.along",
     "evaluate": "expertaug.evaluation.evaluate",
     "tabulate": "expertaug.evaluation.tables",
     "plot": "expertaug.evaluation.plot",
+    "study": "expertaug.evaluation.studies",
+    "compare": "expertaug.evaluation.published",
+    "overview": "expertaug.evaluation.overview",
 }
 
-# Mirroring to the tracking store changes no result; neither does translating the command line.
-WITHOUT_EFFECT = {"expertaug.cli", "expertaug.commands", "expertaug.mirror", "expertaug.tracking", "expertaug.rebuild"}
+# Mirroring to the tracking store changes no result; neither does translating the command line or leaving out a
+# recording.
+WITHOUT_EFFECT = {
+    "expertaug.cli",
+    "expertaug.commands",
+    "expertaug.mirror",
+    "expertaug.tracking",
+    "expertaug.rebuild",
+    "expertaug.recordings.intake",
+}
 
 
 def sources(stage: str, extra: Iterable[str] = ()) -> list[str]:

@@ -67,6 +67,26 @@ def test_metrics_of_every_seed_and_set_follow_from_the_forecasts(folder):
     assert values[4, "test", "log_mse_sum"] - values[4, "test", "log_mse_dim"] == pytest.approx(np.log(2))
 
 
+def test_parts_of_a_set_give_the_metrics_of_the_whole(folder, monkeypatch):
+    whole, kept = run(folder, samples=3)
+    monkeypatch.setattr("expertaug.evaluation.evaluate.CHUNK_BYTES", 5 * 21 * 2 * 4 * 2)  # five samples of two seeds
+    parts, again = run(folder, samples=3)
+    np.testing.assert_allclose(parts, whole, rtol=1e-3)
+    np.testing.assert_allclose(again.prediction["test"], kept.prediction["test"], atol=2e-3)
+    np.testing.assert_array_equal(again.index["test"], kept.index["test"])
+
+
+def test_further_sets_are_scored_but_no_forecasts_kept(folder):
+    (folder / "near.npz").write_bytes((folder / "test.npz").read_bytes())
+    settings = COMMON | {"method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}}
+    outputs = folder / "further.csv", folder / "further.npz"
+    sets = ["train", "validation", "test", "near"]
+    evaluate(folder / "model.safetensors", folder, *outputs, settings | {"sets": sets}, None)
+    table = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
+    assert table[4, "near", "log_mse_sum"] == table[4, "test", "log_mse_sum"]
+    assert list(Forecasts.load(outputs[1]).truth) == ["validation", "test"]
+
+
 def test_the_metric_can_see_the_whole_trajectory(folder):
     late, _ = run(folder)
     whole, _ = run(folder, from_s=0.0)

@@ -23,15 +23,34 @@ from safetensors.torch import load_file
 from expertaug import config, slices, sources
 
 ROOT = Path(__file__).parents[2]
-DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "recordings", "split_chunks", "calibrate"]
-LEARNING_TARGETS = ["train", "augment", "finetune", "evaluate", "report", "pendulum", "double_pendulum"]
+DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "plot_recording", "overlay", "recordings"]
+DATA += ["split_chunks", "calibrate"]
+LEARNING_TARGETS = ["train", "augment", "finetune", "along", "evaluate", "studies", "report"]
+LEARNING_TARGETS += ["pendulum", "double_pendulum"]
 TARGETS = [*DATA, "simulate", *LEARNING_TARGETS, "everything", "all"]
-SMOKE = ["--configfile", "config/smoke.yaml"]
-EVALUATION = {"evaluate_block", "tabulate_experiment", "plot_experiment"}
+SMOKE = ["--configfile", "config/smoke.yaml", "studies.yaml"]
+# Each study and the comparison with the paper, on the pendulum.
+STUDIES = """
+run: [pendulum, double_pendulum]
+experiments:
+  pendulum:
+    data: {sets: {near: {size: 9, z_e: {omega0: [1.5, 3.1]}, z_a: {alpha: [0.6, 1.0]}}}}
+    augmentations: {wide: {prior: {omega0: [0.1, 7.0]}, methods: [aphynity]}}
+    studies:
+      out_of_expertise: {distances: [none, near], panels: {z_a shifted: [validation, near]}, overview: near}
+      along: {method: aphynity, epochs: [1, 3], finetune_epochs: [1], max_samples: 9}
+    evaluation: {published: pendulum}
+  double_pendulum: {studies: {along: null}}
+"""
+EVALUATION = {"evaluate_block", "tabulate_experiment", "plot_experiment", "plot_overview"}
 AUGMENTED = {"finetune_block"} | EVALUATION
 LEARNING = {"train_block", "augment_block"} | AUGMENTED
 CHUNKS = {"split_chunks_of_experiment", "plot_splits_of_experiment", "calibrate_experiment"} | LEARNING
-ANGLES = {"measure_angles_of_recording", "summarise_recordings"} | CHUNKS
+# Of the pendulum there is more.
+SCORED = {"study_experiment", "compare_experiment", "compare_all"} | EVALUATION
+TUNED = {"finetune_block", "along_block"} | SCORED
+TRAINED = {"train_block", "train_block_with_snapshots", "augment_block"} | TUNED
+ANGLES = {"measure_angles_of_recording", "plot_page_of_recording", "summarise_recordings"} | CHUNKS
 MARKERS = {"extract_frames_of_recording", "track_markers_of_recording"} | ANGLES
 
 # Written into the environment of the smoke run: each job of the command line says which modules it has loaded.
@@ -77,6 +96,7 @@ def copy_project(folder: Path) -> Path:
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
     for name in ("Snakefile", "constraints.txt", "pyproject.toml"):
         shutil.copy(ROOT / name, folder / name)
+    (folder / "studies.yaml").write_text(STUDIES)
     return folder
 
 
@@ -112,6 +132,8 @@ def test_smoke_run_makes_tables_figures_and_logs(project):
             f"{experiment}/aphynity+/seeds_0_1/{name}" for name in ("model.safetensors", "metrics.csv", "log.jsonl")
         }
         assert wanted <= found
+    assert {f"tables/pendulum_{name}.md" for name in ("along", "prior_width", "out_of_expertise", "published")} <= found
+    assert {f"figures/{name}.png" for name in ("log_mse", "parameter_errors", "za_shifted", "pendulum_along")} <= found
     assert {"recordings/summary.md", "double_pendulum/data/calibration.json", "mlflow/mlflow.db"} <= found
     assert "logs/train/pendulum_aphynity_seeds_0_1.log" in found
     assert "benchmarks/train/pendulum_aphynity_seeds_0_1.tsv" in found
@@ -139,21 +161,27 @@ def test_touched_files_redo_nothing(project):
 @pytest.mark.parametrize(
     ("change", "rules"),
     [
-        ({"experiments": {"pendulum": {"finetuning": {"epochs": 5}}}}, AUGMENTED),
+        ({"experiments": {"pendulum": {"finetuning": {"epochs": 5}}}}, TUNED),
         (
             {"experiments": {"pendulum": {"augmentation": {"prior": {"omega0": [0.5, 4]}}}}},
-            {"augment_block"} | AUGMENTED,
+            {"augment_block"} | TUNED,
         ),
-        ({"experiments": {"pendulum": {"evaluation": {"samples": 2}}}}, EVALUATION),
-        ({"experiments": {"pendulum": {"training": {"epochs": 4}}}}, LEARNING),
-        ({"experiments": {"pendulum": {"data": {"sets": {"test": {"size": 21}}}}}}, {"simulate_set"} | EVALUATION),
+        ({"experiments": {"pendulum": {"evaluation": {"samples": 2}}}}, SCORED),
+        ({"experiments": {"pendulum": {"training": {"epochs": 4}}}}, TRAINED),
+        (
+            {"experiments": {"pendulum": {"data": {"sets": {"test": {"size": 21}}}}}},
+            {"simulate_set", "along_block"} | SCORED,
+        ),
+        ({"experiments": {"pendulum": {"data": {"sets": {"near": {"size": 8}}}}}}, {"simulate_set"} | SCORED),
+        ({"experiments": {"pendulum": {"studies": {"along": {"epochs": [2]}}}}}, TRAINED - {"train_block"}),
+        ({"experiments": {"pendulum": {"evaluation": {"published": "rlc"}}}}, {"compare_experiment", "compare_all"}),
         ({"experiments": {"double_pendulum": {"data": {"split": {"stride": 3}}}}}, CHUNKS),
         ({"recordings": {"angles": {"max_gap_frames": 4}}}, ANGLES),
         ({"recordings": {"tracking": {"min_level": 25}}}, MARKERS),
-        ({"choices": {"resample": "epoch"}}, AUGMENTED),
-        ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_block"} | EVALUATION),
+        ({"choices": {"resample": "epoch"}}, TUNED),
+        ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_block"} | SCORED),
         ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
-        ({"device": "cpu"}, LEARNING),
+        ({"device": "cpu"}, TRAINED),
     ],
 )
 def test_a_changed_parameter_redoes_exactly_its_stages(project, change, rules):
@@ -162,17 +190,20 @@ def test_a_changed_parameter_redoes_exactly_its_stages(project, change, rules):
 
 def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
     jobs = planned(project, *override(project, {"experiments": {"pendulum": {"training": {"epochs": 4}}}}))
-    assert jobs["train_block"] == 3 and jobs["tabulate_experiment"] == 1
+    assert (jobs["train_block"], jobs["train_block_with_snapshots"], jobs["tabulate_experiment"]) == (2, 1, 1)
 
 
 @pytest.mark.parametrize(
     ("module", "rules"),
     [
         ("cli.py", set()),
-        ("systems/pendulum.py", {"simulate_set"} | LEARNING),
+        ("systems/pendulum.py", {"simulate_set"} | TRAINED),
         ("evaluation/tables.py", {"tabulate_experiment"}),
-        ("recordings/figures.py", {"plot_splits_of_experiment"}),
-        ("learning/finetune.py", AUGMENTED),
+        ("recordings/figures.py", {"plot_splits_of_experiment", "plot_page_of_recording"}),
+        ("recordings/overlay.py", set()),
+        ("learning/finetune.py", TUNED),
+        ("evaluation/published.py", {"compare_experiment", "compare_all"}),
+        ("evaluation/paper.csv", {"compare_experiment", "compare_all"}),
         ("recordings/calibration.py", {"calibrate_experiment"} | LEARNING),
         ("recordings/tracker.py", MARKERS),
     ],
@@ -202,7 +233,7 @@ def test_declared_modules_cover_what_every_job_has_loaded(project):
         loaded = {Path(file).relative_to(package).as_posix() for file in files} - without
         declared = {Path(path).resolve().relative_to(ROOT / "src").as_posix() for path in sources.sources(stage, named)}
         assert loaded <= declared, stage
-    assert stages == set(sources.STAGES) - {"unpack_markers", "import_markers"}
+    assert stages == set(sources.STAGES) - {"unpack_markers", "import_markers", "overlay"}
 
 
 def test_frame_stores_are_kept_when_they_are_asked_for(project):
@@ -219,14 +250,16 @@ def test_every_stage_is_a_target(project):
     for target in TARGETS:
         plan = planned(project, target, "--forceall", *SMOKE)
         assert plan, target
-        assert ("train_block" in plan) == (target in [*LEARNING_TARGETS, "everything", "all"]), target
+        assert any(rule.startswith("train_block") for rule in plan) == (
+            target in [*LEARNING_TARGETS, "everything", "all"]
+        ), target
 
 
 def test_report_is_one_file_with_tables_and_figures(project):
     done = snakemake(project, "--report", "report.html", *SMOKE)
     assert done.returncode == 0, done.stderr
     text = (project / "report.html").read_text()
-    for name in ("pendulum_log_mse.png", "double_pendulum_splits.png", "pendulum.md", "summary.md"):
+    for name in ("pendulum_log_mse.png", "double_pendulum_splits.png", "pendulum.md", "summary.md", "page.png"):
         assert name in text
 
 

@@ -5,17 +5,26 @@ import os
 import re
 import shlex
 
-from expertaug import slices
+from expertaug import jobs, slices, variants
+from expertaug.files import sha256
+from expertaug.recordings.intake import refusal
 from expertaug.sources import sources
+from expertaug.study_checks import MAIN_SETS, PUBLISHED
 
 CONSTRAINTS = os.path.relpath(HERE.parent / "constraints.txt")
+NUMBERS = os.path.relpath(PUBLISHED)
 SOURCE = CONFIG["recordings"]["source"]
+ON_BAD_RECORDING = CONFIG["recordings"]["on_bad_recording"]
 RUN = CONFIG["run"]
 RECORDED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "recordings"]
 SIMULATED = [e for e in RUN if e not in RECORDED]
-BLOCKS = list(slices.blocks(CONFIG))
+BLOCKS = list(jobs.blocks(CONFIG))
 FIGURES = ["log_mse", "parameter_errors", "parameters", "forecasts", "curves"]
-EVALUATED_SETS = ["train", "validation", "test"]
+ENDS = [".csv", ".md", ".tex"]
+COMPARED = [e for e in RUN if CONFIG["experiments"][e]["evaluation"]["published"] is not None]
+OVERVIEW = slices.overview(CONFIG, RUN)["experiments"]
+OVERVIEWS = ["log_mse", "parameter_errors"] if any(one["shown"] for one in OVERVIEW) else []
+OVERVIEWS += ["za_shifted"] if any(one["shifted"] for one in OVERVIEW) else []
 
 
 def results(path):
@@ -39,15 +48,23 @@ def code(stage, experiment=None, method=None):
 
 
 def sets_of(experiment):
-    return CONFIG["experiments"][experiment]["data"].get("sets", EVALUATED_SETS)
+    return jobs.sets(CONFIG, experiment)
 
 
 def methods_of(experiment):
     return CONFIG["experiments"][experiment]["methods"]
 
 
+def every_variant(experiment):
+    return [*jobs.variants(CONFIG, experiment), *jobs.further_variants(CONFIG, experiment)]
+
+
 def augmented_of(experiment):
-    return CONFIG["experiments"][experiment]["augmented"]
+    return [v for v in every_variant(experiment) if v not in methods_of(experiment)]
+
+
+def method_of(variant):
+    return variants.split(variant)[0]
 
 
 def per_block(pattern, experiment, methods):
@@ -58,7 +75,24 @@ def per_block(pattern, experiment, methods):
 
 def trained_of(experiment):
     """Variants that have a training's log: all but those that are computed at once."""
-    return [v for v in slices.variants(CONFIG, experiment) if CONFIG["methods"][v.removesuffix("+")]["kind"] != "mean"]
+    return [v for v in jobs.variants(CONFIG, experiment) if CONFIG["methods"][method_of(v)]["kind"] != "mean"]
+
+
+def studies_of(experiment):
+    return jobs.studies(CONFIG, experiment)
+
+
+def along_of(experiment):
+    """Scores of the models along training."""
+    study = CONFIG["experiments"][experiment]["studies"].get("along")
+    return per_block("along.csv", experiment, [study["method"]]) if study else []
+
+
+def studied(experiment, study):
+    """Files of metrics that a study reads."""
+    if study == "along":
+        return along_of(experiment)
+    return per_block("metrics.csv", experiment, jobs.studied(CONFIG, experiment, study))
 
 
 def calibration_of(experiment):
@@ -91,33 +125,80 @@ def marker_csv(name):
     return str(list_marker_files(checkpoints.unpack_markers.get().output.folder)[name])
 
 
+def checksum_of(name):
+    """The option that checks a recording's file, where its checksum is configured."""
+    path = CONFIG["recordings"]["checksums"]
+    if path is None:
+        return ""
+    file = os.path.basename(video_of(name) if SOURCE == "videos" else marker_csv(name))
+    return f"--sha256 {checks.read_checksums(path)[file]}"
+
+
+def to_retry(name, file):
+    """Whether a recording was left out before and may be so no longer: a changed parameter of its jobs, which redoes
+    them, while those of sound recordings stay as they are whatever on_bad_recording says."""
+    return ON_BAD_RECORDING == "stop" and refusal(results(f"recordings/{name}/{file}")) is not None
+
+
 def of_recordings(file):
     """A file of every recording."""
     return [results(f"recordings/{name}/{file}") for name in recording_names()]
 
 
+def pages(wildcards):
+    """The page of every recording."""
+    return of_recordings("page.png")
+
+
+def forecasts_to_draw():
+    """Forecasts that overlays draw, by label: those that are there already."""
+    found = slices.overlaid(CONFIG)
+    if found is None:
+        return {}
+    paths = {v: results(f"{found[0]}/{v}/{BLOCKS[0]}/forecasts.npz") for v in found[1]}
+    return {slices.label(CONFIG, v): path for v, path in paths.items() if os.path.exists(path)}
+
+
+def chunks_to_draw():
+    """Where the forecasts' chunks are listed."""
+    found = slices.overlaid(CONFIG)
+    return results(f"{found[0]}/data/chunks.csv") if found else ""
+
+
 def tables_of(experiment):
-    return expand(results(f"tables/{experiment}{{end}}"), end=[".csv", "_long.csv", ".tex", ".md"])
+    named = [f"_{name}" for name in studies_of(experiment)] + ["_published"] * (experiment in COMPARED)
+    of_others = [f"{name}{end}" for name in named for end in ENDS]
+    return expand(results(f"tables/{experiment}{{end}}"), end=[*ENDS, "_long.csv", *of_others])
 
 
 def figures_of(experiment):
     splits = ["splits"] if experiment in RECORDED else []
     return expand(
         results(f"figures/{experiment}_{{name}}.{{suffix}}"),
-        name=[*FIGURES, *splits],
+        name=[*FIGURES, *splits, *studies_of(experiment)],
         suffix=["png", "pdf"],
     )
 
 
 SUMMARY = [results("recordings/summary.csv"), results("recordings/summary.md")] if RECORDED else []
 REPORTED = [path for experiment in RUN for path in (*tables_of(experiment), *figures_of(experiment))]
-ALL = [*SUMMARY, *REPORTED]
+OVERALL = expand(results("tables/published{end}"), end=ENDS) if COMPARED else []
+OVERALL += expand(results("figures/{name}.{suffix}"), name=OVERVIEWS, suffix=["png", "pdf"])
+ALL = [*SUMMARY, *([pages] if RECORDED else []), *REPORTED, *OVERALL]
+
+
+# Trainings whose states at several stages are kept for the study along training, and the others; the condition is on
+# two wildcards, so that the one looks ahead to the other.
+_FOLLOWED = one_of(f"{e}/{m}/" for e in RUN for m in methods_of(e) if jobs.snapshots(CONFIG, e, m))
+FOLLOWED = {"yes": rf"(?={_FOLLOWED})(?:{one_of(RUN)})", "no": rf"(?!{_FOLLOWED})(?:{one_of(RUN)})"}
+AUGMENTED = one_of([v for e in RUN for v in augmented_of(e)])
 
 
 wildcard_constraints:
     recording=r"[^/]+",
     experiment=one_of(RUN),
     method=one_of(CONFIG["methods"]),
-    variant=one_of([v for e in RUN for v in slices.variants(CONFIG, e)]),
+    variant=one_of([v for e in RUN for v in every_variant(e)]),
+    study=one_of({name for e in RUN for name in studies_of(e)}),
     block=one_of(BLOCKS),
     set=r"\w+",

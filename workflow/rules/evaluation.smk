@@ -4,9 +4,11 @@
 rule evaluate_block:
     input:
         model=results("{experiment}/{variant}/{block}/model.safetensors"),
-        sets=expand(results("{{experiment}}/data/{set}.npz"), set=EVALUATED_SETS),
+        sets=lambda w: expand(
+            results("{experiment}/data/{set}.npz"), experiment=w.experiment, set=sets_of(w.experiment)
+        ),
         tracking=ancient(results("mlflow/tracking.json")),
-        code=lambda w: code("evaluate", w.experiment, w.variant.removesuffix("+")),
+        code=lambda w: code("evaluate", w.experiment, method_of(w.variant)),
         constraints=CONSTRAINTS,
     output:
         metrics=results("{experiment}/{variant}/{block}/metrics.csv"),
@@ -33,8 +35,8 @@ rule evaluate_block:
 
 rule tabulate_experiment:
     input:
-        metrics=lambda w: per_block("metrics.csv", w.experiment, slices.variants(CONFIG, w.experiment)),
-        forecasts=lambda w: per_block("forecasts.npz", w.experiment, slices.variants(CONFIG, w.experiment)),
+        metrics=lambda w: per_block("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        forecasts=lambda w: per_block("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
         code=code("tabulate"),
         constraints=CONSTRAINTS,
     output:
@@ -65,8 +67,8 @@ rule tabulate_experiment:
 
 rule plot_experiment:
     input:
-        metrics=lambda w: per_block("metrics.csv", w.experiment, slices.variants(CONFIG, w.experiment)),
-        forecasts=lambda w: per_block("forecasts.npz", w.experiment, slices.variants(CONFIG, w.experiment)),
+        metrics=lambda w: per_block("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        forecasts=lambda w: per_block("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
         models=lambda w: per_block("model.safetensors", w.experiment, trained_of(w.experiment)),
         code=code("plot"),
         constraints=CONSTRAINTS,
@@ -127,12 +129,143 @@ rule plot_experiment:
         " --output {params.prefix:q} --settings {params.settings:q} --log {log:q}"
 
 
+rule study_experiment:
+    input:
+        metrics=lambda w: studied(w.experiment, w.study),
+        code=code("study"),
+        constraints=CONSTRAINTS,
+    output:
+        results("tables/{experiment}_{study}.csv"),
+        results("tables/{experiment}_{study}.tex"),
+        report(
+            results("tables/{experiment}_{study}.md"),
+            caption="../report/study.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "{study}", "content": "table"},
+        ),
+        report(
+            results("figures/{experiment}_{study}.png"),
+            caption="../report/study.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "{study}", "content": "figure"},
+        ),
+        results("figures/{experiment}_{study}.pdf"),
+    log:
+        results("logs/study/{experiment}_{study}.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        settings=lambda w: settings("study", w.experiment, w.study),
+    message:
+        "study {wildcards.study} of {wildcards.experiment}"
+    shell:
+        "expertaug study {input.metrics:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
+rule compare_experiment:
+    input:
+        metrics=lambda w: per_block("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        published=NUMBERS,
+        code=code("compare"),
+        constraints=CONSTRAINTS,
+    output:
+        results("tables/{experiment}_published.csv"),
+        results("tables/{experiment}_published.md"),
+        results("tables/{experiment}_published.tex"),
+    log:
+        results("logs/compare/{experiment}.log"),
+    wildcard_constraints:
+        experiment=one_of(COMPARED),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        settings=lambda w: settings("compare", [w.experiment]),
+    message:
+        "compare {wildcards.experiment} with the published numbers"
+    shell:
+        "expertaug compare {input.metrics:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
+if COMPARED:
+
+    # The same over all experiments of the run.
+    use rule compare_experiment as compare_all with:
+        input:
+            metrics=[per_block("metrics.csv", e, jobs.variants(CONFIG, e)) for e in COMPARED],
+            published=NUMBERS,
+            code=code("compare"),
+            constraints=CONSTRAINTS,
+        output:
+            results("tables/published.csv"),
+            report(results("tables/published.md"), caption="../report/published.rst", category="Tables"),
+            results("tables/published.tex"),
+        log:
+            results("logs/compare.log"),
+        params:
+            settings=settings("compare", COMPARED),
+        message:
+            "compare all experiments with the published numbers"
+
+
+if OVERVIEWS:
+
+    rule plot_overview:
+        input:
+            metrics=[per_block("metrics.csv", one["name"], jobs.variants(CONFIG, one["name"])) for one in OVERVIEW],
+            code=code("overview"),
+            constraints=CONSTRAINTS,
+        output:
+            [
+                report(
+                    results(f"figures/{name}.png"),
+                    caption=f"../report/overview_{name}.rst",
+                    category="Figures",
+                    subcategory="all experiments",
+                    labels={"content": name},
+                )
+                for name in OVERVIEWS
+            ],
+            expand(results("figures/{name}.pdf"), name=OVERVIEWS),
+        log:
+            results("logs/plot_overview.log"),
+        conda:
+            "../envs/expertaug.yaml"
+        threads: 1
+        resources:
+            mem_mb=1000,
+        params:
+            settings=settings("overview", RUN),
+            folder=results("figures"),
+        message:
+            "plot all experiments"
+        shell:
+            "expertaug overview {input.metrics:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
+
+
 # Targets: `snakemake --cores 2 NAME`.
 
 
 rule evaluate:
     input:
-        [per_block("metrics.csv", experiment, slices.variants(CONFIG, experiment)) for experiment in RUN],
+        [per_block("metrics.csv", experiment, every_variant(experiment)) for experiment in RUN],
+
+
+rule studies:
+    input:
+        [
+            results(f"{folder}/{experiment}_{name}.{end}")
+            for experiment in RUN
+            for name in studies_of(experiment)
+            for folder, end in (("tables", "md"), ("figures", "png"))
+        ],
 
 
 rule report:

@@ -31,11 +31,13 @@ rule train_block:
         code=lambda w: code("train", w.experiment, w.method),
         constraints=CONSTRAINTS,
     output:
-        results("{experiment}/{method}/{block}/model.safetensors"),
+        model=results("{experiment}/{method}/{block}/model.safetensors"),
     log:
         results("logs/train/{experiment}_{method}_{block}.log"),
     benchmark:
         results("benchmarks/train/{experiment}_{method}_{block}.tsv")
+    wildcard_constraints:
+        experiment=FOLLOWED["no"],
     conda:
         "../envs/expertaug.yaml"
     threads: 1
@@ -49,33 +51,72 @@ rule train_block:
     message:
         "train {wildcards.method} on {wildcards.experiment}, {wildcards.block}"
     shell:
-        "expertaug train --data {params.data:q} {params.calibration} --output {output:q} --work {params.work:q}"
+        "expertaug train --data {params.data:q} {params.calibration} --output {output.model:q} --work {params.work:q}"
         " --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
 
 
-rule augment_block:
-    input:
+# The same where the study along training needs the states at some of its stages.
+use rule train_block as train_block_with_snapshots with:
+    output:
         model=results("{experiment}/{method}/{block}/model.safetensors"),
-        train=results("{experiment}/data/train.npz"),
-        validation=results("{experiment}/data/validation.npz"),
-        code=lambda w: code("augment", w.experiment, w.method),
+        snapshots=results("{experiment}/{method}/{block}/snapshots.safetensors"),
+    wildcard_constraints:
+        experiment=FOLLOWED["yes"],
+
+
+rule along_block:
+    input:
+        snapshots=results("{experiment}/{method}/{block}/snapshots.safetensors"),
+        sets=expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
+        code=lambda w: code("along", w.experiment, w.method),
         constraints=CONSTRAINTS,
     output:
-        results("{experiment}/{method}+/{block}/augmented.safetensors"),
+        results("{experiment}/{method}/{block}/along.csv"),
     log:
-        results("logs/augment/{experiment}_{method}_{block}.log"),
+        results("logs/along/{experiment}_{method}_{block}.log"),
     benchmark:
-        results("benchmarks/augment/{experiment}_{method}_{block}.tsv")
+        results("benchmarks/along/{experiment}_{method}_{block}.tsv")
     conda:
         "../envs/expertaug.yaml"
     threads: 1
     resources:
         mem_mb=4000,
     params:
-        settings=lambda w: settings("augment", w.experiment, w.method, w.block),
+        settings=lambda w: settings("along", w.experiment, w.method, w.block),
+        data=lambda w: results(f"{w.experiment}/data"),
+        work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.block}_along"),
+    message:
+        "augment {wildcards.method} along its training on {wildcards.experiment}, {wildcards.block}"
+    shell:
+        "expertaug along --snapshots {input.snapshots:q} --data {params.data:q} --output {output:q}"
+        " --work {params.work:q} --settings {params.settings:q} --log {log:q}"
+
+
+rule augment_block:
+    input:
+        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.block}/model.safetensors"),
+        train=results("{experiment}/data/train.npz"),
+        validation=results("{experiment}/data/validation.npz"),
+        code=lambda w: code("augment", w.experiment, method_of(w.variant)),
+        constraints=CONSTRAINTS,
+    output:
+        results("{experiment}/{variant}/{block}/augmented.safetensors"),
+    log:
+        results("logs/augment/{experiment}_{variant}_{block}.log"),
+    benchmark:
+        results("benchmarks/augment/{experiment}_{variant}_{block}.tsv")
+    wildcard_constraints:
+        variant=AUGMENTED,
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+    params:
+        settings=lambda w: settings("augment", w.experiment, w.variant, w.block),
         data=lambda w: results(f"{w.experiment}/data"),
     message:
-        "augment the data of {wildcards.experiment} by {wildcards.method}, {wildcards.block}"
+        "augment the data of {wildcards.experiment} for {wildcards.variant}, {wildcards.block}"
     shell:
         "expertaug augment --model {input.model:q} --data {params.data:q} --output {output:q}"
         " --settings {params.settings:q} --log {log:q}"
@@ -83,30 +124,32 @@ rule augment_block:
 
 rule finetune_block:
     input:
-        model=results("{experiment}/{method}/{block}/model.safetensors"),
-        augmented=results("{experiment}/{method}+/{block}/augmented.safetensors"),
+        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.block}/model.safetensors"),
+        augmented=results("{experiment}/{variant}/{block}/augmented.safetensors"),
         train=results("{experiment}/data/train.npz"),
         validation=results("{experiment}/data/validation.npz"),
         tracking=ancient(results("mlflow/tracking.json")),
-        code=lambda w: code("finetune", w.experiment, w.method),
+        code=lambda w: code("finetune", w.experiment, method_of(w.variant)),
         constraints=CONSTRAINTS,
     output:
-        results("{experiment}/{method}+/{block}/model.safetensors"),
+        results("{experiment}/{variant}/{block}/model.safetensors"),
     log:
-        results("logs/finetune/{experiment}_{method}_{block}.log"),
+        results("logs/finetune/{experiment}_{variant}_{block}.log"),
     benchmark:
-        results("benchmarks/finetune/{experiment}_{method}_{block}.tsv")
+        results("benchmarks/finetune/{experiment}_{variant}_{block}.tsv")
+    wildcard_constraints:
+        variant=AUGMENTED,
     conda:
         "../envs/expertaug.yaml"
     threads: 1
     resources:
         mem_mb=4000,
     params:
-        settings=lambda w: settings("finetune", w.experiment, w.method, w.block),
+        settings=lambda w: settings("finetune", w.experiment, w.variant, w.block),
         data=lambda w: results(f"{w.experiment}/data"),
-        work=lambda w: results(f".work/{w.experiment}/{w.method}+/{w.block}"),
+        work=lambda w: results(f".work/{w.experiment}/{w.variant}/{w.block}"),
     message:
-        "fine-tune {wildcards.method} on {wildcards.experiment}, {wildcards.block}"
+        "fine-tune {wildcards.variant} on {wildcards.experiment}, {wildcards.block}"
     shell:
         "expertaug finetune --model {input.model:q} --augmented {input.augmented:q} --data {params.data:q}"
         " --output {output:q} --work {params.work:q} --settings {params.settings:q}"
@@ -123,12 +166,14 @@ rule train:
 
 rule augment:
     input:
-        [
-            per_block("augmented.safetensors", experiment, [f"{m}+" for m in augmented_of(experiment)])
-            for experiment in RUN
-        ],
+        [per_block("augmented.safetensors", experiment, augmented_of(experiment)) for experiment in RUN],
 
 
 rule finetune:
     input:
-        [per_block("model.safetensors", experiment, [f"{m}+" for m in augmented_of(experiment)]) for experiment in RUN],
+        [per_block("model.safetensors", experiment, augmented_of(experiment)) for experiment in RUN],
+
+
+rule along:
+    input:
+        [along_of(experiment) for experiment in RUN],

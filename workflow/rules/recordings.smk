@@ -45,10 +45,13 @@ rule extract_frames_of_recording:
         mem_mb=1000,
     params:
         settings=lambda w: settings("extract_frames"),
+        checksum=lambda w: checksum_of(w.recording),
+        retry=lambda w: to_retry(w.recording, "frames.b2frame"),
     message:
         "extract the frames of {wildcards.recording}"
     shell:
-        "expertaug extract-frames {input.video:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+        "expertaug extract-frames {input.video:q} --output {output:q} --settings {params.settings:q}"
+        " {params.checksum} --on-bad-recording {ON_BAD_RECORDING} --log {log:q}"
 
 
 if SOURCE != "markers":
@@ -74,11 +77,13 @@ if SOURCE != "markers":
             mem_mb=1000,
         params:
             settings=lambda w: settings("track_markers"),
-            extraction=lambda w: settings("extract_frames"),
+            extraction=lambda w: [settings("extract_frames"), checksum_of(w.recording)],
+            retry=lambda w: to_retry(w.recording, "markers.csv"),
         message:
             "track the markers of {wildcards.recording}"
         shell:
-            "expertaug track-markers {input.frames:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+            "expertaug track-markers {input.frames:q} --output {output:q} --settings {params.settings:q}"
+            " --on-bad-recording {ON_BAD_RECORDING} --log {log:q}"
 
 else:
 
@@ -122,10 +127,13 @@ else:
             mem_mb=1000,
         params:
             settings=lambda w: settings("import_markers"),
+            checksum=lambda w: checksum_of(w.recording),
+            retry=lambda w: to_retry(w.recording, "markers.csv"),
         message:
             "import the markers of {wildcards.recording}"
         shell:
-            "expertaug import-markers {input.csv:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+            "expertaug import-markers {input.csv:q} --output {output:q} --settings {params.settings:q}"
+            " {params.checksum} --on-bad-recording {ON_BAD_RECORDING} --log {log:q}"
 
 
 rule measure_angles_of_recording:
@@ -147,11 +155,12 @@ rule measure_angles_of_recording:
         mem_mb=1500,
     params:
         settings=lambda w: settings("measure_angles"),
+        retry=lambda w: to_retry(w.recording, "angles.csv"),
     message:
         "measure the angles of {wildcards.recording}"
     shell:
         "expertaug measure-angles {input.markers:q} --output {output.angles:q} --summary {output.summary:q}"
-        " --settings {params.settings:q} --log {log:q}"
+        " --settings {params.settings:q} --on-bad-recording {ON_BAD_RECORDING} --log {log:q}"
 
 
 rule summarise_recordings:
@@ -181,13 +190,72 @@ rule summarise_recordings:
         " --log {log:q}"
 
 
+rule plot_page_of_recording:
+    input:
+        markers=results("recordings/{recording}/markers.csv"),
+        angles=results("recordings/{recording}/angles.csv"),
+        summary=results("recordings/{recording}/angles.json"),
+        code=code("plot_recording"),
+        constraints=CONSTRAINTS,
+    output:
+        report(
+            results("recordings/{recording}/page.png"),
+            caption="../report/recording.rst",
+            category="Recordings",
+            labels={"content": "recording {recording}"},
+        ),
+    log:
+        results("logs/plot_recording/{recording}.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    message:
+        "draw the page of {wildcards.recording}"
+    shell:
+        "expertaug plot-recording --markers {input.markers:q} --angles {input.angles:q} --summary {input.summary:q}"
+        " --output {output:q} --log {log:q}"
+
+
+rule overlay_video:
+    input:
+        video=lambda w: video_of(w.recording),
+        markers=results("recordings/{recording}/markers.csv"),
+        angles=results("recordings/{recording}/angles.csv"),
+        code=code("overlay"),
+        constraints=CONSTRAINTS,
+    output:
+        results("recordings/{recording}/overlay.mp4"),
+    log:
+        results("logs/overlay/{recording}.log"),
+    benchmark:
+        results("benchmarks/overlay/{recording}.tsv")
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1500,
+    params:
+        settings=lambda w: settings("overlay"),
+        # No inputs: an overlay draws what is there, it does not start a training.
+        forecasts=lambda w: [f"{label}={path}" for label, path in forecasts_to_draw().items()],
+        drawn=lambda w: [sha256(path) for path in forecasts_to_draw().values()],
+        chunks=chunks_to_draw(),
+    message:
+        "draw over the video of {wildcards.recording}"
+    shell:
+        "expertaug overlay {input.video:q} --markers {input.markers:q} --angles {input.angles:q} --output {output:q}"
+        " --forecasts {params.forecasts:q} --chunks {params.chunks:q} --settings {params.settings:q} --log {log:q}"
+
+
 rule split_chunks_of_experiment:
     input:
         angles=lambda w: of_recordings("angles.csv"),
         code=code("split_chunks"),
         constraints=CONSTRAINTS,
     output:
-        expand(results("{{experiment}}/data/{set}.npz"), set=EVALUATED_SETS),
+        expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
         splits=results("{experiment}/data/splits.json"),
     log:
@@ -212,7 +280,7 @@ rule split_chunks_of_experiment:
 
 rule plot_splits_of_experiment:
     input:
-        sets=expand(results("{{experiment}}/data/{set}.npz"), set=EVALUATED_SETS),
+        sets=expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
         splits=results("{experiment}/data/splits.json"),
         code=code("plot_splits"),
@@ -292,14 +360,25 @@ rule measure_angles:
         lambda w: of_recordings("angles.csv") if RECORDED else [],
 
 
+rule plot_recording:
+    input:
+        pages if RECORDED else [],
+
+
+rule overlay:
+    input:
+        of_recordings("overlay.mp4") if SOURCE != "markers" and RECORDED else [],
+
+
 rule recordings:
     input:
         SUMMARY,
+        pages if RECORDED else [],
 
 
 rule split_chunks:
     input:
-        expand(results("{experiment}/data/{set}.npz"), experiment=RECORDED, set=EVALUATED_SETS),
+        expand(results("{experiment}/data/{set}.npz"), experiment=RECORDED, set=MAIN_SETS),
         expand(results("figures/{experiment}_splits.png"), experiment=RECORDED),
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation import figures, traces
-from expertaug.evaluation.metrics import log_mse, parameter_errors
+from expertaug.evaluation.metrics import log_of, parameter_errors, squared_errors
 from expertaug.files import atomic
 from expertaug.models import store
 from expertaug.models.device import device_of
@@ -20,8 +21,8 @@ from expertaug.runlog import RunLog
 from expertaug.systems.solver import Solver, check_finite
 from expertaug.types import Trajectories
 
-SETS = ("train", "validation", "test")
-CHUNK = 2048  # samples forecast at a time: bounds the memory
+MAIN_SETS = ("train", "validation", "test")
+CHUNK_BYTES = 2**25  # of the forecasts made at a time: bounds the memory, whatever the size of a state
 
 
 def evaluate(
@@ -35,9 +36,10 @@ def evaluate(
         metrics: CSV in long format (experiment, system, method, label, preset, seed, set, metric, value).
         forecasts: npz; its arrays are named in :func:`_collect`.  Beside it forecasts.png and parameters.png are drawn,
             this block's own figures.
-        settings: {experiment, method, label, preset, evaluation, choices, seeds, device}; ``evaluation``
-            has ``samples`` (forecasts kept of each set), ``from_s`` (the metric sees times from there on; null = those
-            after the observed window), ``max_samples`` (of each set, evenly spread; null = all) and ``solver``.
+        settings: {experiment, method, label, preset, sets, evaluation, choices, seeds, device}; ``sets`` names those to
+            evaluate (forecasts are kept of validation and test alone); ``evaluation`` has ``samples`` (forecasts kept
+            of each set), ``from_s`` (the metric sees times from there on; null = those after the observed window),
+            ``max_samples`` (of each set, evenly spread; null = all) and ``solver``.
 
     Raises:
         InputError: the model and the settings disagree on the seeds.
@@ -47,23 +49,19 @@ def evaluate(
     if stored.seeds != list(settings["seeds"]):
         raise InputError(model, f"holds seeds {stored.seeds}", f"expected {list(settings['seeds'])}: train again")
     options = settings["evaluation"]
-    solver = Solver.from_mapping(options.get("solver") or {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6})
+    start = settings["choices"]["forecast_start"]
     identity = {k: settings[k] for k in ("experiment", "method", "label", "preset")}
     identity["system"] = stored.description["system"]["name"]
     rows, arrays = [], {}
-    for name in SETS:
-        truth = _spread(Trajectories.load(Path(data) / f"{name}.npz"), options.get("max_samples"))
-        prediction, z_e = _forecast(stored, truth, solver, settings["choices"]["forecast_start"], device)
-        values = _score(stored, truth, prediction, z_e, options.get("from_s"))
-        rows += [
-            {**identity, "seed": seed, "set": name, "metric": metric, "value": float(value[k])}
-            for metric, value in values.items()
-            for k, seed in enumerate(stored.seeds)
-        ]
+    for name in settings.get("sets", MAIN_SETS):
+        truth = spread(Trajectories.load(Path(data) / f"{name}.npz"), options.get("max_samples"))
+        kept = int(options.get("samples", 3)) if name in MAIN_SETS[1:] else 0
+        scored = score(stored, truth, options, start, device, kept)
+        rows += scored.rows(identity | {"set": name}, stored.seeds)
         if name == "train":
             arrays["train_z_e"] = truth.z_e
-        else:
-            arrays |= _collect(name, truth, prediction, z_e, int(options.get("samples", 3)))
+        elif kept:
+            arrays |= _collect(name, truth, scored)
     rows += [
         {**identity, "seed": seed, "set": "train", "metric": "wall_s", "value": stored.description["wall_s"]}
         for seed in stored.seeds
@@ -90,63 +88,101 @@ def evaluate(
     _log(metrics, drawn, identity, stored, settings, tracking)
 
 
-def _spread(data: Trajectories, count: int | None) -> Trajectories:
+@dataclass(frozen=True)
+class Scored:
+    """What a forecast of one set gave.
+
+    Attributes:
+        values: metric → (S,).
+        index: samples whose forecasts are kept, (K,).
+        prediction: these forecasts, (S, K, T, *state).
+        z_e: estimates (S, N, P), or None where the model estimates nothing.
+    """
+
+    values: Mapping[str, Tensor]
+    index: np.ndarray
+    prediction: Tensor
+    z_e: Tensor | None
+
+    def rows(self, identity: Mapping, seeds: Sequence[int]) -> list[dict]:
+        """Rows of a metrics.csv."""
+        return [
+            {**identity, "seed": seed, "metric": metric, "value": float(value[k])}
+            for metric, value in self.values.items()
+            for k, seed in enumerate(seeds)
+        ]
+
+
+def spread(data: Trajectories, count: int | None) -> Trajectories:
+    """At most ``count`` samples, evenly spread; None = all."""
     if count is None or count >= len(data):
         return data
     return data.subset(np.linspace(0, len(data) - 1, count).astype(int))
 
 
 @torch.no_grad()
-def _forecast(
-    stored: store.StoredModel, data: Trajectories, solver: Solver, start: str, device: torch.device
-) -> tuple[Tensor, Tensor | None]:
-    """States (T, S, N, *state) and estimates (S, N, P) on the CPU; None where the model estimates nothing."""
-    seeds, observed = len(stored.seeds), stored.description["observed"]
-    t = torch.from_numpy(data.t).float().to(device)
-    states, estimates = [], []
-    name = "{experiment}/{label}, seeds {seeds}, (seed's place, sample)".format(**stored.description)
-    for first in range(0, len(data), CHUNK):
-        y = torch.from_numpy(data.y[first : first + CHUNK, :observed]).to(device).movedim(1, 0).unsqueeze(1)
-        y = y.expand(observed, seeds, *y.shape[2:])
-        try:
-            states_of, z_e = stored.model.predict(y, t, solver, start)
-        except SolveError as error:  # a fixed grid goes on, so that the sample can be named
-            check_finite(*stored.model.predict(y, t, Solver("rk4"), start), name)
-            raise SolveError(f"{name}: {error}") from error
-        states.append(states_of.cpu())
+def score(
+    stored: store.StoredModel, truth: Trajectories, options: Mapping, start: str, device: torch.device, keep: int = 0
+) -> Scored:
+    """Forecast a set, part by part, and score it.
+
+    Arguments:
+        options: ``from_s`` and ``solver``, as in :func:`evaluate`.
+        start: y0 or y_t1 (:meth:`HybridModel.predict`).
+        keep: number of forecasts to keep, evenly spread.
+
+    Raises:
+        SolveError: a forecast is not finite.
+    """
+    system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)
+    solver = Solver.from_mapping(options.get("solver") or {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6})
+    t = torch.from_numpy(truth.t).float().to(device)
+    begin = observed
+    if options.get("from_s") is not None:
+        begin = int(np.searchsorted(truth.t, options["from_s"] - 1e-9))
+    index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
+    size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
+    late, early, estimates, kept = [], [], [], []
+    for first in range(0, len(truth), size):
+        y = torch.from_numpy(truth.y[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
+        states, z_e = _forecast(stored, y[:observed].expand(-1, seeds, *y.shape[2:]), t, solver, start)
+        late.append(squared_errors(system, states[begin:], y[begin:]).cpu())
+        early.append(squared_errors(system, states[1:observed], y[1:observed]).cpu())
+        kept.append(states[:, :, index[(index >= first) & (index < first + size)] - first].cpu())
         if z_e is not None:
-            check_finite(states_of, z_e, name)
             estimates.append(z_e.cpu())
-    return torch.cat(states, dim=2), torch.cat(estimates, dim=1) if estimates else None
-
-
-def _score(
-    stored: store.StoredModel, truth: Trajectories, prediction: Tensor, z_e: Tensor | None, start: float | None
-) -> dict[str, Tensor]:
-    """Every metric of one set, (S,) each."""
-    system, observed = stored.model.system, stored.description["observed"]
-    y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1)
-    begin = observed if start is None else int(np.searchsorted(truth.t, start - 1e-9))
-    values = log_mse(system, prediction[begin:], y[begin:])
-    values["log_mse_observed"] = log_mse(system, prediction[1:observed], y[1:observed])["log_mse_sum"]
+    values = log_of(system, torch.cat(late, dim=1))
+    values["log_mse_observed"] = log_of(system, torch.cat(early, dim=1))["log_mse_sum"]
+    z_e = torch.cat(estimates, dim=1) if estimates else None
     if z_e is not None:
         values |= parameter_errors(system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
-    return values
+    return Scored(values, index, torch.cat(kept, dim=2).movedim(0, 2), z_e)
 
 
-def _collect(
-    name: str, truth: Trajectories, prediction: Tensor, z_e: Tensor | None, count: int
-) -> dict[str, np.ndarray]:
-    """<set>_index (K,), _truth (K, T, D), _prediction (S, K, T, D), _z_e (N, P) and _z_e_hat (S, N, P)."""
-    index = np.linspace(0, len(truth) - 1, min(count, len(truth)) + 2)[1:-1].astype(int)
-    chosen = prediction[:, :, index].movedim(0, 2)
+def _forecast(
+    stored: store.StoredModel, observed: Tensor, t: Tensor, solver: Solver, start: str
+) -> tuple[Tensor, Tensor | None]:
+    """States (T, S, B, *state) and estimates (S, B, P); None where the model estimates nothing."""
+    name = "{experiment}/{label}, seeds {seeds}, (seed's place, sample)".format(**stored.description)
+    try:
+        states, z_e = stored.model.predict(observed, t, solver, start)
+    except SolveError as error:  # a fixed grid goes on, so that the sample can be named
+        check_finite(*stored.model.predict(observed, t, Solver("rk4"), start), name)
+        raise SolveError(f"{name}: {error}") from error
+    if z_e is not None:
+        check_finite(states, z_e, name)
+    return states, z_e
+
+
+def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:
+    """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state), _z_e (N, P) and _z_e_hat (S, N, P)."""
     arrays = {
-        f"{name}_index": index,
-        f"{name}_truth": truth.y[index].reshape(len(index), len(truth.t), -1),
-        f"{name}_prediction": chosen.flatten(3).numpy(),
+        f"{name}_index": scored.index,
+        f"{name}_truth": truth.y[scored.index],
+        f"{name}_prediction": scored.prediction.numpy(),
         f"{name}_z_e": truth.z_e,
     }
-    return arrays | ({} if z_e is None else {f"{name}_z_e_hat": z_e.numpy()})
+    return arrays | ({} if scored.z_e is None else {f"{name}_z_e_hat": scored.z_e.numpy()})
 
 
 def _log(

@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 
 from expertaug.errors import InputError
 from expertaug.evaluation import style
+from expertaug.evaluation.bars import Panel, draw_bars
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import (
     CONVENTIONS,
@@ -23,7 +24,6 @@ from expertaug.evaluation.summary import (
     order_sets,
     read_metrics,
     set_title,
-    summarise,
 )
 
 MARKERS = {"train": "^", "validation": "o", "test": "D"}
@@ -47,9 +47,9 @@ def bars(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapp
     convention = settings.get("convention", "sum")
     metric = log_mse_name(convention)
     table = _select(read_metrics(metrics), [metric], settings)
-    panels = [(name.replace("_", " "), part) for name, part in table.groupby("experiment", sort=False)]
+    panels = [Panel(name.replace("_", " "), part, settings) for name, part in table.groupby("experiment", sort=False)]
     title = f"log-MSE, squared error {CONVENTIONS[convention]}"
-    _draw_bars(panels, outputs, settings, "log-MSE (lower is better)", title)
+    draw_bars(panels, outputs, settings, "log-MSE (lower is better)", title)
 
 
 def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
@@ -69,9 +69,9 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], se
     for (experiment, metric), part in table.groupby(["experiment", "metric"], sort=False):
         parameter = style.symbol(metric.removeprefix("relative_error").removeprefix("_"))
         name = experiment.replace("_", " ")
-        panels.append((f"{name}: {parameter}" if parameter else name, part))
+        panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, settings))
     title = "relative error of the expert parameters"
-    _draw_bars(panels, outputs, settings, "relative error [%] (lower is better)", title)
+    draw_bars(panels, outputs, settings, "relative error [%] (lower is better)", title)
 
 
 def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
@@ -120,71 +120,6 @@ def _select(table: pd.DataFrame, metrics: Sequence[str], settings: Mapping) -> p
         known = ", ".join(dict.fromkeys(table["metric"]))
         raise InputError("metrics", f"no {' or '.join(metrics)} on {', '.join(sets)}", f"the files hold {known}")
     return table[keep]
-
-
-def _draw_bars(
-    panels: Sequence[tuple[str, pd.DataFrame]],
-    outputs: Path | Sequence[Path],
-    settings: Mapping,
-    axis_label: str,
-    title: str,
-) -> None:
-    everything = pd.concat([part for _, part in panels])
-    labels = order_labels(everything["label"], settings.get("labels", ()))
-    colours = style.colours(labels, settings.get("labels", ()))
-    columns = min(len(panels), 3)
-    rows = -(-len(panels) // columns)
-    with style.styled():
-        figure = style.new_figure(0.75 + 2.35 * rows, style.WIDTH if columns > 1 else 5.2)
-        grid = figure.subplots(rows, columns, squeeze=False)
-        for axis, (name, part) in zip(grid.flat, panels, strict=False):
-            _bar_panel(axis, part, labels, colours, settings)
-            axis.set_title(name)
-        for axis in grid.flat[len(panels) :]:
-            axis.set_axis_off()
-        for axis in grid[:, 0]:
-            axis.set_ylabel(axis_label)
-        presets = ", ".join(dict.fromkeys(everything["preset"]))
-        seeds = everything.groupby(["experiment", "label"])["seed"].nunique()
-        number = "1 seed" if set(seeds) == {1} else f"{seeds.min()} seeds" if seeds.nunique() == 1 else "all seeds"
-        number = number if number == "1 seed" else f"mean ± std over {number}"
-        text = f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}"
-        figure.suptitle(text, fontsize=7.5, color="0.35")
-        handles = [Patch(facecolor=colours[label], edgecolor="0.25", linewidth=0.5, label=label) for label in labels]
-        style.legend(figure, handles)
-        style.save(figure, outputs)
-
-
-def _bar_panel(axis: Axes, part: pd.DataFrame, labels: Sequence[str], colours: Mapping, settings: Mapping) -> None:
-    """Groups of bars, one group per set; a method keeps its place in the group."""
-    sets = order_sets(part["set"])
-    shown = [label for label in labels if label in set(part["label"])]
-    step = 0.84 / len(shown)
-    values = summarise(part).set_index(["label", "set"])
-    axis.axhline(0, color="0.25", linewidth=0.7, zorder=3)
-    for place, label in enumerate(shown):
-        for group, name in enumerate(sets):
-            x = group + (place - (len(shown) - 1) / 2) * step
-            if (label, name) not in values.index:
-                continue
-            cell = values.loc[(label, name)]
-            cell = cell.iloc[0] if isinstance(cell, pd.DataFrame) else cell
-            if cell["n"] == 0:
-                axis.annotate("not finite", (x, 0), rotation=90, ha="center", va="bottom", fontsize=6, color="0.3")
-                continue
-            axis.bar(x, cell["mean"], 0.9 * step, color=colours[label], edgecolor="0.25", linewidth=0.5, zorder=2)
-            if cell["n"] > 1:
-                seeds = part.loc[(part["label"] == label) & (part["set"] == name), "value"]
-                spread = np.linspace(-0.22, 0.22, len(seeds)) * step
-                dots = {"markersize": 2.2, "markerfacecolor": "white", "markeredgecolor": "0.1", "markeredgewidth": 0.4}
-                axis.plot(x + spread, seeds, "o", zorder=6, **dots)
-                axis.errorbar(x, cell["mean"], cell["std"], color="0.1", linewidth=0.9, capsize=1.8, zorder=5)
-    axis.set_xticks(range(len(sets)), [set_title(name, settings).replace(" (", "\n(") for name in sets])
-    axis.tick_params(axis="x", length=0)
-    axis.set_xlim(-0.5, len(sets) - 0.5)
-    axis.grid(axis="y")
-    for edge in range(1, len(sets)):
-        axis.axvline(edge - 0.5, color="0.85", linewidth=0.6, zorder=0)
 
 
 def _show_ranges(

@@ -23,7 +23,8 @@ class Forecasts:
         observed: index of the last observed point.
         seeds: (S,).
         state_names, state_units, parameter_names, parameter_units: texts, one per dimension.
-        index, truth, prediction: by set: which samples, (K,); their states, (K, T, D), and forecasts, (S, K, T, D).
+        index, truth, prediction: by set: which samples, (K,); their states, (K, T, *state), and forecasts,
+            (S, K, T, *state).
         truths, estimates: by set: expert parameters, (N, P), and their estimates, (S, N, P); the second is empty for a
             method that estimates none. The training set may be in the first alone.
     """
@@ -61,10 +62,10 @@ class Forecasts:
             raise InputError(path, f"no array {missing[0]!r}", "make it again with evaluate")
         for name in sets:
             truth, prediction = arrays[f"{name}_truth"], arrays[f"{name}_prediction"]
-            expected = (len(arrays["seeds"]), len(arrays[f"{name}_index"]), len(arrays["t"]), truth.shape[-1])
+            expected = (len(arrays["seeds"]), len(arrays[f"{name}_index"]), len(arrays["t"]), *truth.shape[2:])
             if prediction.shape != expected or truth.shape != expected[1:]:
                 found = f"{name}_truth {truth.shape} and {name}_prediction {prediction.shape}"
-                raise InputError(path, found, f"forecasts are (S, K, T, D), here {expected}")
+                raise InputError(path, found, f"forecasts are (S, K, T, *state), here {expected}")
         return cls(
             t=arrays["t"],
             observed=int(arrays["observed"]),

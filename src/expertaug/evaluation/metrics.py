@@ -20,9 +20,22 @@ def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tens
     Returns:
         name → (S,).
     """
+    return log_of(system, squared_errors(system, prediction, truth))
+
+
+def squared_errors(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
+    """Squared error of every sample, summed over the observed dimensions and averaged over time: (S, N), float64.
+
+    Arguments:
+        prediction, truth: states (T, S, N, *state).
+    """
     error = (system.observe(prediction) - system.observe(truth)).double().square()
-    axes = tuple(range(3, error.dim()))
-    summed = error.sum(axes).mean((0, 2)).log()
+    return error.flatten(3).sum(-1).mean(0)
+
+
+def log_of(system: System, errors: Tensor) -> dict[str, Tensor]:
+    """The log-MSE in both conventions from :func:`squared_errors` (S, N)."""
+    summed = errors.mean(1).log()
     return {"log_mse_sum": summed, "log_mse_dim": summed - torch.log(torch.tensor(float(system.error_dims)))}
 
 

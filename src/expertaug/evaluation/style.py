@@ -15,8 +15,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from expertaug.errors import InputError
-from expertaug.evaluation.summary import base_label
 from expertaug.files import atomic
+from expertaug.variants import base_label, is_augmented
 
 WIDTH = 7.0  # inches: the text width of a page
 DPI = 200
@@ -59,7 +59,7 @@ def colours(labels: Sequence[str], order: Sequence[str] = ()) -> dict[str, tuple
     found = {}
     for label in labels:
         red, green, blue = to_rgb(HUES[bases.index(base_label(label)) % len(HUES)])
-        if label.endswith("+"):
+        if is_augmented(label):
             found[label] = (0.72 * red, 0.72 * green, 0.72 * blue)
         else:
             found[label] = tuple(0.58 * part + 0.42 for part in (red, green, blue))

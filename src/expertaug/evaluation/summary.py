@@ -10,6 +10,7 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.loglines import COLUMNS, read_rows
+from expertaug.variants import base_label, is_augmented
 
 SETS = {"train": "train", "validation": "validation (IID)", "test": "test (OOD)"}
 CONVENTIONS = {
@@ -18,8 +19,8 @@ CONVENTIONS = {
 }
 
 
-def read_metrics(paths: Sequence[str | Path]) -> pd.DataFrame:
-    """The rows of several metrics.csv in one table; columns as in the files.
+def read_metrics(paths: Sequence[str | Path], further: Sequence[str] = ()) -> pd.DataFrame:
+    """The rows of several metrics.csv in one table; columns as in the files, with ``further`` ones of whole numbers.
 
     Raises:
         InputError: a file is missing or broken, or two files hold the same value.
@@ -28,10 +29,13 @@ def read_metrics(paths: Sequence[str | Path]) -> pd.DataFrame:
         raise InputError("metrics", "no file", "at least one metrics.csv")
     parts = []
     for path in paths:
-        part = pd.DataFrame(read_rows(path))[list(COLUMNS)]
+        part = pd.DataFrame(read_rows(path))
+        if missing := [name for name in further if name not in part]:
+            raise InputError(path, f"no column {missing[0]!r}", "make it again with its stage")
+        part = part[[*COLUMNS, *further]].astype(dict.fromkeys(further, int))
         parts.append(part.assign(seed=part["seed"].astype(int), value=part["value"].astype(float), file=str(path)))
     table = pd.concat(parts, ignore_index=True)
-    same = table.duplicated(["experiment", "method", "preset", "seed", "set", "metric"])
+    same = table.duplicated(["experiment", "method", "preset", "seed", "set", "metric", *further])
     if same.any():
         row = table[same].iloc[0]
         what = f"{row['metric']} of {row['label']}, seed {row['seed']}, on {row['set']} is there twice"
@@ -39,15 +43,15 @@ def read_metrics(paths: Sequence[str | Path]) -> pd.DataFrame:
     return table.drop(columns="file")
 
 
-def summarise(table: pd.DataFrame) -> pd.DataFrame:
+def summarise(table: pd.DataFrame, further: Sequence[str] = ()) -> pd.DataFrame:
     """Mean and standard deviation (divided by n − 1) over the seeds with a finite value.
 
     Returns:
-        one row per experiment, preset, method, set and metric, with mean, std (NaN for one seed), n (finite seeds) and
-        of (all seeds).
+        one row per experiment, preset, method, set, metric (and ``further`` columns), with mean, std (NaN for one
+        seed), n (finite seeds) and of (all seeds).
     """
     finite = table.assign(value=table["value"].where(np.isfinite(table["value"])))
-    keys = ["experiment", "system", "preset", "method", "label", "set", "metric"]
+    keys = ["experiment", "system", "preset", "method", "label", "set", "metric", *further]
     groups = finite.groupby(keys, sort=False)["value"]
     return groups.agg(mean="mean", std="std", n="count", of="size").reset_index()
 
@@ -56,7 +60,7 @@ def order_labels(labels: Iterable[str], wanted: Sequence[str] = ()) -> list[str]
     """Labels in the order of ``wanted``, then of appearance, each augmented one ("X+") behind its own "X"."""
     known = list(dict.fromkeys(labels))
     bases = list(dict.fromkeys(base_label(label) for label in (*wanted, *known)))
-    return [label for base in bases for label in (base, f"{base}+") if label in known]
+    return [label for base in bases for label in sorted(known, key=is_augmented) if base_label(label) == base]
 
 
 def order_sets(sets: Iterable[str]) -> list[str]:
@@ -70,9 +74,9 @@ def set_title(name: str, settings: Mapping) -> str:
     return (settings.get("set_titles") or {}).get(name, SETS.get(name, name))
 
 
-def base_label(label: str) -> str:
-    """The label of the method before augmentation."""
-    return label.removesuffix("+")
+def shown_metrics(table: pd.DataFrame, convention: str) -> list[str]:
+    """The log-MSE in a convention, and the parameters' error where a method estimates any."""
+    return [name for name in (log_mse_name(convention), "relative_error") if name in set(table["metric"])]
 
 
 def log_mse_name(convention: str) -> str:

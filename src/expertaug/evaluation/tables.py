@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.formats import DASH, cell_text, escape, grid, metric_title, tex
 from expertaug.evaluation.summary import (
     CONVENTIONS,
+    SETS,
     log_mse_name,
     order_labels,
     order_sets,
@@ -20,8 +21,6 @@ from expertaug.evaluation.summary import (
     summarise,
 )
 from expertaug.files import write_text
-
-DASH = "–"
 
 
 def tabulate(
@@ -35,7 +34,8 @@ def tabulate(
     Arguments:
         metrics: metrics.csv of every method and block of seeds, of one experiment or of several (one table each).
         outputs: any of ``….csv`` (wide), ``…_long.csv``, ``….md`` and ``….tex`` (booktabs).  CSV files hold all metrics
-            in full precision, LaTeX the chosen ones, Markdown the chosen ones and the others in a second table.
+            in full precision, the long one of all sets; LaTeX the chosen metrics, Markdown these and the others in a
+            second table, of the main sets.
         settings: all optional: ``convention`` ("sum" or "dim": of the log-MSE), ``metrics`` (those in the first table),
             ``labels`` (order of the methods), ``units`` (unit of each parameter by name), ``set_titles`` (how sets are
             printed), ``from_s`` (as in evaluation: the log-MSE sees times from there on; null = the forecast window).
@@ -52,14 +52,15 @@ def tabulate(
     if not chosen:
         known = ", ".join(dict.fromkeys(long["metric"]))
         raise InputError("metrics", f"none of {settings.get('metrics')} is in the files", f"some of {known}")
+    main = long[long["set"].isin(SETS)]
     for output in map(Path, outputs):
         if output.suffix == ".csv":
-            table = long if output.stem.endswith("_long") else _wide(long)
+            table = long if output.stem.endswith("_long") else _wide(main)
             write_text(output, table.to_csv(index=False))
         elif output.suffix == ".md":
-            write_text(output, "\n".join(_markdown(part, chosen, settings) for part in _experiments(long)))
+            write_text(output, "\n".join(_markdown(part, chosen, settings) for part in _experiments(main)))
         elif output.suffix == ".tex":
-            write_text(output, "\n".join(_latex(part, chosen, settings) for part in _experiments(long)))
+            write_text(output, "\n".join(_latex(part, chosen, settings) for part in _experiments(main)))
         else:
             raise InputError(output, f"suffix {output.suffix!r}", "one of .csv, .md, .tex")
 
@@ -68,21 +69,6 @@ def _units(forecasts: Sequence[Path]) -> dict[str, str]:
     """Unit of each parameter by name."""
     files = [Forecasts.load(path) for path in forecasts]
     return {name: unit for file in files for name, unit in zip(file.parameter_names, file.parameter_units, strict=True)}
-
-
-def metric_title(metric: str, units: Mapping[str, str]) -> str:
-    """A metric's name with its unit, as printed."""
-    if metric.startswith("log_mse"):
-        return "log-MSE, observed window" if metric == "log_mse_observed" else "log-MSE"
-    if metric == "relative_error":
-        return "error [%]"
-    if metric.startswith("relative_error_"):
-        return f"{metric.removeprefix('relative_error_')} error [%]"
-    if metric.startswith("rmse_"):
-        name = metric.removeprefix("rmse_")
-        unit = units.get(name, f"unit of {name}")
-        return f"{name} RMSE" + (f" [{unit}]" if unit else "")
-    return "training time [s]" if metric == "wall_s" else metric
 
 
 def _prepare(table: pd.DataFrame, settings: Mapping) -> pd.DataFrame:
@@ -135,29 +121,6 @@ def _cells(part: pd.DataFrame, metrics: Sequence[str]) -> list[tuple[str, str]]:
     return [(name, metric) for name in order_sets(part["set"]) for metric in metrics if (name, metric) in known]
 
 
-def _format(metric: str, mean: float) -> Callable[[float], str]:
-    """How many digits a metric is printed with: for those of any unit three of the mean."""
-    if metric.startswith("log_mse"):
-        return "{:.2f}".format
-    if metric.startswith("relative_error"):
-        return "{:.1f}".format
-    if metric == "wall_s":
-        return "{:.0f}".format
-    decimals = 2 - math.floor(math.log10(abs(mean))) if mean else 2
-    return f"{{:.{min(max(decimals, 0), 12)}f}}".format
-
-
-def _text(cell: pd.Series | None, metric: str, minus: str = "−", join: str = " ± ") -> str:
-    if cell is None:
-        return DASH
-    if cell["n"] == 0:
-        return f"not finite (0/{cell['of']})"
-    show = _format(metric, cell["mean"])
-    text = show(cell["mean"]) + join + (DASH if math.isnan(cell["std"]) else show(cell["std"]))
-    few = f" ({cell['n']}/{cell['of']})" if cell["n"] < cell["of"] else ""
-    return text.replace("-", minus) + few
-
-
 def _lookup(part: pd.DataFrame) -> dict[tuple[str, str, str], pd.Series]:
     return {(row["label"], row["set"], row["metric"]): row for _, row in part.iterrows()}
 
@@ -203,9 +166,9 @@ def _markdown(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> s
     rows = []
     for label in dict.fromkeys(part["label"]):
         count = len(part.loc[part["label"] == label, "seeds"].iloc[0].split())
-        texts = [_text(values.get((label, *cell)), cell[1]) for cell in cells]
+        texts = [cell_text(values.get((label, *cell)), cell[1]) for cell in cells]
         marked = [f"**{t}**" if (label, *c) in best else t for t, c in zip(texts, cells, strict=True)]
-        rows.append([_escape(label), str(count), *marked])
+        rows.append([escape(label), str(count), *marked])
     lines = [
         f"## {part['experiment'].iloc[0]}",
         "",
@@ -213,7 +176,7 @@ def _markdown(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> s
         "Best of each column in bold.",
         "",
     ]
-    lines += _grid(["method", "seeds", *titles], rows, 1)
+    lines += grid(["method", "seeds", *titles], rows, 1)
     others = [name for name in dict.fromkeys(part["metric"]) if name not in chosen]
     if others:
         sets = order_sets(part["set"])
@@ -223,24 +186,14 @@ def _markdown(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> s
             for label in dict.fromkeys(part["label"]):
                 found = [values.get((label, name, metric)) for name in sets]
                 if any(cell is not None for cell in found):
-                    rows.append([title, _escape(label), *(_text(cell, metric) for cell in found)])
+                    rows.append([title, escape(label), *(cell_text(cell, metric) for cell in found)])
         lines += [
             "",
             "Further metrics:",
             "",
-            *_grid(["metric", "method", *(set_title(s, settings) for s in sets)], rows, 2),
+            *grid(["metric", "method", *(set_title(s, settings) for s in sets)], rows, 2),
         ]
     return "\n".join(lines) + "\n"
-
-
-def _grid(header: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -> list[str]:
-    """A Markdown table whose first ``texts`` columns are text and the others numbers."""
-    rule = ["---" if i < texts else "---:" for i in range(len(header))]
-    return ["| " + " | ".join(row) + " |" for row in (header, rule, *rows)]
-
-
-def _escape(text: str) -> str:
-    return text.replace("|", "\\|")
 
 
 def _latex(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> str:
@@ -251,7 +204,7 @@ def _latex(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> str:
     spans, rules, column = [], [], 3
     for name in sets:
         width = sum(cell[0] == name for cell in cells)
-        spans.append(rf"\multicolumn{{{width}}}{{c}}{{{_tex(set_title(name, settings))}}}")
+        spans.append(rf"\multicolumn{{{width}}}{{c}}{{{tex(set_title(name, settings))}}}")
         rules.append(rf"\cmidrule(lr){{{column}-{column + width - 1}}}")
         column += width
     body = []
@@ -259,19 +212,19 @@ def _latex(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> str:
         count = len(part.loc[part["label"] == label, "seeds"].iloc[0].split())
         texts = []
         for cell in cells:
-            text = _text(values.get((label, *cell)), cell[1], minus="-", join=r" \pm ").replace(DASH, r"\text{--}")
+            text = cell_text(values.get((label, *cell)), cell[1], minus="-", join=r" \pm ").replace(DASH, r"\text{--}")
             if (label, *cell) in best:
                 text = rf"\mathbf{{{text}}}"
             texts.append(f"${text}$" if "pm" in text else text.replace(r"\text{--}", "--"))
-        body.append(" & ".join([_tex(label), str(count), *texts]) + r" \\")
-    titles = [_tex(metric_title(metric, units)) for _, metric in cells]
+        body.append(" & ".join([tex(label), str(count), *texts]) + r" \\")
+    titles = [tex(metric_title(metric, units)) for _, metric in cells]
     name = part["experiment"].iloc[0]
-    caption = f"{_tex(_caption(part, chosen, settings))} Best of each column in bold."
+    caption = f"{tex(_caption(part, chosen, settings))} Best of each column in bold."
     lines = [
         r"% needs \usepackage{booktabs,amsmath}",
         r"\begin{table}",
         r"  \centering\footnotesize\setlength{\tabcolsep}{3pt}",
-        rf"  \caption{{\textbf{{{_tex(name)}.}} {caption}}}",
+        rf"  \caption{{\textbf{{{tex(name)}.}} {caption}}}",
         rf"  \label{{tab:{name.replace('_', '-')}}}",
         rf"  \begin{{tabular}}{{lr{'r' * len(cells)}}}",
         r"    \toprule",
@@ -285,11 +238,3 @@ def _latex(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> str:
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _tex(text: str) -> str:
-    for plain, escaped in (("\\", r"\textbackslash "), ("&", r"\&"), ("%", r"\%"), ("$", r"\$"), ("#", r"\#")):
-        text = text.replace(plain, escaped)
-    for plain, escaped in (("_", r"\_"), ("{", r"\{"), ("}", r"\}"), ("±", r"$\pm$"), ("−", "$-$"), (DASH, "--")):
-        text = text.replace(plain, escaped)
-    return text.replace("|estimate $-$ truth| / |truth|", r"$|\hat z - z| / |z|$").replace("(t1, t2]", "$(t_1, t_2]$")

@@ -11,10 +11,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from expertaug.errors import InputError
-from expertaug.evaluation import style
+from expertaug.evaluation import fields, style
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import order_labels, set_title
 from expertaug.loglines import Log, read_log
+from expertaug.variants import is_augmented
 
 TRUTH = "0.05"
 MOST_DIMENSIONS = 4
@@ -26,6 +27,8 @@ METRICS = {"loss": "training loss", "validation_score": "validation log-MSE"}
 
 def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
     """Draw the forecasts of several methods for the same samples: a row per state dimension, a column per sample.
+
+    A state that is a field is drawn by :func:`expertaug.evaluation.fields.panel` instead.
 
     Arguments:
         forecasts: forecasts.npz by label; all of one experiment.
@@ -48,6 +51,11 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
     if max(samples) >= len(first.index[name]):
         raise InputError(forecasts[labels[0]], f"no sample {max(samples)}", f"it keeps {len(first.index[name])}")
     seed = settings.get("seed", first.seeds[0])
+    if fields.is_field(first, name):
+        for label in labels:
+            _seed_position(forecasts[label], found[label], seed)
+        fields.panel(found, name, outputs, settings | {"samples": samples}, seed)
+        return
     size = first.truth[name].shape[-1]
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
     dimensions = settings.get("dimensions") or list(dict.fromkeys(spread.tolist()))
@@ -61,14 +69,15 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
                 axis.plot(first.t, first.truth[name][sample, :, dimension], color=TRUTH, linewidth=1.9, zorder=2)
                 for label in labels:
                     prediction = found[label].prediction[name][_seed_position(forecasts[label], found[label], seed)]
-                    line = {"color": colours[label], "linestyle": _dash(label), "zorder": 4 if label[-1] == "+" else 3}
+                    order = 4 if is_augmented(label) else 3
+                    line = {"color": colours[label], "linestyle": _dash(label), "zorder": order}
                     axis.plot(first.t, prediction[sample, :, dimension], linewidth=1.2, **line)
                 if row == 0:
                     axis.set_title(_sample_title(first, name, sample), fontsize=7.5)
                 if row == len(dimensions) - 1:
                     axis.set_xlabel("t [s]")
             grid[row, 0].set_ylim(*_limits(grid[row], first.truth[name][samples][:, :, dimension]))
-            grid[row, 0].set_ylabel(_dimension_title(first, dimension, size))
+            grid[row, 0].set_ylabel(style.quantity(first.state_names[dimension], first.state_units[dimension]))
         grid[0, 0].set_xlim(first.t[0], first.t[-1])
         figure.align_ylabels(grid[:, 0])
         handles = [Line2D([], [], color=TRUTH, linewidth=1.9, label="truth")]
@@ -180,7 +189,7 @@ def _seed_position(path: Path, data: Forecasts, seed: int) -> int:
 
 def _dash(label: str) -> object:
     """Augmented methods solid, others dashed: told apart where they lie on each other."""
-    return "-" if label.endswith("+") else (0, (3.5, 1.6))
+    return "-" if is_augmented(label) else (0, (3.5, 1.6))
 
 
 def _sample_title(data: Forecasts, name: str, sample: int) -> str:
@@ -190,11 +199,3 @@ def _sample_title(data: Forecasts, name: str, sample: int) -> str:
         for parameter, unit, value in zip(data.parameter_names, data.parameter_units, values, strict=True)
     ]
     return ", ".join(texts[:2]).replace("-", "−")
-
-
-def _dimension_title(data: Forecasts, dimension: int, size: int) -> str:
-    """Name and unit of a flattened state dimension; fields have fewer names than dimensions."""
-    each = size // len(data.state_names)
-    place, inside = divmod(dimension, each)
-    title = style.quantity(data.state_names[place], data.state_units[place])
-    return title if each == 1 else f"{title}, point {inside}"

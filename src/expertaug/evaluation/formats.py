@@ -1,0 +1,90 @@
+"""Cells and tables as text, in Markdown and LaTeX."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+DASH = "–"
+
+
+def metric_title(metric: str, units: Mapping[str, str]) -> str:
+    """A metric's name with its unit, as printed."""
+    if metric.startswith("log_mse"):
+        return "log-MSE, observed window" if metric == "log_mse_observed" else "log-MSE"
+    if metric == "relative_error":
+        return "error [%]"
+    if metric.startswith("relative_error_"):
+        return f"{metric.removeprefix('relative_error_')} error [%]"
+    if metric.startswith("rmse_"):
+        name = metric.removeprefix("rmse_")
+        unit = units.get(name, f"unit of {name}")
+        return f"{name} RMSE" + (f" [{unit}]" if unit else "")
+    return "training time [s]" if metric == "wall_s" else metric
+
+
+def number_format(metric: str, mean: float) -> Callable[[float], str]:
+    """How many digits a metric is printed with: for those of any unit three of the mean."""
+    if metric.startswith("log_mse"):
+        return "{:.2f}".format
+    if metric.startswith("relative_error"):
+        return "{:.1f}".format
+    if metric == "wall_s":
+        return "{:.0f}".format
+    decimals = 2 - math.floor(math.log10(abs(mean))) if mean else 2
+    return f"{{:.{min(max(decimals, 0), 12)}f}}".format
+
+
+def cell_text(cell: Mapping | None, metric: str, minus: str = "−", join: str = " ± ") -> str:
+    """Mean ± standard deviation of a row of :func:`expertaug.evaluation.summary.summarise`."""
+    if cell is None:
+        return DASH
+    if cell["n"] == 0:
+        return f"not finite (0/{cell['of']})"
+    show = number_format(metric, cell["mean"])
+    text = show(cell["mean"]) + join + (DASH if math.isnan(cell["std"]) else show(cell["std"]))
+    few = f" ({cell['n']}/{cell['of']})" if cell["n"] < cell["of"] else ""
+    return text.replace("-", minus) + few
+
+
+def grid(header: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -> list[str]:
+    """Lines of a Markdown table whose first ``texts`` columns are text and the others numbers."""
+    rule = ["---" if i < texts else "---:" for i in range(len(header))]
+    return ["| " + " | ".join(row) + " |" for row in (header, rule, *rows)]
+
+
+def escape(text: str) -> str:
+    """Text in a cell of a Markdown table."""
+    return text.replace("|", "\\|")
+
+
+def tex(text: str) -> str:
+    """Text in LaTeX."""
+    for plain, escaped in (("\\", r"\textbackslash "), ("&", r"\&"), ("%", r"\%"), ("$", r"\$"), ("#", r"\#")):
+        text = text.replace(plain, escaped)
+    for plain, escaped in (("_", r"\_"), ("{", r"\{"), ("}", r"\}"), ("±", r"$\pm$"), ("−", "$-$"), (DASH, "--")):
+        text = text.replace(plain, escaped)
+    text = text.replace("⁺", "$^+$").replace("∈", r"$\in$").replace("→", r"$\to$")
+    return text.replace("|estimate $-$ truth| / |truth|", r"$|\hat z - z| / |z|$").replace("(t1, t2]", "$(t_1, t_2]$")
+
+
+def booktabs(
+    header: Sequence[str], rows: Sequence[Sequence[str]], texts: int, caption: str, label: str, title: str
+) -> str:
+    """A LaTeX table of plain cells; an empty row becomes a rule."""
+    lines = [
+        r"% needs \usepackage{booktabs,amsmath}",
+        r"\begin{table}",
+        r"  \centering\footnotesize\setlength{\tabcolsep}{3pt}",
+        rf"  \caption{{\textbf{{{tex(title)}.}} {tex(caption)}}}",
+        rf"  \label{{tab:{label}}}",
+        rf"  \begin{{tabular}}{{{'l' * texts}{'r' * (len(header) - texts)}}}",
+        r"    \toprule",
+        "    " + " & ".join(map(tex, header)) + r" \\",
+        r"    \midrule",
+        *("    " + (" & ".join(map(tex, row)) + r" \\" if row else r"\midrule") for row in rows),
+        r"    \bottomrule",
+        r"  \end{tabular}",
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,69 @@
+"""The stage overview: figures over all experiments of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from expertaug.evaluation import style
+from expertaug.evaluation.bars import Panel, draw_bars
+from expertaug.evaluation.summary import CONVENTIONS, log_mse_name, read_metrics
+from expertaug.variants import base_label, is_augmented
+
+SETS = ("validation", "test")
+
+
+def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
+    """Draw log_mse (paper's figure log_mse), parameter_errors (param_acc) and, where an experiment asks for it,
+    za_shifted, each as .png and .pdf: a panel for each experiment, methods with their augmented versions.
+
+    Arguments:
+        metrics: metrics.csv of every experiment, method and block of seeds.
+        output: folder of the figures.
+        settings: {experiments, all_labels}: of each experiment its name, whether the first two figures show it
+            (``shown``), the set that za_shifted shows (``shifted``, or null) and how its numbers are read (convention,
+            set_titles, from_s); all labels of the configuration, which fix the colours.
+
+    Raises:
+        InputError: a file is broken.
+    """
+    table = read_metrics(metrics)
+    shared = {"labels": settings["all_labels"]}
+    folder = Path(output)
+    shown = [one for one in settings["experiments"] if one["shown"]]
+    if shown:
+        panels = []
+        for one in shown:
+            how = CONVENTIONS[one["convention"]].partition(" over")[0]
+            part = _shown(table, one["name"], log_mse_name(one["convention"]), SETS)
+            panels.append(Panel(f"{_title(one)} ({how})", part, one))
+        note = "log-MSE, squared error summed or averaged over the observed dimensions"
+        draw_bars(panels, folder / "log_mse", shared, "log-MSE (lower is better)", note)
+        panels = [Panel(_title(one), _shown(table, one["name"], "relative_error", SETS), one) for one in shown]
+        panels = [panel for panel in panels if len(panel.table)]
+        if panels:
+            note = "mean relative error of the expert parameters"
+            draw_bars(panels, folder / "parameter_errors", shared, "relative error [%] (lower is better)", note)
+        else:
+            style.save_note("no method estimates parameters", folder / "parameter_errors")
+    panels = [
+        Panel(_title(one), _shown(table, one["name"], log_mse_name(one["convention"]), [one["shifted"]]), one)
+        for one in settings["experiments"]
+        if one["shifted"]
+    ]
+    if panels:
+        note = "log-MSE where the interaction's parameters are shifted as well"
+        draw_bars(panels, folder / "za_shifted", shared, "log-MSE (lower is better)", note)
+
+
+def _shown(table: pd.DataFrame, experiment: str, metric: str, sets: Sequence[str]) -> pd.DataFrame:
+    """Rows of the methods that have an augmented version, and of these versions; of all where there is none."""
+    part = table[(table["experiment"] == experiment) & (table["metric"] == metric) & table["set"].isin(sets)]
+    bases = {base_label(label) for label in part["label"] if is_augmented(label)}
+    return part[part["label"].map(base_label).isin(bases)] if bases else part
+
+
+def _title(one: Mapping) -> str:
+    return one["name"].replace("_", " ")

@@ -1,0 +1,186 @@
+"""Figures of the studies: shifts out of the expertise, width of the prior, augmentation along the training."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from expertaug.evaluation import style
+from expertaug.evaluation.summary import CONVENTIONS, log_mse_name, set_title, shown_metrics
+from expertaug.variants import is_augmented, split
+
+WIDTH_SETS = ("validation", "test")
+ALONG_SETS = ("train", "validation", "test")
+ALONG_COLOURS = {"train": "#7A7A7A", "validation": "#0072B2", "test": "#D55E00"}
+DASHED = (0, (3.5, 1.6))
+# Of the model as trained, then of each length of fine-tuning.
+ALONG_LINES = (("-", "o", 3), (DASHED, "s", 3), ((0, (1, 1.4)), "*", 6), ("-.", "^", 4), ((0, (6, 1.5)), "v", 4))
+
+
+def ranges_text(ranges: Mapping[str, Sequence[float]]) -> str:
+    """Ranges of parameters as plain text."""
+    return ", ".join(f"{name} ∈ [{low:g}, {high:g}]" for name, (low, high) in ranges.items()).replace("-", "−")
+
+
+def by_width(priors: Mapping[str, Mapping]) -> list[str]:
+    """Names of priors, the one of the smallest volume first."""
+    return sorted(priors, key=lambda name: math.prod(high - low for low, high in priors[name].values()))
+
+
+def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+    """The log-MSE against the distance of the shift: a panel for each kind of shift, a line for each method."""
+    options, metric = settings["options"], log_mse_name(settings["convention"])
+    colours = style.colours(list(settings["labels"].values()), settings["all_labels"])
+    chosen = summary[summary["metric"] == metric].set_index(["method", "set"])
+    panels = options["panels"]
+    with style.styled():
+        figure = style.new_figure(3.0, style.WIDTH if len(panels) > 1 else 4.6)
+        grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+        for axis, (title, names) in zip(grid, panels, strict=True):
+            for place, (variant, label) in enumerate(settings["labels"].items()):
+                x = np.arange(len(names)) + _dodge(place, len(settings["labels"]))
+                cells = [_cell(chosen, (variant, name)) for name in names]
+                _line(axis, x, cells, colours[label], "-" if is_augmented(label) else DASHED)
+            places = zip(options["distances"], names, strict=True)
+            axis.set_xticks(range(len(names)), [_tick(distance, name, settings) for distance, name in places])
+            axis.set_xlim(-0.4, len(names) - 0.6)
+            axis.set(title=title.replace("z_a", "$z_a$").replace("z_e", "$z_e$"), xlabel="distance of the shift")
+            axis.grid(axis="y")
+        grid[0].set_ylabel("log-MSE (lower is better)")
+        handles = [
+            Line2D([], [], color=colours[label], linestyle="-" if is_augmented(label) else DASHED, marker="o",
+                   markersize=3, label=label)
+            for label in settings["labels"].values()
+        ]  # fmt: skip
+        style.legend(figure, handles)
+        _subtitle(figure, summary, settings)
+        style.save(figure, outputs)
+
+
+def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+    """Log-MSE and parameters' error against the prior, the narrowest first: a line for each method and set."""
+    priors = by_width(settings["priors"])
+    methods = list(dict.fromkeys(split(variant)[0] for variant in settings["labels"]))
+    bases = {method: settings["labels"][method] for method in methods}
+    colours = style.colours([f"{label}+" for label in bases.values()], settings["all_labels"])
+    chosen = summary.set_index(["metric", "method", "set"])
+    metrics = shown_metrics(summary, settings["convention"])
+    with style.styled():
+        figure = style.new_figure(3.0, style.WIDTH if len(metrics) > 1 else 4.6)
+        grid = figure.subplots(1, len(metrics), squeeze=False)[0]
+        for axis, metric in zip(grid, metrics, strict=True):
+            for place, (method, label) in enumerate(bases.items()):
+                for name, line in zip(WIDTH_SETS, (DASHED, "-"), strict=True):
+                    variants = [method, *(f"{method}+{prior}" for prior in priors)]
+                    cells = [_cell(chosen, (metric, variant, name)) for variant in variants]
+                    x = np.arange(len(variants)) + _dodge(place, len(bases))
+                    _line(axis, x, cells, colours[f"{label}+"], line, "o" if name == "test" else "s")
+            ticks = ["none", *(f"{name or 'default'}\n{_extent(settings['priors'], name)}" for name in priors)]
+            axis.set_xticks(range(len(ticks)), ticks)
+            axis.set_xlabel("augmentation prior p⁺")
+            axis.set_ylabel("log-MSE" if metric.startswith("log_mse") else "relative error [%]")
+            axis.grid(axis="y")
+            if metric == "relative_error":
+                _percent(axis)
+        handles = [Line2D([], [], color=colours[f"{x}+"], linewidth=3, label=x) for x in bases.values()]
+        for name, line, marker in zip(WIDTH_SETS, (DASHED, "-"), "so", strict=True):
+            look = {"color": "0.3", "linestyle": line, "marker": marker, "markersize": 3}
+            handles.append(Line2D([], [], label=set_title(name, settings), **look))
+        style.legend(figure, handles)
+        _subtitle(figure, summary, settings)
+        style.save(figure, outputs)
+
+
+def along(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+    """The log-MSE along the training: a colour for each set, a line for each length of fine-tuning."""
+    chosen = summary[summary["metric"] == log_mse_name(settings["convention"])]
+    chosen = chosen.set_index(["set", "finetune_epochs", "epoch"])
+    epochs = sorted({key[2] for key in chosen.index})
+    lengths = sorted({key[1] for key in chosen.index})
+    lines = {length: ALONG_LINES[k % len(ALONG_LINES)] for k, length in enumerate(lengths)}
+    with style.styled():
+        figure = style.new_figure(3.4, 5.6)
+        axis = figure.subplots()
+        for name in ALONG_SETS:
+            for place, (length, (dash, marker, size)) in enumerate(lines.items()):
+                cells = [_cell(chosen, (name, length, epoch)) for epoch in epochs]
+                x = np.array(epochs) * (1 + 0.3 * _dodge(place, len(lines)))
+                _line(axis, x, cells, ALONG_COLOURS[name], dash, marker, size)
+        axis.set_xscale("log")
+        axis.set_xticks(epochs, map(str, epochs))
+        axis.minorticks_off()
+        axis.set(xlabel="passes of the training", ylabel="log-MSE (lower is better)")
+        axis.grid(axis="y")
+        handles = [Line2D([], [], color=c, linewidth=3, label=set_title(s, settings)) for s, c in ALONG_COLOURS.items()]
+        for length, (dash, marker, size) in lines.items():
+            text = f"fine-tuned, {length} pass{'es' if length > 1 else ''}" if length else "as trained"
+            handles.append(Line2D([], [], color="0.3", linestyle=dash, marker=marker, markersize=size, label=text))
+        style.legend(figure, handles)
+        _subtitle(figure, summary, settings)
+        style.save(figure, outputs)
+
+
+def _cell(table: pd.DataFrame, key: tuple) -> pd.Series | None:
+    return table.loc[key] if key in table.index else None
+
+
+def _line(
+    axis: Axes,
+    x: np.ndarray,
+    cells: Sequence[pd.Series | None],
+    colour: object,
+    dash: object,
+    marker: str = "o",
+    size: float = 3,
+) -> None:
+    """Means with their standard deviations as bars; what has no finite value is left out."""
+    good = [k for k, cell in enumerate(cells) if cell is not None and cell["n"] > 0]
+    means = [cells[k]["mean"] for k in good]
+    spread = [0.0 if math.isnan(cells[k]["std"]) else cells[k]["std"] for k in good]
+    bars = {"elinewidth": 0.8, "capsize": 1.6}
+    axis.errorbar(x[good], means, spread, color=colour, linestyle=dash, marker=marker, markersize=size, **bars)
+
+
+def _dodge(place: int, count: int) -> float:
+    """Lines lie a little beside each other, so that their bars can be told apart."""
+    return 0.16 * (place / (count - 1) - 0.5) if count > 1 else 0.0
+
+
+def _tick(distance: str, name: str, settings: Mapping) -> str:
+    """The distance, and below it the range of the interaction's parameters."""
+    ranges = settings["sets"].get(name, {}).get("z_a", {})
+    return "\n".join([distance, *(f"{style.symbol(p)} [{low:g}, {high:g}]" for p, (low, high) in ranges.items())])
+
+
+def _extent(priors: Mapping[str, Mapping], name: str) -> str:
+    """The range of a single parameter; of several the volume as a multiple of the experiment's own prior."""
+    if len(priors[name]) == 1:
+        low, high = next(iter(priors[name].values()))
+        return f"[{low:g}, {high:g}]"
+    own, this = (math.prod(high - low for low, high in priors[key].values()) for key in ("", name))
+    return f"volume × {this / own:.2g}" if own else ""
+
+
+def _percent(axis: Axes) -> None:
+    """A logarithmic axis with plain numbers."""
+    axis.set_yscale("log")
+    axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _subtitle(figure: Figure, summary: pd.DataFrame, settings: Mapping) -> None:
+    seeds = int(summary["of"].max())
+    number = "1 seed" if seeds == 1 else f"mean ± std over {seeds} seeds"
+    name = str(summary["experiment"].iloc[0]).replace("_", " ")
+    text = f"{name}; squared error {CONVENTIONS[settings['convention']]}"
+    join = "; " if figure.get_figwidth() > 6 else "\n"
+    figure.suptitle(f"{text}{join}{number}; preset {summary['preset'].iloc[0]}", fontsize=7.5, color="0.35")

@@ -1,0 +1,60 @@
+"""Which jobs a configuration means: blocks of seeds, versions of methods, sets, studies; only names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from expertaug import study_checks
+from expertaug import variants as naming
+
+
+def blocks(config: Mapping) -> dict[str, list[int]]:
+    """Seeds that one job trains together, by the block's name."""
+    seeds, size = config["seeds"], config["seeds_per_job"]
+    parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
+    return {f"seeds_{'_'.join(map(str, part))}": part for part in parts}
+
+
+def variants(config: Mapping, experiment: str) -> list[str]:
+    """An experiment's methods, each followed by its augmented version ``method+`` where there is one."""
+    one = config["experiments"][experiment]
+    names = [[m, f"{m}+"] if m in one["augmented"] else [m] for m in one["methods"]]
+    return [name for pair in names for name in pair]
+
+
+def further_variants(config: Mapping, experiment: str) -> list[str]:
+    """``method+name`` of every further prior: they are in the study of the prior's width alone."""
+    one = config["experiments"][experiment]
+    return [f"{m}+{name}" for name, a in one["augmentations"].items() for m in a.get("methods", one["augmented"])]
+
+
+def studies(config: Mapping, experiment: str) -> list[str]:
+    """Names of an experiment's studies."""
+    named = list(config["experiments"][experiment]["studies"])
+    return [*named, "prior_width"] if further_variants(config, experiment) else named
+
+
+def studied(config: Mapping, experiment: str, name: str) -> list[str]:
+    """The variants that a study compares."""
+    one = config["experiments"][experiment]
+    if name == "prior_width":
+        further = further_variants(config, experiment)
+        methods = [m for m in one["methods"] if any(naming.split(v)[0] == m for v in further)]
+        return [*methods, *(f"{m}+" for m in methods), *further]
+    return variants(config, experiment)
+
+
+def sets(config: Mapping, experiment: str) -> list[str]:
+    """Names of an experiment's sets."""
+    return study_checks.sets_of(config["experiments"][experiment])
+
+
+def label(config: Mapping, variant: str) -> str:
+    """What tables and figures print for a version of a method."""
+    return naming.label(config["methods"][naming.split(variant)[0]]["label"], variant)
+
+
+def snapshots(config: Mapping, experiment: str, method: str) -> list[int]:
+    """Passes after which the training of a method keeps its state for the study along training."""
+    study = config["experiments"][experiment]["studies"].get("along", {})
+    return sorted(study["epochs"]) if study.get("method") == method else []

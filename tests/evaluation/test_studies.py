@@ -1,0 +1,127 @@
+"""Tables and figures of the studies, and those over all experiments."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+from fake_runs import write_metrics
+
+from expertaug.errors import InputError
+from expertaug.evaluation import study_figures, style
+from expertaug.evaluation.overview import overview
+from expertaug.evaluation.studies import study
+
+COLUMNS = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
+SHIFTS = {
+    "distances": ["none", "small"],
+    "panels": [["z_a shifted", ["validation", "near"]], ["z_a and z_e shifted", ["test", "both"]]],
+}
+READING = {"convention": "sum", "set_titles": {}, "from_s": None, "all_labels": ["Hybrid"], "sets": {}}
+ENDS = ("csv", "md", "tex", "png", "pdf")
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    kept = []
+    save = style.save
+    monkeypatch.setattr(style, "save", lambda figure, outputs: (kept.append(figure), save(figure, outputs)))
+    return kept
+
+
+def write(path, variants, sets, further=({},)):
+    """Metrics of two seeds: the log-MSE counts up with variant, set and further columns."""
+    rows = []
+    for v, (method, label) in enumerate(variants.items()):
+        for s, name in enumerate(sets):
+            for k, more in enumerate(further):
+                for seed in (0, 1):
+                    values = {"log_mse_sum": v + 0.1 * s + 0.01 * k + seed, "relative_error": 10 * (v + 1) + s}
+                    for metric, value in values.items():
+                        row = ("swing", "p", method, label, "paper", seed, name, metric, value)
+                        rows.append(dict(zip(COLUMNS, row, strict=True)) | more)
+    pd.DataFrame(rows).to_csv(path, index=False)
+    return path
+
+
+def outputs(folder):
+    return [folder / f"study.{end}" for end in ENDS]
+
+
+def test_shifts(tmp_path, drawn):
+    labels = {"hybrid": "Hybrid", "hybrid+": "Hybrid+"}
+    path = write(tmp_path / "m.csv", labels, ("train", "validation", "test", "near", "both"))
+    ranges = {"near": {"z_a": {"alpha": [0.3, 0.6]}}}
+    settings = READING | {
+        "study": "out_of_expertise",
+        "labels": list(labels.items()),
+        "options": SHIFTS,
+        "sets": ranges,
+    }
+    study([path], outputs(tmp_path), settings)
+    text = (tmp_path / "study.md").read_text()
+    row = "| log-MSE | z_a shifted | small | alpha ∈ [0.3, 0.6] | 0.80 ± 0.71 | 1.80 ± 0.71 |"
+    assert row in text and "Preset: paper" in text and "over 2 seeds" in text
+    assert (tmp_path / "study.tex").read_text().isascii()
+    assert len(pd.read_csv(tmp_path / "study.csv")) == 20
+    left, right = drawn[0].axes
+    assert [list(c.lines[0].get_ydata()) for c in left.containers] == [
+        pytest.approx([0.6, 0.8]),
+        pytest.approx([1.6, 1.8]),
+    ]
+    assert right.get_title() == "$z_a$ and $z_e$ shifted"
+    assert left.get_xticklabels()[1].get_text() == "small\n$\\alpha$ [0.3, 0.6]"
+
+
+def test_widths_are_in_the_order_of_their_volume(tmp_path, drawn):
+    labels = {"hybrid": "Hybrid", "hybrid+": "Hybrid+", "hybrid+wide": "Hybrid+ (wide)"}
+    labels["hybrid+narrow"] = "Hybrid+ (narrow)"
+    path = write(tmp_path / "m.csv", labels, ("train", "validation", "test"))
+    priors = {"": {"w": [0, 3]}, "wide": {"w": [0, 9]}, "narrow": {"w": [1, 2]}}
+    study(
+        [path], outputs(tmp_path), READING | {"study": "prior_width", "labels": list(labels.items()), "priors": priors}
+    )
+    rows = [line.split(" | ")[:2] for line in (tmp_path / "study.md").read_text().splitlines() if "Hybrid" in line]
+    order = ["Hybrid", "Hybrid+ (narrow)", "Hybrid+", "Hybrid+ (wide)"]
+    assert [row[0].removeprefix("| ") for row in rows] == order and rows[3][1] == "w ∈ [0, 9]"
+    errors = drawn[0].axes[1].containers[1].lines[0].get_ydata()
+    assert list(errors) == [12, 42, 22, 32], "test set: as trained, narrow, default, wide"
+    assert study_figures.by_width({"": {"a": [0, 1], "b": [0, 1]}, "n": {"a": [0, 2], "b": [0, 0.1]}}) == ["n", ""]
+
+
+def test_along(tmp_path, drawn):
+    places = [{"epoch": e, "finetune_epochs": f} for e in (1, 10) for f in (0, 1, 10)]
+    path = write(tmp_path / "m.csv", {"hybrid": "Hybrid"}, ("train", "validation", "test"), places)
+    options = {"method": "hybrid", "epochs": [1, 10], "finetune_epochs": [1, 10]}
+    settings = READING | {"study": "along", "labels": [["hybrid", "Hybrid"]], "options": options}
+    study([path], outputs(tmp_path), settings)
+    assert "| 10 | – | 0.53 ± 0.71 |" in (tmp_path / "study.md").read_text()
+    lines = drawn[0].axes[0].containers
+    assert len(lines) == 9 and list(lines[6].lines[0].get_ydata()) == pytest.approx([0.7, 0.73])
+    assert [line.lines[0].get_marker() for line in lines[:3]] == ["o", "s", "*"]
+    with pytest.raises(InputError, match="no column 'epoch'"):
+        study([write(tmp_path / "n.csv", {"hybrid": "Hybrid"}, ("test",))], outputs(tmp_path), settings)
+
+
+def test_bad_requests(tmp_path):
+    labels = {"hybrid": "Hybrid"}
+    path = write(tmp_path / "m.csv", labels, ("validation", "test", "near"))
+    settings = READING | {"study": "out_of_expertise", "labels": list(labels.items()), "options": SHIFTS}
+    with pytest.raises(InputError, match="no metrics of the set 'both'; evaluate again"):
+        study([path], outputs(tmp_path), settings)
+    widths = READING | {"study": "prior_width", "labels": list(labels.items()), "priors": {"": {"w": [0, 1]}}}
+    with pytest.raises(InputError, match=r"suffix '\.svg'"):
+        study([path], [tmp_path / "x.svg"], widths)
+
+
+def test_overview(tmp_path, drawn):
+    metrics = write_metrics(tmp_path) + write_metrics(tmp_path, "double_swing")
+    one = {"name": "swing", "shown": True, "shifted": "test", "convention": "sum", "set_titles": {}}
+    other = one | {"name": "double_swing", "shifted": None, "convention": "dim"}
+    settings = {"experiments": [one, other], "all_labels": ["Mean", "Hybrid"]}
+    overview(metrics, tmp_path / "figures", settings)
+    names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == names
+    left, right = drawn[0].axes
+    assert len(left.patches) == 4, "two sets, Hybrid and Hybrid+"
+    assert left.get_title().startswith("swing (summed") and right.get_title().startswith("double swing (averaged")
+    assert len(drawn[2].axes) == 1 and len(drawn[2].axes[0].patches) == 2

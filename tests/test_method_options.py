@@ -1,0 +1,68 @@
+"""What an experiment's overrides make of a method: another encoder, its own objective's options, p⁺ in training."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from expertaug import config, slices
+from expertaug.errors import InputError
+
+HVAE = """
+methods: {variational: {kind: hybrid, objective: hvae, label: V}}
+experiments:
+  pendulum:
+    methods: [aphynity, variational]
+    augmented: [variational]
+    overrides:
+      variational:
+        model: {encoder: {kind: two_step, latent: 2}, interaction: {layers: [64, 64]}}
+        training: {objective: {alpha: 0.5}}
+"""
+
+
+@pytest.fixture(scope="module")
+def base() -> dict:
+    return config.load([Path(__file__).parents[1] / "config" / "config.yaml"])
+
+
+def settings(base, method, more="{}"):
+    merged = config.merge(config.merge(base, yaml.safe_load(HVAE)), yaml.safe_load(more))
+    valid = config.validate(merged)
+    return slices.train(valid, "pendulum", method, next(iter(slices.blocks(valid))))
+
+
+def test_another_kind_brings_its_own_arguments(base):
+    model = settings(base, "variational")["model"]
+    assert model["encoder"] == {"kind": "two_step", "latent": 2}
+    assert model["interaction"]["layers"] == [64, 64] and model["interaction"]["kind"] == "mlp"
+
+
+def test_each_method_gets_the_options_of_its_objective(base):
+    assert settings(base, "variational")["training"]["objective"] == {"alpha": 0.5}
+    assert "lambda0" in settings(base, "aphynity")["training"]["objective"]
+
+
+def test_only_objectives_that_need_p_plus_depend_on_it(base):
+    assert settings(base, "variational")["prior"] == {"omega0": [0.5, 3.5]}
+    assert "prior" not in settings(base, "aphynity")
+
+
+@pytest.mark.parametrize(
+    ("over", "expected"),
+    [
+        ("training: {objective: {lambda0: 1.0}}", r"overrides\.variational\.training\.objective\.lambda0: unknown key"),
+        ("model: {encoder: {hidden: 3}}", r"overrides\.variational\.model\.encoder\.hidden: unknown key"),
+    ],
+)
+def test_what_another_class_takes_is_refused(base, over, expected):
+    with pytest.raises(InputError, match=expected):
+        settings(base, "variational", f"experiments: {{pendulum: {{overrides: {{variational: {{{over}}}}}}}}}")
+
+
+def test_an_objective_that_needs_p_plus_says_so(base):
+    merged = config.merge(base, yaml.safe_load(HVAE))
+    del merged["experiments"]["pendulum"]["augmentation"]
+    merged["experiments"]["pendulum"] |= {"augmented": [], "augmentations": {}, "studies": {}}
+    with pytest.raises(InputError, match=r"pendulum\.augmentation: missing; the objective hvae needs its prior"):
+        config.validate(merged)
