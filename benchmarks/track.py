@@ -22,10 +22,12 @@ import numpy as np
 
 from expertaug.recordings.disks import NAMES
 from expertaug.recordings.frames import writing
+from expertaug.recordings.geometry import estimate_geometry
 from expertaug.recordings.markers import track_markers
 from expertaug.recordings.render import RenderSettings, encode, markers, motion, poses
 from expertaug.recordings.scene import Scene
-from expertaug.recordings.tracker import Track, TrackSettings, estimate_geometry, track_frames
+from expertaug.recordings.track_settings import TrackSettings
+from expertaug.recordings.tracker import Track, track_frames
 
 SECONDS = 10  # of each recording: launches are fastest at first
 RECORDINGS = 8

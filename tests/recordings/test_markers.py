@@ -10,10 +10,12 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug.recordings.frames import writing
+from expertaug.recordings.geometry import estimate_geometry
 from expertaug.recordings.markers import COLUMNS, track_markers
 from expertaug.recordings.render import markers, poses
 from expertaug.recordings.scene import Scene
-from expertaug.recordings.tracker import TrackSettings, estimate_geometry, track_frames
+from expertaug.recordings.track_settings import TrackSettings
+from expertaug.recordings.tracker import track_frames
 
 ARMS, PIVOT, RATE = (120.4, 92.2), (240.1, 238.2), 100.0
 REAL = Path(

@@ -1,3 +1,5 @@
+import struct
+
 import av
 import numpy as np
 import pytest
@@ -140,3 +142,40 @@ def test_variable_rate_is_refused_by_name(good, tmp_path):
     uneven = remux(good, tmp_path / "uneven.mp4", pts=lambda t: t + max(t, 0) ** 2 // 2000)
     with pytest.raises(InputError, match="variable frame rate"):
         read(uneven, rate_hz=400)
+
+
+def test_rotated_file_is_read_upright(tmp_path):
+    """Phones store how they were held as a matrix in the track's header."""
+    path, image = tmp_path / "phone.mp4", np.zeros((96, 128, 3), np.uint8)
+    image[:20, :40] = 255
+    encode(path, (image for _ in range(9)), (128, 96), 100)
+    data = bytearray(path.read_bytes())
+    at = data.index(b"tkhd") + 44
+    data[at : at + 36] = struct.pack(">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, 96 << 16, 0, 1 << 30)
+    path.write_bytes(data)
+    with Video(path, image_size_px=(96, 128)) as video:
+        upright = next(frame for _, frame in video.frames())
+    assert upright.shape == (128, 96, 3)
+    assert upright[5, -5, 0] > 200 and upright[5, 5, 0] < 50
+
+
+def test_missing_frame_is_told_by_the_timestamps(good, tmp_path):
+    with pytest.raises(InputError, match=r"variable frame rate: .*; frame 30 comes 5.000 ms after the one before"):
+        read(remux(good, tmp_path / "gap.mp4", pts=lambda t: t + (t >= 30 * 32) * 32), rate_hz=400)
+
+
+def test_playlist_opens_no_other_file(good, tmp_path):
+    (tmp_path / "list.mp4").write_text("ffconcat version 1.0\nfile copy.mp4\n")
+    (tmp_path / "copy.mp4").write_bytes(good.read_bytes())
+    with pytest.raises(InputError, match="cannot be opened as a video"):
+        Video(tmp_path / "list.mp4")
+
+
+def test_vast_and_tiny_images_are_refused(tmp_path, monkeypatch):
+    encode(tmp_path / "small.mp4", (np.zeros((12, 64, 3), np.uint8) for _ in range(3)), (64, 12), 100)
+    with pytest.raises(InputError, match="declares images of 64x12 px"):
+        Video(tmp_path / "small.mp4")
+    encode(tmp_path / "large.mp4", drawn(3), 64, 100)
+    monkeypatch.setattr("expertaug.recordings.video.MAX_PX", 4000)
+    with pytest.raises(InputError, match="declares images of 64x64 px"):
+        Video(tmp_path / "large.mp4")

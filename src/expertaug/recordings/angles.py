@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +17,16 @@ from expertaug.files import atomic, write_json
 from expertaug.recordings.fitting import fit_constants, implied_rate
 from expertaug.recordings.options import read_settings
 from expertaug.recordings.smoothing import Motion, smooth_motion, window_frames
+from expertaug.recordings.tilt import implied_tilt
 from expertaug.systems.double_pendulum import energy
 
 MARKER_COLUMNS = ("frame", "t", "red_x", "red_y", "green_x", "green_y", "blue_x", "blue_y", "quality", "reason")
+NO_PIVOT = "pivot_interpolated"  # reason of a measured frame whose pivot comes from its neighbours
+MAX_RATE_ERROR = 0.05  # of the stated frame rate, beyond which the motion contradicts it
+MAX_TILT_DEG = 1.5  # off the stated direction of gravity, beyond which the motion contradicts it
 SPAN_S = 0.01  # between the points by which the constants are fitted
 MEASURED, INTERPOLATED, UNUSABLE = 1.0, 0.5, 0.0
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,8 @@ class AngleSettings:
         outlier_sigmas: an angle further from the local polynomial than this many standard deviations of the noise (and
             than outlier_floor_deg degrees) is unusable.
         min_usable_s: a recording with less usable time is refused.
-        arm1_m: length of the first arm in m, for the implied frame rate.
+        rotation_deg: where gravity points in the image: 0 down, 90 right, -90 left, 180 up.
+        arm1_m: length of the first arm in m, for the implied frame rate; None where it is not known.
         rate_provenance: where the frame rate comes from.
     """
 
@@ -52,7 +60,8 @@ class AngleSettings:
     outlier_sigmas: float = 12.0
     outlier_floor_deg: float = 0.5
     min_usable_s: float = 0.5
-    arm1_m: float = 0.091
+    rotation_deg: float = 0.0
+    arm1_m: float | None = 0.091
     rate_provenance: str = "not stated"
 
 
@@ -69,7 +78,8 @@ def measure_angles(
         markers: CSV of frame, t (s), red_x ... blue_y (px), quality, reason; every analysed frame, evenly timed.
         output: CSV of frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2 (rad/s),
             energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason.
-        summary: JSON of the recording's calibration, its gaps and what its motion implies.
+        summary: JSON of the recording's calibration, its gaps, how many frames have which reason, what its motion
+            implies, and in plain words what is doubtful (``warnings``).
         settings: see :class:`AngleSettings`.
 
     Raises:
@@ -82,14 +92,16 @@ def measure_angles(
     red, green, blue = (table[[f"{c}_x", f"{c}_y"]].to_numpy(float) for c in ("red", "green", "blue"))
     reason = table["reason"].fillna("").astype(str).to_numpy(object)
     # A frame whose red marker alone is lost keeps its arms: the pivot hardly moves, its neighbours tell where it is.
-    rejected = ~(table["quality"].to_numpy(float) > 0) & ~pd.Series(reason).str.startswith("lost").to_numpy()
+    # Any other flag of the tracker, also a doubt, costs the frame.
+    lost = pd.Series(reason).str.startswith("lost").to_numpy()
+    rejected = (~(table["quality"].to_numpy(float) > 0) | (reason != "")) & ~lost
     usable = np.isfinite(green).all(1) & np.isfinite(blue).all(1) & ~rejected
     reason[~usable & (reason == "")] = "lost"
     if usable.sum() < max(10, options.min_usable_s * rate) or not np.isfinite(red).any():
         raise _too_few(markers, int(usable.sum()), len(t), rate, options)
     tracked = usable.copy()
 
-    pivot = _pivot(red, green, usable, rate, options)
+    pivot, no_pivot = _pivot(red, green, usable, rate, options)
     vectors = np.stack((green - pivot, blue - green), axis=1)
     lengths = np.linalg.norm(vectors, axis=-1)
     arms = np.median(lengths[usable], axis=0)
@@ -100,7 +112,7 @@ def measure_angles(
     if usable.sum() < max(10, options.min_usable_s * rate):
         raise _too_few(markers, int(usable.sum()), len(t), rate, options)
 
-    theta = np.arctan2(vectors[..., 0], vectors[..., 1])
+    theta = np.arctan2(vectors[..., 0], vectors[..., 1]) - np.deg2rad(options.rotation_deg)
     motion = smooth_motion(
         np.where(usable[:, None], theta, np.nan),
         rate,
@@ -111,6 +123,7 @@ def measure_angles(
         floor=np.deg2rad(options.outlier_floor_deg),
     )
     quality = _judge(motion, usable, reason)
+    reason[(quality == MEASURED) & no_pivot] = NO_PIVOT
     good = quality == MEASURED
     if good.sum() < max(10, options.min_usable_s * rate):
         raise _too_few(markers, int(good.sum()), len(t), rate, options)
@@ -129,6 +142,11 @@ def measure_angles(
     gaps = _gap_lengths(quality != UNUSABLE)
     spread = np.std(lengths[usable], axis=0)
     second = max(1, round(rate))
+    implied = None if options.arm1_m is None else implied_rate(fit.constants, rate, options.arm1_m)
+    tilt = implied_tilt(np.where(good[:, None], motion.y, np.nan), every / rate, every)
+    warnings = _warnings(rate, implied, tilt, options)
+    for text in warnings:
+        logger.warning("%s: %s", Path(output).parent.name, text)
     write_json(
         summary,
         {
@@ -150,9 +168,13 @@ def measure_angles(
             "interpolated": int((reason == "interpolated").sum()),
             "rejected_arm_length": int(off.sum()),
             "rejected_outlier": int((reason == "outlier").sum()),
+            "reasons": dict(sorted(Counter(text for text in reason if text).items())),
             "rate_hz": rate,
             "rate_provenance": options.rate_provenance,
-            "implied_rate_hz": implied_rate(fit.constants, rate, options.arm1_m),
+            "implied_rate_hz": implied,
+            "rotation_deg": options.rotation_deg,
+            "implied_rotation_deg": None if tilt is None else options.rotation_deg + tilt,
+            "warnings": warnings,
             "constants": fit.constants.to_dict(),
             "friction": list(fit.friction),
             "r2_1": fit.r2[0],
@@ -200,8 +222,28 @@ def _too_few(path: Path, found: int, total: int, rate: float, options: AngleSett
     return InputError(path, f"{found} of {total} frames are usable", remedy)
 
 
-def _pivot(red: np.ndarray, green: np.ndarray, usable: np.ndarray, rate: float, options: AngleSettings) -> np.ndarray:
-    """Pivot of each frame, (n, 2): red where it is near its median, neighbours elsewhere, averaged over a window.
+def _warnings(rate: float, implied: float | None, tilt: float | None, options: AngleSettings) -> list[str]:
+    """What the motion contradicts, in plain words."""
+    found = []
+    if implied is not None and abs(implied / rate - 1) > MAX_RATE_ERROR:
+        side = "above" if implied > rate else "below"
+        found.append(
+            f"the motion implies {implied:.1f} Hz, {abs(implied / rate - 1):.0%} {side} the stated {rate:g} Hz"
+            f" ({options.rate_provenance}): that rate or the first arm's length of {options.arm1_m:g} m is wrong"
+        )
+    if tilt is not None and abs(tilt) > MAX_TILT_DEG:
+        found.append(
+            f"by the motion gravity points {tilt:+.1f}° off the stated direction: set recordings.angles.rotation_deg to"
+            f" {options.rotation_deg + tilt:.1f}"
+        )
+    return found
+
+
+def _pivot(
+    red: np.ndarray, green: np.ndarray, usable: np.ndarray, rate: float, options: AngleSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pivot of each frame, (n, 2): red where it is near its median, neighbours elsewhere, averaged over a window; and
+    the frames (n,) in which it was taken from neighbours.
 
     On the real recordings the arm's length follows the red marker's displacement: the stand sways, so a constant pivot
     is wrong; but the labels' own noise (.1 px) need not enter the angle.  Of 200 ms forecasts on the fastest parts the
@@ -215,7 +257,7 @@ def _pivot(red: np.ndarray, green: np.ndarray, usable: np.ndarray, rate: float, 
     frames = np.arange(len(red))
     filled = np.stack([np.interp(frames, frames[seen], red[seen, k]) for k in range(2)], axis=1)
     size = 2 * round(options.pivot_window_s * rate / 2) + 1
-    return uniform_filter1d(filled, size, axis=0, mode="nearest")
+    return uniform_filter1d(filled, size, axis=0, mode="nearest"), ~seen
 
 
 def _judge(motion: Motion, usable: np.ndarray, reason: np.ndarray) -> np.ndarray:

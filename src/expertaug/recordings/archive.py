@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import csv as csv_format
+import io
 import re
 import shutil
-import stat
-import tarfile
 import tempfile
-import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import IO
 
 import numpy as np
 import pandas as pd
@@ -20,10 +17,13 @@ import pandas as pd
 from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
 from expertaug.recordings.options import read_settings
+from expertaug.recordings.unpacking import unpack
 
 IBM_FOLDER = "dpc_dataset_csv"  # the dataset's archive keeps its marker CSVs in original/dpc_dataset_csv/
 IBM_COLUMNS = ("y_red", "x_red", "y_green", "x_green", "y_blue", "x_blue")
-MAX_UNPACKED_BYTES = 2**30  # the dataset's own CSVs take 12 MB
+MAX_CSV_BYTES = 2**26  # an hour and a half at 400 Hz
+MAX_PX = 1e5  # further from an image's corner lies no marker
+DIGITS = re.compile(r'[\d.eE+\-,"\s]*', re.ASCII)  # all that a table of numbers is written with
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def unpack_archive(
     except OSError as error:
         raise InputError(folder, f"cannot be written ({error.strerror})", "choose a writable results folder") from error
     try:
-        _unpack(archive, temporary / "new")
+        unpack(archive, temporary / "new", lambda members: _by_name(archive, filter(_is_marker_file, members)).values())
         if folder.exists():
             folder.rename(temporary / "old")
         (temporary / "new").rename(folder)
@@ -147,6 +147,8 @@ def _by_name(where: Path, paths: Iterable[Path | PurePosixPath]) -> dict[str, Pa
         raise InputError(where, "no marker CSV in it", "expected files like 0.csv")
     names: dict[str, Path] = {}
     for path in paths:
+        if not path.stem.isprintable():
+            raise InputError(where, f"a file is called {path.name!r}", "rename it: a recording is called after it")
         other = next((p for name, p in names.items() if name.lower() == path.stem.lower()), None)
         if other is not None:
             raise InputError(where, f"two files of one name: {other} and {path}", "rename or remove one")
@@ -159,61 +161,14 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(p), "") if p.isdecimal() else (1, 0, p) for p in re.split(r"(\d+)", name.lower()) if p]
 
 
-def _unpack(archive: Path, folder: Path) -> None:
-    try:
-        if tarfile.is_tarfile(archive):
-            with tarfile.open(archive) as tar:
-                members = tar.getmembers()
-                odd = [m.name for m in members if not (m.isfile() or m.isdir())]
-                names = [(m.name, m.size, m.isfile()) for m in members]
-                _extract(archive, folder, names, odd, lambda name: tar.extractfile(name))
-        elif zipfile.is_zipfile(archive):
-            with zipfile.ZipFile(archive) as pack:
-                infos = pack.infolist()
-                odd = [i.filename for i in infos if stat.S_ISLNK(i.external_attr >> 16)]
-                names = [(i.filename, i.file_size, not i.is_dir()) for i in infos]
-                _extract(archive, folder, names, odd, pack.open)
-        else:
-            raise InputError(archive, "neither a tar nor a zip archive", "give the dataset's .tar.gz or .zip")
-    except (tarfile.TarError, zipfile.BadZipFile, EOFError, RuntimeError, NotImplementedError) as error:
-        raise InputError(archive, f"damaged archive ({error})", "get it again") from error
-    except OSError as error:
-        if error.errno is not None:  # a full disk; gzip's own complaints about the data carry no number
-            raise
-        raise InputError(archive, f"damaged archive ({error})", "get it again") from error
-
-
-def _extract(
-    archive: Path,
-    folder: Path,
-    members: list[tuple[str, int, bool]],
-    odd: list[str],
-    open_member: Callable[[str], IO[bytes] | None],
-) -> None:
-    if odd:
-        raise InputError(archive, f"member '{odd[0]}' is a link or a device", "an archive of plain files is needed")
-    for name, _, _ in members:
-        path = PurePosixPath(name)
-        if path.is_absolute() or ".." in path.parts or "\\" in name or ":" in name:
-            raise InputError(archive, f"member '{name}' would land outside of the folder", "do not trust this archive")
-    files = [(PurePosixPath(name), name, size) for name, size, is_file in members if is_file]
-    sizes = {path: (name, size) for path, name, size in files if _is_marker_file(path)}
-    chosen = _by_name(archive, sizes)
-    if sum(sizes[path][1] for path in chosen.values()) > MAX_UNPACKED_BYTES:
-        raise InputError(archive, "its CSVs take more than 1 GiB", "do not trust this archive")
-    for path in chosen.values():
-        target = folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        source = open_member(sizes[path][0])
-        with source, target.open("wb") as stream:
-            shutil.copyfileobj(source, stream)
-
-
 def _read_ibm(path: Path) -> np.ndarray:
     """The six columns of a CSV as (n, 6) float64, checked cell by cell."""
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv_format.reader(stream))
+        if path.stat().st_size > MAX_CSV_BYTES:
+            raise InputError(path, f"is larger than {MAX_CSV_BYTES >> 20} MiB", "split the recording")
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            text = stream.read()
+        rows = list(csv_format.reader(io.StringIO(text, newline="")))
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})", "give a marker CSV") from error
     except (UnicodeDecodeError, csv_format.Error) as error:
@@ -227,7 +182,7 @@ def _read_ibm(path: Path) -> np.ndarray:
             column = f"column {IBM_COLUMNS[len(row)]} is missing" if len(row) < len(IBM_COLUMNS) else "too many columns"
             raise InputError(path, f"row {number}: {column} ({len(row)} found)", f"expected {','.join(IBM_COLUMNS)}")
     try:
-        values = np.array(rows, dtype=np.float64)
+        values = np.array(rows, dtype=np.float64) if DIGITS.fullmatch(text) else None
     except ValueError:
         values = None
     if values is None or not np.isfinite(values).all():
@@ -242,12 +197,17 @@ def _read_ibm(path: Path) -> np.ndarray:
 
 def _is_number(text: str) -> bool:
     try:
-        return bool(np.isfinite(float(text)))
+        return DIGITS.fullmatch(text) is not None and bool(np.isfinite(float(text)))
     except ValueError:
         return False
 
 
 def _check_arms(path: Path, raw: np.ndarray, options: MarkerSettings) -> None:
+    far = np.abs(raw - options.offset) > MAX_PX * options.scale
+    if far.any():
+        row, column = np.argwhere(far)[0]
+        found = f"row {row + 1}, column {IBM_COLUMNS[column]}: {raw[row, column]:g}"
+        raise InputError(path, found, f"expected pixels times {options.scale:g}, within {MAX_PX:g} px")
     points = raw.reshape(-1, 3, 2)
     for arm, columns in ((0, "y_green,x_green"), (1, "y_blue,x_blue")):
         length = np.linalg.norm(points[:, arm + 1] - points[:, arm], axis=1) / options.scale

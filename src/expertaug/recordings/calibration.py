@@ -24,14 +24,14 @@ class CalibrationSettings:
 
     Attributes:
         step_s: longest Runge-Kutta step of the forecasts that judge the fits.
-        arm1_m, arm2_m: arm lengths, for the implied frame rate and the report.
+        arm1_m, arm2_m: arm lengths, for the implied frame rate and the report; None where they are not known.
         nominal_rate_hz: frame rate by which the data's times were made.
         rate_provenance: where that rate comes from.
     """
 
     step_s: float = 0.005
-    arm1_m: float = 0.091
-    arm2_m: float = 0.070
+    arm1_m: float | None = 0.091
+    arm2_m: float | None = 0.070
     nominal_rate_hz: float = 400.0
     rate_provenance: str = "nominal rate of the dataset"
 
@@ -118,8 +118,9 @@ def calibrate(train: str | Path, output: str | Path, settings: Mapping[str, obje
         raise InputError(train, str(error)) from error
     report = _describe(chunks, plain, options)
     report["with_friction"] = {"friction": list(rubbed.friction)} | _describe(chunks, rubbed, options)
+    known = options.arm1_m is not None
     report |= {
-        "implied_rate_hz": implied_rate(rubbed.constants, options.nominal_rate_hz, options.arm1_m),
+        "implied_rate_hz": implied_rate(rubbed.constants, options.nominal_rate_hz, options.arm1_m) if known else None,
         "chunks": len(chunks),
         **{name: value for name, value in asdict(options).items() if name != "step_s"},
     }

@@ -1,5 +1,7 @@
 """Finding quadrant disks in one frame: candidates by shape, then the centre by rim and quadrants, then the colour.
 
+Disks of one colour are found by :mod:`expertaug.recordings.plain`, by the same circle.
+
 The centre is the weighted mean of two independent measurements on one polar grid: a robust circle through the points
 where 48 rays leave the disk (rays on which an arm or a neighbour touches the rim drop out), and the point about which
 the quadrants are symmetric under half a turn.  On compressed clips of fast motion the median errors were .048 and
@@ -13,17 +15,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-NAMES = ("red", "green", "blue")  # pivot, joint, tip
-# Dark sectors relative to the same disk's white sectors (B, G, R), read from a real frame.  The "white" is cyan-tinted,
-# so the ratio is the white balance.
-TINTS = np.array([[0.54, 0.46, 0.85], [0.54, 0.60, 0.28], [0.65, 0.29, 0.12]], np.float32)
-MAX_TINT_DISTANCE = 0.2  # grey is .24 from the nearest tint, green and blue are .30 apart
+from expertaug.recordings.look import Colour, Look
+
+NAMES = ("red", "green", "blue")  # the columns of pivot, joint and tip, whatever their colours
 MIN_QUADRANT = 0.4  # share of the brightness' variance round the disk at two periods a turn; .81 for ideal quadrants
 
+MAX_CANDIDATES = 48
 RAYS = 48
 INNER = 8  # radii inside the disk, for its quadrants and colour
 REACH = 4.0  # px searched on either side of the expected rim
 STEP = 0.5  # px between samples across the rim
+LARGE = 32.0  # px of diameter, above which both grow with it
 CROSS_WEIGHT = 0.4  # of the quadrants' centre: its error is uncorrelated with the rim's and a little larger
 MAX_CROSS = 0.6  # px between the two beyond which something covers the quadrants and the rim alone counts
 NEAR = 0.4  # px from the true centre within which both measurements are linear
@@ -38,8 +40,9 @@ class Disks:
         centre: (m, 2) x, y in px.
         radius: (m,) in px.
         share: (m,) share of the rays whose rim point lies on the circle, 0 to 1.
-        residual: (m,) px between the rim's and the quadrants' centre: large where something covers a part of the disk.
-        identity: (m,) 0 red, 1 green, 2 blue, -1 not a quadrant disk of these tints.
+        residual: (m,) px between the rim's and the inside's centre: large where something covers a part of the disk.
+        identity: (m,) 0 pivot, 1 joint, 2 tip, -1 no disk of this style and these colours.
+        colour: (m, 3) hue in degrees, saturation and value by which it was told.
     """
 
     centre: np.ndarray
@@ -47,10 +50,11 @@ class Disks:
     share: np.ndarray
     residual: np.ndarray
     identity: np.ndarray
+    colour: np.ndarray
 
 
 class DiskFitter:
-    """Fits disks of one expected diameter in BGR frames with a dark background.
+    """Fits quadrant disks of one expected diameter in BGR frames with a dark background.
 
     Arguments:
         diameter: expected disk diameter in px.
@@ -58,18 +62,27 @@ class DiskFitter:
         rim_tolerance: distance in px from the circle within which a ray's rim point counts as on it.
         stiffness: how strongly the fitted diameter is drawn to ``diameter``, 0 for not at all; where the diameter is
             known well, this keeps a partly covered disk from being taken for a smaller one beside it.
+        look: colours of the markers.
     """
 
-    def __init__(self, diameter: float, min_level: float, rim_tolerance: float, stiffness: float = 0.0) -> None:
+    inside_weight = CROSS_WEIGHT
+
+    def __init__(
+        self, diameter: float, min_level: float, rim_tolerance: float, stiffness: float = 0.0, look: Look | None = None
+    ) -> None:
+        diameter = float(diameter)  # a number of NumPy's would make double precision of what follows
         self.radius = diameter / 2
+        self.look = look or Look()
+        self._palette = Palette(self.look)
         self.min_level = min_level
         self.rim_tolerance = rim_tolerance
         self.stiffness = stiffness
         angle = np.arange(RAYS) * (2 * np.pi / RAYS)
         unit = np.stack((np.cos(angle), np.sin(angle)), 1)
         inner = np.linspace(0.24, 0.84, INNER) * self.radius
-        self._reach = min(REACH, 0.3 * diameter)
-        rim = np.arange(self.radius - self._reach, self.radius + self._reach + STEP / 2, STEP)
+        scale = max(1.0, diameter / LARGE)
+        self._reach, self._step = min(REACH * scale, 0.3 * diameter), STEP * scale
+        rim = np.arange(self.radius - self._reach, self.radius + self._reach + self._step / 2, self._step)
         offsets = unit[:, None, :] * np.concatenate((inner, rim))[None, :, None]
         self._dx = np.ascontiguousarray(offsets[..., 0], np.float32)
         self._dy = np.ascontiguousarray(offsets[..., 1], np.float32)
@@ -80,37 +93,51 @@ class DiskFitter:
         self._across_outer = np.einsum("ki,kj->kij", across, across).reshape(-1, 4)
         self._per_px = (RAYS / (4 * np.pi * inner)).astype(np.float32)  # neighbouring rays' difference to a slope
         self._second = np.stack((np.cos(2 * angle), np.sin(2 * angle)), 1).astype(np.float32)
-        core = max(3, round(0.55 * self.radius) | 1)  # half resolution: rods vanish, a core of the disk stays
+        self._shrink = 0.5 / scale
+        core = max(3, round(1.1 * self.radius * self._shrink) | 1)  # rods vanish, a core of the disk stays
         self._kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (core, core))
 
-    def candidates(self, image: np.ndarray, limit: int = 48) -> np.ndarray:
-        """Rough centres (m, 2) in px of whatever in a BGR image is bright and at least as thick as a disk's core."""
-        small = cv2.resize(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        mask = cv2.erode(cv2.threshold(small, self.min_level, 255, cv2.THRESH_BINARY)[1], self._kernel)
+    def candidates(self, image: np.ndarray) -> np.ndarray:
+        """Rough centres (m, 2) in px of whatever in a BGR image may be a marker."""
+        if not image.size:
+            return np.empty((0, 2))
+        size = [max(1, round(side * self._shrink)) for side in image.shape[1::-1]]
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        scale = np.divide(image.shape[1::-1], size)
+        return (self._blobs(small) + 0.5) * scale - 0.5
+
+    def _blobs(self, small: np.ndarray) -> np.ndarray:
+        """Centres (m, 2) in a small BGR image of what is bright and at least as thick as a disk's core."""
+        mask = cv2.threshold(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), self.min_level, 255, cv2.THRESH_BINARY)[1]
+        return self._centres(cv2.erode(mask, self._kernel), (self.radius * self._shrink * 3) ** 2)
+
+    @staticmethod
+    def _centres(mask: np.ndarray, largest: float) -> np.ndarray:
+        """Centres (m, 2) of the largest parts of a mask; parts of more px than ``largest`` are a hand or a table."""
         _, _, stats, centre = cv2.connectedComponentsWithStats(mask, connectivity=8)
         area = stats[1:, cv2.CC_STAT_AREA]
-        order = np.argsort(-area)[:limit]
-        order = order[area[order] < (self.radius * 1.5) ** 2]  # a core is far smaller; a hand or a table is not
-        return centre[1:][order] * 2 + 0.5
+        order = np.argsort(-area)[:MAX_CANDIDATES]
+        return centre[1:][order[area[order] < largest]]
 
     def fit(self, frame: np.ndarray, centre: np.ndarray) -> Disks:
         """Fit a disk near each of ``centre`` (m, 2), which may be wrong by about 3 px, in a BGR frame (H, W, 3)."""
         centre = np.asarray(centre, np.float32)
         for last in (False, False, True):
             values = self._sample(frame, centre)
-            level = values @ LUMA
+            level = self._level(values)
             inner = level[:, :, :INNER]
             solution, share = self._circle(*self._rim(inner, level[:, :, INNER:]))
             shift = np.clip(solution[:, :2], -self._reach, self._reach)
             if last or np.abs(shift).max() < NEAR:
                 break
             centre = centre + shift
-        apart = self._cross(inner) - shift
+        apart = self._apart(inner, shift)
         near = (np.abs(apart).max(1, keepdims=True) < MAX_CROSS) & (np.abs(shift).max(1, keepdims=True) < NEAR)
-        centre = centre + shift + np.where(near, CROSS_WEIGHT, 0).astype(np.float32) * apart
-        identity = self._identity(values[:, :, :INNER], inner)
+        centre = centre + shift + np.where(near, self.inside_weight, 0).astype(np.float32) * apart
+        colour, shaped = self._colour(values[:, :, :INNER], inner)
+        identity = np.where(shaped, self._palette.identify(colour), -1)
         radius = self.radius + (1 + self.stiffness) * solution[:, 2]
-        return Disks(centre, radius, share, np.linalg.norm(apart, axis=1), identity)
+        return Disks(centre, radius, share, np.linalg.norm(apart, axis=1), identity, colour)
 
     def _sample(self, frame: np.ndarray, centre: np.ndarray) -> np.ndarray:
         """Colours along the rays, (m, rays, radii, 3) float32."""
@@ -127,7 +154,7 @@ class DiskFitter:
         Relative to the ray's own brightness, because white sectors are several times brighter than coloured ones; their
         rim points are more exact for the same reason.
         """
-        inside = inner[:, :, 2:6].mean(2)
+        inside = self._inside(inner)
         half = (0.5 * inside).reshape(-1)
         rim = rim.reshape(-1, rim.shape[2])
         index = (rim < half[:, None]).argmax(1)  # the first below: a rod or a neighbour further out does not matter
@@ -135,7 +162,7 @@ class DiskFitter:
         last = np.maximum(index, 1)
         before, after = rim[rows, last - 1], rim[rows, last]
         part = (before - half) / np.maximum(before - after, 1e-3)
-        error = ((last - 1).astype(np.float32) + part) * STEP - self._reach
+        error = ((last - 1).astype(np.float32) + part) * self._step - self._reach
         weight = np.where((index > 0).reshape(inside.shape) & (inside > self.min_level), inside / 100, 0)
         return error.reshape(inside.shape), weight
 
@@ -153,8 +180,17 @@ class DiskFitter:
             used = weight * (distance < tolerance)
         return solution, (used > 0).mean(1)
 
-    def _cross(self, inner: np.ndarray) -> np.ndarray:
-        """Shift (m, 2) in px to the point about which the quadrants are symmetric under half a turn.
+    def _level(self, values: np.ndarray) -> np.ndarray:
+        """Brightness (m, rays, radii) of the samples, which falls at the rim."""
+        return values @ LUMA
+
+    def _inside(self, inner: np.ndarray) -> np.ndarray:
+        """Each ray's own level inside the disk, (m, rays)."""
+        return inner[:, :, 2:6].mean(2)
+
+    def _apart(self, inner: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        """From the rim's centre, at ``shift``, to the point about which the quadrants are symmetric under half a turn,
+        (m, 2) in px.
 
         With g the slope across a ray, opposite samples differ by -2 g t·d for a centre that is off by d, t the
         direction across the ray: least squares over the samples.
@@ -166,20 +202,49 @@ class DiskFitter:
         difference = inner[:, :half] - inner[:, half:]
         normal = (np.square(slope).sum(2) @ self._across_outer).reshape(-1, 2, 2) + np.eye(2, dtype=np.float32)
         right = -0.5 * ((slope * difference).sum(2) @ self._across)
-        return np.linalg.solve(normal, right[..., None])[..., 0]
+        return np.linalg.solve(normal, right[..., None])[..., 0] - shift
 
-    def _identity(self, colours: np.ndarray, level: np.ndarray) -> np.ndarray:
-        """Which marker (m,): by the chroma of the dark sectors relative to the white ones, -1 for none."""
+    def _colour(self, colours: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Hue, saturation and value (m, 3) of the dark sectors relative to the white ones, and whether there are four
+        sectors, (m,).
+
+        The "white" of a real frame is tinted: the ratio is the white balance.
+        """
         brightness = level.mean(2)
         order = np.argsort(brightness, axis=1)
         mean = colours.mean(2)
         rows = np.arange(len(mean))[:, None]
         third = RAYS // 3
         dark, white = mean[rows, order[:, :third]].mean(1), mean[rows, order[:, -third:]].mean(1)
-        ratio = dark / np.maximum(white, 1)
-        chroma = ratio - ratio.mean(1, keepdims=True)
-        distance = np.linalg.norm(chroma[:, None] - (TINTS - TINTS.mean(1, keepdims=True)), axis=2)
-        best = distance.argmin(1)
         swing = brightness - brightness.mean(1, keepdims=True)
         quadrant = np.square(swing @ self._second).sum(1) * (2 / RAYS) / np.maximum(np.square(swing).sum(1), 1e-3)
-        return np.where((distance.min(1) < MAX_TINT_DISTANCE) & (quadrant > MIN_QUADRANT), best, -1)
+        return hsv(dark / np.maximum(white, 1)), quadrant > MIN_QUADRANT
+
+
+def hsv(bgr: np.ndarray) -> np.ndarray:
+    """Hue in degrees, saturation and value of colours (m, 3) with full light at 1."""
+    blue, green, red = bgr.T
+    value = bgr.max(1)
+    chroma = value - bgr.min(1)
+    # A hexagon's corners are the primary colours; each third of it starts at the strongest one.
+    third = np.where(value == red, green - blue, np.where(value == green, blue - red, red - green))
+    start = np.where(value == red, 0, np.where(value == green, 120, 240))
+    hue = (start + 60 * third / np.maximum(chroma, 1e-9)) % 360
+    return np.stack((hue, chroma / np.maximum(value, 1e-9), value), 1)
+
+
+class Palette:
+    """Tells markers by hue, saturation and value."""
+
+    def __init__(self, look: Look) -> None:
+        seen = [c or Colour("none", (0, 0), (2, 2)) for c in look.colours]  # no saturation exceeds 1
+        self._middle, self._reach = np.array([c.middle for c in seen]), np.array([c.reach for c in seen])
+        self._low, self._high = np.array([[(c.saturation[end], c.value[end]) for c in seen] for end in (0, 1)])
+
+    def identify(self, colour: np.ndarray) -> np.ndarray:
+        """Which marker (m,) has this hue, saturation and value (m, 3): of several the nearest hue, of none -1."""
+        away = np.abs((colour[:, :1] - self._middle + 180) % 360 - 180)
+        strength = np.minimum(colour[:, None, 1:], 1)
+        inside = ((strength >= self._low) & (strength <= self._high)).all(2) & (away <= self._reach)
+        away = np.where(inside, away, 360)
+        return np.where(inside.any(1), away.argmin(1), -1)

@@ -243,7 +243,7 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
     cv2.setNumThreads(1)
     s = settings if isinstance(settings, ExtractSettings) else ExtractSettings.from_mapping(settings)
     with Video(video, s.rate_hz, s.rate_provenance, s.expected_frames, s.image_size_px) as source:
-        step = _step(source.rate_hz, s.analysis_rate_hz)
+        step = _step(source, s.analysis_rate_hz)
         described = {
             "video": Path(video).name,
             "rate_hz": source.rate_hz,
@@ -256,14 +256,15 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
                 out.append(image)
 
 
-def _step(rate_hz: float, analysis_rate_hz: float | None) -> int:
+def _step(video: Video, analysis_rate_hz: float | None) -> int:
     if analysis_rate_hz is None:
         return 1
+    rate_hz = video.rate_hz
     step = round(rate_hz / analysis_rate_hz)
     if step < 1 or abs(step * analysis_rate_hz - rate_hz) > 1e-3 * rate_hz:
         raise InputError(
-            "recordings.analysis_rate_hz",
-            f"{analysis_rate_hz:g} Hz does not divide the frame rate of {rate_hz:g} Hz evenly",
-            f"choose {rate_hz:g}, {rate_hz / 2:g}, {rate_hz / 4:g} …",
+            video.path,
+            f"the analysis rate of {analysis_rate_hz:g} Hz does not divide the frame rate of {rate_hz:g} Hz evenly",
+            f"set recordings.analysis_rate_hz to {rate_hz:g}, {rate_hz / 2:g}, {rate_hz / 4:g} …",
         )
     return step

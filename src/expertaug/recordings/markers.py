@@ -6,6 +6,7 @@ import csv
 import math
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,11 @@ from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.recordings.disks import NAMES
 from expertaug.recordings.frames import FrameStore
-from expertaug.recordings.tracker import UNUSABLE, Geometry, Track, TrackSettings, estimate_geometry, track_frames
+from expertaug.recordings.geometry import Geometry, estimate_geometry, measure_diameter
+from expertaug.recordings.track_settings import TrackSettings
+from expertaug.recordings.tracker import UNUSABLE, Track, track_frames
 
+DIAMETER_FRAMES = 12  # on which an unknown diameter is measured
 COLUMNS = ("frame", "t", *(f"{name}_{axis}" for name in NAMES for axis in "xy"), "quality", "reason")
 
 
@@ -36,27 +40,48 @@ def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, 
     """
     checked = TrackSettings.from_mapping(settings)
     frames = FrameStore.open(store)
-    geometry = _calibrate(store, frames, checked)
+    checked, geometry = _calibrate(store, frames, checked)
     track = track_frames(frames, geometry, checked)
     _refuse_lost(store, track, checked)
     _write(output, np.asarray(frames.t), track)
     return track
 
 
-def _calibrate(store: str | Path, frames: FrameStore, settings: TrackSettings) -> Geometry:
-    """Lengths from frames spread over the store; arm lengths that the settings give are taken from there."""
-    chosen = np.unique(np.linspace(0, len(frames) - 1, settings.calibration_frames).round().astype(int))
-    geometry, found = estimate_geometry((frames[int(i)] for i in chosen), settings)
+def _calibrate(store: str | Path, frames: FrameStore, settings: TrackSettings) -> tuple[TrackSettings, Geometry]:
+    """Settings with a diameter, and lengths from frames spread over the store; arm lengths that the settings give are
+    taken from there."""
+    if settings.marker_diameter_px is None:
+        some = [frames[int(i)] for i in _spread(len(frames), DIAMETER_FRAMES)]
+        diameter = measure_diameter(some, settings)
+        if diameter is None:
+            raise _no_markers(store, f"of {len(some)} frames looked at, none shows a marker", settings)
+        settings = replace(settings, marker_diameter_px=diameter)
+    chosen = _spread(len(frames), settings.calibration_frames)
+    try:
+        geometry, found = estimate_geometry((frames[int(i)] for i in chosen), settings)
+    except InputError as error:
+        raise InputError(store, str(error)) from error
     if geometry is None:
-        seen = ", ".join(f"{name} in {found[name]}" for name in NAMES)
-        raise InputError(
-            store,
-            f"no markers: of {found['frames']} frames looked at, {found['all']} show all three ({seen})",
-            f"show red, green and blue quadrant disks of {settings.marker_diameter_px:g} px (marker_diameter_px)",
-        )
+        look = settings.markers
+        seen = ", ".join(f"{name} in {found[name]}" for name in look.names[look.first :])
+        whole = f"of {found['frames']} frames looked at, {found['all']} show all {3 - look.first} ({seen})"
+        raise _no_markers(store, whole.replace("all 3", "all three").replace("all 2", "both"), settings)
     given = (settings.arm1_px, settings.arm2_px)
     arms = [own if own is not None else seen for own, seen in zip(given, (geometry.arm1, geometry.arm2), strict=True)]
-    return Geometry(*arms, geometry.diameter)
+    return settings, replace(geometry, arm1=arms[0], arm2=arms[1])
+
+
+def _spread(count: int, wanted: float) -> np.ndarray:
+    return np.unique(np.linspace(0, count - 1, int(wanted)).round().astype(int))
+
+
+def _no_markers(store: str | Path, found: str, settings: TrackSettings) -> InputError:
+    look = settings.markers
+    size = "" if settings.marker_diameter_px is None else f" of {settings.marker_diameter_px:g} px (marker_diameter_px)"
+    colours = ", ".join(look.names[look.first : -1]) + " and " + look.names[-1]
+    kind = "quadrant disks" if look.style == "quadrant" else "disks"
+    remedy = f"show {colours} {kind}{size}, or say how yours look (recordings.tracking.markers; expertaug inspect)"
+    return InputError(store, f"no markers: {found}", remedy)
 
 
 def _refuse_lost(store: str | Path, track: Track, settings: TrackSettings) -> None:

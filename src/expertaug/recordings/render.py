@@ -27,6 +27,7 @@ TRUTH_COLUMNS = "t,theta1,theta2,omega1,omega2,red_x,red_y,green_x,green_y,blue_
 FITTED = Constants(B1=0.103, G1=69.4, B2=1.35, G2=93.5)  # to the real recordings, in their nominal time
 BY_HAND = Launch()
 VISIBLE_BLUR = 0.2  # px of motion within an exposure, below which one pose stands for all
+LONG_BLUR = 2.0  # px from which on two are not enough
 
 
 @dataclass(frozen=True)
@@ -191,11 +192,16 @@ def markers(states: np.ndarray, pivot: tuple[float, float], arms: tuple[float, f
 
 
 def poses(state: np.ndarray, pivot: tuple[float, float], arms: tuple[float, float], exposure: float) -> list[Pose]:
-    """The poses whose mean is the exposed frame: one, or two of the same spread as the motion where that is visible."""
+    """The poses whose mean is the exposed frame: one; where motion is visible two of the same spread, or one a px."""
     theta1, theta2, omega1, omega2 = (float(v) for v in state)
     fastest = exposure * (arms[0] * abs(omega1) + arms[1] * abs(omega2))
-    # Uniform motion over the exposure has the variance of two poses at ± exposure / √12.
-    offsets = (0.0,) if fastest < VISIBLE_BLUR else (-exposure / math.sqrt(12), exposure / math.sqrt(12))
+    if fastest < VISIBLE_BLUR:
+        offsets = (0.0,)
+    elif fastest < LONG_BLUR:  # uniform motion has the variance of two poses at ± exposure / √12
+        offsets = (-exposure / math.sqrt(12), exposure / math.sqrt(12))
+    else:
+        count = math.ceil(fastest)
+        offsets = [exposure * ((k + 0.5) / count - 0.5) for k in range(count)]
     out = []
     for dt in offsets:
         a, b = theta1 + omega1 * dt, theta2 + omega2 * dt
@@ -205,19 +211,29 @@ def poses(state: np.ndarray, pivot: tuple[float, float], arms: tuple[float, floa
 
 
 def encode(
-    path: Path, frames: Iterator[np.ndarray], size: int, rate_hz: float, crf: int = 18, preset: str = "superfast"
+    path: Path,
+    frames: Iterator[np.ndarray],
+    size: int | tuple[int, int],
+    rate_hz: float,
+    crf: int = 18,
+    preset: str = "superfast",
+    flags: str = "",
 ) -> None:
-    """Write BGR frames (size, size, 3) as H.264 on one thread; the same frames give the same bytes.
+    """Write BGR frames (height, width, 3) as H.264 on one thread; the same frames give the same bytes.
 
     Arguments:
         path: mp4 or mkv by its suffix.
         frames: uint8.
+        size: side of square frames, or (width, height), even.
         rate_hz: frames per second.
+        flags: of the mp4 container; ``+faststart`` lets a browser play it while it loads.
     """
     rate = Fraction(rate_hz).limit_denominator(1001)
-    with av.open(str(path), "w", options={"fflags": "+bitexact"}) as container:
+    width, height = (size, size) if isinstance(size, int) else size
+    options = {"fflags": "+bitexact"} | ({"movflags": flags} if flags else {})
+    with av.open(str(path), "w", options=options) as container:
         stream = container.add_stream("libx264", rate=rate, options={"crf": str(crf), "preset": preset})
-        stream.width, stream.height, stream.pix_fmt = size, size, "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.codec_context.thread_count = 1
         stream.time_base = stream.codec_context.time_base = 1 / rate
         for k, image in enumerate(frames):

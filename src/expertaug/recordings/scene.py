@@ -19,19 +19,21 @@ import numpy as np
 
 SCALE = 8  # sprite pixels per image pixel
 SENSOR = 6 / 7  # sensor pixels per image pixel
-RADIUS = 12.75  # px, of a marker
+RADIUS = 12.67  # px, of a marker
 HALF = 17  # px, half the side of a marker's patch
-BLUR = (0.80, 0.58, 0.62)  # px, Gaussian blur of lens and pixel in blue, green and red
-WHITES = {"red": (330, 275, 205), "green": (320, 246, 198), "blue": (315, 240, 196)}  # saturated beyond 255
-TINTS = {"red": (136, 113, 170), "green": (138, 151, 56), "blue": (165, 73, 25)}
+BLUR = (0.92, 0.54, 0.56)  # px, Gaussian blur of lens and pixel in blue, green and red
+WHITES = {"red": (447, 303, 204), "green": (379, 248, 198), "blue": (356, 238, 192)}  # saturated beyond 255
+TINTS = {"red": (135, 113, 168), "green": (137, 151, 56), "blue": (165, 73, 25)}
 GREEN_TWIST = 0.025  # rad, by which the green marker sits askew on its arm
 RODS = {  # offsets from the arm's axis, width, colour in blue, green, red (light beyond saturation widens the image)
-    "arm1": ((-7.2, 7.2), 0.5, (1250, 720, 740)),
-    "arm2": ((0.0,), 0.5, (660, 480, 340)),
+    "arm1": ((-7.4, 7.5), 0.5, (1400, 829, 612)),
+    "arm2": ((-0.6,), 0.5, (649, 626, 261)),
 }
-STAND = ((66, 60, 28), 2.0)  # colour and width of the rod below the pivot
+STAND = ((62, 57, 31), 0.95)  # colour of the rod below the pivot and standard deviation of its profile
 BASE = (92, 76, 45)
-FOOT = (280, 330, 330)
+FOOT = (240, 310, 340)
+EXPOSURE = 0.75  # of a level: the sensor sees brighter light than the image shows
+BETWEEN = np.array([0.5, 1, 0.5], np.float32)  # linear interpolation between every second pixel
 FIELDS, SPARE = 4, 64  # noise fields drawn per recording, and how much larger than the frame they are
 
 
@@ -92,8 +94,8 @@ class Scene:
             dx, dy = self.rng.integers(SPARE, size=2)
             cv2.multiply(raw[y0:y1, x0:x1], gain[j, dy + y0 : dy + y1, dx + x0 : dx + x1], raw[y0:y1, x0:x1], 1 / 128)
             cv2.add(raw, dark[i, dy : dy + self.sensor, dx : dx + self.sensor], raw)
-        image = cv2.cvtColor(raw, cv2.COLOR_BayerRGGB2BGR_EA)
-        return cv2.resize(image, (self.size, self.size), interpolation=cv2.INTER_CUBIC)
+        image = cv2.resize(_demosaic(raw, box), (self.size, self.size), interpolation=cv2.INTER_CUBIC)
+        return cv2.convertScaleAbs(image, alpha=1 / EXPOSURE)
 
     def _moving(self, poses: list[Pose]) -> tuple[int, int, int, int]:
         points = [self.pivot] + [p.green for p in poses] + [p.blue for p in poses]
@@ -101,7 +103,8 @@ class Scene:
 
     def _draw(self, poses: list[Pose], box: tuple[int, int, int, int]) -> np.ndarray:
         views = [self._draw_one(pose, box) for pose in poses]
-        # Every exposure has one or two poses (see render.poses).
+        if len(views) > 2:  # a long exposure (see render.poses)
+            return np.rint(np.mean(views, axis=0)).astype(np.uint8)
         return views[0] if len(views) == 1 else cv2.addWeighted(views[0], 0.5, views[1], 0.5, 0)
 
     def _draw_one(self, pose: Pose, box: tuple[int, int, int, int]) -> np.ndarray:
@@ -169,7 +172,7 @@ def _marker(name: str) -> np.ndarray:
     u, v = np.meshgrid(axis, axis)
     cover = np.clip((RADIUS - np.hypot(u, v)) * SCALE + 0.5, 0, 1)
     tinted = ((u * v > 0) == (name == "red"))[..., None]
-    colour = np.where(tinted, TINTS[name], WHITES[name]) * cover[..., None]
+    colour = np.where(tinted, TINTS[name], WHITES[name]) * (EXPOSURE * cover[..., None])
     layers = [cv2.GaussianBlur(colour[..., c], (0, 0), BLUR[c] * SCALE) for c in range(3)]
     layers.append(255 * cv2.GaussianBlur(cover, (0, 0), max(BLUR) * SCALE))
     return np.rint(np.clip(np.stack(layers, axis=-1), 0, 255)).astype(np.uint8)
@@ -183,7 +186,7 @@ def _rods(name: str, length: float) -> np.ndarray:
     v = (np.arange(rows) + 0.5) / SCALE - HALF
     across = sum(np.clip((width / 2 - np.abs(u - offset)) * SCALE + 0.5, 0, 1) for offset in offsets)
     along = ((v > 6) & (v < length - 6)).astype(float)
-    light = along[:, None, None] * across[None, :, None] * np.array(colour, dtype=float)
+    light = along[:, None, None] * across[None, :, None] * (EXPOSURE * np.array(colour, dtype=float))
     layers = [cv2.GaussianBlur(light[..., c], (0, 0), BLUR[c] * SCALE) for c in range(3)]
     return np.rint(np.clip(np.stack(layers, axis=-1), 0, 255)).astype(np.uint8)
 
@@ -195,15 +198,15 @@ def _background(size: int, pivot: tuple[float, float]) -> np.ndarray:
     axis = pivot[0] + 1.7 * (y - pivot[1]) / 228  # the stand leans by half a degree
     foot = pivot[1] + 228
     colour, width = STAND
+    profile = np.exp(-0.5 * ((x - axis) / width) ** 2) * (y > pivot[1]) * (y < foot + 6)
     for c in range(3):
-        profile = np.exp(-0.5 * ((x - axis) / (width / 2.355 + 2 * (BLUR[c] - 0.4))) ** 2)
-        image[..., c] = colour[c] * profile * (y > pivot[1]) * (y < foot + 6)
-    spark = np.exp(-0.5 * (((x - axis) / 1.0) ** 2 + ((y - foot) / 1.3) ** 2))
+        image[..., c] = colour[c] * profile
+    spark = np.exp(-0.5 * (((x - axis) / 0.8) ** 2 + ((y - foot) / 1.3) ** 2))
     cross = np.exp(-0.5 * (((x - axis) / 4.5) ** 2 + ((y - foot) / 1.0) ** 2))
     line = np.clip(y - (foot + 7.6), 0, 1) * (np.abs(x - pivot[0] - 1.7) < 101)
     for c in range(3):
         image[..., c] += FOOT[c] * (spark + 0.11 * cross) + BASE[c] * line
-    return np.rint(np.clip(image, 0, 255)).astype(np.uint8)
+    return np.rint(np.clip(EXPOSURE * image, 0, 255)).astype(np.uint8)
 
 
 def _mosaic(image: np.ndarray) -> np.ndarray:
@@ -216,6 +219,21 @@ def _mosaic(image: np.ndarray) -> np.ndarray:
     return raw
 
 
+def _demosaic(raw: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
+    """BGR of a mosaic: green along edges; in the box, where edges are sharp, blue and red from their differences to
+    green, which are smoother than both; elsewhere from themselves."""
+    image = cv2.cvtColor(raw, cv2.COLOR_BayerRGGB2BGR_EA)
+    x0, y0, x1, y1 = box
+    part, view = raw[y0:y1, x0:x1], image[y0:y1, x0:x1]
+    green = np.ascontiguousarray(view[..., 1])
+    for c, first in ((0, 1), (2, 0)):
+        every = (slice(first, None, 2), slice(first, None, 2))
+        difference = np.zeros(part.shape, np.int16)
+        difference[every] = part[every].astype(np.int16) - green[every]
+        view[..., c] = cv2.add(green, cv2.sepFilter2D(difference, -1, BETWEEN, BETWEEN), dtype=cv2.CV_8U)
+    return image
+
+
 def _noise_fields(size: int, noise: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray] | None:
     """Fields larger than the frame, to be shifted at random: light where there is none, and gain (128 = 1); uint8.
 
@@ -224,6 +242,6 @@ def _noise_fields(size: int, noise: float, rng: np.random.Generator) -> tuple[np
     if noise == 0:
         return None
     shape = (FIELDS, size + SPARE, size + SPARE)
-    dark = np.clip(np.rint(rng.normal(-0.75 * noise, 0.5 * noise, shape)), 0, 255)
+    dark = np.clip(np.rint(EXPOSURE * rng.normal(-0.75 * noise, 0.5 * noise, shape)), 0, 255)
     gain = np.clip(np.rint(rng.normal(128, 128 * noise / 255, shape)), 0, 255)
     return dark.astype(np.uint8), gain.astype(np.uint8)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -25,7 +25,7 @@ HEADINGS = {
     "longest_gap_frames": ("longest gap [frames]", "{}"),
     "interpolated": ("interpolated [frames]", "{}"),
     "rate_hz": ("rate [Hz]", "{:g}"),
-    "implied_rate_hz": ("implied rate [Hz]", "{:.1f}"),
+    "implied": ("implied rate [Hz]", "{}"),
     "B1": ("B1", "{:.4f}"),
     "G1": ("G1 [s⁻²]", "{:.2f}"),
     "B2": ("B2", "{:.3f}"),
@@ -35,12 +35,15 @@ HEADINGS = {
 }
 
 
-def summarise(summaries: Sequence[str | Path], csv: str | Path, markdown: str | Path) -> None:
+def summarise(
+    summaries: Sequence[str | Path], csv: str | Path, markdown: str | Path, refused: Mapping[str, str] | None = None
+) -> None:
     """Write the table of recordings as CSV (every value) and Markdown (rounded), in natural order.
 
     Arguments:
         summaries: the ``angles.json`` of each recording.
         csv, markdown: outputs.
+        refused: recordings that were left out, and why.
 
     Raises:
         InputError: no summaries, or one that lacks a value.
@@ -49,7 +52,9 @@ def summarise(summaries: Sequence[str | Path], csv: str | Path, markdown: str | 
         raise InputError(csv, "no recordings to summarise", "run measure_angles")
     rows = sorted((_row(Path(path)) for path in summaries), key=lambda row: natural_key(str(row["recording"])))
     with atomic(csv) as temporary:
-        pd.DataFrame(rows).to_csv(temporary, index=False, float_format="%.8g")
+        left_out = [{"recording": name, "refused": reason} for name, reason in (refused or {}).items()]
+        table = sorted([*rows, *left_out], key=lambda row: natural_key(str(row["recording"])))
+        pd.DataFrame(table).to_csv(temporary, index=False, float_format="%.8g")
     lines = ["| " + " | ".join(heading for heading, _ in HEADINGS.values()) + " |", "|" + "---|" * len(HEADINGS)]
     for row in rows:
         cells = {
@@ -57,10 +62,16 @@ def summarise(summaries: Sequence[str | Path], csv: str | Path, markdown: str | 
             "arm1": f"{row['arm1_px']:.2f} ± {row['arm1_std_px']:.2f}",
             "arm2": f"{row['arm2_px']:.2f} ± {row['arm2_std_px']:.2f}",
             "noise": f"{row['noise1_deg']:.3f}, {row['noise2_deg']:.3f}",
+            "implied": "–" if row["implied_rate_hz"] is None else f"{row['implied_rate_hz']:.1f}",
             "r2": f"{row['r2_1']:.4f}, {row['r2_2']:.4f}",
             "energy": f"{row['energy_start']:.0f} → {row['energy_end']:.1f}",
         }
         lines.append("| " + " | ".join(form.format(cells[key]) for key, (_, form) in HEADINGS.items()) + " |")
+    if refused:
+        lines += ["", "Left out (recordings.on_bad_recording is skip):", ""]
+        lines += [f"- {name}: {refused[name]}" for name in sorted(refused, key=natural_key)]
+    warned = [f"- {row['recording']}: {row['warnings']}" for row in rows if row["warnings"]]
+    lines += ["", "Warnings:", "", *warned] if warned else []
     sources = sorted({str(row["rate_provenance"]) for row in rows})
     lines += ["", f"Frame rate: {'; '.join(sources)}. The implied rate is the one at which G2/B2 = g/l1 holds.", ""]
     write_text(markdown, "\n".join(lines))
@@ -71,6 +82,8 @@ def _row(path: Path) -> dict[str, object]:
     try:
         row = {key: value for key, value in summary.items() if key not in ("constants", "friction")}
         row |= summary["constants"]
+        row["reasons"] = "; ".join(f"{reason} {count}" for reason, count in summary["reasons"].items())
+        row["warnings"] = "; ".join(summary["warnings"])
         wanted = ("recording", "arm1_px", "noise1_deg", "implied_rate_hz", "B1", "r2_1")
         missing = [key for key in wanted if key not in row]
     except (AttributeError, KeyError, TypeError):

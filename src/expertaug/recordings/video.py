@@ -21,10 +21,10 @@ import numpy as np
 from expertaug.errors import InputError
 
 RATES_HZ = (1.0, 20_000.0)  # outside, a declared frame rate is taken for a missing one
-ROUNDING_MS = 1.0  # Matroska keeps timestamps in whole milliseconds
-SPOILED = re.compile(
-    r"error while decoding|concealing|corrupt|invalid (nal|data)|decode_slice|bitstream|overread|damaged", re.I
-)
+MIN_SIDE_PX, MAX_PX = 16, 2**25  # of an image: 8K video has 2^24.98 px, a forged header millions of millions
+ROUNDING_MS = 0.5  # where timestamps are whole milliseconds, as in Matroska
+# Playlists, picture sequences and the like are not read: they name other files.
+CONTAINERS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,ivf,asf,flv,ogg,nut,mxf,yuv4mpegpipe"
 
 
 class Video:
@@ -63,8 +63,9 @@ class Video:
         if self.path.stat().st_size == 0:
             raise InputError(path, "is empty (0 bytes)", "copy the recording again")
         self._log = _DecoderLog()
-        with self._log.reading():
-            self._capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+        with self._log.reading(), _containers_only():
+            # An absolute path cannot be taken for an address.
+            self._capture = cv2.VideoCapture(str(self.path.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         if not self._capture.isOpened():
             self.close()
             raise InputError(
@@ -81,6 +82,12 @@ class Video:
         declared_count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
         self.width = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
         self.height = int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        if min(self.width, self.height) < MIN_SIDE_PX or self.width * self.height > MAX_PX:
+            raise InputError(
+                self.path,
+                f"declares images of {self.width}x{self.height} px",
+                f"they must have at least {MIN_SIDE_PX} px a side and at most {MAX_PX >> 20} million px",
+            )
         # A bare stream has neither a count nor a rate; the rate that FFmpeg then reports is its own guess.
         counted = math.isfinite(declared_count) and 0 < declared_count < 2**40
         self._declared_rate = declared_rate if counted and RATES_HZ[0] <= declared_rate <= RATES_HZ[1] else None
@@ -127,9 +134,7 @@ class Video:
         while True:
             keep = len(times) % step == 0 and len(times) < self.count
             target = out() if keep and out is not None else None
-            with self._log.reading():
-                ok = self._capture.grab()
-                ok_image, image = self._capture.retrieve(target) if ok and keep else (ok, None)
+            ok, ok_image, image = self._next(keep, target)
             if not ok:
                 break
             index = len(times)
@@ -141,10 +146,21 @@ class Video:
                 yield index, image
         self._check_end(np.frombuffer(times))
 
+    def _next(self, keep: bool, target: np.ndarray | None) -> tuple[bool, bool, np.ndarray | None]:
+        """Whether there is a next frame, whether it can be read, and its image if it is to be kept."""
+        try:
+            with self._log.reading():
+                ok = self._capture.grab()
+                return ok, *(self._capture.retrieve(target) if ok and keep else (ok, None))
+        except (cv2.error, MemoryError):
+            return True, False, None
+
     def _check_so_far(self, index: int) -> None:
         if index >= self.count:
             raise InputError(
-                self.path, f"has more than the {self.count} frames declared", "convert it to mp4, which counts them"
+                self.path,
+                f"has more than the {self.count} frames declared",
+                "convert it to mp4 anew, which counts them",
             )
         complaint = self._log.complaint()
         if complaint:
@@ -161,22 +177,23 @@ class Video:
             )
         if len(times) < 3:
             return
-        step = (times[-1] - times[0]) / (len(times) - 1)
+        rounding = ROUNDING_MS if (times == np.round(times)).all() else 0.0
+        number = np.arange(len(times)) - (len(times) - 1) / 2
+        step = float(number @ times / (number @ number))  # of least squares: a missing frame is half a step off it
         if not step > 0:
             raise InputError(
                 self.path, "its frames have no timestamps", "convert it to a container that keeps them, such as mp4"
             )
-        uneven = np.abs(times - times[0] - step * np.arange(len(times)))
-        worst = int(np.argmax(uneven))
-        if uneven[worst] > 0.25 * step + ROUNDING_MS:
+        uneven = float(np.abs(times - times.mean() - step * number).max())
+        if uneven > 0.25 * step + rounding:
+            jump = int(np.abs(np.diff(times) - step).argmax())
             raise InputError(
                 self.path,
-                f"variable frame rate: frame {worst} is {uneven[worst]:.1f} ms off even steps of {step:.3f} ms",
-                "convert it to a constant frame rate",
+                f"variable frame rate: times are up to {uneven:.1f} ms off even steps of {step:.3f} ms; frame"
+                f" {jump + 1} comes {times[jump + 1] - times[jump]:.3f} ms after the one before",
+                "convert it to a constant frame rate, or copy the recording again if frames are missing",
             )
-        if self.rate_provenance == "video metadata" and abs(step * self.rate_hz / 1000 - 1) > 0.01 + ROUNDING_MS / (
-            times[-1] - times[0]
-        ):
+        if self.rate_provenance == "video metadata" and abs(step * self.rate_hz / 1000 - 1) > 0.01:
             raise InputError(
                 self.path,
                 f"declares {self.rate_hz:g} Hz but its timestamps step as {1000 / step:.4g} Hz",
@@ -192,6 +209,21 @@ class Video:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@contextmanager
+def _containers_only() -> Iterator[None]:
+    """Let OpenCV's FFmpeg, which takes its options from the environment, open files of known containers alone."""
+    name = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+    before = os.environ.get(name)
+    os.environ[name] = f"protocol_whitelist;file|format_whitelist;{CONTAINERS}"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before
 
 
 class _DecoderLog:
@@ -212,14 +244,14 @@ class _DecoderLog:
             os.close(saved)
 
     def complaint(self) -> str:
-        """The first new line that tells of spoiled frames, or nothing."""
+        """The first new line, or nothing: FFmpeg tells only errors, and each may have spoiled what it gives."""
         size = os.fstat(self._file.fileno()).st_size
         if size == self._read:
             return ""
         text = os.pread(self._file.fileno(), size - self._read, self._read).decode(errors="replace")
         self._read = size
-        lines = [re.sub(r"^\[[^\]]*\]\s*", "", line).strip() for line in text.splitlines() if SPOILED.search(line)]
-        return lines[0][:100] if lines else ""
+        lines = [line for line in text.splitlines() if line.strip() and not line.startswith("[ ")]  # OpenCV's own
+        return re.sub(r"^\[[^\]]*\]\s*", "", lines[0]).strip()[:100] if lines else ""
 
     def close(self) -> None:
         self._file.close()

@@ -1,0 +1,192 @@
+"""One recording's page of the report: what was measured, what was flagged and why, and what is doubtful."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from expertaug.errors import InputError
+from expertaug.files import atomic, read_json
+from expertaug.recordings.angles import INTERPOLATED, MEASURED, UNUSABLE
+from expertaug.recordings.figures import STYLE
+
+WRONG = "#B00020"
+FIRST, SECOND = "#0072B2", "#D55E00"  # of the two arms
+STATES = ((MEASURED, "measured", "#009E73"), (INTERPOLATED, "not used", "#E69F00"), (UNUSABLE, "unusable", WRONG))
+WIDTH, LINE = 112, 0.165  # of text: characters in a line, and its height in inches
+MARKERS = ("red_x", "red_y", "green_x", "green_y", "blue_x", "blue_y")
+
+
+def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path, output: str | Path) -> None:
+    """Draw a recording's page.
+
+    Panels over time: each arm's length against its median, both angles, the energy and which frames are used; below,
+    how many frames have which reason.  Frames that are not used have lighter dots.
+
+    Arguments:
+        markers, angles, summary: of :func:`expertaug.recordings.angles.measure_angles`.
+        output: .png or .pdf.
+
+    Raises:
+        InputError: a file is missing or lacks a column or a value.
+    """
+    points, table, found = (
+        _read(markers, MARKERS),
+        _read(angles, ("t", "theta1", "energy", "quality")),
+        read_json(summary),
+    )
+    if len(points) != len(table):
+        raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
+    try:
+        heading = _heading(found)
+        reasons = dict(found["reasons"])
+    except (KeyError, TypeError) as error:
+        raise InputError(summary, f"no {error} in it", "run measure_angles again") from error
+    warned = "\n".join(textwrap.fill(f"Warning: {text}.", WIDTH - 14) for text in found["warnings"])
+    lines, warned_lines = heading.count("\n") + 1, warned.count("\n") + 1 if warned else 0
+    above = 0.35 + LINE * (lines + 1.3 * warned_lines)  # inches
+    heights = [0.75, 0.75, 1.5, 1.2, 0.2, 0.1 + 0.2 * max(1, len(reasons))]
+    with mpl.rc_context(STYLE):
+        height = above + sum(heights) + 1.6
+        figure = Figure(figsize=(7.0, height), layout="constrained")
+        figure.get_layout_engine().set(rect=(0, 0, 1, 1 - above / height))
+        FigureCanvasAgg(figure)
+        *over_time, band, bars = figure.subplots(len(heights), 1, gridspec_kw={"height_ratios": heights})
+
+        def write(inches: float, text: str, **look: object) -> None:
+            figure.text(0.02, 1 - inches / height, text, ha="left", va="top", linespacing=1.4, **look)
+
+        write(0.08, f"Recording {found['recording']}", fontsize=11, fontweight="bold")
+        write(0.35, heading)
+        write(0.35 + LINE * (lines + 0.2), warned, color=WRONG, fontweight="bold")
+        t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
+        _lengths(over_time[:2], t, points.to_numpy(float), quality, found)
+        _angles(over_time[2], t, table, quality)
+        _energy(over_time[3], t, table["energy"].to_numpy(float), quality)
+        _used(band, t, quality)
+        _reasons(bars, reasons, len(t))
+        for axis in over_time:
+            axis.sharex(band)
+            axis.tick_params(labelbottom=False)
+        band.set_xlim(t[0], t[-1])
+        band.set_xlabel("time [s]")
+        with atomic(output) as temporary:
+            dateless = {"CreationDate": None} if temporary.suffix == ".pdf" else {"Software": None}
+            figure.savefig(temporary, dpi=160, metadata=dateless)
+
+
+def plot_refused(name: str, reason: str, output: str | Path) -> None:
+    """Draw the page of a recording that was left out: it says why."""
+    with mpl.rc_context(STYLE):
+        text = textwrap.fill(f"Left out: {reason}", WIDTH - 14)
+        figure = Figure(figsize=(7.0, 0.6 + LINE * (text.count("\n") + 1)))
+        FigureCanvasAgg(figure)
+        figure.text(0.02, 0.95, f"Recording {name}", ha="left", va="top", fontsize=11, fontweight="bold")
+        figure.text(0.02, 0.05, text, ha="left", va="bottom", color=WRONG, linespacing=1.4)
+        with atomic(output) as temporary:
+            dateless = {"CreationDate": None} if temporary.suffix == ".pdf" else {"Software": None}
+            figure.savefig(temporary, dpi=160, metadata=dateless)
+
+
+def _read(path: str | Path, columns: tuple[str, ...]) -> pd.DataFrame:
+    try:
+        table = pd.read_csv(path, usecols=lambda name: name in (*columns, "theta2"), dtype=float)
+        missing = [name for name in columns if name not in table]
+    except FileNotFoundError as error:
+        raise InputError(path, "no such file", "run measure_angles") from error
+    except (ValueError, OSError) as error:
+        raise InputError(path, f"not a table of numbers ({error})", "make it again") from error
+    if missing:
+        raise InputError(path, f"column {missing[0]} is missing", "make it again")
+    return table
+
+
+def _heading(found: Mapping) -> str:
+    implied = found["implied_rate_hz"]
+    rate = "the motion implies none: recordings.arms_m is not known"
+    if implied is not None:
+        rate = f"the motion implies {implied:.1f} Hz ({implied / found['rate_hz'] - 1:+.1%})"
+    tilt, turned = found["implied_rotation_deg"], f"gravity stated at {found['rotation_deg']:g}°"
+    turned += "; the motion implies none" if tilt is None else f", implied at {tilt:.1f}°"
+    constants = ", ".join(f"{name} {value:.4g}" for name, value in found["constants"].items())
+    gaps = f"{found['gaps']} gaps, the longest of {found['longest_gap_frames']} frames" if found["gaps"] else "no gaps"
+    lines = [
+        f"{found['frames']} frames, {found['duration_s']:.1f} s; tracked {found['tracked_share']:.2%}, used"
+        f" {found['usable_share']:.2%}; {gaps}; {found['interpolated']} frames interpolated",
+        f"Frame rate: stated {found['rate_hz']:g} Hz ({found['rate_provenance']}); {rate}; {turned}",
+        f"Arms {found['arm1_px']:.2f} ± {found['arm1_std_px']:.2f} px and {found['arm2_px']:.2f} ±"
+        f" {found['arm2_std_px']:.2f} px; angle noise {found['noise1_deg']:.3f}° and {found['noise2_deg']:.3f}°",
+        f"Constants {constants} (G in s⁻²); R² {found['r2_1']:.4f} and {found['r2_2']:.4f}",
+    ]
+    return "\n".join(textwrap.fill(line, WIDTH) for line in lines)
+
+
+def _dots(axis: Axes, t: np.ndarray, values: np.ndarray, quality: np.ndarray, colour: str, label: str) -> None:
+    used = quality == MEASURED
+    axis.plot(t[~used], values[~used], ".", color=colour, markersize=1.6, alpha=0.35, rasterized=True)
+    axis.plot(t[used], values[used], ".", color=colour, markersize=1.3, label=label, rasterized=True)
+
+
+def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, quality: np.ndarray, found: Mapping) -> None:
+    length = np.linalg.norm(np.diff(points.reshape(-1, 3, 2), axis=1), axis=2)
+    off = length - [found["arm1_px"], found["arm2_px"]]
+    reach = 1.3 * float(np.nanquantile(np.abs(off), 0.999)) + 0.05
+    for k, (axis, colour) in enumerate(zip(axes, (FIRST, SECOND), strict=True)):
+        _dots(axis, t, off[:, k], quality, colour, "")
+        axis.set_ylim(-reach, reach)
+        axis.axhline(0, color="0.6", linewidth=0.6)
+        axis.set_ylabel(f"arm {k + 1}, off\nits length [px]")
+
+
+def _angles(axis: Axes, t: np.ndarray, table: pd.DataFrame, quality: np.ndarray) -> None:
+    for name, colour, label in (("theta1", FIRST, r"$\theta_1$"), ("theta2", SECOND, r"$\theta_2$")):
+        turned = np.angle(np.exp(1j * table[name].to_numpy(float)))
+        _dots(axis, t, np.rad2deg(turned), quality, colour, label)
+    axis.set_ylim(-185, 185)
+    axis.set_yticks([-180, -90, 0, 90, 180])
+    axis.set_ylabel("angles [°]")
+    axis.legend(loc="upper right", ncols=2, markerscale=6)
+
+
+def _energy(axis: Axes, t: np.ndarray, energy: np.ndarray, quality: np.ndarray) -> None:
+    _dots(axis, t, energy, quality, "0.25", "energy")
+    axis.set_ylim(0, 1.05 * np.nanquantile(energy, 0.999))
+    axis.set_ylabel("energy [s⁻²]")
+
+
+def _used(axis: Axes, t: np.ndarray, quality: np.ndarray) -> None:
+    """Which frames are measured, which not: any that is not in a pixel of the band shows there."""
+    columns = np.linspace(0, len(t), 1200).astype(int)[:-1]
+    worst = np.minimum.reduceat(quality, columns)
+    shade = np.select([worst == value for value, *_ in STATES], range(len(STATES)))
+    colours = mpl.colors.ListedColormap([colour for *_, colour in STATES])
+    axis.imshow(
+        shade[None], aspect="auto", cmap=colours, vmin=0, vmax=2, extent=(t[0], t[-1], 0, 1), interpolation="none"
+    )
+    axis.set_yticks([])
+    handles = [mpl.patches.Patch(color=colour, label=label) for _, label, colour in STATES]
+    axis.legend(handles=handles, loc="lower right", bbox_to_anchor=(1, 1), ncols=3, borderaxespad=0.1, fontsize=7)
+    axis.set_ylabel("frames", rotation=0, ha="right", va="center")
+
+
+def _reasons(axis: Axes, reasons: Mapping[str, int], total: int) -> None:
+    if not reasons:
+        axis.axis("off")
+        axis.text(0.5, 0.5, "no frame is flagged", transform=axis.transAxes, ha="center", va="center", color="0.3")
+        return
+    ordered = sorted(reasons.items(), key=lambda item: item[1])
+    bars = axis.barh(
+        [name.replace("_", " ") for name, _ in ordered], [count for _, count in ordered], color="0.6", height=0.7
+    )
+    axis.bar_label(bars, [f"{count} ({count / total:.2%})" for _, count in ordered], padding=3, fontsize=7)
+    axis.set_xlim(0, 1.2 * ordered[-1][1])
+    axis.set_ylim(-0.6, len(ordered) - 0.4)
+    axis.set_xlabel("frames with a reason")

@@ -1,0 +1,86 @@
+"""Finding disks of one colour in one frame, whatever the background.
+
+The rim is where a ray's colour is halfway between the disk's and what lies beyond, so that a disk may be darker or
+brighter than its background, and the background different on either side.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from expertaug.recordings.disks import INNER, LUMA, DiskFitter, hsv
+from expertaug.recordings.look import Colour, Look
+
+OUTSIDE = 3  # samples at the end of a ray that tell what lies beyond the rim
+COLOUR_WEIGHT = 0.01
+# Brightness counts more than colour, which video keeps at half the resolution and half a pixel off.
+METRIC = np.outer(LUMA, LUMA) + np.float32(COLOUR_WEIGHT) * np.eye(3, dtype=np.float32)
+MIN_CONTRAST = 6.0  # grey levels, in this metric, between the disk and beyond: below, a ray tells nothing
+FULL = 200.0  # level of the disk's colour; what lies beyond has 0
+VALID = (0.6, 1.4)  # of the disk's level: a ray whose inside is outside of it crosses something else
+MIDDLE = slice(2, 6)  # samples inside that a hub and a blurred rim leave alone
+
+
+class PlainFitter(DiskFitter):
+    """Fits plain disks of one expected diameter; arguments as of :class:`DiskFitter` (``min_level`` does not matter).
+
+    The centre is the rim's alone: inside there is nothing to see but what covers a part.
+    """
+
+    inside_weight = 0.0
+
+    def _level(self, values: np.ndarray) -> np.ndarray:
+        """Share (m, rays, radii) of the disk's colour in a sample, from what lies beyond the ray's end: 0 to FULL."""
+        count = len(values)
+        disk = np.median(values[:, ::2, MIDDLE].reshape(count, -1, 3), axis=1)[:, None]
+        beyond = values[:, :, -OUTSIDE:].mean(2)
+        step = disk - beyond
+        axis = step @ METRIC
+        contrast = (step * axis).sum(-1)
+        step = axis * np.where(contrast > MIN_CONTRAST**2, FULL / np.maximum(contrast, 1), 0)[..., None]
+        return np.einsum("mrkc,mrc->mrk", values, step) - np.einsum("mrc,mrc->mr", beyond, step)[..., None]
+
+    def _inside(self, inner: np.ndarray) -> np.ndarray:
+        level = inner[:, :, MIDDLE].mean(2)
+        return np.where((level > VALID[0] * FULL) & (level < VALID[1] * FULL), np.float32(FULL), np.float32(0))
+
+    def _apart(self, inner: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        """Centre of gravity (m, 2) in px of the disk's colour inside the rim: off where something covers a part."""
+        radii = np.hypot(self._dx[0, :INNER], self._dy[0, :INNER])
+        weight = np.clip(inner / FULL, 0, 1) * radii
+        total = np.maximum(weight.sum((1, 2)), 1e-3)
+        moment = [(weight * offset[None, :, :INNER]).sum((1, 2)) / total for offset in (self._dx, self._dy)]
+        return np.stack(moment, 1).astype(np.float32)
+
+    def _colour(self, colours: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Hue, saturation and value (m, 3) of the disks, and whether they are of one colour, (m,)."""
+        middle = np.median(colours[:, :, MIDDLE].reshape(len(colours), -1, 3), axis=1)
+        return hsv(middle / 255), (self._inside(level) > 0).mean(1) > 0.5
+
+    def _blobs(self, small: np.ndarray) -> np.ndarray:
+        """Centres (m, 2) in a small BGR image of parts of the markers' colours as thick as a disk's core."""
+        picture = cv2.cvtColor(small, cv2.COLOR_BGR2HSV)
+        largest = (self.radius * self._shrink * 3) ** 2
+        parts = []
+        for colour in self.look.colours[self.look.first :]:
+            whole = cv2.morphologyEx(
+                mask_of(picture, colour), cv2.MORPH_CLOSE, self._kernel
+            )  # a hub or a screw is filled
+            parts.append(self._centres(cv2.erode(whole, self._kernel), largest))
+        return np.concatenate(parts)
+
+
+def fitter(diameter: float, min_level: float, rim_tolerance: float, look: Look, stiffness: float = 0.0) -> DiskFitter:
+    """The fitter of a look's style."""
+    kind = DiskFitter if look.style == "quadrant" else PlainFitter
+    return kind(diameter, min_level, rim_tolerance, stiffness, look)
+
+
+def mask_of(picture: np.ndarray, colour: Colour) -> np.ndarray:
+    """Where an HSV image (H, W, 3), uint8 with hues in steps of 2°, has a colour."""
+    low, high = ([round(255 * v[end]) for v in (colour.saturation, colour.value)] for end in (0, 1))
+    first, last = (round(h / 2) % 180 for h in colour.hue)
+    if first <= last:
+        return cv2.inRange(picture, (first, *low), (last, *high))
+    return cv2.inRange(picture, (first, *low), (180, *high)) | cv2.inRange(picture, (0, *low), (last, *high))

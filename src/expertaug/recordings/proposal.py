@@ -1,0 +1,113 @@
+"""From what was seen of a pendulum to the keys of the configuration that track it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from expertaug.recordings.look import COLOURS, ROLES, Colour
+from expertaug.recordings.sighting import Pendulum
+from expertaug.recordings.track_settings import TrackSettings
+
+PLAIN_DIAMETER = 25.0  # px for which the tracker's tolerances are made
+RANGE_DEG = 25.0  # half a proposed range of hues, or less where markers are nearer to each other
+RANGE_STRENGTH = 0.5  # share of a marker's saturation and value below which a colour is not taken for its
+MIN_HANG = 0.25  # of the first arm's length: a joint nearer to the pivot on average swings round it
+TOLERANCES = ("arm_tolerance_px", "arm_search_px", "diameter_tolerance_px", "rim_tolerance_px", "max_residual_px")
+
+
+def tracking(found: Pendulum) -> list[dict[str, object]]:
+    """Settings of the tracker to try, the simplest first: colours by name, where names tell the markers apart, then as
+    ranges of hue, saturation and value."""
+    groups = [None if g is None else list(g.values()) for g in found.spots]
+    tints = [None if g is None else np.array([s.colour for s in g]) for g in groups]
+    diameter = float(np.median([s.diameter for g in groups if g is not None for s in g]))
+    settings: dict[str, object] = {"marker_diameter_px": round(diameter, 1)}
+    if diameter > 1.25 * PLAIN_DIAMETER:
+        for name in TOLERANCES:
+            settings[name] = float(f"{getattr(TrackSettings, name) * diameter / PLAIN_DIAMETER:.2g}")
+    kinds = [kind for kind in (_names(tints), _ranges(tints)) if kind is not None]
+    return [{"markers": {"style": found.style, **dict(zip(ROLES, kind, strict=True))}} | settings for kind in kinds]
+
+
+def _names(tints: Sequence[np.ndarray | None]) -> list[str | None] | None:
+    """Colours' names; None where they do not tell the markers apart."""
+    names = [None if t is None else _name(_mean_hue(t[:, 0])) for t in tints]
+    seen = [n for n in names if n is not None]
+    named = [_all_named(t, name, seen) for t, name in zip(tints, names, strict=True) if t is not None]
+    return names if len(set(seen)) == len(seen) and all(named) else None
+
+
+def _ranges(tints: Sequence[np.ndarray | None]) -> list[dict[str, list[float]] | None]:
+    hues = [None if t is None else _mean_hue(t[:, 0]) for t in tints]
+    return [
+        None if t is None else _range(t, hue, [h for h in hues if h is not None and h != hue])
+        for t, hue in zip(tints, hues, strict=True)
+    ]
+
+
+def _mean_hue(hues: np.ndarray) -> float:
+    return float(np.rad2deg(np.angle(np.exp(1j * np.deg2rad(hues)).mean())) % 360)
+
+
+def _away(hue: np.ndarray | float, other: float) -> np.ndarray:
+    return np.abs((np.asarray(hue) - other + 180) % 360 - 180)
+
+
+def _name(hue: float) -> str:
+    """The colour in whose range a hue lies best."""
+    return max(COLOURS, key=lambda name: _inside(hue, name))
+
+
+def _inside(hue: float, name: str) -> float:
+    """Degrees to the nearer end of a colour's range, negative outside."""
+    colour = Colour(name, COLOURS[name])
+    return colour.reach - float(_away(hue, colour.middle))
+
+
+def _all_named(tint: np.ndarray, name: str, among: Sequence[str]) -> bool:
+    """Whether all of a marker's sightings are of a colour of this name, and of no other that is used."""
+    colours = {other: Colour(other, COLOURS[other]) for other in among}
+    own = colours[name]
+    inside = (_away(tint[:, 0], own.middle) < 0.85 * own.reach).all()
+    strong = (tint[:, 1] > 1.2 * own.saturation[0]).all() and (tint[:, 2] > 1.2 * own.value[0]).all()
+    nearest = [min(colours, key=lambda other: float(_away(h, colours[other].middle))) for h in tint[:, 0]]
+    return bool(inside and strong and set(nearest) == {name})
+
+
+def _range(tint: np.ndarray, hue: float, others: Sequence[float]) -> dict[str, list[float]]:
+    reach = min([RANGE_DEG, *(0.45 * float(_away(other, hue)) for other in others)])
+    low = [RANGE_STRENGTH * float(np.median(tint[:, k])) for k in (1, 2)]
+    return {
+        "hue": [round((hue - reach) % 360), round((hue + reach) % 360)],
+        "saturation": [round(low[0], 2), 1.0],
+        "value": [round(low[1], 2), 1.0],
+    }
+
+
+def rotation(found: Pendulum) -> float:
+    """Direction of gravity in degrees to a quarter of a turn: where the joint hangs on average; 0 if it hardly does."""
+    hang = found.hang
+    if np.hypot(*hang) < MIN_HANG:
+        return 0.0
+    return float({270: -90, -180: 180}.get(turned := 90 * round(float(np.rad2deg(np.arctan2(*hang))) / 90), turned))
+
+
+def splits(base: Mapping, rate: float) -> dict[str, dict[str, float]]:
+    """By experiment on recordings, a rate of its chunks that divides the video's, where its own does not; its chunks
+    keep their duration."""
+    found = {}
+    for name, one in base["experiments"].items():
+        split = one["data"].get("split")
+        if (
+            one["data"]["source"] != "recordings"
+            or abs(rate / split["rate_hz"] - round(rate / split["rate_hz"])) < 1e-6
+        ):
+            continue
+        new = rate / max(1, int(np.ceil(rate / split["rate_hz"] - 1e-6)))
+        ratio = new / split["rate_hz"]
+        length = max(7, int(np.ceil((split["length"] - 1) * ratio - 1e-6)) + 1)  # 7: what calibrating needs
+        strides = {key: min(length, max(1, round(split[key] * ratio))) for key in ("stride", "evaluation_stride")}
+        found[name] = {"rate_hz": float(f"{new:.9g}"), "length": length, **strides}
+    return found

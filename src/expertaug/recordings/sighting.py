@@ -1,0 +1,194 @@
+"""What a video of an unknown pendulum shows: round markers, told apart by hue, and by their motion which is which."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from expertaug.errors import InputError
+from expertaug.recordings.disks import Disks
+from expertaug.recordings.geometry import DIAMETERS, LARGEST, centre_of_circle
+from expertaug.recordings.look import SATURATION, STYLES, Colour, Look
+from expertaug.recordings.plain import fitter, mask_of
+
+MIN_LEVEL, RIM_TOLERANCE = 24.0, 0.6  # of the fitters, the second at 25 px of diameter
+MIN_SHARE = 0.6  # of a rim
+MIN_PRESENCE = 0.5  # of the frames in which a marker's colour is seen
+SMALL_SIDE = 640  # px to which an image's longer side is reduced to look for colours
+HUE_STEP, HUE_REACH = 15, 22  # degrees: bands of hue in which parts of one colour are looked for
+STRENGTHS = (SATURATION[0], 0.5)  # saturations from which on: the second where the background is of a marker's hue
+HUE_GAP = 14.0  # degrees without any sighting between two markers' hues
+MAX_SPREAD = 0.04  # of an arm's length between frames, for markers to be its ends
+MAX_SWAY = 0.1  # of the first arm's length by which a pivot may move
+MIN_ARM = 0.8  # of a marker's diameter: nothing swings on a shorter arm
+MIN_FRAMES = 5
+THIRDS = [Colour("any", (first, (first + 120) % 360)) for first in (0.0, 120.0, 240.0)]
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A round thing in a frame: its number, centre (x, y) and diameter in px, clean share of its rim, and hue in
+    degrees, saturation and value."""
+
+    frame: int
+    centre: tuple[float, float]
+    diameter: float
+    share: float
+    colour: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Pendulum:
+    """Markers with their roles.
+
+    Attributes:
+        style: of the markers.
+        spots: of pivot, joint and tip, by frame; None for a pivot that bears none.
+        spread: how constant the arms are, as a share of their lengths.
+        hang: mean of (x, y) from pivot to joint, in lengths of that arm.
+    """
+
+    style: str
+    spots: tuple[dict[int, Spot] | None, dict[int, Spot], dict[int, Spot]]
+    spread: float
+    hang: tuple[float, float]
+
+
+def find_spots(frames: Sequence[np.ndarray], style: str) -> list[Spot]:
+    """Round coloured things in BGR frames (H, W, 3) that look like markers of a style, each once."""
+    find = _quadrants if style == "quadrant" else _plain
+    spots = []
+    for number, frame in enumerate(frames):
+        seen: list[Spot] = []
+        for spot in sorted(find(number, frame), key=lambda s: -s.share * s.diameter):
+            if all(np.hypot(*np.subtract(spot.centre, s.centre)) > (spot.diameter + s.diameter) / 3 for s in seen):
+                seen.append(spot)
+        spots += seen
+    return spots
+
+
+def find_pendulum(spots: Sequence[Spot], style: str, frames: int) -> Pendulum | None:
+    """The three markers, or two with an unmarked pivot, that keep their distances while they move; None for none."""
+    groups = [g for g in by_hue(spots) if len(g) >= max(MIN_FRAMES, MIN_PRESENCE * frames)]
+    groups = sorted(groups, key=len, reverse=True)[:7]
+    found = [_as_pendulum(style, *three) for three in itertools.permutations(groups, 3)]
+    found = [p for p in found if p is not None] or [
+        p for two in itertools.permutations(groups, 2) if (p := _as_pendulum(style, None, *two)) is not None
+    ]
+    return min(found, key=lambda p: p.spread, default=None)
+
+
+def by_hue(spots: Sequence[Spot]) -> list[dict[int, Spot]]:
+    """Spots of one hue, the cleanest one of each frame, for each hue that is there."""
+    if not spots:
+        return []
+    ordered = sorted(spots, key=lambda s: s.colour[0])
+    hue = np.array([s.colour[0] for s in ordered])
+    gaps = np.diff(np.append(hue, hue[0] + 360))
+    first = int(gaps.argmax()) + 1  # the circle is cut at its widest gap
+    ordered, gaps = ordered[first:] + ordered[:first], np.roll(gaps, -first)
+    cuts = np.flatnonzero(gaps[:-1] > HUE_GAP) + 1
+    groups = []
+    for part in np.split(np.arange(len(ordered)), cuts):
+        best: dict[int, Spot] = {}
+        for spot in (ordered[k] for k in part):
+            if spot.frame not in best or spot.share > best[spot.frame].share:
+                best[spot.frame] = spot
+        groups.append(best)
+    return groups
+
+
+def _quadrants(number: int, frame: np.ndarray) -> list[Spot]:
+    smallest, step = DIAMETERS
+    largest, diameter, spots = LARGEST * min(frame.shape[:2]), smallest, []
+    while diameter <= largest:
+        finder = fitter(diameter, MIN_LEVEL, _tolerance(diameter), Look("quadrant", *THIRDS))
+        places = finder.candidates(frame)
+        if len(places):
+            spots += _spots(number, finder.fit(frame, places), diameter)
+        diameter *= step
+    return spots
+
+
+def _plain(number: int, frame: np.ndarray) -> list[Spot]:
+    """Parts of one hue that are about as round as a disk, each fitted at its own size."""
+    scale = max(1.0, max(frame.shape[:2]) / SMALL_SIDE)
+    size = [max(1, round(side / scale)) for side in frame.shape[1::-1]]
+    scales = np.divide(frame.shape[1::-1], size)
+    picture = cv2.cvtColor(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2HSV)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+    smallest = 0.5 * (DIAMETERS[0] / scale) ** 2
+    spots = []
+    for hue, saturation in itertools.product(range(0, 360, HUE_STEP), STRENGTHS):
+        colour = Colour("any", ((hue - HUE_REACH) % 360, (hue + HUE_REACH) % 360), (saturation, 1.0))
+        mask = mask_of(picture, colour)
+        if cv2.countNonZero(mask) < smallest:
+            continue
+        mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel)
+        _, _, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        for (_, _, width, height, area), place in zip(stats[1:], centres[1:], strict=True):
+            diameter = float(np.sqrt(4 * area / np.pi) * scales.mean())
+            round_enough = 0.75 < width / height < 1.34 and 0.6 < area / (width * height) < 0.92
+            if round_enough and DIAMETERS[0] <= diameter <= LARGEST * min(frame.shape[:2]):
+                finder = fitter(diameter, MIN_LEVEL, _tolerance(diameter), Look("disk", *THIRDS))
+                spots += _spots(number, finder.fit(frame, ((place + 0.5) * scales - 0.5)[None]), diameter)
+    return spots
+
+
+def _tolerance(diameter: float) -> float:
+    return RIM_TOLERANCE * max(1.0, diameter / 25)
+
+
+def _spots(number: int, disks: Disks, diameter: float) -> list[Spot]:
+    good = (disks.identity >= 0) & (disks.share > MIN_SHARE)
+    good &= np.abs(2 * disks.radius - diameter) < 0.15 * diameter
+    return [
+        Spot(
+            number,
+            tuple(disks.centre[k].tolist()),
+            2 * float(disks.radius[k]),
+            float(disks.share[k]),
+            tuple(disks.colour[k].tolist()),
+        )
+        for k in np.flatnonzero(good)
+    ]
+
+
+def _as_pendulum(
+    style: str, pivot: dict[int, Spot] | None, joint: dict[int, Spot], tip: dict[int, Spot]
+) -> Pendulum | None:
+    """These markers in these roles, where they move like that."""
+    common = sorted(set(joint) & set(tip) & set(joint if pivot is None else pivot))
+    if len(common) < MIN_FRAMES:
+        return None
+    centre = np.array([[g[k].centre for g in (joint, tip)] for k in common])
+    if pivot is None:
+        try:
+            origin = np.broadcast_to(centre_of_circle(centre[:, 0]), (len(common), 2))
+        except InputError:
+            return None
+    else:
+        origin = np.array([pivot[k].centre for k in common])
+    place = np.concatenate((origin[:, None], centre), axis=1)
+    length = np.linalg.norm(np.diff(place, axis=1), axis=2)
+    middle = np.median(length, axis=0)
+    if middle.min() < MIN_ARM * float(np.median([tip[k].diameter for k in common])):
+        return None
+    spread = float((1.4826 * np.median(np.abs(length - middle), axis=0) / middle).max())
+    still = np.ptp(np.quantile(place, (0.1, 0.9), axis=0), axis=0)  # (3, 2): by how much each moves
+    moves = np.hypot(*still.T) / middle[0]
+    if spread > MAX_SPREAD or moves[0] > MAX_SWAY or moves[1] < 2 * MAX_SWAY or moves[2] < 2 * MAX_SWAY:
+        return None
+    hang = np.mean(place[:, 1] - place[:, 0], axis=0) / middle[0]
+    return Pendulum(style, (pivot, joint, tip), spread, tuple(hang.tolist()))
+
+
+def look_for_pendulum(frames: Sequence[np.ndarray]) -> tuple[Pendulum | None, dict[str, list[Spot]]]:
+    """The pendulum of frames spread over a video, and by style all round coloured things in them."""
+    spots = {style: find_spots(frames, style) for style in STYLES}
+    found = [p for style, seen in spots.items() if (p := find_pendulum(seen, style, len(frames))) is not None]
+    return max(found, key=lambda p: len(set(p.spots[1]) & set(p.spots[2])), default=None), spots

@@ -1,0 +1,100 @@
+"""What inspect proposes for videos of several looks tracks them, and is a valid configuration."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, wall, write_video
+
+from expertaug import cli, config, slices
+from expertaug.errors import InputError
+from expertaug.recordings.disks import hsv
+from expertaug.recordings.inspect import inspect
+from expertaug.recordings.look import Look
+
+ROOT = Path(__file__).parents[2]
+FILES = [ROOT / "config" / "config.yaml"]
+LOOKS = {
+    "disks": ("disk", ("red", "green", "blue"), (205, 208, 212), True, 0.0),
+    "a background of a marker's hue": ("disk", ("red", "orange", "yellow"), (60, 74, 84), False, 0.0),
+    "quadrants": ("quadrant", ("yellow", "magenta", "cyan"), (4, 4, 4), True, 0.0),
+    "camera on its side": ("disk", ("cyan", "magenta", "green"), (30, 30, 30), True, 90.0),
+}
+
+
+@pytest.fixture(scope="module")
+def base():
+    return config.validate(config.load(FILES))
+
+
+@pytest.mark.parametrize("name", list(LOOKS))
+def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monkeypatch):
+    style, names, background, marked, tilt = LOOKS[name]
+    centres = markers_of(swinging(190, (1.2, 0.5, 0.0, 0.0))[::2, :2], PIVOT, ARMS, tilt)
+    frames = draw(
+        centres, SIZE, [PAINT[n] if marked or k else None for k, n in enumerate(names)], 24, style, background
+    )
+    video = write_video(frames, tmp_path / "clip.mp4", RATE / 2)
+    text = inspect(video, tmp_path / "contact.png", base)
+    block = yaml.safe_load(text)
+    found = config.validate(config.merge(config.load(FILES), block))
+    markers = block["recordings"]["tracking"]["markers"]
+    assert markers["style"] == style
+    look = Look.from_mapping(markers)
+    for role, wanted in zip(("pivot", "joint", "tip"), names, strict=True):
+        if markers[role] is not None:
+            seen, true = getattr(look, role), hsv(np.array([PAINT[wanted]]) / 255)[0, 0]
+            assert abs((seen.middle - true + 180) % 360 - 180) < seen.reach
+    assert (look.pivot is None) == (not marked)
+    assert block["recordings"]["angles"]["rotation_deg"] == tilt
+    assert slices.track_markers(found)["marker_diameter_px"] == pytest.approx(24, abs=0.5)
+    assert slices.split_chunks(found, "double_pendulum")["rate_hz"] == pytest.approx(60)
+    assert "all found in 24 of 24" in text or "all found in 23 of 24" in text
+    sheet = cv2.imread(str(tmp_path / "contact.png"))
+    assert sheet.shape[0] > 500 and sheet.shape[1] > 1400
+    assert np.ptp(sheet[60:].reshape(-1, 3), axis=0).min() > 150  # something is drawn on the frames
+
+
+def refused(tmp_path, frames, message, **given):
+    with pytest.raises(InputError, match=message) as error:
+        inspect(write_video(frames, tmp_path / "clip.mp4", 100), tmp_path / "contact.png", **given)
+    assert "\n" not in str(error.value)
+
+
+def test_a_video_without_markers_is_refused(tmp_path):
+    refused(
+        tmp_path, np.stack([wall()] * 12), "no round coloured markers in 12 frames; .*contact.png shows what was seen"
+    )
+    assert (tmp_path / "contact.png").exists()
+
+
+def test_a_pendulum_at_rest_is_refused(tmp_path):
+    centres = markers_of(np.zeros((12, 2)), PIVOT, ARMS)
+    frames = draw(centres, SIZE, [PAINT[n] for n in ("red", "green", "blue")])
+    refused(tmp_path, frames, r"round disks of hues near 0°, 120°, 220° in 12 of 12 frames, but no two .* swing")
+
+
+def test_markers_of_one_colour_are_refused(tmp_path):
+    centres = markers_of(swinging(40)[:, :2], PIVOT, ARMS)
+    refused(tmp_path, draw(centres, SIZE, [PAINT["red"]] * 3), r"hues near 0° in \d+ of \d+ frames, but no two")
+
+
+def test_a_sheet_must_be_a_picture(tmp_path):
+    with pytest.raises(InputError, match=r"contact\.mp4: suffix '\.mp4'; a contact sheet is \.png or \.jpg"):
+        inspect(tmp_path / "none.mp4", tmp_path / "contact.mp4")
+
+
+def test_the_command_prints_yaml_and_refuses_in_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    frames = draw(markers_of(swinging(60)[:, :2], PIVOT, ARMS), SIZE, [PAINT[n] for n in ("red", "green", "blue")])
+    write_video(frames, tmp_path / "clip.mp4", 100)
+    assert cli.main(["inspect", "clip.mp4"]) == 0
+    block = yaml.safe_load(capsys.readouterr().out)
+    assert block["recordings"]["videos"] == {"path": "clip.mp4"} and "experiments" not in block
+    assert Path("contact.png").exists()
+    assert cli.main(["inspect", "clip.mp4", "--rate", "500"]) == 0
+    assert yaml.safe_load(capsys.readouterr().out)["recordings"]["videos"]["rate_hz"] == 500
+    assert cli.main(["inspect", "none.mp4"]) == 2
+    assert capsys.readouterr().err == "expertaug inspect: none.mp4: no such file; give a video file\n"

@@ -1,0 +1,149 @@
+"""Overlays play in a browser, show what was measured where it was measured, and draw forecasts."""
+
+import av
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, write_video
+
+from expertaug.errors import InputError
+from expertaug.recordings.overlay import GHOSTS, Painter, _read, note, overlay
+from expertaug.recordings.predicted import Forecast, read_forecasts
+
+COUNT, MARKERS = 200, ("red_x", "red_y", "green_x", "green_y", "blue_x", "blue_y")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A folder with a video, markers.csv and angles.csv of which frames 60 to 80 are unusable and 100 to 103 filled."""
+    folder = tmp_path_factory.mktemp("overlay") / "r0"
+    folder.mkdir()
+    y = swinging(COUNT)
+    centres = markers_of(y[:, :2], PIVOT, ARMS)
+    write_video(draw(centres, SIZE, [PAINT[n] for n in ("red", "green", "blue")]), folder / "video.mp4", RATE)
+    table = pd.DataFrame({"frame": np.arange(COUNT), "t": np.arange(COUNT) / RATE})
+    quality, reason = np.ones(COUNT), np.full(COUNT, "", object)
+    quality[60:80], reason[60:80] = 0, "lost:blue"
+    quality[100:104], reason[100:104] = 0.5, "interpolated"
+    centres[60:80, 2] = np.nan
+    places = dict(zip(MARKERS, centres.reshape(COUNT, 6).T, strict=True))
+    table.assign(**places, quality=quality, reason=reason).to_csv(folder / "markers.csv", index=False)
+    theta = np.where(quality[:, None] > 0, y, np.nan)
+    states = dict(zip(("theta1", "theta2", "omega1", "omega2"), theta.T, strict=True))
+    table.assign(**states, energy=1.0, quality=quality, reason=reason).to_csv(folder / "angles.csv", index=False)
+    return folder
+
+
+def run(folder, output, settings=None, **more):
+    overlay(folder / "video.mp4", folder / "markers.csv", folder / "angles.csv", output, settings, **more)
+    with av.open(str(output)) as container:
+        stream = container.streams.video[0]
+        frames = [frame.to_ndarray(format="bgr24") for frame in container.decode(video=0)]
+        return stream.codec_context, float(stream.average_rate), np.stack(frames)
+
+
+def test_it_plays_in_a_browser(recording, tmp_path):
+    codec, rate, frames = run(recording, tmp_path / "overlay.mp4", {"speed": 0.5, "fps": 30})
+    assert (codec.name, codec.pix_fmt, codec.profile) == ("h264", "yuv420p", "High")
+    data = (tmp_path / "overlay.mp4").read_bytes()
+    assert 0 < data.find(b"moov") < data.find(b"mdat")  # the index comes first
+    assert rate == pytest.approx(30) and len(frames) == 50
+    assert frames.shape[1] % 2 == frames.shape[2] % 2 == 0 and frames.shape[1] > 480
+
+
+def test_a_part_of_the_recording(recording, tmp_path):
+    _, rate, frames = run(recording, tmp_path / "o.mp4", {"start_s": 0.25, "duration_s": 0.25, "speed": 1.0, "fps": 60})
+    assert rate == pytest.approx(60) and len(frames) == 15
+    with pytest.raises(InputError, match=r"overlay\.start_s: 9 s is after its end at 0\.83 s"):
+        run(recording, tmp_path / "o.mp4", {"start_s": 9.0})
+    assert [p.name for p in tmp_path.iterdir()] == ["o.mp4"]
+
+
+def test_markers_are_ringed_where_measured_alone(recording):
+    seen = _read(recording / "markers.csv", recording / "angles.csv")
+    painter = Painter(seen, [], SIZE, "r0")
+    black = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+
+    def drawn(row):
+        """Light of the pendulum alone: below the lines of text, above the panel."""
+        return painter.paint(black, row)[70 : painter.frame_size[1]].astype(int)
+
+    assert drawn(10).sum() > 2 * drawn(101).sum() > 0  # arms alone, from the angles
+    assert (drawn(101)[..., 0] < 60).all()  # in orange
+    assert drawn(70).sum() == 0
+    ringed = drawn(10)
+    x, y = seen.place[10, 0] * painter.factor - (0, 70)
+    around = ringed[int(y - 12) : int(y + 12), int(x - 12) : int(x + 12)].max(axis=2)
+    assert (around > 60).sum() > 30
+
+
+def test_an_arm_from_the_angles_lies_on_the_markers(recording):
+    seen = _read(recording / "markers.csv", recording / "angles.csv")
+    painter = Painter(seen, [], SIZE, "r0")
+    for row in (0, 90, 150):
+        assert painter.places(seen.theta[row]) == pytest.approx(seen.place[row], abs=0.1)
+
+
+def forecast_file(folder, recording, first, off=0.3, names=("theta1", "theta2", "omega1", "omega2")):
+    y = pd.read_csv(recording / "angles.csv")[["theta1", "theta2", "omega1", "omega2"]].to_numpy()
+    truth = y[first + 3 * np.arange(10)][None]
+    predicted = truth[None] + off * np.linspace(0, 1, 10)[:, None]
+    arrays = {"t": np.arange(10) * 3 / RATE, "state_names": np.array(names), "test_truth": truth + 2 * np.pi}
+    np.savez(folder / "forecasts.npz", test_prediction=predicted, **arrays)
+    rows = {"chunk": [0, 1], "recording": ["r0", "r0"], "first_frame": [3, first], "split": ["test", "test"]}
+    pd.DataFrame(rows).to_csv(folder / "chunks.csv", index=False)
+    return {"X+": folder / "forecasts.npz"}, folder / "chunks.csv"
+
+
+def test_forecasts_are_found_by_their_first_state(recording, tmp_path):
+    files, chunks = forecast_file(tmp_path, recording, 120)
+    (found,) = read_forecasts(files, chunks, recording / "angles.csv", "r0")
+    assert (found.label, found.rows.tolist()) == ("X+", list(range(120, 148, 3)))
+    truth = pd.read_csv(recording / "angles.csv")[["theta1", "theta2"]].to_numpy()
+    off = np.angle(np.exp(1j * (found.at(147) - truth[147])))
+    assert off == pytest.approx([0.3, 0.3], abs=1e-6)
+    assert read_forecasts(files, chunks, recording / "angles.csv", "r1") == []
+    files, chunks = forecast_file(tmp_path, recording, 120, names=("a", "b", "c", "d"))
+    assert read_forecasts(files, chunks, recording / "angles.csv", "r0") == []
+    with pytest.raises(InputError, match="not a forecast file"):
+        read_forecasts({"X": chunks}, chunks, recording / "angles.csv", "r0")
+
+
+def test_a_forecast_is_shown_held_and_outside_of_the_chosen_part(recording, tmp_path):
+    files, chunks = forecast_file(tmp_path, recording, 120, off=1.0)
+    settings = {"duration_s": 0.05, "speed": 1.0, "fps": 60}
+    _, _, plain = run(recording, tmp_path / "a.mp4", settings)
+    _, _, frames = run(recording, tmp_path / "b.mp4", settings, forecasts=files, chunks=chunks)
+    assert len(plain) == 3 and len(frames) > 3 + 10 + 60  # held for a second
+    colour = np.array(GHOSTS[0])
+    near = [(np.abs(frame[70:400].astype(int) - colour).max(axis=2) < 60).sum() for frame in frames]
+    assert near[0] == 0 and max(near) > 20
+
+
+def test_a_ghost_swings_where_the_forecast_says(recording):
+    seen = _read(recording / "markers.csv", recording / "angles.csv")
+    one = Forecast("X", np.array([10, 20]), np.array([[0.0, 0.0], [0.0, np.pi]]))
+    painter = Painter(seen, [one], SIZE, "r0")
+    image = painter.paint(np.zeros((SIZE[1], SIZE[0], 3), np.uint8), 10)
+    x, y = PIVOT[0] * painter.factor, (PIVOT[1] + sum(ARMS)) * painter.factor
+    ring = image[int(y - painter.radius - 3) : int(y + painter.radius + 3), int(x - 20) : int(x + 20)].astype(int)
+    assert (np.abs(ring - np.array(GHOSTS[0])).max(axis=2) < 80).sum() > 20
+
+
+def test_files_that_do_not_fit_are_refused(recording, tmp_path):
+    files = [recording / name for name in ("video.mp4", "markers.csv", "angles.csv")]
+    with pytest.raises(InputError, match=r"o\.webm: suffix '\.webm'; an overlay is \.mp4"):
+        overlay(*files, tmp_path / "o.webm")
+    with pytest.raises(InputError, match=r"video\.mp4: 200 frames at 100 Hz; .*markers\.csv has 200 at 240 Hz"):
+        overlay(*files, tmp_path / "o.mp4", {"rate_hz": 100.0})
+    pd.read_csv(files[1])[:50].to_csv(tmp_path / "markers.csv", index=False)
+    with pytest.raises(InputError, match=r"50 frames, .*angles\.csv has 200"):
+        overlay(files[0], tmp_path / "markers.csv", files[2], tmp_path / "o.mp4")
+    assert not (tmp_path / "o.mp4").exists()
+
+
+def test_a_recording_that_was_left_out_says_so(tmp_path):
+    note("left out: clip.mp4: is empty (0 bytes); copy the recording again", tmp_path / "o.mp4")
+    frame = cv2.VideoCapture(str(tmp_path / "o.mp4")).read()[1]
+    assert frame.shape == (120, 960, 3) and frame.max() > 200

@@ -1,0 +1,136 @@
+"""A recording's page, and what flags and warnings it and the tables behind it show."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from pendulum_motion import CONSTANTS, markers, truth
+
+from expertaug.errors import InputError
+from expertaug.recordings.angles import NO_PIVOT, measure_angles
+from expertaug.recordings.chunks import split_chunks
+from expertaug.recordings.page import _heading, plot_recording, plot_refused
+from expertaug.recordings.summary import summarise
+from expertaug.recordings.tilt import implied_tilt
+
+FLAGS = {  # reason of the tracker → frames and what it says of them
+    "lost:blue": (1000, 1040),
+    "lost:red+green+blue": (1500, 1530),
+    "arm_length": (2000, 2030),
+    "residual": (2500, 2504),
+    "edge": (3000, 3040),
+}
+
+
+@pytest.fixture(scope="module")
+def flagged(tmp_path_factory):
+    """Folder of a recording in which the tracker has flagged stretches, whose positions are wild."""
+    folder = tmp_path_factory.mktemp("page") / "r0"
+    folder.mkdir()
+    table = markers(truth()[0, :6000])
+    for reason, (start, stop) in FLAGS.items():
+        rows = slice(start, stop - 1)
+        table.loc[rows, ["quality", "reason"]] = (0.4 if reason == "edge" else 0.0), reason
+        wild = np.nan if reason.startswith("lost") else table.loc[rows, ["blue_x", "blue_y"]] + 3.0
+        table.loc[rows, ["blue_x", "blue_y"]] = wild
+    table.loc[3500:3549, ["red_x", "red_y"]] = np.nan
+    table.loc[3500:3549, ["quality", "reason"]] = 0.0, "lost:red"
+    table.to_csv(folder / "markers.csv", index=False)
+    measure_angles(
+        folder / "markers.csv", folder / "angles.csv", folder / "angles.json", {"rate_provenance": "a label"}
+    )
+    return folder
+
+
+def test_no_flagged_frame_is_measured_and_each_reason_is_counted(flagged):
+    angles = pd.read_csv(flagged / "angles.csv", keep_default_na=False)
+    summary = json.loads((flagged / "angles.json").read_text())
+    for reason, (start, stop) in FLAGS.items():
+        assert (angles["quality"][start:stop].astype(float) < 1).all(), reason
+        assert (angles["reason"][start:stop] != "").all(), reason
+        if stop - start > 8:
+            assert (angles["reason"][start:stop] == reason).all()
+            assert summary["reasons"][reason] == stop - start
+    assert summary["reasons"]["interpolated"] == 4  # the short stretch
+    assert summary["reasons"][NO_PIVOT] == 50 and (angles["reason"][3500:3550] == NO_PIVOT).all()
+
+
+def test_no_chunk_spans_a_flagged_frame(flagged, tmp_path):
+    split_chunks([flagged / "angles.csv"], tmp_path / "data", {"by": "time", "stride": 1, "min_chunks": 1})
+    first = pd.read_csv(tmp_path / "data" / "chunks.csv")["first_frame"].to_numpy()
+    spans = first[:, None] + np.arange(19 * 4 + 1)
+    assert len(first) > 1000
+    for start, stop in FLAGS.values():
+        assert not ((spans >= start) & (spans < stop)).any()
+
+
+def test_page(flagged, tmp_path):
+    files = [flagged / name for name in ("markers.csv", "angles.csv", "angles.json")]
+    plot_recording(*files, tmp_path / "page.png")
+    plot_recording(*files, tmp_path / "again.png")
+    plot_recording(*files, tmp_path / "page.pdf")
+    assert (tmp_path / "page.png").stat().st_size > 50_000 and (tmp_path / "page.pdf").stat().st_size > 10_000
+    assert (tmp_path / "page.png").read_bytes() == (tmp_path / "again.png").read_bytes()
+    plot_refused("r1", "r1.mp4: is empty (0 bytes); copy the recording again", tmp_path / "refused.png")
+    assert (tmp_path / "refused.png").stat().st_size > 3000
+
+
+def test_heading_says_the_rates(flagged):
+    summary = json.loads((flagged / "angles.json").read_text())
+    text = _heading(summary)
+    assert "stated 400 Hz (a label); the motion implies 50" in text and "(+25." in text
+    assert "the longest of 40 frames" in text
+    text = _heading(summary | {"implied_rate_hz": None, "implied_rotation_deg": None, "gaps": 0})
+    assert "implies none: recordings.arms_m is not known" in text and "no gaps" in text
+
+
+def test_what_does_not_fit_is_refused(flagged, tmp_path):
+    markers_csv, angles, summary = (flagged / name for name in ("markers.csv", "angles.csv", "angles.json"))
+    (tmp_path / "angles.json").write_text("{}")
+    with pytest.raises(InputError, match=r"angles\.json: no 'implied_rate_hz' in it; run measure_angles again"):
+        plot_recording(markers_csv, angles, tmp_path / "angles.json", tmp_path / "page.png")
+    pd.read_csv(angles)[:100].to_csv(tmp_path / "angles.csv", index=False)
+    with pytest.raises(InputError, match=r"6000 frames, .*angles\.csv has 100"):
+        plot_recording(markers_csv, tmp_path / "angles.csv", summary, tmp_path / "page.png")
+    with pytest.raises(InputError, match="column theta1 is missing"):
+        plot_recording(markers_csv, markers_csv, summary, tmp_path / "page.png")
+    assert not (tmp_path / "page.png").exists()
+
+
+@pytest.mark.parametrize("tilt", [-20.0, 0.0, 10.0])
+def test_the_direction_of_gravity_is_stated_and_implied(tmp_path, tilt):
+    y = truth()[0, :6000]
+    folder = tmp_path / "r0"
+    folder.mkdir()
+    markers(y + np.deg2rad([tilt, tilt, 0, 0])).to_csv(folder / "markers.csv", index=False)
+    files = [folder / name for name in ("markers.csv", "angles.csv", "angles.json")]
+    for stated in (tilt, 0.0):
+        measure_angles(*files, {"arm1_m": None, "rotation_deg": stated})
+        summary = json.loads(files[2].read_text())
+        assert summary["implied_rotation_deg"] == pytest.approx(tilt, abs=0.2)
+        assert summary["implied_rate_hz"] is None
+        warned = [w for w in summary["warnings"] if "gravity points" in w]
+        assert len(warned) == len(summary["warnings"]) == (stated != tilt)
+        if stated == tilt:
+            angles = pd.read_csv(files[1])
+            good = angles["quality"] == 1
+            off = angles.loc[good, ["theta1", "theta2"]].to_numpy() - y[good, :2]
+            assert np.abs(np.angle(np.exp(1j * off))).max() < 0.005
+            assert summary["constants"]["G1"] == pytest.approx(CONSTANTS.G1, rel=0.02)
+
+
+def test_motion_that_tells_no_direction():
+    assert implied_tilt(np.full((1000, 4), np.nan), 0.01, 4) is None
+
+
+def test_the_table_of_a_recording_without_arm_lengths(tmp_path):
+    folder = tmp_path / "r0"
+    folder.mkdir()
+    markers(truth()[0, :2000]).to_csv(folder / "markers.csv", index=False)
+    measure_angles(folder / "markers.csv", folder / "angles.csv", folder / "angles.json", {"arm1_m": None})
+    summarise([folder / "angles.json"], tmp_path / "summary.csv", tmp_path / "summary.md")
+    row = (tmp_path / "summary.md").read_text().splitlines()[2]
+    assert "| 400 | – |" in row and "Warnings" not in (tmp_path / "summary.md").read_text()
+    table = pd.read_csv(tmp_path / "summary.csv", keep_default_na=False)
+    assert table["implied_rate_hz"][0] == "" and table["reasons"][0].startswith("margin ")
