@@ -14,6 +14,7 @@ from expertaug.study_checks import MAIN_SETS, PUBLISHED
 CONSTRAINTS = os.path.relpath(HERE.parent / "constraints.txt")
 NUMBERS = os.path.relpath(PUBLISHED)
 SOURCE = CONFIG["recordings"]["source"]
+# Given to the rules as a resource, not as a parameter: recordings that are sound need not be redone when it changes.
 ON_BAD_RECORDING = CONFIG["recordings"]["on_bad_recording"]
 RUN = CONFIG["run"]
 RECORDED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "recordings"]

@@ -243,7 +243,7 @@ if OVERVIEWS:
             mem_mb=1000,
         params:
             settings=settings("overview", RUN),
-            folder=results("figures"),
+            folder=lambda w, output: os.path.dirname(output[0]),
         message:
             "plot all experiments"
         shell:

@@ -43,6 +43,7 @@ rule extract_frames_of_recording:
     threads: 1
     resources:
         mem_mb=1000,
+        on_bad_recording=ON_BAD_RECORDING,
     params:
         settings=lambda w: settings("extract_frames"),
         checksum=lambda w: checksum_of(w.recording),
@@ -51,7 +52,7 @@ rule extract_frames_of_recording:
         "extract the frames of {wildcards.recording}"
     shell:
         "expertaug extract-frames {input.video:q} --output {output:q} --settings {params.settings:q}"
-        " {params.checksum} --on-bad-recording {ON_BAD_RECORDING} --log {log:q}"
+        " {params.checksum} --on-bad-recording {resources.on_bad_recording} --log {log:q}"
 
 
 if SOURCE != "markers":
@@ -75,6 +76,7 @@ if SOURCE != "markers":
         threads: 1
         resources:
             mem_mb=1000,
+            on_bad_recording=ON_BAD_RECORDING,
         params:
             settings=lambda w: settings("track_markers"),
             extraction=lambda w: [settings("extract_frames"), checksum_of(w.recording)],
@@ -83,7 +85,7 @@ if SOURCE != "markers":
             "track the markers of {wildcards.recording}"
         shell:
             "expertaug track-markers {input.frames:q} --output {output:q} --settings {params.settings:q}"
-            " --on-bad-recording {ON_BAD_RECORDING} --log {log:q}"
+            " --on-bad-recording {resources.on_bad_recording} --log {log:q}"
 
 else:
 
@@ -125,6 +127,7 @@ else:
         threads: 1
         resources:
             mem_mb=1000,
+            on_bad_recording=ON_BAD_RECORDING,
         params:
             settings=lambda w: settings("import_markers"),
             checksum=lambda w: checksum_of(w.recording),
@@ -133,7 +136,7 @@ else:
             "import the markers of {wildcards.recording}"
         shell:
             "expertaug import-markers {input.csv:q} --output {output:q} --settings {params.settings:q}"
-            " {params.checksum} --on-bad-recording {ON_BAD_RECORDING} --log {log:q}"
+            " {params.checksum} --on-bad-recording {resources.on_bad_recording} --log {log:q}"
 
 
 rule measure_angles_of_recording:
@@ -153,6 +156,7 @@ rule measure_angles_of_recording:
     threads: 1
     resources:
         mem_mb=1500,
+        on_bad_recording=ON_BAD_RECORDING,
     params:
         settings=lambda w: settings("measure_angles"),
         retry=lambda w: to_retry(w.recording, "angles.csv"),
@@ -160,7 +164,7 @@ rule measure_angles_of_recording:
         "measure the angles of {wildcards.recording}"
     shell:
         "expertaug measure-angles {input.markers:q} --output {output.angles:q} --summary {output.summary:q}"
-        " --settings {params.settings:q} --on-bad-recording {ON_BAD_RECORDING} --log {log:q}"
+        " --settings {params.settings:q} --on-bad-recording {resources.on_bad_recording} --log {log:q}"
 
 
 rule summarise_recordings:
