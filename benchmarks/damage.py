@@ -118,8 +118,8 @@ def work(make: Callable[[int], Case | None], truth: dict[str, object], start: in
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     shared = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as folder:
-        index = start
-        while (case := make(index)) is not None:
+        index, parent = start, os.getppid()
+        while os.getppid() == parent and (case := make(index)) is not None:
             outcome, message = judge(case, truth, Path(folder))
             pipe.send((index, case.name, case.kind, case.expected, outcome, message))
             index += step

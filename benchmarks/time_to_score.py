@@ -84,7 +84,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--baseline-seeds", type=int, default=1)
     parser.add_argument("--baseline-steps", type=int, default=2500)
-    parser.add_argument("--epochs", type=int, default=40, help="passes of ours, 10 steps each")
+    parser.add_argument("--epochs", type=int, default=70, help="passes of ours, 10 steps each")
     parser.add_argument("--encoder", choices=["recurrent"], help="train the paper's encoder instead of the config's")
     options = parser.parse_args()
     torch.set_num_threads(1)

@@ -102,13 +102,17 @@ class DiskFitter:
         if not image.size:
             return np.empty((0, 2))
         size = [max(1, round(side * self._shrink)) for side in image.shape[1::-1]]
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        small = cv2.resize(self._picture(image), size, interpolation=cv2.INTER_AREA)
         scale = np.divide(image.shape[1::-1], size)
         return (self._blobs(small) + 0.5) * scale - 0.5
 
+    def _picture(self, image: np.ndarray) -> np.ndarray:
+        """What :meth:`_blobs` needs of a BGR image."""
+        return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+
     def _blobs(self, small: np.ndarray) -> np.ndarray:
-        """Centres (m, 2) in a small BGR image of what is bright and at least as thick as a disk's core."""
-        mask = cv2.threshold(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), self.min_level, 255, cv2.THRESH_BINARY)[1]
+        """Centres (m, 2) in a small grey image of what is bright and at least as thick as a disk's core."""
+        mask = cv2.threshold(small, self.min_level, 255, cv2.THRESH_BINARY)[1]
         return self._centres(cv2.erode(mask, self._kernel), (self.radius * self._shrink * 3) ** 2)
 
     @staticmethod

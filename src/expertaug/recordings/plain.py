@@ -58,6 +58,9 @@ class PlainFitter(DiskFitter):
         middle = np.median(colours[:, :, MIDDLE].reshape(len(colours), -1, 3), axis=1)
         return hsv(middle / 255), (self._inside(level) > 0).mean(1) > 0.5
 
+    def _picture(self, image: np.ndarray) -> np.ndarray:
+        return image
+
     def _blobs(self, small: np.ndarray) -> np.ndarray:
         """Centres (m, 2) in a small BGR image of parts of the markers' colours as thick as a disk's core."""
         picture = cv2.cvtColor(small, cv2.COLOR_BGR2HSV)
