@@ -158,6 +158,7 @@ def test_the_loss_window_grows_over_the_first_share_of_steps():
     points = [settings.points(51, k, 100) for k in range(100)]
     assert points == sorted(points) and points[0] == 2 and points[24] == 26 and set(points[49:]) == {51}
     assert {TrainSettings().points(51, k, 100) for k in range(100)} == {51}
+    assert max(TrainSettings(horizon_warmup=0.45).points(51, k, 7) for k in range(7)) == 51
 
 
 def test_unknown_training_key_is_named():

@@ -76,7 +76,7 @@ class TrainSettings:
     def points(self, horizon: int, step: int, steps: int) -> int:
         """Points of the loss window in step ``step`` of ``steps``, ``horizon`` at the end."""
         growing = self.horizon_warmup * steps
-        return horizon if step >= growing else max(2, math.ceil(horizon * (step + 1) / growing))
+        return horizon if step + 1 >= growing else max(2, math.ceil(horizon * (step + 1) / growing))
 
 
 class Trainer:
