@@ -189,7 +189,7 @@ def test_a_changed_parameter_redoes_exactly_its_stages(project, change, rules):
 
 
 def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
-    jobs = planned(project, *override(project, {"experiments": {"pendulum": {"training": {"epochs": 4}}}}))
+    jobs = planned(project, *override(project, {"experiments": {"pendulum": {"training": {"batch_size": 10}}}}))
     assert (jobs["train_block"], jobs["train_block_with_snapshots"], jobs["tabulate_experiment"]) == (2, 1, 1)
 
 
