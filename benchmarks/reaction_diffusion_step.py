@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import statistics
-import time
 from collections.abc import Callable
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -27,6 +25,7 @@ from expertaug.models import store
 from expertaug.models.convolutional import ConvInteraction, wrap
 from expertaug.presets import resolve
 from expertaug.systems.simulate import sample
+from training_step import median_time
 
 SYSTEM = {"name": "reaction_diffusion"}
 POINTS, STEP = 11, 0.1
@@ -130,17 +129,6 @@ def layer_ways(seeds: int, batch_size: int) -> dict[str, Callable[[], None]]:
             ways[f"{label}, {name}"] = graded(lambda one=one, b=bfloat16: loop(one, b))
         ways[f"padded once, grouped over seeds, {name}"] = graded(lambda b=bfloat16: grouped(b))
     return ways
-
-
-def median_time(step: Callable[[], None], repeats: int) -> float:
-    """Median CPU seconds of a step after one warm-up."""
-    step()
-    times = []
-    for _ in range(repeats):
-        start = time.process_time()
-        step()
-        times.append(time.process_time() - start)
-    return statistics.median(times)
 
 
 def main() -> None:

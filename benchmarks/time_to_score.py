@@ -5,7 +5,7 @@ The baseline is the usual way of benchmarks/training_step.py with the paper's ne
 scaled to ten (the score is their mean).  Ours is what config/config.yaml says of the pendulum, in ``--epochs`` passes,
 for ten stacked seeds; it is timed until the mean of its seeds' best validation scores passes the baseline's final one.
 The score of both is the log mean squared error of the forecast over [t0, t1] on the validation set; the time spent on
-computing scores counts for neither.  With ``--encoder recurrent`` ours has the paper's encoder as well.
+computing scores counts for neither.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
-from training_step import MODEL, POINTS, STEP, UsualModel, training_data
+from training_step import POINTS, STEP, UsualModel, training_data
 
 
 def baseline(seed: int, train: StackedSet, validation: StackedSet, steps: int) -> tuple[float, float]:
@@ -43,15 +43,17 @@ def baseline(seed: int, train: StackedSet, validation: StackedSet, steps: int) -
         return seconds, math.log(float(model.error(y)))
 
 
-def ours(
-    seeds: int, train: StackedSet, validation: StackedSet, epochs: int, target: float, encoder: str | None
-) -> tuple[float, float]:
+def ours(seeds: int, train: StackedSet, validation: StackedSet, epochs: int, target: float) -> tuple[float, float]:
     """CPU seconds until the mean best score passes ``target`` (infinite if it never does) and the last score."""
     config = validate(load([Path(__file__).parents[1] / "config" / "config.yaml"]))["experiments"]["pendulum"]
-    model = config["model"] | ({"encoder": MODEL["encoder"]} if encoder == "recurrent" else {})
-    description = {"model": model, "t": [k * STEP for k in range(201)], "observed": POINTS, "seeds": list(range(seeds))}
+    description = {
+        "model": config["model"],
+        "t": [k * STEP for k in range(201)],
+        "observed": POINTS,
+        "seeds": list(range(seeds)),
+    }
     stacked = store.make(systems.load({"name": "pendulum"}), description | {"expert": True, "interaction": True})
-    stacked.encoder.fit(train.y[:POINTS, 0])
+    stacked.fit(train.y[:POINTS, 0])
     settings = TrainSettings.from_mapping(config["training"] | {"epochs": epochs})
     trainer = Trainer(
         stacked,
@@ -85,7 +87,6 @@ def main() -> None:
     parser.add_argument("--baseline-seeds", type=int, default=1)
     parser.add_argument("--baseline-steps", type=int, default=2500)
     parser.add_argument("--epochs", type=int, default=70, help="passes of ours, 10 steps each")
-    parser.add_argument("--encoder", choices=["recurrent"], help="train the paper's encoder instead of the config's")
     options = parser.parse_args()
     torch.set_num_threads(1)
     train, validation = training_data(), training_data(100, "validation")
@@ -96,7 +97,7 @@ def main() -> None:
         f"usual way: {seconds:.0f} CPU s for {options.seeds} seeds ({len(runs)} measured), score {target:.2f}",
         flush=True,
     )
-    reached, score = ours(options.seeds, train, validation, options.epochs, target, options.encoder)
+    reached, score = ours(options.seeds, train, validation, options.epochs, target)
     print(
         f"stacked, one-cycle: {reached:.0f} CPU s to that score (then {score:.2f}), "
         f"{seconds / reached:.1f} times sooner"

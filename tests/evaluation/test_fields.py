@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.evaluation import style, traces
+from expertaug.evaluation import traces
 from expertaug.evaluation.forecast_file import Forecasts
 
 LABELS = ("Mean", "Hybrid", "Hybrid+")
@@ -24,14 +24,6 @@ def write(folder, space=(8, 8), labels=LABELS):
         arrays |= {"test_z_e": np.full((20, 1), 0.5), "t": np.arange(11.0), "observed": 3, "seeds": [3, 5]}
         np.savez(paths[label], **arrays, **names)
     return paths, truth
-
-
-@pytest.fixture
-def drawn(monkeypatch):
-    kept = []
-    save = style.save
-    monkeypatch.setattr(style, "save", lambda figure, outputs: (kept.append(figure), save(figure, outputs)))
-    return kept
 
 
 def test_truth_method_and_augmented_method_at_six_times(tmp_path, drawn):

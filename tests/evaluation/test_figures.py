@@ -12,15 +12,6 @@ from expertaug.errors import InputError
 from expertaug.evaluation import figures, style, traces
 
 
-@pytest.fixture
-def drawn(monkeypatch):
-    """The last figure that was saved."""
-    kept = []
-    save = style.save
-    monkeypatch.setattr(style, "save", lambda figure, outputs: (kept.append(figure), save(figure, outputs)))
-    return kept
-
-
 def assert_nothing_is_cut(figure):
     """All texts and legends lie inside the page, and the legend touches no panel."""
     with style.styled():

@@ -7,7 +7,7 @@ import pytest
 from fake_runs import write_metrics
 
 from expertaug.errors import InputError
-from expertaug.evaluation import study_figures, style
+from expertaug.evaluation import study_figures
 from expertaug.evaluation.overview import overview
 from expertaug.evaluation.studies import study
 
@@ -18,14 +18,6 @@ SHIFTS = {
 }
 READING = {"convention": "sum", "set_titles": {}, "from_s": None, "all_labels": ["Hybrid"], "sets": {}}
 ENDS = ("csv", "md", "tex", "png", "pdf")
-
-
-@pytest.fixture
-def drawn(monkeypatch):
-    kept = []
-    save = style.save
-    monkeypatch.setattr(style, "save", lambda figure, outputs: (kept.append(figure), save(figure, outputs)))
-    return kept
 
 
 def write(path, variants, sets, further=({},)):

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
+from expertaug.models.interaction import Interaction
 from expertaug.models.layers import MLP, Linear
 from expertaug.models.posterior import Delta, Posterior, constrain
 from expertaug.systems import System
@@ -61,7 +62,7 @@ def wrap(x: Tensor, margin: int) -> Tensor:
     return padded.contiguous(memory_format=torch.channels_last)
 
 
-class ConvInteraction(nn.Module):
+class ConvInteraction(Interaction):
     """CNN on the state's fields, with z_a as constant channels (paper, appendix, reaction–diffusion).
 
     A constant channel adds the same to every cell of a hidden channel (the grid is periodic), so z_a enters as a bias
@@ -71,7 +72,7 @@ class ConvInteraction(nn.Module):
         latent: size of z_a.
         channels: of the hidden layers.
         kernels: sizes of every layer's kernel, one more than ``channels``; 1 makes a layer local.
-        expert_parameters: whether F_a sees z_e too, each divided by its scale.
+        expert_parameters: as :class:`Interaction`.
         precision: float32, or bfloat16 for the convolutions, their sums staying in float32.
     """
 
@@ -84,7 +85,7 @@ class ConvInteraction(nn.Module):
         expert_parameters: bool = False,
         precision: str = "float32",
     ) -> None:
-        super().__init__()
+        super().__init__(system, latent, expert_parameters)
         if len(kernels) != len(channels) + 1 or any(k % 2 == 0 for k in kernels):
             raise InputError(
                 "model.interaction.kernels", str(list(kernels)), f"{len(channels) + 1} odd sizes, one a layer"
@@ -92,20 +93,17 @@ class ConvInteraction(nn.Module):
         if precision not in PRECISIONS:
             raise InputError("model.interaction.precision", repr(precision), f"one of {', '.join(PRECISIONS)}")
         fields = system.state_shape[0]
-        scales = [p.scale for p in system.expert_parameters] if expert_parameters else []
-        self.scales, self.precision = scales, PRECISIONS[precision]
+        self.precision = PRECISIONS[precision]
         self.margin = sum(k // 2 for k in kernels)
         self.state_layer = Conv2d(fields, channels[0], kernels[0], bias=False)
-        self.latent_layer = Linear(latent + len(scales), channels[0])
+        self.latent_layer = Linear(self.inputs, channels[0])
         self.rest = nn.ModuleList(
             Conv2d(a, b, k) for (a, b), k in zip(pairwise((*channels, fields)), kernels[1:], strict=True)
         )
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, channels), for :meth:`forward`."""
-        if self.scales:
-            z_a = torch.cat((z_a, z_e / z_e.new_tensor(self.scales)), dim=-1)
-        return self.latent_layer(z_a)
+        return self.latent_layer(self.latents(z_a, z_e))
 
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, fields, H, W), the shape of y."""
@@ -178,23 +176,26 @@ class ConvEncoder(nn.Module):
 
     def forward(self, observed: Tensor) -> Posterior:
         """(T1, …, B, fields, H, W) → z_e (…, B, P), z_a (…, B, latent)."""
-        stacked = observed.dim() == 6
         x = self.inputs(observed)
         # The statistics have the seeds' axis only where they are stacked; they are for all samples alike.
         x = (x - self.mean.unsqueeze(-4)) / self.std.unsqueeze(-4)
-        layers = zip(*(layer.seeds() for layer in self.layers), strict=True)
-        averages = [self._one(one, own) for one, own in zip(x.unbind(0) if stacked else [x], layers, strict=True)]
-        hidden = torch.relu(self.trunk(torch.stack(averages) if stacked else averages[0]))
+        hidden = torch.relu(self.trunk(layer_averages(self.layers, x)))
         z_e = constrain(self.head(hidden), self.system.expert_parameters)
         return Posterior(Delta(z_e), Delta(self.latent_head(hidden)))
 
-    def _one(self, x: Tensor, parameters: Sequence[tuple]) -> Tensor:
-        """One seed's averages (B, sum of the channels)."""
+
+def layer_averages(layers: Sequence[Conv2d], x: Tensor) -> Tensor:
+    """Averages over the grid of every layer's output, (…, B, sum of the channels), for x (…, B, channels, H, W)."""
+    stacked = x.dim() == 5
+    parameters = zip(*(layer.seeds() for layer in layers), strict=True)
+    found = []
+    for one, own in zip(x.unbind(0) if stacked else [x], parameters, strict=True):
         averages = []
-        for layer, (weight, bias) in zip(self.layers, parameters, strict=True):
-            x = torch.relu(convolve(wrap(x, layer.kernel // 2), weight, bias, layer.stride))
-            averages.append(x.mean((-2, -1)))
-        return torch.cat(averages, dim=-1)
+        for layer, (weight, bias) in zip(layers, own, strict=True):
+            one = torch.relu(convolve(wrap(one, layer.kernel // 2), weight, bias, layer.stride))
+            averages.append(one.mean((-2, -1)))
+        found.append(torch.cat(averages, dim=-1))
+    return torch.stack(found) if stacked else found[0]
 
 
 def differences(fields: Tensor) -> Tensor:

@@ -48,7 +48,7 @@ class HybridModel(nn.Module):
     def fit(self, observed: Tensor) -> None:
         """Let the parts that learn scales from the training set's observed window (T1, N, *state) do so."""
         self.encoder.fit(observed)
-        if hasattr(self.interaction, "fit"):
+        if self.interaction is not None:
             self.interaction.fit(observed)
         if self.likelihood is not None:
             self.likelihood.fit(self.system.observe(observed))

@@ -11,7 +11,31 @@ from expertaug.models.layers import MLP, Linear, affine
 from expertaug.systems import System
 
 
-class MLPInteraction(nn.Module):
+class Interaction(nn.Module):
+    """What every F_a shares: a subclass gives ``context(z_a, z_e)``, once a trajectory, and ``forward(y, context)``.
+
+    Arguments:
+        latent: size of z_a.
+        expert_parameters: whether F_a sees z_e too, each divided by its scale: F_a(y; z_a, z_e).
+
+    Attributes:
+        inputs: how many numbers :meth:`latents` gives.
+    """
+
+    def __init__(self, system: System, latent: int, expert_parameters: bool = False) -> None:
+        super().__init__()
+        self.scales = [p.scale for p in system.expert_parameters] if expert_parameters else []
+        self.inputs = latent + len(self.scales)
+
+    def fit(self, observed: Tensor) -> None:
+        """Learn scales from the training set's observed window (T1, N, *state); nothing, unless overridden."""
+
+    def latents(self, z_a: Tensor, z_e: Tensor) -> Tensor:
+        """z_a (…, B, latent) and z_e (…, B, P) → what F_a may see of them, (…, B, inputs)."""
+        return torch.cat((z_a, z_e / z_e.new_tensor(self.scales)), dim=-1) if self.scales else z_a
+
+
+class MLPInteraction(Interaction):
     """MLP on the state's features and z_a (paper, appendix).
 
     The part of the first layer that reads z_a is constant along a trajectory: :meth:`context` computes it once.
@@ -19,7 +43,7 @@ class MLPInteraction(nn.Module):
     Arguments:
         latent: size of z_a.
         layers, activation: hidden layers.
-        expert_parameters: whether F_a sees z_e too, each divided by its scale: F_a(y; z_a, z_e).
+        expert_parameters: as :class:`Interaction`.
     """
 
     def __init__(
@@ -30,19 +54,16 @@ class MLPInteraction(nn.Module):
         activation: str = "relu",
         expert_parameters: bool = False,
     ) -> None:
-        super().__init__()
+        super().__init__(system, latent, expert_parameters)
         self.system = system
-        inputs = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
-        self.state_layer = Linear(inputs, layers[0], bias=False)
-        self.scales = [p.scale for p in system.expert_parameters] if expert_parameters else []
-        self.latent_layer = Linear(latent + len(self.scales), layers[0])
+        features = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
+        self.state_layer = Linear(features, layers[0], bias=False)
+        self.latent_layer = Linear(self.inputs, layers[0])
         self.rest = MLP(layers[0], layers[1:], len(system.state), activation)
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""
-        if self.scales:
-            z_a = torch.cat((z_a, z_e / z_e.new_tensor(self.scales)), dim=-1)
-        return self.latent_layer(z_a)
+        return self.latent_layer(self.latents(z_a, z_e))
 
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y."""

@@ -9,11 +9,12 @@ from math import prod
 import torch
 from torch import Tensor, nn
 
+from expertaug.models.interaction import Interaction
 from expertaug.models.layers import MLP
 from expertaug.systems import System
 
 
-class PolynomialInteraction(nn.Module):
+class PolynomialInteraction(Interaction):
     """F_a(y; z_a) = Σ c_i(z_a) φ_i(y), φ_i the polynomials that are orthonormal over the training set's states.
 
     Where the state is made of fields, each cell's rate depends on that cell alone: a local reaction.  Beyond the states
@@ -25,7 +26,7 @@ class PolynomialInteraction(nn.Module):
         degree: of the polynomial.
         latent_degree: terms up to this degree have coefficients that depend on z_a; 0: the constant alone.
         layers: hidden layers between z_a and these coefficients; none: they are linear in z_a.
-        expert_parameters: whether these coefficients depend on z_e too, each divided by its scale.
+        expert_parameters: whether these coefficients depend on z_e too (:class:`Interaction`).
     """
 
     def __init__(
@@ -37,17 +38,16 @@ class PolynomialInteraction(nn.Module):
         layers: Sequence[int] = (),
         expert_parameters: bool = False,
     ) -> None:
-        super().__init__()
+        super().__init__(system, latent, expert_parameters)
         self.components, self.cells = system.state_shape[0], prod(system.state_shape[1:])
         # Term k is term ``self.factors[k][0]`` times component ``self.factors[k][1]``; term 0 is 1.
         terms = [c for d in range(degree + 1) for c in combinations_with_replacement(range(self.components), d)]
         self.factors = [(terms.index(term[:-1]), term[-1]) for term in terms[1:]]
         self.terms, varying = len(terms), sum(len(term) <= latent_degree for term in terms)
-        self.scales = [p.scale for p in system.expert_parameters] if expert_parameters else []
         self.register_buffer("mean", torch.zeros(self.components, 1))
         self.register_buffer("std", torch.ones(self.components, 1))
         self.register_buffer("mix", torch.eye(self.terms))
-        self.varying = MLP(latent + len(self.scales), layers, self.components * varying)
+        self.varying = MLP(self.inputs, layers, self.components * varying)
         rest = self.components * (self.terms - varying)
         # Zero: a random cubic would send forecasts to infinity before it is trained.
         self.fixed = nn.Parameter(torch.zeros(1, rest)) if rest else None
@@ -69,8 +69,7 @@ class PolynomialInteraction(nn.Module):
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → coefficients of the monomials (…, B, components · terms)."""
-        if self.scales:
-            z_a = torch.cat((z_a, z_e / z_e.new_tensor(self.scales)), dim=-1)
+        z_a = self.latents(z_a, z_e)
         coefficients = self.varying(z_a).unflatten(-1, (self.components, -1))
         if self.fixed is not None:
             fixed = self.fixed.unflatten(-1, (self.components, -1))

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.convolutional import Conv2d, convolve, differences, wrap
+from expertaug.models.convolutional import Conv2d, differences, layer_averages
 from expertaug.models.layers import MLP
 from expertaug.models.two_step import TwoStep
 from expertaug.models.unet import UNet
@@ -82,18 +82,7 @@ class FrameCNN(nn.Module):
 
     def forward(self, seen: Tensor) -> Tensor:
         x = self.scale(_with_differences(seen))
-        stacked = x.dim() == 5
-        layers = zip(*(layer.seeds() for layer in self.layers), strict=True)
-        averages = [self._one(one, own) for one, own in zip(x.unbind(0) if stacked else [x], layers, strict=True)]
-        return self.head(torch.stack(averages) if stacked else averages[0])
-
-    def _one(self, x: Tensor, parameters: Sequence[tuple]) -> Tensor:
-        """One seed's averages (B, sum of the channels)."""
-        averages = []
-        for layer, (weight, bias) in zip(self.layers, parameters, strict=True):
-            x = torch.relu(convolve(wrap(x, layer.kernel // 2), weight, bias, layer.stride))
-            averages.append(x.mean((-2, -1)))
-        return torch.cat(averages, dim=-1)
+        return self.head(layer_averages(self.layers, x))
 
 
 class FrameFilter(nn.Module):
