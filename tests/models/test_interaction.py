@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from expertaug import systems
+from expertaug.errors import InputError
 from expertaug.models.convolutional import ConvInteraction
 from expertaug.models.interaction import MLPInteraction
 from expertaug.systems.reaction_diffusion import SIZE
@@ -35,3 +36,14 @@ def test_the_default_draws_the_same_weights_as_without_the_option():
     assert drawn[0].latent_layer.weight.shape == (3, 50)
     for a, b in zip(drawn[0].parameters(), drawn[1].parameters(), strict=True):
         assert torch.equal(a, b)
+
+
+def test_components_are_those_on_which_the_interaction_acts():
+    system = systems.load({"name": "rlc"})
+    interaction = MLPInteraction(system, 1, layers=(8,), components=["I"])
+    y = torch.randn(5, 2)
+    rates = interaction(y, interaction.context(torch.randn(5, 1), torch.ones(5, 2)))
+    assert torch.equal(rates[:, 0], torch.zeros(5))
+    assert (rates[:, 1] != 0).all()
+    with pytest.raises(InputError, match="'Q'; components of the state: U, I"):
+        MLPInteraction(system, 1, components=["Q"])

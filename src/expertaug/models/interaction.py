@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from expertaug.errors import InputError
 from expertaug.models.layers import MLP, Linear, affine
 from expertaug.systems import System
 
@@ -44,6 +45,9 @@ class MLPInteraction(Interaction):
         latent: size of z_a.
         layers, activation: hidden layers.
         expert_parameters: as :class:`Interaction`.
+        components: of the state, by name, on whose rates F_a acts; null for all.  A rate that is another component by
+            definition (θ' of a pendulum) is better left alone: a damping of least norm would act on it in part, and
+            be a stiffness where the motion is slower.
     """
 
     def __init__(
@@ -53,13 +57,21 @@ class MLPInteraction(Interaction):
         layers: Sequence[int] = (50, 50, 50),
         activation: str = "relu",
         expert_parameters: bool = False,
+        components: Sequence[str] | None = None,
     ) -> None:
         super().__init__(system, latent, expert_parameters)
         self.system = system
+        names = [c.name for c in system.state]
+        for name in components or ():
+            if name not in names:
+                raise InputError(
+                    "model.interaction.components", repr(name), f"components of the state: {', '.join(names)}"
+                )
+        self.components = [names.index(name) for name in (components or names)]
         features = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
         self.state_layer = Linear(features, layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, layers[0])
-        self.rest = MLP(layers[0], layers[1:], len(system.state), activation)
+        self.rest = MLP(layers[0], layers[1:], len(self.components), activation)
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""
@@ -68,4 +80,7 @@ class MLPInteraction(Interaction):
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y."""
         hidden = affine(self.system.features(y), self.state_layer.weight, context)
-        return self.rest(self.rest.activation(hidden))
+        rates = self.rest(self.rest.activation(hidden))
+        if len(self.components) == len(self.system.state):
+            return rates
+        return torch.zeros_like(y).index_copy(-1, torch.tensor(self.components, device=y.device), rates)
