@@ -16,6 +16,7 @@ KINDS = {
         "two_step": "expertaug.models.two_step:MLPTwoStep",
         "conv_two_step": "expertaug.models.two_step_fields:ConvTwoStep",
         "conv": "expertaug.models.convolutional:ConvEncoder",
+        "moments": "expertaug.models.moments:MomentEncoder",
     },
     "interaction": {
         "mlp": "expertaug.models.interaction:MLPInteraction",

@@ -56,6 +56,23 @@ class MLP(nn.Module):
         return self.layers[-1](x)
 
 
+class Standardise(nn.Module):
+    """Subtracts the training set's mean and divides by its standard deviation, each input on its own."""
+
+    def __init__(self, inputs: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(1, inputs))
+        self.register_buffer("std", torch.ones(1, inputs))
+
+    def fit(self, x: Tensor) -> None:
+        """Take mean and standard deviation from x (N, inputs)."""
+        self.mean.copy_(x.mean(0, keepdim=True).expand_as(self.mean))
+        self.std.copy_(x.std(0, keepdim=True).clamp_min(1e-6).expand_as(self.std))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return (x - self.mean) / self.std
+
+
 class GRU(nn.Module):
     """One-layer gated recurrent unit; returns the last hidden state.
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.layers import MLP, Linear
+from expertaug.models.layers import MLP, Linear, Standardise
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.windows import States, Windows
 from expertaug.systems import System
@@ -182,23 +182,6 @@ class StepFilter(nn.Module):
         hidden = hidden + self.time_layer(self.time).unsqueeze(-3)
         added = self.rest(self.rest.activation(hidden.flatten(-3, -2)))
         return seen + (self.unit * added).unflatten(-2, (-1, steps))
-
-
-class Standardise(nn.Module):
-    """Subtracts the training set's mean and divides by its standard deviation, each input on its own."""
-
-    def __init__(self, inputs: int) -> None:
-        super().__init__()
-        self.register_buffer("mean", torch.zeros(1, inputs))
-        self.register_buffer("std", torch.ones(1, inputs))
-
-    def fit(self, x: Tensor) -> None:
-        """Take mean and standard deviation from x (N, inputs)."""
-        self.mean.copy_(x.mean(0, keepdim=True).expand_as(self.mean))
-        self.std.copy_(x.std(0, keepdim=True).clamp_min(1e-6).expand_as(self.std))
-
-    def forward(self, x: Tensor) -> Tensor:
-        return (x - self.mean) / self.std
 
 
 def _gaussian(outputs: Tensor, parameters: Sequence | None = None) -> Gaussian:

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.convolutional import Conv2d, differences, layer_averages
 from expertaug.models.layers import MLP
+from expertaug.models.moments import Moments
 from expertaug.models.two_step import TwoStep
 from expertaug.models.unet import UNet
 from expertaug.systems import System
@@ -27,6 +28,8 @@ class ConvTwoStep(TwoStep):
         channels, strides: of the layers of g_a and g_p2, 3 × 3 each.
         layers: hidden layers of the MLPs on their averages over the grid.
         filter_channels: of the U-Net's levels.
+        powers: g_a and g_p2 are MLPs of ``layers`` on the frames' :class:`expertaug.models.moments.Moments` with these
+            powers; null for CNNs.
     """
 
     def __init__(
@@ -38,6 +41,7 @@ class ConvTwoStep(TwoStep):
         strides: Sequence[int] = (1, 2, 2),
         layers: Sequence[int] = (128,),
         filter_channels: Sequence[int] = (16, 32, 32),
+        powers: Sequence[int] | None = None,
     ) -> None:
         if len(strides) != len(channels):
             raise InputError("model.encoder.strides", str(list(strides)), f"{len(channels)} of them, one a layer")
@@ -46,14 +50,15 @@ class ConvTwoStep(TwoStep):
             remedy = f"at most so many levels that the grid {system.state_shape[-2:]} can be halved"
             raise InputError("model.encoder.filter_channels", str(list(filter_channels)), remedy)
         fields = len(times) * system.state_shape[0]
-        super().__init__(
-            system,
-            frames,
-            latent,
-            FrameCNN(fields, channels, strides, layers, 2 * latent),
-            FrameFilter(fields, latent, filter_channels),
-            FrameCNN(fields, channels, strides, layers, 2 * len(system.expert_parameters)),
-        )
+
+        def network(outputs: int) -> nn.Module:
+            if powers is None:
+                return FrameCNN(fields, channels, strides, layers, outputs)
+            return FrameMoments(system, len(times), powers, layers, outputs)
+
+        latent_network, expert_network = network(2 * latent), network(2 * len(system.expert_parameters))
+        filter_network = FrameFilter(fields, latent, filter_channels)
+        super().__init__(system, frames, latent, latent_network, filter_network, expert_network)
 
 
 def frames(observed: Tensor) -> Tensor:
@@ -83,6 +88,24 @@ class FrameCNN(nn.Module):
     def forward(self, seen: Tensor) -> Tensor:
         x = self.scale(_with_differences(seen))
         return self.head(layer_averages(self.layers, x))
+
+
+class FrameMoments(nn.Module):
+    """MLP on the frames' moments, (…, B, frames, H, W) → (…, B, outputs): g_a or g_p2."""
+
+    def __init__(self, system: System, frames: int, powers: Sequence[int], layers: Sequence[int], outputs: int) -> None:
+        super().__init__()
+        self.moments = Moments(system, frames, powers)
+        self.head = MLP(self.moments.outputs, layers, outputs, "silu")
+
+    def fit(self, seen: Tensor) -> None:
+        self.moments.fit(self._frames(seen))
+
+    def forward(self, seen: Tensor) -> Tensor:
+        return self.head(self.moments(self._frames(seen)))
+
+    def _frames(self, seen: Tensor) -> Tensor:
+        return seen.unflatten(-3, (-1, self.moments.fields))
 
 
 class FrameFilter(nn.Module):

@@ -1,0 +1,103 @@
+"""Encoder of fields by their spatial averages: first and second moments of frames, increments and Laplacians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.models.convolutional import differences
+from expertaug.models.layers import MLP, Standardise
+from expertaug.models.posterior import Delta, Posterior, constrain
+from expertaug.systems import System
+
+
+class Moments(nn.Module):
+    """Averages over a periodic grid that tell what a local equation of motion ∂y/∂t = D Δy + f(y) is made of.
+
+    For every interval between two frames: the fields halfway and their powers, the increments, and the Laplacians
+    halfway; of these the means (Laplacians have none) and the means of all products of two.  A diffusion coefficient
+    is nearly a ratio of such means.  All are invariant under shifts of the fields.
+
+    Arguments:
+        system: with fields as its state.
+        frames: T1, at least 2.
+        powers: of the fields halfway.
+
+    Attributes:
+        outputs: how many numbers :meth:`forward` gives.
+    """
+
+    def __init__(self, system: System, frames: int, powers: Sequence[int] = (1, 3)) -> None:
+        super().__init__()
+        self.fields, self.powers = system.state_shape[0], tuple(powers)
+        channels = (len(self.powers) + 2) * self.fields
+        self.outputs = (frames - 1) * (channels - self.fields + channels * (channels + 1) // 2)
+        self.register_buffer("size", torch.ones(channels, 1))
+        self.scale = Standardise(self.outputs)
+
+    def fit(self, y: Tensor) -> None:
+        """Learn scales from frames (N, T1, fields, H, W)."""
+        parts = y.split(256)
+        size = torch.stack([self._channels(part).square().mean((0, 1, 3)) for part in parts]).mean(0).sqrt()
+        self.size.copy_(size.clamp_min(1e-6).unsqueeze(-1).expand_as(self.size))
+        one = self.size if self.size.dim() == 2 else self.size[0]
+        self.scale.fit(torch.cat([self._moments(part, one) for part in parts]))
+
+    def forward(self, y: Tensor) -> Tensor:
+        """Frames (…, B, T1, fields, H, W) → standardised moments (…, B, outputs)."""
+        return self.scale(self._moments(y, self.size))
+
+    def _channels(self, y: Tensor) -> Tensor:
+        """(…, T1 − 1, channels, cells)."""
+        before, after = y[..., :-1, :, :, :], y[..., 1:, :, :, :]
+        middle = (before + after) / 2
+        powers = [middle**power for power in self.powers]
+        return torch.cat((*powers, after - before, differences(middle)), dim=-3).flatten(-2)
+
+    def _moments(self, y: Tensor, size: Tensor) -> Tensor:
+        x = self._channels(y) / size.unsqueeze(-3).unsqueeze(-3)
+        second = x @ x.transpose(-1, -2) / x.shape[-1]
+        rows, columns = torch.triu_indices(*second.shape[-2:], device=y.device)
+        moments = torch.cat((x[..., : -self.fields, :].mean(-1), second[..., rows, columns]), dim=-1)
+        return moments.flatten(-2)
+
+
+class MomentEncoder(nn.Module):
+    """MLP on the observed frames' :class:`Moments`.
+
+    Arguments:
+        powers: as :class:`Moments`.
+        layers, activation: hidden layers, which z_e and z_a share.
+        latent: size of z_a.
+        times: of the observed window; their number is that of the frames.
+    """
+
+    head_prefix = "head."
+
+    def __init__(
+        self,
+        system: System,
+        times: Tensor,
+        powers: Sequence[int] = (1, 3),
+        layers: Sequence[int] = (128, 128),
+        latent: int = 1,
+        activation: str = "silu",
+    ) -> None:
+        super().__init__()
+        self.system, self.latent = system, latent
+        self.moments = Moments(system, len(times), powers)
+        self.trunk = MLP(self.moments.outputs, layers[:-1], layers[-1], activation)
+        self.head = MLP(layers[-1], (), len(system.expert_parameters))
+        self.latent_head = MLP(layers[-1], (), latent)
+
+    def fit(self, observed: Tensor) -> None:
+        """Standardise by the training set's observed window (T1, N, fields, H, W)."""
+        self.moments.fit(observed.movedim(0, 1))
+
+    def forward(self, observed: Tensor) -> Posterior:
+        """(T1, …, B, fields, H, W) → z_e (…, B, P), z_a (…, B, latent)."""
+        hidden = self.trunk.activation(self.trunk(self.moments(observed.movedim(0, -4))))
+        z_e = constrain(self.head(hidden), self.system.expert_parameters)
+        return Posterior(Delta(z_e), Delta(self.latent_head(hidden)))
