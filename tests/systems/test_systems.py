@@ -90,6 +90,19 @@ def test_fixed_grid_agrees_with_tolerance():
     assert 1e-7 < (fixed - exact).abs().max() < 3e-3
 
 
+def test_substeps_divide_the_datas_grid():
+    t, y0 = torch.tensor([0.0, 0.1, 0.3], dtype=torch.float64), torch.ones(1, dtype=torch.float64)
+    fine = torch.tensor([0.0, 0.05, 0.1, 0.2, 0.3], dtype=torch.float64)
+
+    def decay(s, y):
+        return -14.0 * y * (1 + s)
+
+    found = Solver("rk4", substeps=2)(decay, y0, t)
+    torch.testing.assert_close(found, Solver("rk4")(decay, y0, fine)[[0, 2, 4]])
+    exact = torch.exp(-14.0 * (t + t**2 / 2))
+    assert (found[:, 0] - exact).abs().max() < 0.2 * (Solver("rk4")(decay, y0, t)[:, 0] - exact).abs().max()
+
+
 def test_bad_input_is_named():
     with pytest.raises(InputError, match=r"system.name.*'nothing'"):
         systems.load({"name": "nothing"})

@@ -19,13 +19,15 @@ class Solver:
     """How to solve.
 
     Attributes:
-        method: a fixed-grid method (one step from data time to data time) or an adaptive one of torchdiffeq.
+        method: a fixed-grid method or an adaptive one of torchdiffeq.
         rtol, atol: tolerances of an adaptive method; unused on a fixed grid.
+        substeps: steps of a fixed-grid method from data time to data time.
     """
 
     method: str = "rk4"
     rtol: float = 1e-6
     atol: float = 1e-6
+    substeps: int = 1
 
     def __post_init__(self) -> None:
         if self.method not in (*FIXED, "dopri5", "dopri8"):
@@ -36,13 +38,17 @@ class Solver:
         """Build from a config slice; unknown keys raise :class:`InputError`."""
         for key in settings:
             if key not in cls.__dataclass_fields__:
-                raise InputError(f"solver.{key}", "unknown", "known: method, rtol, atol")
+                raise InputError(f"solver.{key}", "unknown", f"known: {', '.join(cls.__dataclass_fields__)}")
         return cls(**settings)  # type: ignore[arg-type]
 
     def __call__(self, f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, t: Tensor) -> Tensor:
         """States (T, *y0.shape) at the times t (T,), the first being y0."""
         if self.method in FIXED:
-            return odeint(f, y0, t, method=self.method)
+            if self.substeps == 1:
+                return odeint(f, y0, t, method=self.method)
+            share = torch.arange(self.substeps).to(t) / self.substeps
+            fine = (t[:-1, None] + t.diff()[:, None] * share).flatten()
+            return odeint(f, y0, torch.cat((fine, t[-1:])), method=self.method)[:: self.substeps]
         try:
             return odeint(f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol)
         except AssertionError as error:  # torchdiffeq's word for a step that underflowed
