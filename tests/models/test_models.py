@@ -8,7 +8,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.hybrid import build
-from expertaug.models.layers import GRU
+from expertaug.models.layers import GRU, Standardise
 from expertaug.models.mean import MeanModel
 from expertaug.models.posterior import Delta
 from expertaug.systems.solver import Solver
@@ -131,7 +131,7 @@ def test_inputs_are_standardised_by_the_training_set():
     encoder = build(system, torch.arange(11) * 0.01, DOUBLE["model"]).encoder
     observed = torch.randn(11, 4000, 4) * 0.3
     encoder.fit(observed)
-    x = (encoder.inputs(observed) - encoder.mean) / encoder.std
+    x = encoder.scale(encoder.inputs(observed))
     torch.testing.assert_close(x.mean(0), torch.zeros(x.shape[1]), rtol=0, atol=1e-4)
     torch.testing.assert_close(x.std(0), torch.ones(x.shape[1]), rtol=1e-3, atol=0)
 
@@ -172,3 +172,9 @@ def test_an_encoder_from_elsewhere_needs_no_change_here():
         "encoder": {"kind": "expertaug.models.encoders:RecurrentEncoder", "hidden": 4, "layers": [3]}
     }
     assert build(systems.load({"name": "pendulum"}), torch.arange(3) * 0.1, model).encoder.latent == 4
+
+
+def test_an_input_that_training_holds_constant_is_not_blown_up():
+    scale = Standardise(2)
+    scale.fit(torch.stack((torch.zeros(9), torch.arange(9.0)), dim=1))
+    assert scale(torch.tensor([[0.3, 4.0]])).tolist() == [[pytest.approx(0.3), 0.0]]

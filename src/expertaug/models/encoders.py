@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.layers import GRU, MLP, Linear
+from expertaug.models.layers import GRU, MLP, Linear, Standardise
 from expertaug.models.posterior import Delta, Posterior, constrain
 from expertaug.models.windows import Windows
 from expertaug.systems import System
@@ -81,8 +81,7 @@ class WindowEncoder(nn.Module):
         self.latent = latent
         self.window = Windows(system, times, windows, angles)
         inputs = self.window.inputs
-        self.register_buffer("mean", torch.zeros(1, inputs))
-        self.register_buffer("std", torch.ones(1, inputs))
+        self.scale = Standardise(inputs)
         self.trunk = MLP(inputs, layers[:-1], layers[-1], activation)
         self.head = MLP(layers[-1], (), len(system.expert_parameters))
         self.latent_head = MLP(layers[-1], (), latent)
@@ -94,13 +93,11 @@ class WindowEncoder(nn.Module):
 
     def fit(self, observed: Tensor) -> None:
         """Standardise by the training set's observed window (T1, N, *state)."""
-        x = self.inputs(observed)
-        self.mean.copy_(x.mean(0, keepdim=True).expand_as(self.mean))
-        self.std.copy_(x.std(0, keepdim=True).clamp_min(1e-6).expand_as(self.std))
+        self.scale.fit(self.inputs(observed))
 
     def forward(self, observed: Tensor) -> Posterior:
         """(T1, …, B, *state) → z_e (…, B, P), z_a (…, B, latent)."""
-        x = (self.inputs(observed) - self.mean) / self.std
+        x = self.scale(self.inputs(observed))
         hidden = self.trunk.activation(self.trunk(x))
         raw = self.head(hidden) if self.skip is None else self.head(hidden) + self.skip(x)
         return Posterior(Delta(constrain(raw, self.system.expert_parameters)), Delta(self.latent_head(hidden)))

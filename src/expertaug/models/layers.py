@@ -57,7 +57,10 @@ class MLP(nn.Module):
 
 
 class Standardise(nn.Module):
-    """Subtracts the training set's mean and divides by its standard deviation, each input on its own."""
+    """Subtracts the training set's mean and divides by its standard deviation, each input on its own.
+
+    An input that the training set holds constant is not divided: a network before this one may vary it.
+    """
 
     def __init__(self, inputs: int) -> None:
         super().__init__()
@@ -67,7 +70,8 @@ class Standardise(nn.Module):
     def fit(self, x: Tensor) -> None:
         """Take mean and standard deviation from x (N, inputs)."""
         self.mean.copy_(x.mean(0, keepdim=True).expand_as(self.mean))
-        self.std.copy_(x.std(0, keepdim=True).clamp_min(1e-6).expand_as(self.std))
+        std = x.std(0, keepdim=True)
+        self.std.copy_(torch.where(std > 1e-6, std, torch.ones_like(std)).expand_as(self.std))
 
     def forward(self, x: Tensor) -> Tensor:
         return (x - self.mean) / self.std
