@@ -125,6 +125,7 @@ def parser() -> argparse.ArgumentParser:
     p = commands.add("along", _along, "augment and fine-tune a model at several stages of its training")
     _files(p, snapshots="states along the training", data="folder of the sets", output="CSV of the metrics")
     _files(p, work="folder for checkpoints")
+    _add_tracking(p)
 
     p = commands.add("tabulate", _tabulate, "make the tables of an experiment")
     p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and block")
@@ -367,7 +368,7 @@ def _evaluate(a: argparse.Namespace) -> None:
 def _along(a: argparse.Namespace) -> None:
     from expertaug.evaluation.along import along
 
-    along(a.snapshots, a.data, a.output, a.work, read_settings(a.settings))
+    along(a.snapshots, a.data, a.output, a.work, read_settings(a.settings), _tracking(a))
 
 
 def _tabulate(a: argparse.Namespace) -> None:

@@ -68,6 +68,7 @@ rule along_block:
     input:
         snapshots=results("{experiment}/{method}/{block}/snapshots.safetensors"),
         sets=expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
+        tracking=ancient(results("mlflow/tracking.json")),
         code=lambda w: code("along", w.experiment, w.method),
         constraints=CONSTRAINTS,
     output:
@@ -89,7 +90,7 @@ rule along_block:
         "augment {wildcards.method} along its training on {wildcards.experiment}, {wildcards.block}"
     shell:
         "expertaug along --snapshots {input.snapshots:q} --data {params.data:q} --output {output:q}"
-        " --work {params.work:q} --settings {params.settings:q} --log {log:q}"
+        " --work {params.work:q} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
 
 
 rule augment_block:

@@ -6,16 +6,20 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
+from torch import Tensor
 
-from expertaug.evaluation.evaluate import MAIN_SETS, score, spread
+from expertaug.evaluation.evaluate import MAIN_SETS, Scored, score, spread
 from expertaug.files import atomic
-from expertaug.learning.along import stages
+from expertaug.learning.along import BASE, stages
+from expertaug.learning.checkpoint import locked
 from expertaug.loglines import COLUMNS
+from expertaug.models import store
 from expertaug.models.device import device_of
+from expertaug.runlog import RunLog
 from expertaug.types import Trajectories
 
 
-def along(snapshots: Path, data: Path, output: Path, work: Path, settings: Mapping) -> None:
+def along(snapshots: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None) -> None:
     """Write the metrics of every snapshot of a training and of its augmented, fine-tuned versions.
 
     Arguments:
@@ -26,17 +30,45 @@ def along(snapshots: Path, data: Path, output: Path, work: Path, settings: Mappi
         work: folder for checkpoints.
         settings: {experiment, method, label, preset, augment, finetune, finetune_epochs, evaluation, choices, seeds,
             device}: settings of the stages augment, finetune and evaluate, and the lengths of the fine-tunings.
+        tracking: as of :class:`expertaug.runlog.RunLog`; the log, along.jsonl beside ``output``, has the metrics with
+            the passes of training as step.
     """
     device = device_of(settings["device"])
     options = settings["evaluation"]
     sets = {name: Trajectories.load(Path(data) / f"{name}.npz") for name in MAIN_SETS}
     sets = {name: spread(found, options.get("max_samples")) for name, found in sets.items()}
+    header, _ = store.read_tensors(snapshots)
+    description, epochs = header["description"], sorted(map(int, header["records"]))
     identity = {k: settings[k] for k in ("experiment", "method", "label", "preset")}
+    identity["system"] = description["system"]["name"]
+    params = {k: settings[k] for k in ("finetune_epochs", "augment", "finetune", "evaluation", "choices")}
     rows = []
-    for epoch, finetuned, stored in stages(snapshots, data, work, settings, device):
-        place = {"epoch": epoch, "finetune_epochs": finetuned, "system": stored.description["system"]["name"]}
-        for name, truth in sets.items():
-            scored = score(stored, truth, options, settings["choices"]["forecast_start"], device)
-            rows += scored.rows(identity | place | {"set": name}, stored.seeds)
-    with atomic(output) as temporary:
-        pd.DataFrame(rows)[[*COLUMNS, "epoch", "finetune_epochs"]].to_csv(temporary, index=False)
+    with (
+        locked(work),  # an orphan may still be writing the log
+        RunLog(
+            Path(output).with_name("along.jsonl"),
+            tracking,
+            **identity,
+            stage="along",
+            seeds=description["seeds"],
+            params={"epochs": epochs} | params,
+        ) as log,
+    ):
+        for name in MAIN_SETS:
+            log.dataset(name, Path(data) / f"{name}.npz")
+        for epoch, finetuned, stored in stages(snapshots, data, work, settings, device):
+            place = {"epoch": epoch, "finetune_epochs": finetuned}
+            for name, truth in sets.items():
+                scored = score(stored, truth, options, settings["choices"]["forecast_start"], device)
+                rows += scored.rows(identity | place | {"set": name}, stored.seeds)
+                log.metrics(epoch, _named(name, finetuned, scored))
+            log.flush()  # the next fine-tuning may take hours
+        with atomic(output) as temporary:
+            pd.DataFrame(rows)[[*COLUMNS, "epoch", "finetune_epochs"]].to_csv(temporary, index=False)
+        log.artifact(output)
+
+
+def _named(name: str, finetuned: int, scored: Scored) -> dict[str, Tensor]:
+    """A set's metrics, (S,) each, as ``set/metric`` and, after fine-tuning, ``set/metric_finetuned_10``."""
+    end = "" if finetuned == BASE else f"_finetuned_{finetuned}"
+    return {f"{name}/{metric}{end}": value for metric, value in scored.values.items()}

@@ -10,7 +10,7 @@ import torch
 
 from expertaug.learning import snapshots
 from expertaug.learning.augment import augment
-from expertaug.learning.checkpoint import fingerprint, locked
+from expertaug.learning.checkpoint import fingerprint
 from expertaug.learning.finetune import finetune
 from expertaug.models import store
 
@@ -28,28 +28,27 @@ def stages(
     Arguments:
         file: snapshots of a training.
         data: folder of the sets.
-        work: folder for models and checkpoints.
+        work: folder for models and checkpoints; the caller holds its lock.
         settings: {augment, finetune, finetune_epochs}: the settings of these stages, and the lengths.
     """
     file, work = Path(file), Path(work)
     inputs = [file, *(Path(data) / f"{name}.npz" for name in ("train", "validation"))]
     used = {key: settings[key] for key in ("augment", "finetune", "finetune_epochs")}
     folder = work / fingerprint(used, inputs)[:16]
-    with locked(work):
-        for other in work.glob("*"):  # of other settings, code or data
-            if other != folder:
-                shutil.rmtree(other)
-        for epoch, stored in snapshots.load(file, device).items():
-            yield epoch, BASE, stored
-            model, augmented = folder / f"{epoch}/model.safetensors", folder / f"{epoch}/augmented.safetensors"
-            if not augmented.exists():
-                store.save(model, stored.model, stored.description)
-                augment(model, data, augmented, settings["augment"])
-            for count in settings["finetune_epochs"]:
-                tuned = folder / f"{epoch}_{count}/model.safetensors"
-                if not tuned.exists():
-                    training = settings["finetune"]["training"] | {"epochs": count}
-                    options = settings["finetune"] | {"training": training}
-                    finetune(model, augmented, data, tuned, tuned.with_name("work"), options, None)
-                yield epoch, count, store.load(tuned, device)
-        shutil.rmtree(work)
+    for other in work.glob("*"):  # of other settings, code or data
+        if other != folder:
+            shutil.rmtree(other)
+    for epoch, stored in snapshots.load(file, device).items():
+        yield epoch, BASE, stored
+        model, augmented = folder / f"{epoch}/model.safetensors", folder / f"{epoch}/augmented.safetensors"
+        if not augmented.exists():
+            store.save(model, stored.model, stored.description)
+            augment(model, data, augmented, settings["augment"])
+        for count in settings["finetune_epochs"]:
+            tuned = folder / f"{epoch}_{count}/model.safetensors"
+            if not tuned.exists():
+                training = settings["finetune"]["training"] | {"epochs": count}
+                options = settings["finetune"] | {"training": training}
+                finetune(model, augmented, data, tuned, tuned.with_name("work"), options, None)
+            yield epoch, count, store.load(tuned, device)
+    shutil.rmtree(work)
