@@ -7,6 +7,7 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError
+from expertaug.models.hybrid import build
 from expertaug.systems import simulate
 from expertaug.systems.reaction_diffusion import SIZE, WIDTH, laplacian
 from expertaug.systems.simulate import sample
@@ -73,3 +74,34 @@ def test_shifting_the_start_shifts_the_trajectory():
     y, z_e, z_a = torch.rand(2, 2, SIZE, SIZE), torch.rand(2, 2), torch.rand(2, 1)
     shifted = system.truth(torch.tensor(0.0), y.roll((3, 5), (-2, -1)), z_e, z_a)
     torch.testing.assert_close(shifted, system.truth(torch.tensor(0.0), y, z_e, z_a).roll((3, 5), (-2, -1)))
+
+
+def test_lawson_steps_of_the_datas_grid_are_exact_where_runge_kutta_is_not():
+    system = systems.load({"name": "reaction_diffusion", "reaction": "without_k"})
+    y0 = torch.rand(3, 2, SIZE, SIZE, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    z_e, t = torch.tensor([[0.002, 0.007]]).double().expand(3, 2), torch.arange(6).double() / 10
+
+    def solve(solver):
+        part = system.nonlinear if solver.splits else system.expert
+        return solver(lambda s, y: part(s, y, z_e), y0, t, lambda h: system.linear_flow(z_e, h))
+
+    exact = solve(Solver("dopri5", 1e-9, 1e-9))
+    lawson, plain = (float((solve(Solver(method)) - exact).abs().max()) for method in ("lawson4", "rk4"))
+    assert lawson < 1e-4 < 1e-2 < plain
+
+
+def test_lawson_is_runge_kutta_where_nothing_is_linear():
+    system = systems.load({"name": "pendulum"})
+    z_e, y0, t = torch.ones(2, 1), torch.tensor([[1.0, 0.0], [0.3, 0.1]]), torch.arange(5) / 10
+    a, b = (Solver(m)(lambda s, y: system.expert(s, y, z_e), y0, t) for m in ("lawson4", "rk4"))
+    torch.testing.assert_close(a, b)
+
+
+def test_a_hybrid_forecast_is_the_same_by_lawson_steps():
+    system = systems.load({"name": "reaction_diffusion"})
+    times = torch.arange(4) / 10
+    model = build(system, times, {"encoder": {"kind": "moments"}, "interaction": {"kind": "polynomial"}})
+    y = torch.rand(4, 3, 2, SIZE, SIZE, generator=torch.Generator().manual_seed(0))
+    z_e, z_a = torch.tensor([[0.002, 0.007]]).expand(3, 2), torch.zeros(3, 1)
+    a, b = (model.forecast(y[0], z_e, z_a, times, s) for s in (Solver("lawson4"), Solver("rk4", substeps=8)))
+    torch.testing.assert_close(a, b, rtol=0, atol=1e-4)

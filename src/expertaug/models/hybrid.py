@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from functools import partial
 
 import torch
 from torch import Tensor, nn
@@ -67,8 +68,11 @@ class HybridModel(nn.Module):
         axis = -1 - len(self.system.state_shape)
         rest = y0.shape[axis] - count
 
+        expert = self.system.nonlinear if solver.splits else self.system.expert
+        flow = partial(self.system.linear_flow, z_e) if self.expert else None
+
         def field(s: Tensor, y: Tensor) -> Tensor:
-            rate = self.system.expert(s, y, z_e) if self.expert else self.system.kinematics(y)
+            rate = expert(s, y, z_e) if self.expert else self.system.kinematics(y)
             if context is None:
                 return rate
             if rest == 0:
@@ -76,7 +80,7 @@ class HybridModel(nn.Module):
             (first, _), (one, other) = y.split([count, rest], axis), rate.split([count, rest], axis)
             return torch.cat((one + self.interaction(first, context), other), axis)
 
-        return solver(field, self.system.initial_state(y0, z_e), t)
+        return solver(field, self.system.initial_state(y0, z_e), t, flow)
 
     def predict(self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> tuple[Tensor, Tensor]:
         """Forecast from the posterior's mean.

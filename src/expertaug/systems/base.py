@@ -56,6 +56,17 @@ class System(ABC):
     def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
         """F_e: time derivative (…, *state) at states y (…, *state) for parameters z_e (…, P)."""
 
+    def linear_flow(self, z_e: Tensor, h: float) -> Callable[[Tensor], Tensor] | None:
+        """y (…, *state) → exp(h L) y, the exact flow of a linear part L of F_e; None where there is none.
+
+        Such a part may be stiff: the solver lawson4 has it exact, and asks :meth:`nonlinear` for the rest.
+        """
+        return None
+
+    def nonlinear(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
+        """F_e without the part that :meth:`linear_flow` solves."""
+        return self.expert(t, y, z_e)
+
     def truth(self, t: Tensor, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
         """The full right-hand side that simulations follow: (…, *state) for z_a (…, Q)."""
         raise NotImplementedError(f"{type(self).__name__} has no simulation: its data come from recordings")
