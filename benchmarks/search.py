@@ -3,8 +3,8 @@
 A trial is a JSON mapping that overrides an experiment's blocks (model, training, augmentation, finetuning, choices) for
 one method.  It is trained, with ``--augmented`` also fine-tuned, and scored on the training and the validation set; the
 test set is never read.  Each trial adds a line to a CSV (results/published/search/<experiment>_<method>.csv unless
-``--table`` says otherwise); a trial that stands there already is not repeated.  With ``--from-best N`` the N best of
-the table are printed instead.
+``--table`` says otherwise) with the configuration files and the git revision whose settings it overrides; a trial that
+stands there already is not repeated.  With ``--from-best N`` the N best of the table are printed instead.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
 from expertaug.models import store
+from expertaug.provenance import revision
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
 from expertaug.types import Trajectories
 
 COLUMNS = [
-    "variant", "trial", "seeds", "minutes", "selection", "train", "validation", "validation_std", "parameter_error"
+    "variant", "trial", "seeds", "minutes", "selection", "train", "validation", "validation_std", "parameter_error",
+    "configuration", "revision"
 ]  # fmt: skip
 
 
@@ -85,13 +87,11 @@ def _digest(settings: object) -> str:
     return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def row(model: Path, trial: str, variant: str, data: Path, evaluation: dict) -> dict:
-    """A trial's line of the table."""
+def row(model: Path, data: Path, evaluation: dict) -> dict:
+    """What a trial's line of the table says of its model."""
     scores = score(model, data, evaluation["from_s"], evaluation["convention"])
     description = store.load(model).description
     return {
-        "variant": variant,
-        "trial": trial,
         "seeds": len(description["seeds"]),
         "minutes": round(description["wall_s"] / 60, 2),
         "selection": round(float(np.mean(description["best_score"])), 3),
@@ -122,7 +122,9 @@ def main() -> None:
     variant = options.method + "+" * options.augmented
     for text in options.trial or ["{}"]:
         trial = json.dumps(json.loads(text), sort_keys=True)
-        if any((r["variant"], r["trial"]) == (variant, trial) for r in known):
+        origin = {"configuration": " ".join(options.configfile), "revision": revision() or ""}
+        line = {"variant": variant, "trial": trial} | origin
+        if any(all(r[k] == line[k] for k in line) for r in known):
             continue
         loaded = config.load(options.configfile)
         over = json.loads(trial)
@@ -135,7 +137,7 @@ def main() -> None:
             print(f"{variant} {trial}: {error}", file=sys.stderr)
             continue
         data = Path(settings["results"], options.experiment, "data")
-        line = row(model, trial, variant, data, settings["experiments"][options.experiment]["evaluation"])
+        line |= row(model, data, settings["experiments"][options.experiment]["evaluation"])
         print(line, flush=True)
         table.parent.mkdir(parents=True, exist_ok=True)
         new = not table.exists()

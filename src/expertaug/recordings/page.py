@@ -12,6 +12,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_json
@@ -189,4 +190,5 @@ def _reasons(axis: Axes, reasons: Mapping[str, int], total: int) -> None:
     axis.bar_label(bars, [f"{count} ({count / total:.2%})" for _, count in ordered], padding=3, fontsize=7)
     axis.set_xlim(0, 1.2 * ordered[-1][1])
     axis.set_ylim(-0.6, len(ordered) - 0.4)
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     axis.set_xlabel("frames with a reason")
