@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from conftest import PRIOR
+from tiny import PRIOR, SETTINGS
 
 from expertaug import systems
 from expertaug.errors import InputError
@@ -23,8 +23,6 @@ CPU = torch.device("cpu")
 
 @pytest.fixture(scope="module")
 def trained(data, tmp_path_factory):
-    from conftest import SETTINGS
-
     folder = tmp_path_factory.mktemp("trained")
     train(data, folder / "model.safetensors", folder / "work", SETTINGS, None)
     return folder / "model.safetensors"

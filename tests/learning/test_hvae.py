@@ -4,7 +4,7 @@ import json
 
 import pytest
 import torch
-from conftest import PRIOR
+from tiny import PRIOR
 
 from expertaug import systems
 from expertaug.errors import InputError

@@ -1,0 +1,30 @@
+"""A tiny pendulum experiment."""
+
+from expertaug.presets import resolve
+
+RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
+DATA = {
+    "seed": 0,
+    "step_s": 0.1,
+    "t2_s": 2.0,
+    "noise": 0.01,
+    "sets": {"train": RANGES | {"size": 40}, "validation": RANGES | {"size": 10}, "test": RANGES | {"size": 10}},
+}
+SETTINGS = {
+    "experiment": "pendulum",
+    "method": "aphynity",
+    "label": "APHYNITY",
+    "preset": "corrected",
+    "system": {"name": "pendulum"},
+    "build": {"kind": "hybrid"},
+    "model": {
+        "encoder": {"kind": "recurrent", "hidden": 8, "layers": [8]},
+        "interaction": {"kind": "mlp", "layers": [6, 6]},
+    },
+    "training": {"epochs": 3, "batch_size": 10, "learning_rate": 3e-3, "checkpoint_s": 0.0},
+    "t1_s": 1.0,
+    "choices": resolve("corrected"),
+    "seeds": [0, 1],
+    "device": "cpu",
+}
+PRIOR = {"omega0": [0.5, 3.5]}
