@@ -20,7 +20,7 @@ from expertaug.models.hybrid import HybridModel
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.store import read_tensors
 
-CHUNK = 4096  # samples simulated at a time: bounds the memory
+CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in their states: bounds the memory
 ATTEMPTS = 10
 
 
@@ -76,9 +76,9 @@ def generate(
     """
     low, high = prior_range(model, prior)
     random = Noise(seeds, draw, 1, device=data.y.device)
-    parts = []
-    for start in range(0, len(data), CHUNK):
-        index = torch.arange(start, min(start + CHUNK, len(data)))
+    parts, size = [], max(min(CHUNK, NUMBERS // data.y[0, 0, 0].numel()), 1)
+    for start in range(0, len(data), size):
+        index = torch.arange(start, min(start + size, len(data)))
         batch = StackedSet(data.y[:, :, index], data.z_e[:, index], data.supervised[index]).whole(len(seeds))
         y0 = batch.y[0]
         z_a = _latent(model.encode(batch.y[: task.observed]), z_a_from, partial(random.normal, len(index)))
