@@ -33,6 +33,21 @@ def test_a_named_class_brings_its_file(tmp_path, monkeypatch):
     assert not any(path.endswith(("double_pendulum.py", "cli.py")) for path in found)
 
 
+def test_what_a_named_module_imports_is_followed(tmp_path, monkeypatch):
+    folder = tmp_path / "outside"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "constants.py").write_text("G = 9.81\n")
+    (folder / "unused.py").touch()
+    text = "import torch\nfrom . import constants\nfrom expertaug.learning.hvae import HybridVAE\n"
+    (folder / "mine.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    new = set(sources.sources("simulate", ["outside.mine:Mine"])) - set(sources.sources("simulate"))
+    names = {Path(path).name for path in new}
+    assert {"mine.py", "constants.py", "hvae.py"} <= names
+    assert "unused.py" not in names and not any("site-packages" in path for path in new)
+
+
 def test_modules_that_do_not_exist_are_named():
     with pytest.raises(InputError, match=r"system\.name: no module 'no\.such'"):
         sources.find("system.name", "no.such:Class")

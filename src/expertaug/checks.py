@@ -158,7 +158,8 @@ def _system(where: str, name: str) -> None:
         return
     known = [module for module in sources.modules("expertaug.systems") if module not in NOT_SYSTEMS]
     if name not in known:
-        raise InputError(where, f"'{name}' is no system", suggest(name, known))
+        remedy = f"{suggest(name, known)}, or the dotted path of a module elsewhere"
+        raise InputError(where, f"'{name}' is no system", remedy)
 
 
 def _simulation(where: str, experiment: Mapping, config: Mapping) -> None:
@@ -173,6 +174,12 @@ def _simulation(where: str, experiment: Mapping, config: Mapping) -> None:
                 f"{where}.data.{key}", f"found {data[key]:g}", f"give a multiple of step_s, {data['step_s']:g}"
             )
     first, sets = next(iter(data["sets"])), data["sets"]
+    system = experiment["system"]["name"]
+    signatures.require_simulation(system, f"{where}.system.name")
+    for part, attribute in (("z_e", "expert_parameters"), ("z_a", "interaction_parameters")):
+        known = signatures.parameters(system, attribute, f"{where}.system.name")
+        if known is not None:
+            require_parameters(f"{where}.data.sets.{first}.{part}", sets[first][part], known, f"the system {system}")
     for name, one in sets.items():
         for part in ("z_e", "z_a"):
             require_parameters(f"{where}.data.sets.{name}.{part}", one[part], sets[first][part], f"the set {first}")

@@ -41,7 +41,7 @@ def require_keys(where: str, used: Iterable[str], known: Iterable[str]) -> None:
             raise InputError(f"{where}.{key}", "unknown key", suggest(key, known))
 
 
-def require_parameters(where: str, ranges: Mapping, expected: Mapping, of: str) -> None:
+def require_parameters(where: str, ranges: Mapping, expected: Iterable[str], of: str) -> None:
     """Ranges must be of the same parameters as those of something else."""
     if set(ranges) != set(expected):
         names = ", ".join(expected) or "none"

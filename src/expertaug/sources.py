@@ -82,25 +82,28 @@ def modules(package: str) -> list[str]:
 
 @cache
 def _reachable(name: str, ignored: frozenset[str]) -> frozenset[Path]:
-    """Files of a module and of everything of this package that it imports, also inside functions."""
-    if not name.startswith("expertaug."):
-        return frozenset([find(name, name)])
+    """Files of a module and of everything of this package and of its own that it imports, also inside functions."""
+    own = name.split(".")[0]
+    roots = {"expertaug": PACKAGE.parent}
+    if own not in roots:
+        file = find(name, name)
+        roots[own] = file.parents[name.count(".") + (file.name == "__init__.py")]
     todo, found = [name], {}
     while todo:
         module = todo.pop()
-        path = _path(module)
+        path = _path(module, roots.get(module.split(".")[0], PACKAGE.parent))
         if module in found or module in ignored or path is None:
             continue
         found[module] = path
-        todo += _imported(path)
+        todo += [other for other in _imported(path, module) if other.split(".")[0] in roots]
         todo.append(module.rpartition(".")[0])
     if name not in found:
         raise InputError(name, "no such module of expertaug", "correct the name")
     return frozenset(found.values())
 
 
-def _path(module: str) -> Path | None:
-    base = PACKAGE.parent.joinpath(*module.split("."))
+def _path(module: str, root: Path = PACKAGE.parent) -> Path | None:
+    base = root.joinpath(*module.split("."))
     return next((p for p in (base.with_suffix(".py"), base / "__init__.py") if module and p.is_file()), None)
 
 
@@ -123,13 +126,29 @@ def find(where: str, name: str) -> Path:
     return Path(found.origin)
 
 
+def parsed(path: Path) -> ast.Module:
+    """The syntax tree of a Python file.
+
+    Raises:
+        InputError: it is no Python.
+    """
+    try:
+        return ast.parse(path.read_text(encoding="utf-8"))
+    except (SyntaxError, ValueError) as error:
+        line = f":{error.lineno}" if getattr(error, "lineno", None) else ""
+        raise InputError(f"{path}{line}", f"no Python ({getattr(error, 'msg', error)})", "correct that file") from error
+
+
 @cache
-def _imported(path: Path) -> tuple[str, ...]:
-    """Modules of this package that a file names in import statements."""
+def _imported(path: Path, module: str) -> tuple[str, ...]:
+    """Modules that a file, which is ``module``, names in import statements."""
     names = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-    return tuple(name for name in names if name.split(".")[0] == "expertaug")
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) + 1 - node.level] if node.level else []
+            source = ".".join([*above, *([node.module] if node.module else [])])
+            names += [source, *(f"{source}.{alias.name}" for alias in node.names)]
+    return tuple(names)

@@ -143,6 +143,17 @@ def test_parameters(tmp_path, drawn, write):
     assert_nothing_is_cut(drawn[-1])
 
 
+def test_long_units_of_many_methods_do_not_collide(tmp_path, drawn, monkeypatch):
+    monkeypatch.setattr(style, "quantity", lambda name, unit: "$b$ [1/(m s)^2]")
+    paths = dict.fromkeys([f"Method {k}" for k in range(7)], write_double_forecasts(tmp_path)["Hybrid"])
+    figures.parameters(paths, tmp_path / "parameters")
+    with style.styled():
+        drawn[-1].draw_without_rendering()
+        boxes = [axis.xaxis.label.get_window_extent() for axis in drawn[-1].axes]
+        boxes += [axis.yaxis.label.get_window_extent() for axis in drawn[-1].axes if axis.get_ylabel()]
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+
+
 def test_methods_without_parameters_get_a_note(tmp_path, drawn):
     figures.parameters({"Mean": write_forecasts(tmp_path)["Mean"]}, [tmp_path / "a.png"])
     figures.parameter_errors(write_metrics(tmp_path, labels=("Mean", "ML only")), [tmp_path / "b.png"])

@@ -99,16 +99,18 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
     count = len(first.parameter_names)
     with style.styled():
         side = min(2.3, (style.WIDTH - 0.5) / len(labels))
+        before_unit = "\n[" if side < 1.2 else " ["  # two lines where the panels are narrow
         figure = style.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(labels) + 0.5))
         grid = figure.subplots(count, len(labels), squeeze=False, sharex="row", sharey="row")
         for row, name in enumerate(first.parameter_names):
             low, high = _show_ranges(grid[row], first, row, name, settings)
+            quantity = style.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
             for axis, label in zip(grid[row], labels, strict=True):
                 _scatter(axis, found[label], row, (low, high), colours[label], settings)
-                axis.set_xlabel(f"true {style.quantity(name, first.parameter_units[row])}")
+                axis.set_xlabel(f"true {quantity}")
                 if row == 0:
                     axis.set_title(label)
-            grid[row, 0].set_ylabel(f"estimated {style.quantity(name, first.parameter_units[row])}")
+            grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, settings)
         style.save(figure, outputs)
 
