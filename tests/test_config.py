@@ -132,13 +132,13 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
             "recordings.markers.path: 'nowhere' does not exist",
         ),
         (
-            "experiments: {pendulum: {augmentations: {wide: {prior: {omega: [1, 2]}}}}}",
-            "pendulum.augmentations.wide.prior: names omega; give a range for each parameter of augmentation.prior",
+            "experiments: {pendulum: {augmentations: {other: {prior: {omega: [1, 2]}}}}}",
+            "pendulum.augmentations.other.prior: names omega; give a range for each parameter of augmentation.prior",
         ),
-        ("experiments: {pendulum: {augmentations: {wide: {}}}}", "augmentations.wide.prior: missing"),
+        ("experiments: {pendulum: {augmentations: {other: {}}}}", "augmentations.other.prior: missing"),
         (
-            "experiments: {pendulum: {augmentations: {wide: {prior: {omega0: [1, 2]}, methods: [mean]}}}}",
-            "augmentations.wide.methods[0]: 'mean' is no method under augmented",
+            "experiments: {pendulum: {augmentations: {other: {prior: {omega0: [1, 2]}, methods: [mean]}}}}",
+            "augmentations.other.methods[0]: 'mean' is no method under augmented",
         ),
         ("experiments: {pendulum: {studies: {alon: {}}}}", "studies.alon: unknown key; did you mean 'along'?"),
         ("experiments: {pendulum: {studies: {along: {method: aphynity}}}}", "studies.along.epochs: missing"),
@@ -308,9 +308,10 @@ def test_slices_hold_only_what_their_stage_uses(base):
 
 
 def test_blocks_and_variants(base):
-    found = config.validate(config.merge(base, {"seeds": [4, 0, 7], "seeds_per_job": 2}))
+    own = {"experiments": {"x": {"based_on": "pendulum", "methods": ["mean", "aphynity"], "augmented": ["aphynity"]}}}
+    found = config.validate(config.merge(base, own | {"seeds": [4, 0, 7], "seeds_per_job": 2}))
     assert slices.blocks(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
-    assert slices.variants(found, "pendulum")[-2:] == ["aphynity", "aphynity+"]
+    assert slices.variants(found, "x") == ["mean", "aphynity", "aphynity+"]
     assert slices.label(found, "aphynity+") == "APHYNITY+"
 
 
@@ -372,36 +373,48 @@ def test_an_experiment_may_differ_under_a_preset(base: dict) -> None:
     assert default["data"] == plain["data"] and default["training"] == plain["training"]
 
 
+# An experiment without studies, on which the next is built.
+PLAIN = """
+run: [plain]
+experiments:
+  plain:
+    based_on: pendulum
+    methods: [mean, ml_only, aphynity]
+    augmented: [aphynity]
+    augmentations: {narrow: null, wide: null}
+"""
 STUDIES = """
 experiments:
-  pendulum:
+  plain:
     data: {sets: {near: {size: 5, z_e: {omega0: [1.5, 3.1]}, z_a: {alpha: [0.6, 1.0]}}}}
     augmentations: {wide: {prior: {omega0: [0.1, 7.0]}}}
     studies:
       along: {method: aphynity, epochs: [5, 1], finetuning: {learning_rate: 0.5}}
       out_of_expertise: {distances: [none, near], panels: {z_a: [test, near]}, overview: near}
-  x: {based_on: pendulum, augmentations: {wide: null}, studies: {along: null}}
+  x: {based_on: plain, augmentations: {wide: null}, studies: {along: null}}
 """
 
 
 def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
+    base = config.merge(base, yaml.safe_load(PLAIN))
     block, plain = "seeds_0_1_2", config.validate(base)
+    assert jobs.studies(plain, "plain") == []
     found = config.validate(config.merge(base, yaml.safe_load(STUDIES)))
-    assert jobs.studies(found, "pendulum") == ["along", "out_of_expertise", "prior_width"]
+    assert jobs.studies(found, "plain") == ["along", "out_of_expertise", "prior_width"]
     assert jobs.studies(found, "x") == ["out_of_expertise"], "null takes away"
-    assert jobs.variants(found, "pendulum") == jobs.variants(plain, "pendulum")
-    assert "aphynity+wide" in jobs.further_variants(found, "pendulum")
-    assert jobs.studied(found, "pendulum", "prior_width")[:2] == ["aphynity", "aphynity+"]
-    trained = slices.train(found, "pendulum", "aphynity", block)
+    assert jobs.variants(found, "plain") == jobs.variants(plain, "plain")
+    assert "aphynity+wide" in jobs.further_variants(found, "plain")
+    assert jobs.studied(found, "plain", "prior_width")[:2] == ["aphynity", "aphynity+"]
+    trained = slices.train(found, "plain", "aphynity", block)
     assert trained.pop("snapshots") == [1, 5]
-    assert trained == slices.train(plain, "pendulum", "aphynity", block)
-    assert slices.train(found, "pendulum", "ml_only", block) == slices.train(plain, "pendulum", "ml_only", block)
+    assert trained == slices.train(plain, "plain", "aphynity", block)
+    assert slices.train(found, "plain", "ml_only", block) == slices.train(plain, "plain", "ml_only", block)
     for stage in (slices.augment, slices.finetune):
-        assert stage(found, "pendulum", "aphynity+", block) == stage(plain, "pendulum", "aphynity+", block)
-    wide = slices.augment(found, "pendulum", "aphynity+wide", block)
+        assert stage(found, "plain", "aphynity+", block) == stage(plain, "plain", "aphynity+", block)
+    wide = slices.augment(found, "plain", "aphynity+wide", block)
     assert wide["prior"] == {"omega0": [0.1, 7.0]} and wide["method"] == "aphynity+wide"
-    assert slices.finetune(found, "pendulum", "aphynity+wide", block)["label"] == "APHYNITY+ (wide)"
-    assert slices.evaluate(found, "pendulum", "aphynity", block)["sets"][-1] == "near"
-    along = slices.along(found, "pendulum", "aphynity", block)
+    assert slices.finetune(found, "plain", "aphynity+wide", block)["label"] == "APHYNITY+ (wide)"
+    assert slices.evaluate(found, "plain", "aphynity", block)["sets"][-1] == "near"
+    along = slices.along(found, "plain", "aphynity", block)
     assert along["finetune"]["training"]["learning_rate"] == 0.5 and along["finetune_epochs"] == [1, 10]
-    assert slices.tabulate(found, "pendulum") == slices.tabulate(plain, "pendulum")
+    assert slices.tabulate(found, "plain") == slices.tabulate(plain, "plain")

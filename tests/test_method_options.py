@@ -23,7 +23,9 @@ experiments:
 
 @pytest.fixture(scope="module")
 def base() -> dict:
-    return config.load([Path(__file__).parents[1] / "config" / "config.yaml"])
+    """The default configuration's pendulum alone: no other experiment inherits what is changed here."""
+    found = config.load([Path(__file__).parents[1] / "config" / "config.yaml"])
+    return found | {"run": ["pendulum"], "experiments": {"pendulum": found["experiments"]["pendulum"]}}
 
 
 def settings(base, method, more="{}"):

@@ -29,18 +29,23 @@ LEARNING_TARGETS = ["train", "augment", "finetune", "along", "evaluate", "studie
 LEARNING_TARGETS += ["pendulum", "double_pendulum"]
 TARGETS = [*DATA, "simulate", *LEARNING_TARGETS, "everything", "all"]
 SMOKE = ["--configfile", "config/smoke.yaml", "studies.yaml"]
-# Each study and the comparison with the paper, on the pendulum.
+# Simulated and recorded data, the quick methods; each study and the comparison with the paper, on the pendulum.
 STUDIES = """
 run: [pendulum, double_pendulum]
 experiments:
   pendulum:
+    methods: [mean, expert_only, ml_only, aphynity]
+    augmented: [aphynity]
     data: {sets: {near: {size: 9, z_e: {omega0: [1.5, 3.1]}, z_a: {alpha: [0.6, 1.0]}}}}
-    augmentations: {wide: {prior: {omega0: [0.1, 7.0]}, methods: [aphynity]}}
+    augmentations: {narrow: null, wide: {prior: {omega0: [0.1, 7.0]}, methods: [aphynity]}}
     studies:
       out_of_expertise: {distances: [none, near], panels: {z_a shifted: [validation, near]}, overview: near}
       along: {method: aphynity, epochs: [1, 3], finetune_epochs: [1], max_samples: 9}
     evaluation: {published: pendulum}
-  double_pendulum: {studies: {along: null}}
+  double_pendulum:
+    methods: [mean, expert_only_point_mass, expert_only, ml_only, aphynity]
+    augmented: [aphynity]
+    studies: {along: null}
 """
 EVALUATION = {"evaluate_block", "tabulate_experiment", "plot_experiment", "plot_overview"}
 AUGMENTED = {"finetune_block"} | EVALUATION
@@ -167,7 +172,7 @@ def test_touched_files_redo_nothing(project):
             {"augment_block"} | TUNED,
         ),
         ({"experiments": {"pendulum": {"evaluation": {"samples": 2}}}}, SCORED),
-        ({"experiments": {"pendulum": {"training": {"epochs": 4}}}}, TRAINED),
+        ({"experiments": {"pendulum": {"training": {"learning_rate": 0.001}}}}, TRAINED),
         (
             {"experiments": {"pendulum": {"data": {"sets": {"test": {"size": 21}}}}}},
             {"simulate_set", "along_block"} | SCORED,
@@ -219,7 +224,8 @@ def test_a_changed_module_redoes_exactly_its_stages(project, module, rules):
 
 
 def test_declared_modules_cover_what_every_job_has_loaded(project):
-    found = config.validate(config.load([ROOT / "config" / "config.yaml", ROOT / "config" / "smoke.yaml"]))
+    files = [project / name for name in ("config/config.yaml", "config/smoke.yaml", "studies.yaml")]
+    found = config.validate(config.load(files))
     named = {m for e in found["run"] for m in slices.modules(found, e, "aphynity")}
     package = project / "src"
     without = {*(f"{m.replace('.', '/')}.py" for m in sources.WITHOUT_EFFECT)}
@@ -272,7 +278,10 @@ def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
         planned(project, "--directory", elsewhere),
         planned(elsewhere, "-s", project / "workflow" / "Snakefile"),
     ]
-    assert plans[0] == plans[1] == plans[2] and plans[0]["train_block"] == 9
+    assert plans[0] == plans[1] == plans[2]
+    found = config.validate(config.load([project / "config" / "config.yaml"]))
+    models = sum(len(found["experiments"][name]["methods"]) for name in found["run"]) * len(slices.blocks(found))
+    assert plans[0]["train_block"] + plans[0]["train_block_with_snapshots"] == models
     assert not list(elsewhere.glob("results"))
 
 
