@@ -96,3 +96,13 @@ def test_latent_degree_says_which_terms_vary():
         change = (rates[0] - rates[1]).detach()
         assert (change.diff(dim=0).abs().max() < 1e-5) == (degree == 0)
         torch.testing.assert_close(change.diff(dim=0).diff(dim=0), torch.zeros(3, 2), rtol=0, atol=1e-5)
+
+
+def test_far_beyond_the_training_set_the_terms_stay_constant():
+    system = systems.load({"name": "reaction_diffusion"})
+    interaction = PolynomialInteraction(system, 1)
+    interaction.fit(torch.rand(3, 8, 2, 32, 32))
+    context = interaction.context(torch.ones(1, 1), torch.ones(1, 2))
+    far = torch.full((1, 2, 32, 32), 1e30)
+    assert torch.isfinite(interaction(far, context)).all()
+    assert torch.equal(interaction(far, context), interaction(2 * far, context))

@@ -13,6 +13,9 @@ from expertaug.models.interaction import Interaction
 from expertaug.models.layers import MLP
 from expertaug.systems import System
 
+# Standard deviations of the training set from which the terms stay constant: no cubic sends a forecast to infinity.
+FARTHEST = 10.0
+
 
 class PolynomialInteraction(Interaction):
     """F_a(y; z_a) = Σ c_i(z_a) φ_i(y), φ_i the polynomials that are orthonormal over the training set's states.
@@ -80,6 +83,7 @@ class PolynomialInteraction(Interaction):
         """F_a at states y (…, B, *state), the shape of y."""
         lead = context.shape[:-1]
         x = (y.reshape(*lead, self.components, self.cells) - self.mean.unsqueeze(-3)) / self.std.unsqueeze(-3)
+        x = x.clamp(-FARTHEST, FARTHEST)
         return (context.unflatten(-1, (self.components, self.terms)) @ self._monomials(x)).view_as(y)
 
     def _monomials(self, x: Tensor) -> Tensor:
