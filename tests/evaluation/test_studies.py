@@ -61,7 +61,7 @@ def test_shifts(tmp_path, drawn):
         pytest.approx([1.6, 1.8]),
     ]
     assert right.get_title() == "$z_a$ and $z_e$ shifted"
-    assert left.get_xticklabels()[1].get_text() == "small\n$\\alpha$ [0.3, 0.6]"
+    assert left.get_xticklabels()[1].get_text() == "small\n$\\alpha$: 0.3\nto 0.6"
 
 
 def test_widths_are_in_the_order_of_their_volume(tmp_path, drawn):

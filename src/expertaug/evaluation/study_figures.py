@@ -157,7 +157,7 @@ def _dodge(place: int, count: int) -> float:
 def _tick(distance: str, name: str, settings: Mapping) -> str:
     """The distance, and below it the range of the interaction's parameters."""
     ranges = settings["sets"].get(name, {}).get("z_a", {})
-    return "\n".join([distance, *(f"{style.symbol(p)} [{low:g}, {high:g}]" for p, (low, high) in ranges.items())])
+    return "\n".join([distance, *(f"{style.symbol(p)}: {low:g}\nto {high:g}" for p, (low, high) in ranges.items())])
 
 
 def _extent(priors: Mapping[str, Mapping], name: str) -> str:
