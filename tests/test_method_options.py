@@ -14,6 +14,7 @@ experiments:
   pendulum:
     methods: [aphynity, variational]
     augmented: [variational]
+    augmentations: {narrow: null, wide: null}
     overrides:
       variational:
         model: {encoder: {kind: two_step, latent: 2}, interaction: {layers: [64, 64]}}
