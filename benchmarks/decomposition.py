@@ -28,8 +28,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, nargs="?", default=Path("results"))
     parser.add_argument("--experiment", default="pendulum")
-    folder = parser.parse_args()
-    folder = folder.results / folder.experiment
+    options = parser.parse_args()
+    folder = options.results / options.experiment
     torch.set_num_threads(1)
     truth = Trajectories.load(folder / "data" / "validation.npz")
     alpha, squared = truth.z_a[:, 0], truth.z_e[:, 0] ** 2
