@@ -69,7 +69,7 @@ class HybridModel(nn.Module):
         rest = y0.shape[axis] - count
 
         expert = self.system.nonlinear if solver.splits else self.system.expert
-        flow = partial(self.system.linear_flow, z_e) if self.expert else None
+        flow = partial(self.system.linear_flow, z_e) if self.expert and solver.splits else None
 
         def field(s: Tensor, y: Tensor) -> Tensor:
             rate = expert(s, y, z_e) if self.expert else self.system.kinematics(y)
