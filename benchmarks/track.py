@@ -1,10 +1,10 @@
 """Speed and accuracy of the marker tracker on one core, on rendered video of the fastest motion there is.
 
-    python benchmarks/track.py [--frames 1500] [--crf 18]
+    python benchmarks/track.py [--frames 1500] [--crf 18] [--style quadrant|disk]
 
 Renders the fastest stretch of 21 recordings, compresses it as H.264, decodes it into memory and tracks it at the full
 frame rate and at a quarter of it; the truth that it scores against is the renderer's.  The last line is the whole
-stage: a frame store read, tracked and written as markers.csv.
+stage: a frame store read, tracked and written as markers.csv.  ``--style disk`` paints a plain disk over each marker.
 """
 
 from __future__ import annotations
@@ -23,14 +23,17 @@ import numpy as np
 from expertaug.recordings.disks import NAMES
 from expertaug.recordings.frames import writing
 from expertaug.recordings.geometry import estimate_geometry
+from expertaug.recordings.look import STYLES
 from expertaug.recordings.markers import track_markers
 from expertaug.recordings.render import RenderSettings, encode, markers, motion, poses
-from expertaug.recordings.scene import Scene
+from expertaug.recordings.scene import HALF, RADIUS, Scene
 from expertaug.recordings.track_settings import TrackSettings
 from expertaug.recordings.tracker import Track, track_frames
 
 SECONDS = 10  # of each recording: launches are fastest at first
 RECORDINGS = 8
+PAINT = ((50, 40, 210), (60, 170, 50), (200, 90, 40))  # blue, green and red of a red, a green and a blue disk
+NOISE = 4.0  # grey levels, on the painted disks
 
 
 def fastest(count: int, settings: RenderSettings) -> tuple[np.ndarray, tuple[float, float]]:
@@ -43,20 +46,39 @@ def fastest(count: int, settings: RenderSettings) -> tuple[np.ndarray, tuple[flo
 
 
 def render(
-    states: np.ndarray, pivot: tuple[float, float], arms: tuple[float, float], settings: RenderSettings
+    states: np.ndarray,
+    pivot: tuple[float, float],
+    arms: tuple[float, float],
+    settings: RenderSettings,
+    centres: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Frames (n, H, W, 3) after compression."""
+    """Frames (n, H, W, 3) after compression, with plain disks painted at ``centres`` (n, 3, 2) px if given."""
     size = settings.image_size_px
     scene = Scene(size, pivot, arms, settings.noise, np.random.default_rng(0))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "clip.mp4"
         drawn = (scene.frame(poses(state, pivot, arms, settings.exposure_s)) for state in states)
+        if centres is not None:
+            rng = np.random.default_rng(0)
+            drawn = (paint(frame, places, rng) for frame, places in zip(drawn, centres, strict=True))
         encode(path, drawn, size, settings.rate_hz, crf=settings.crf, preset=settings.preset)
         video = cv2.VideoCapture(str(path))
         frames = np.empty((len(states), size, size, 3), np.uint8)
         for frame in frames:
             frame[:] = video.read()[1]
     return frames
+
+
+def paint(frame: np.ndarray, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The frame with a plain disk over each marker at ``places`` (3, 2) px, with smooth rims and noise."""
+    for (x, y), colour in zip(places, PAINT, strict=True):
+        x0, y0 = int(x) - HALF, int(y) - HALF
+        part = frame[y0 : y0 + 2 * HALF + 1, x0 : x0 + 2 * HALF + 1]
+        rows, columns = np.indices(part.shape[:2])
+        cover = np.clip(RADIUS + 0.5 - np.hypot(columns + x0 - x, rows + y0 - y), 0, 1)[..., None]
+        noisy = np.array(colour) + rng.normal(0, NOISE, part.shape)
+        part[:] = np.rint(cover * noisy + (1 - cover) * part)
+    return frame
 
 
 def report(label: str, seconds: float, track: Track, truth: np.ndarray) -> None:
@@ -73,14 +95,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=1500)
     parser.add_argument("--crf", type=int, default=18)
+    parser.add_argument("--style", choices=STYLES, default="quadrant")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     settings = RenderSettings(duration_s=SECONDS, crf=options.crf)
     arms = tuple(length * settings.pixels_per_metre for length in settings.arms_m)
     states, pivot = fastest(options.frames, settings)
-    frames = render(states, pivot, arms, settings)
     truth = np.stack([np.broadcast_to(pivot, (len(states), 2)), *markers(states, pivot, arms)], axis=1)
-    checked = TrackSettings()
+    frames = render(states, pivot, arms, settings, truth if options.style == "disk" else None)
+    look = {"markers": {"style": options.style}}
+    checked = TrackSettings.from_mapping(look)
     geometry, _ = estimate_geometry(frames[:: max(1, len(frames) // checked.calibration_frames)], checked)
     for step in (1, 4):
         start = time.process_time()  # of this one thread: other work on the machine does not count
@@ -92,7 +116,7 @@ def main() -> None:
             for frame in frames:
                 writer.append(frame)
         start = time.process_time()
-        track_markers(store, Path(folder) / "markers.csv")
+        track_markers(store, Path(folder) / "markers.csv", look)
         print(f"track_markers from the store: {len(frames) / (time.process_time() - start):.0f} frames/s")
 
 
