@@ -167,6 +167,14 @@ def test_bad_model_settings_are_named(tmp_path):
         store.load(tmp_path / "m")
 
 
+def test_a_file_whose_layers_have_changed_is_refused(tmp_path):
+    model, description = make(PENDULUM, [0])
+    model.encoder.more = torch.nn.Linear(1, 1)
+    store.save(tmp_path / "m.safetensors", model, description)
+    with pytest.raises(InputError, match="holds other layers than it describes; train it again"):
+        store.load(tmp_path / "m.safetensors")
+
+
 def test_an_encoder_from_elsewhere_needs_no_change_here():
     model = PENDULUM["model"] | {
         "encoder": {"kind": "expertaug.models.encoders:RecurrentEncoder", "hidden": 4, "layers": [3]}

@@ -47,7 +47,7 @@ def load(path: Path, device: torch.device | str = "cpu") -> StoredModel:
     """Read a model file.
 
     Raises:
-        InputError: the file is missing or no model file.
+        InputError: the file is missing or no model file, or its layers are no longer what its description says.
     """
     description, tensors = read_tensors(path)
     system = systems.load(description["system"])
@@ -55,7 +55,10 @@ def load(path: Path, device: torch.device | str = "cpu") -> StoredModel:
         model: nn.Module = MeanModel(system, tensors["mean"])
     else:
         model = make(system, description)
-        model.load_state_dict(tensors)
+        try:
+            model.load_state_dict(tensors)
+        except RuntimeError as error:
+            raise InputError(path, "holds other layers than it describes", "train it again") from error
     return StoredModel(model.to(device), description)
 
 
