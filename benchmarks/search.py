@@ -22,6 +22,7 @@ import torch
 from expertaug import config, slices
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, parameter_errors
+from expertaug.evaluation.summary import log_mse_name
 from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
@@ -38,19 +39,20 @@ COLUMNS = [
 
 
 @torch.no_grad()
-def score(model: Path, data: Path, start: float | None, convention: str) -> dict[str, np.ndarray]:
+def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
     """log-MSE of every seed on training and validation set, and the validation set's parameter error in %."""
     stored = store.load(model)
-    scores = {}
+    solver, start = Solver.from_mapping(evaluation["solver"]), evaluation["from_s"]
+    scores, metric = {}, log_mse_name(evaluation["convention"])
     for name in ("train", "validation"):
         truth = Trajectories.load(data / f"{name}.npz")
         truth = truth.subset(np.linspace(0, len(truth) - 1, min(len(truth), 500)).astype(int))
         y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1)
         observed = stored.description["observed"]
         window = y[:observed].expand(observed, len(stored.seeds), *y.shape[2:])
-        prediction, z_e = stored.model.predict(window, torch.from_numpy(truth.t).float(), Solver("rk4"))
+        prediction, z_e = stored.model.predict(window, torch.from_numpy(truth.t).float(), solver)
         begin = observed if start is None else int(np.searchsorted(truth.t, start - 1e-9))
-        scores[name] = log_mse(stored.model.system, prediction[begin:], y[begin:])[f"log_mse_{convention}"].numpy()
+        scores[name] = log_mse(stored.model.system, prediction[begin:], y[begin:])[metric].numpy()
     if z_e is not None:
         errors = parameter_errors(stored.model.system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
         scores["parameter_error"] = errors["relative_error"].numpy()
@@ -89,7 +91,7 @@ def _digest(settings: object) -> str:
 
 def row(model: Path, data: Path, evaluation: dict) -> dict:
     """What a trial's line of the table says of its model."""
-    scores = score(model, data, evaluation["from_s"], evaluation["convention"])
+    scores = score(model, data, evaluation)
     description = store.load(model).description
     return {
         "seeds": len(description["seeds"]),
