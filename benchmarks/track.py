@@ -20,10 +20,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy
 import cv2
 import numpy as np
 
-from expertaug.recordings.disks import NAMES
 from expertaug.recordings.frames import writing
 from expertaug.recordings.geometry import estimate_geometry
-from expertaug.recordings.look import STYLES
+from expertaug.recordings.look import ROLES, STYLES
 from expertaug.recordings.markers import track_markers
 from expertaug.recordings.render import RenderSettings, encode, markers, motion, poses
 from expertaug.recordings.scene import HALF, RADIUS, Scene
@@ -86,7 +85,7 @@ def report(label: str, seconds: float, track: Track, truth: np.ndarray) -> None:
     step = np.linalg.norm(np.diff(truth[:, 2], axis=0), axis=-1).max()
     usable = np.mean(track.quality > 0)
     print(f"{label}: {len(truth) / seconds:.0f} frames/s, tip up to {step:.1f} px a frame, {usable:.2%} usable")
-    for name, column in (("all", error), *zip(NAMES, error.T, strict=True)):
+    for name, column in (("all", error), *zip(ROLES, error.T, strict=True)):
         middle, tail, largest = np.nanmedian(column), np.nanpercentile(column, 99), np.nanmax(column)
         print(f"    {name:5s} error median {middle:.3f} px, p99 {tail:.3f} px, largest {largest:.2f} px")
 

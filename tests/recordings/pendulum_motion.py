@@ -14,7 +14,7 @@ from expertaug.systems.double_pendulum import Constants
 CONSTANTS = Constants(B1=0.103, G1=69.4, B2=1.366, G2=93.6)
 FRICTION = (0.03, 0.12)
 LAUNCHES = ((2.2, 1.0, -6.0, -12.0), (1.8, 2.0, -5.0, -9.0), (2.8, 0.3, -3.0, -14.0))
-MARKERS = ("red_x", "red_y", "green_x", "green_y", "blue_x", "blue_y")
+MARKERS = ("pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y")
 
 
 @functools.cache

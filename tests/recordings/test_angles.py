@@ -75,7 +75,7 @@ def test_a_swaying_pivot_is_followed(tmp_path):
     y = truth()[0, :4000]
     table = markers(y)
     sway = 1.0 * np.sin(2 * np.pi * 3 * table["t"])
-    for name in ("red_y", "green_y", "blue_y"):
+    for name in ("pivot_y", "joint_y", "tip_y"):
         table[name] += sway
     followed = np.sqrt((errors(measure(tmp_path / "a", table)[0], y)[:, 0] ** 2).mean())
     constant = {"pivot_window_s": 10.0}
@@ -86,9 +86,9 @@ def test_a_swaying_pivot_is_followed(tmp_path):
 def test_a_lost_pivot_alone_costs_no_frame(tmp_path):
     y = truth()[0, :4000]
     table = markers(y)
-    table.loc[1000:1100, ["red_x", "red_y"]] = np.nan
+    table.loc[1000:1100, ["pivot_x", "pivot_y"]] = np.nan
     table.loc[1000:1100, ["quality", "reason"]] = 0.0, "lost:red"
-    table.loc[2000:2005, ["red_x", "red_y"]] += 40.0  # taken for another marker
+    table.loc[2000:2005, ["pivot_x", "pivot_y"]] += 40.0  # taken for another marker
     angles, summary = measure(tmp_path / "a", table)
     assert summary["gaps"] == 0
     assert np.abs(errors(angles, y)[:, 0]).max() < 0.004
@@ -98,7 +98,7 @@ def test_gaps_are_filled_only_where_short(tmp_path):
     y = truth()[0, :4000]
     table = markers(y)
     for start, length in ((500, 6), (1500, 30)):
-        table.loc[start : start + length - 1, ["blue_x", "blue_y"]] = np.nan
+        table.loc[start : start + length - 1, ["tip_x", "tip_y"]] = np.nan
         table.loc[start : start + length - 1, ["quality", "reason"]] = 0.0, "lost:blue"
     angles, summary = measure(tmp_path / "a", table)
     assert (angles["quality"][500:506] == 0.5).all() and (angles["reason"][500:506] == "interpolated").all()
@@ -114,7 +114,7 @@ def test_gaps_are_filled_only_where_short(tmp_path):
 
 def test_a_gap_in_which_an_arm_may_turn_is_never_filled(tmp_path):
     table = markers(truth()[0, :4000])
-    table.loc[1000:1019, ["blue_x", "blue_y"]] = np.nan
+    table.loc[1000:1019, ["tip_x", "tip_y"]] = np.nan
     angles, summary = measure(tmp_path / "a", table, {"max_gap_frames": 100})
     assert summary["interpolated"] == 0 and (angles["quality"][1000:1020] == 0).all()
 
@@ -122,11 +122,11 @@ def test_a_gap_in_which_an_arm_may_turn_is_never_filled(tmp_path):
 def test_faults_of_the_tracker_are_rejected(tmp_path):
     y = truth()[0, :4000]
     table = markers(y)
-    table.loc[700, ["blue_x", "blue_y"]] += 12.0  # off the arm's circle
+    table.loc[700, ["tip_x", "tip_y"]] += 12.0  # off the arm's circle
     turn = np.deg2rad(5)  # on the circle, but off the motion
-    arm = table.loc[900, ["blue_x", "blue_y"]].to_numpy(float) - table.loc[900, ["green_x", "green_y"]].to_numpy(float)
+    arm = table.loc[900, ["tip_x", "tip_y"]].to_numpy(float) - table.loc[900, ["joint_x", "joint_y"]].to_numpy(float)
     turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ arm
-    table.loc[900, ["blue_x", "blue_y"]] = table.loc[900, ["green_x", "green_y"]].to_numpy(float) + turned
+    table.loc[900, ["tip_x", "tip_y"]] = table.loc[900, ["joint_x", "joint_y"]].to_numpy(float) + turned
     angles, summary = measure(tmp_path / "a", table)
     assert summary["rejected_arm_length"] == 1
     assert angles["quality"][700] == 0.5 and angles["quality"][900] == 0.5
@@ -147,28 +147,28 @@ def test_implied_rate(tmp_path):
 def bad_table(kind):
     table = markers(truth()[0, :2000])
     if kind == "column":
-        return table.drop(columns="green_y")
+        return table.drop(columns="joint_y")
     if kind == "text":
-        table["green_y"] = table["green_y"].astype(object)
-        table.loc[4, "green_y"] = "here"
+        table["joint_y"] = table["joint_y"].astype(object)
+        table.loc[4, "joint_y"] = "here"
     elif kind == "uneven":
         table.loc[50:, "t"] += 0.1
     elif kind == "lost":
-        table[["blue_x", "blue_y"]] = np.nan
+        table[["tip_x", "tip_y"]] = np.nan
     elif kind == "upside down":
-        for name in ("red_y", "green_y", "blue_y"):
+        for name in ("pivot_y", "joint_y", "tip_y"):
             table[name] = 480 - table[name]
     elif kind == "still":
-        table[["green_x", "green_y", "blue_x", "blue_y"]] = [240.0, 356.0, 240.0, 446.0]
-        table[["red_x", "red_y"]] = [240.0, 238.0]
+        table[["joint_x", "joint_y", "tip_x", "tip_y"]] = [240.0, 356.0, 240.0, 446.0]
+        table[["pivot_x", "pivot_y"]] = [240.0, 238.0]
     return table
 
 
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("column", "column green_y is missing"),
-        ("text", "row 6, column green_y: 'here' is no number"),
+        ("column", "column joint_y is missing"),
+        ("text", "row 6, column joint_y: 'here' is no number"),
         ("uneven", "times are uneven"),
         ("lost", "0 of 2000 frames are usable"),
         ("upside down", "is no pendulum"),

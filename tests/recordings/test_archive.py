@@ -31,7 +31,7 @@ def make_zip(path, names):
 
 
 def write_ibm(path, table):
-    columns = ["red_y", "red_x", "green_y", "green_x", "blue_y", "blue_x"]
+    columns = ["pivot_y", "pivot_x", "joint_y", "joint_x", "tip_y", "tip_x"]
     raw = (table[columns].to_numpy() * 5 + 2).round().astype(int)
     np.savetxt(path, raw, fmt="%d", delimiter=",")
     return raw
@@ -134,7 +134,7 @@ def test_markers_are_imported(tmp_path):
     import_markers(tmp_path / "1.csv", tmp_path / "markers.csv", {"rate_hz": 500})
     found = pd.read_csv(tmp_path / "markers.csv")
     assert list(found.columns) == list(table.columns)
-    assert np.abs(found["blue_x"] - table["blue_x"]).max() <= 0.1 + 1e-9
+    assert np.abs(found["tip_x"] - table["tip_x"]).max() <= 0.1 + 1e-9
     assert np.allclose(found["t"], np.arange(200) / 500)
     assert (found["quality"] == 1).all() and found["reason"].isna().all()
 

@@ -14,7 +14,7 @@ from pendulum_motion import markers, truth
 from expertaug.files import sha256
 
 ROOT = Path(__file__).parents[2]
-COLUMNS = ["red_y", "red_x", "green_y", "green_x", "blue_y", "blue_x"]
+COLUMNS = ["pivot_y", "pivot_x", "joint_y", "joint_x", "tip_y", "tip_x"]
 
 
 @pytest.fixture(scope="module")

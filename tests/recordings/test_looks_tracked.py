@@ -115,7 +115,7 @@ def test_an_unmarked_pivot_is_found_or_given(states, tmp_path):
         track_markers(store, tmp_path / "markers.csv", settings)
         with (tmp_path / "markers.csv").open(newline="") as stream:
             rows = list(csv.DictReader(stream))
-        pivot = np.array([[float(row["red_x"]), float(row["red_y"])] for row in rows])
+        pivot = np.array([[float(row["pivot_x"]), float(row["pivot_y"])] for row in rows])
         assert np.ptp(pivot, axis=0).max() == 0
         assert pivot[0] == pytest.approx(given or PIVOT, abs=0.1)
     one = settings | {"markers": markers | {"joint": "yellow"}}

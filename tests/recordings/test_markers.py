@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
+from expertaug.recordings.columns import MARKERS
 from expertaug.recordings.frames import writing
 from expertaug.recordings.geometry import estimate_geometry
-from expertaug.recordings.markers import COLUMNS, track_markers
+from expertaug.recordings.markers import track_markers
 from expertaug.recordings.render import markers, poses
 from expertaug.recordings.scene import Scene
 from expertaug.recordings.track_settings import TrackSettings
@@ -47,8 +48,8 @@ def test_table_has_one_row_a_frame_and_empty_positions_where_lost(clip, tmp_path
     track = track_markers(save(frames, tmp_path / "frames.b2nd"), tmp_path / "markers.csv")
     with (tmp_path / "markers.csv").open(newline="") as stream:
         header, *rows = csv.reader(stream)
-    assert tuple(header) == COLUMNS
-    assert ",".join(header) == "frame,t,red_x,red_y,green_x,green_y,blue_x,blue_y,quality,reason"
+    assert tuple(header) == MARKERS
+    assert ",".join(header) == "frame,t,pivot_x,pivot_y,joint_x,joint_y,tip_x,tip_y,quality,reason"
     assert [int(row[0]) for row in rows] == list(range(100))
     assert [float(row[1]) for row in rows] == pytest.approx(np.arange(100) / RATE)
     for i, row in enumerate(rows):

@@ -11,7 +11,7 @@ from expertaug.errors import InputError
 from expertaug.recordings.overlay import GHOSTS, Painter, _read, note, overlay
 from expertaug.recordings.predicted import Forecast, read_forecasts
 
-COUNT, MARKERS = 200, ("red_x", "red_y", "green_x", "green_y", "blue_x", "blue_y")
+COUNT, MARKERS = 200, ("pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y")
 
 
 @pytest.fixture(scope="module")

@@ -32,9 +32,9 @@ def flagged(tmp_path_factory):
     for reason, (start, stop) in FLAGS.items():
         rows = slice(start, stop - 1)
         table.loc[rows, ["quality", "reason"]] = (0.4 if reason == "edge" else 0.0), reason
-        wild = np.nan if reason.startswith("lost") else table.loc[rows, ["blue_x", "blue_y"]] + 3.0
-        table.loc[rows, ["blue_x", "blue_y"]] = wild
-    table.loc[3500:3549, ["red_x", "red_y"]] = np.nan
+        wild = np.nan if reason.startswith("lost") else table.loc[rows, ["tip_x", "tip_y"]] + 3.0
+        table.loc[rows, ["tip_x", "tip_y"]] = wild
+    table.loc[3500:3549, ["pivot_x", "pivot_y"]] = np.nan
     table.loc[3500:3549, ["quality", "reason"]] = 0.0, "lost:red"
     table.to_csv(folder / "markers.csv", index=False)
     measure_angles(

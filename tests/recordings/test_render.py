@@ -81,7 +81,7 @@ def test_truth_is_where_the_markers_are(rendered):
     assert frames.shape == (40, 480, 480, 3)
     np.testing.assert_allclose(truth["t"], np.arange(40) / 400)
     for k in (0, 20, 39):
-        for name in ("red", "green", "blue"):
+        for name in ("pivot", "joint", "tip"):
             x, y = truth[f"{name}_x"][k], truth[f"{name}_y"][k]
             disk = cv2.morphologyEx(frames[k].max(axis=2), cv2.MORPH_OPEN, np.ones((7, 7)))
             np.testing.assert_allclose(centroid((disk > 90).astype(float), (x, y), 17), (x, y), atol=0.6)

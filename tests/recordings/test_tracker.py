@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.disks import NAMES
 from expertaug.recordings.geometry import Geometry, estimate_geometry
 from expertaug.recordings.render import encode, markers, poses
 from expertaug.recordings.scene import Scene
@@ -15,6 +14,8 @@ from expertaug.recordings.tracker import track_frames
 ARMS, PIVOT, RATE = (117.8, 90.1), (238.3, 239.6), 400.0
 GEOMETRY = Geometry(*ARMS, 25.5)
 SETTINGS = TrackSettings()
+
+NAMES = ("red", "green", "blue")
 
 
 @pytest.fixture(scope="module")

@@ -14,13 +14,13 @@ from scipy.ndimage import uniform_filter1d
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, write_json
+from expertaug.recordings.columns import MARKERS, PLACES
 from expertaug.recordings.fitting import fit_constants, implied_rate
 from expertaug.recordings.options import read_settings
 from expertaug.recordings.smoothing import Motion, smooth_motion, window_frames
 from expertaug.recordings.tilt import implied_tilt
 from expertaug.systems.double_pendulum import energy
 
-MARKER_COLUMNS = ("frame", "t", "red_x", "red_y", "green_x", "green_y", "blue_x", "blue_y", "quality", "reason")
 NO_PIVOT = "pivot_interpolated"  # reason of a measured frame whose pivot comes from its neighbours
 MAX_RATE_ERROR = 0.05  # of the stated frame rate, beyond which the motion contradicts it
 MAX_TILT_DEG = 1.5  # off the stated direction of gravity, beyond which the motion contradicts it
@@ -75,7 +75,7 @@ def measure_angles(
     of the real labels (tests/recordings/test_angles.py).
 
     Arguments:
-        markers: CSV of frame, t (s), red_x ... blue_y (px), quality, reason; every analysed frame, evenly timed.
+        markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame, evenly timed.
         output: CSV of frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2 (rad/s),
             energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason.
         summary: JSON of the recording's calibration, its gaps, how many frames have which reason, what its motion
@@ -89,7 +89,7 @@ def measure_angles(
     options = read_settings(AngleSettings, settings, "angles")
     table = _read_markers(markers)
     t, rate = table["t"].to_numpy(float), _frame_rate(markers, table["t"].to_numpy(float))
-    red, green, blue = (table[[f"{c}_x", f"{c}_y"]].to_numpy(float) for c in ("red", "green", "blue"))
+    red, green, blue = table[list(PLACES)].to_numpy(float).reshape(-1, 3, 2).swapaxes(0, 1)
     reason = table["reason"].fillna("").astype(str).to_numpy(object)
     # A frame whose red marker alone is lost keeps its arms: the pivot hardly moves, its neighbours tell where it is.
     # Any other flag of the tracker, also a doubt, costs the frame.
@@ -192,10 +192,10 @@ def _read_markers(path: Path) -> pd.DataFrame:
         raise InputError(path, "no such file", "run track_markers") from error
     except (ValueError, OSError) as error:
         raise InputError(path, f"not a marker table ({error})", "run track_markers again") from error
-    missing = [c for c in MARKER_COLUMNS if c not in table]
+    missing = [c for c in MARKERS if c not in table]
     if missing:
-        raise InputError(path, f"column {missing[0]} is missing", f"expected {','.join(MARKER_COLUMNS)}")
-    for name in MARKER_COLUMNS[:-1]:
+        raise InputError(path, f"column {missing[0]} is missing", f"expected {','.join(MARKERS)}")
+    for name in MARKERS[:-1]:
         if not pd.api.types.is_numeric_dtype(table[name]):
             bad = pd.to_numeric(table[name], errors="coerce").isna() & table[name].notna()
             row = int(np.argmax(bad.to_numpy()))

@@ -16,6 +16,7 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
+from expertaug.recordings.columns import PLACES
 from expertaug.recordings.options import read_settings
 from expertaug.recordings.unpacking import unpack
 
@@ -113,7 +114,7 @@ def import_markers(csv: str | Path, output: str | Path, settings: Mapping[str, o
     Arguments:
         csv: no header; a row per frame of y_red, x_red, y_green, x_green, y_blue, x_blue: vertical (downwards) first,
             in pixels times ``scale`` plus ``offset``.
-        output: frame, t (s), red_x, red_y, green_x, green_y, blue_x, blue_y (px), quality (1), reason (empty).
+        output: frame, t (s), pivot_x ... tip_y (px), quality (1), reason (empty).
         settings: see :class:`MarkerSettings`.
 
     Raises:
@@ -127,8 +128,8 @@ def import_markers(csv: str | Path, output: str | Path, settings: Mapping[str, o
     px = (raw - options.offset) / options.scale
     frame = np.arange(len(px))
     table = pd.DataFrame({"frame": frame, "t": frame / options.rate_hz})
-    for name, column in (("red", 0), ("green", 2), ("blue", 4)):
-        table[f"{name}_x"], table[f"{name}_y"] = px[:, column + 1], px[:, column]
+    for name, column in zip(PLACES, (1, 0, 3, 2, 5, 4), strict=True):
+        table[name] = px[:, column]
     table["quality"], table["reason"] = 1, ""
     with atomic(output) as temporary:
         table.to_csv(temporary, index=False, float_format="%.9g")

@@ -17,7 +17,6 @@ import numpy as np
 
 from expertaug.recordings.look import Colour, Look
 
-NAMES = ("red", "green", "blue")  # the columns of pivot, joint and tip, whatever their colours
 MIN_QUADRANT = 0.4  # share of the brightness' variance round the disk at two periods a turn; .81 for ideal quadrants
 
 MAX_CANDIDATES = 48

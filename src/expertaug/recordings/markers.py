@@ -13,14 +13,13 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.recordings.disks import NAMES
+from expertaug.recordings.columns import MARKERS
 from expertaug.recordings.frames import FrameStore
 from expertaug.recordings.geometry import Geometry, estimate_geometry, measure_diameter
 from expertaug.recordings.track_settings import TrackSettings
 from expertaug.recordings.tracker import UNUSABLE, Track, track_frames
 
 DIAMETER_FRAMES = 12  # on which an unknown diameter is measured
-COLUMNS = ("frame", "t", *(f"{name}_{axis}" for name in NAMES for axis in "xy"), "quality", "reason")
 
 
 def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, object] | None = None) -> Track:
@@ -99,7 +98,7 @@ def _refuse_lost(store: str | Path, track: Track, settings: TrackSettings) -> No
 def _write(output: str | Path, t: np.ndarray, track: Track) -> None:
     with atomic(output) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow(COLUMNS)
+        writer.writerow(MARKERS)
         for i, place in enumerate(track.position.reshape(-1, 6).tolist()):
             values = ["" if math.isnan(v) else f"{v:.4f}" for v in place]
             writer.writerow([i, f"{t[i]:.9g}", *values, f"{track.quality[i]:.4f}", track.reason[i]])

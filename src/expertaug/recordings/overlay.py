@@ -16,6 +16,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.recordings import drawing
 from expertaug.recordings.angles import INTERPOLATED, MEASURED
+from expertaug.recordings.columns import PLACES
 from expertaug.recordings.options import read_settings
 from expertaug.recordings.predicted import Forecast, read_forecasts
 from expertaug.recordings.render import encode
@@ -31,7 +32,6 @@ THETA = ((255, 200, 90), (90, 170, 255))  # B, G, R of the angles
 SHADES = {MEASURED: (90, 200, 90), INTERPOLATED: (0, 170, 255), 0.0: (60, 60, 255)}
 STATES = {MEASURED: "measured", INTERPOLATED: "not used", 0.0: "unusable"}
 GHOSTS = ((255, 90, 255), (90, 255, 255), (90, 255, 90), (255, 255, 90))
-MARKERS = ("red_x", "red_y", "green_x", "green_y", "blue_x", "blue_y")
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def note(words: str, output: str | Path) -> None:
 
 def _read(markers: str | Path, angles: str | Path) -> Measured:
     tables = []
-    for path, columns in ((markers, MARKERS), (angles, ("t", "theta1", "theta2", "quality", "reason"))):
+    for path, columns in ((markers, PLACES), (angles, ("t", "theta1", "theta2", "quality", "reason"))):
         try:
             table = pd.read_csv(path, dtype={"reason": str})
             tables.append(table[list(columns)])

@@ -17,13 +17,13 @@ from matplotlib.ticker import MaxNLocator
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_json
 from expertaug.recordings.angles import INTERPOLATED, MEASURED, UNUSABLE
+from expertaug.recordings.columns import PLACES
 from expertaug.recordings.figures import STYLE
 
 WRONG = "#B00020"
 FIRST, SECOND = "#0072B2", "#D55E00"  # of the two arms
 STATES = ((MEASURED, "measured", "#009E73"), (INTERPOLATED, "not used", "#E69F00"), (UNUSABLE, "unusable", WRONG))
 WIDTH, LINE = 112, 0.165  # of text: characters in a line, and its height in inches
-MARKERS = ("red_x", "red_y", "green_x", "green_y", "blue_x", "blue_y")
 
 
 def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path, output: str | Path) -> None:
@@ -40,7 +40,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         InputError: a file is missing or lacks a column or a value.
     """
     points, table, found = (
-        _read(markers, MARKERS),
+        _read(markers, PLACES),
         _read(angles, ("t", "theta1", "energy", "quality")),
         read_json(summary),
     )

@@ -19,11 +19,12 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug.recordings.columns import PLACES
 from expertaug.recordings.motion import Launch, simulate
 from expertaug.recordings.scene import Pose, Scene
 from expertaug.systems.double_pendulum import Constants
 
-TRUTH_COLUMNS = "t,theta1,theta2,omega1,omega2,red_x,red_y,green_x,green_y,blue_x,blue_y"
+TRUTH_COLUMNS = ",".join(("t", "theta1", "theta2", "omega1", "omega2", *PLACES))
 FITTED = Constants(B1=0.103, G1=69.4, B2=1.35, G2=93.5)  # to the real recordings, in their nominal time
 BY_HAND = Launch()
 VISIBLE_BLUR = 0.2  # px of motion within an exposure, below which one pose stands for all
