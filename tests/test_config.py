@@ -38,7 +38,7 @@ def refused(base: dict, text: str) -> str:
     return message
 
 
-@pytest.mark.parametrize("name", ["smoke", "ibm", "paper"])
+@pytest.mark.parametrize("name", ["smoke", "ibm", "paper", "code"])
 def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
     over = config.load([ROOT / "config" / f"{name}.yaml"])
     if name == "ibm":
