@@ -10,6 +10,7 @@ from matplotlib.image import imread
 
 from expertaug.errors import InputError
 from expertaug.evaluation import figures, style, traces
+from expertaug.evaluation.summary import set_title
 
 
 def assert_nothing_is_cut(figure):
@@ -92,6 +93,12 @@ def test_symbols():
     assert style.symbol("L") == "$L$"
     assert style.symbol("spring_rate") == "spring rate"
     assert style.quantity("k", "") == "$k$"
+
+
+def test_names_with_underscores_are_made_readable():
+    assert style.text("APHYNITY, F_a sees z_e+") == "APHYNITY, $F_a$ sees $z_e$+"
+    assert set_title("both_small", {}) == "both small" and set_title("z_a_small", {}) == "z_a small"
+    assert set_title("z_a_small", {"set_titles": {"z_a_small": "near"}}) == "near"
 
 
 def test_forecasts(tmp_path, drawn):

@@ -94,7 +94,7 @@ def _bar_panel(axis: Axes, part: pd.DataFrame, labels: Sequence[str], colours: M
                 dots = {"markersize": 2.2, "markerfacecolor": "white", "markeredgecolor": "0.1", "markeredgewidth": 0.4}
                 axis.plot(x + spread, seeds, "o", zorder=6, **dots)
                 axis.errorbar(x, cell["mean"], cell["std"], color="0.1", linewidth=0.9, capsize=1.8, zorder=5)
-    axis.set_xticks(range(len(sets)), [set_title(name, settings).replace(" (", "\n(") for name in sets])
+    axis.set_xticks(range(len(sets)), [style.text(set_title(name, settings)).replace(" (", "\n(") for name in sets])
     axis.tick_params(axis="x", length=0)
     axis.set_xlim(-0.5, len(sets) - 0.5)
     axis.grid(axis="y")

@@ -68,7 +68,7 @@ def panel(
                 if label == "truth":
                     seen = "observed" if k <= first.observed else "forecast"
                     axis.set_title(f"t = {first.t[k]:.3g} s\n{seen}", fontsize=7)
-            line[0].set_ylabel(label, rotation=0, ha="right", va="center", labelpad=6)
+            line[0].set_ylabel(style.text(label), rotation=0, ha="right", va="center", labelpad=6)
         quantity = style.quantity(first.state_names[component], first.state_units[component])
         if image is not None:
             figure.colorbar(image, ax=grid, shrink=0.6, aspect=28, label=quantity, extend="both")

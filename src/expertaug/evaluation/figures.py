@@ -109,7 +109,7 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
                 _scatter(axis, found[label], row, (low, high), colours[label], settings)
                 axis.set_xlabel(f"true {quantity}")
                 if row == 0:
-                    axis.set_title(label)
+                    axis.set_title(style.text(label))
             grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, settings)
         style.save(figure, outputs)

@@ -52,7 +52,7 @@ def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
             places = zip(options["distances"], names, strict=True)
             axis.set_xticks(range(len(names)), [_tick(distance, name, settings) for distance, name in places])
             axis.set_xlim(-0.4, len(names) - 0.6)
-            axis.set(title=title.replace("z_a", "$z_a$").replace("z_e", "$z_e$"), xlabel="distance of the shift")
+            axis.set(title=style.text(title), xlabel="distance of the shift")
             axis.grid(axis="y")
         grid[0].set_ylabel("log-MSE (lower is better)")
         handles = [
@@ -86,7 +86,8 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
             ticks = ["none", *(f"{name or 'default'}\n{_extent(settings['priors'], name)}" for name in priors)]
             axis.set_xticks(range(len(ticks)), ticks)
             axis.set_xlabel("augmentation prior p⁺")
-            axis.set_ylabel("log-MSE" if metric.startswith("log_mse") else "relative error [%]")
+            what = "log-MSE" if metric.startswith("log_mse") else "relative error [%]"
+            axis.set_ylabel(f"{what} (lower is better)")
             axis.grid(axis="y")
             if metric == "relative_error":
                 _percent(axis)

@@ -75,6 +75,11 @@ def symbol(name: str) -> str:
     return f"${stem}_{{{match[2]}}}$" if match[2] else f"${stem}$"
 
 
+def text(words: str) -> str:
+    """Words as a figure prints them: the model's symbols (``z_a``, ``F_a``) with their index."""
+    return re.sub(r"\b([zF])_([ae])\b", r"$\1_\2$", words)
+
+
 def quantity(name: str, unit: str) -> str:
     """Symbol and unit of an axis."""
     return f"{symbol(name)} [{unit}]" if unit else symbol(name)
@@ -90,7 +95,11 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 def legend(figure: Figure, handles: Sequence[Artist]) -> None:
     """One legend below all panels, in as many columns as fit (entries fill them top to bottom)."""
-    widths = [0.5 + 0.055 * len(str(handle.get_label())) for handle in handles]  # inches at the legend's font size
+    for handle in handles:
+        handle.set_label(text(str(handle.get_label())))
+    widths = [
+        0.5 + 0.055 * len(handle.get_label().replace("$", "")) for handle in handles
+    ]  # inches at the legend's font size
     columns = len(handles)
     while columns > 1 and sum(map(max, np.array_split(widths, columns))) > figure.get_figwidth() - 0.1:
         rows = -(-len(handles) // (columns - 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -71,7 +72,8 @@ def order_sets(sets: Iterable[str]) -> list[str]:
 
 def set_title(name: str, settings: Mapping) -> str:
     """A set's name as it is printed; ``settings["set_titles"]`` may say otherwise (validation is not always IID)."""
-    return (settings.get("set_titles") or {}).get(name, SETS.get(name, name))
+    plain = re.sub(r"(?<!\bz)_", " ", name)  # z_a_small: z_a small
+    return (settings.get("set_titles") or {}).get(name, SETS.get(name, plain))
 
 
 def shown_metrics(table: pd.DataFrame, convention: str) -> list[str]:

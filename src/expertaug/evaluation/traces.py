@@ -84,7 +84,9 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
         handles += [Line2D([], [], color=colours[x], linestyle=_dash(x), label=x) for x in labels]
         handles.append(Patch(facecolor="0.92", label="observed window"))
         style.legend(figure, handles)
-        figure.suptitle(f"forecasts on the {set_title(name, settings)} set, seed {seed}", fontsize=7.5, color="0.35")
+        figure.suptitle(
+            style.text(f"forecasts on the {set_title(name, settings)} set, seed {seed}"), fontsize=7.5, color="0.35"
+        )
         style.save(figure, outputs)
 
 
