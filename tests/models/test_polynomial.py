@@ -42,6 +42,16 @@ def test_terms_are_orthonormal_over_the_training_set(name):
     torch.testing.assert_close(terms @ terms.T / terms.shape[1], torch.eye(10, dtype=torch.float64), rtol=0, atol=1e-3)
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_the_first_forecasts_are_almost_the_experts(name):
+    model, y, t = make(name, [0, 1])
+    z_e, z_a = model.encode(y[:4]).mean
+    wild = torch.randn(z_a.shape, generator=torch.Generator().manual_seed(1))
+    hybrid = model.forecast(y[0], z_e, wild, t, Solver("rk4"))
+    expert = model.forecast(y[0], z_e, wild[..., :0, :], t, Solver("rk4"))
+    assert 0 < (hybrid - expert).abs().max() < 0.03
+
+
 def test_it_becomes_the_local_reaction_and_goes_on_as_it():
     """Least squares on states in [0, 1] gives the cubic everywhere."""
     system = systems.load({"name": "reaction_diffusion"})

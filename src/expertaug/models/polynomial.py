@@ -15,6 +15,7 @@ from expertaug.systems import System
 
 # Standard deviations of the training set from which the terms stay constant: no cubic sends a forecast to infinity.
 FARTHEST = 10.0
+START = 0.01  # of a linear layer's usual first size
 
 
 class PolynomialInteraction(Interaction):
@@ -51,6 +52,10 @@ class PolynomialInteraction(Interaction):
         self.register_buffer("std", torch.ones(self.components, 1))
         self.register_buffer("mix", torch.eye(self.terms))
         self.varying = MLP(self.inputs, layers, self.components * varying)
+        # Near zero: a random rate would carry the first forecasts beyond the states of the data, and a large weight of
+        # z_a lets what the encoder makes of unseen windows weigh too much.
+        for parameter in self.varying.layers[-1].parameters():
+            parameter.data *= START
         rest = self.components * (self.terms - varying)
         # Zero: a random cubic would send forecasts to infinity before it is trained.
         self.fixed = nn.Parameter(torch.zeros(1, rest)) if rest else None
