@@ -25,7 +25,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy
@@ -141,16 +141,19 @@ def judge_all(
     rows, end = [], time.monotonic() + seconds
     running = [begin(k) for k in range(workers)]
     while running and time.monotonic() < end:
+        told = wait([worker.pipe for worker in running], timeout=0.05)
         for worker in list(running):
+            ended = False
             try:
-                while worker.pipe.poll(0.05):
+                if worker.pipe in told:
                     index, *row = worker.pipe.recv()
                     rows.append(tuple(row))
                     worker.index, worker.since = index + workers, time.monotonic()
-            except EOFError:
+            except EOFError:  # all that it told has been read
                 worker.process.join()
+                ended = True
             late = time.monotonic() - worker.since > CASE_SECONDS
-            if worker.process.is_alive() and not late:
+            if not ended and not late:
                 continue
             running.remove(worker)
             if worker.process.exitcode == 0:
