@@ -97,9 +97,8 @@ def legend(figure: Figure, handles: Sequence[Artist]) -> None:
     """One legend below all panels, in as many columns as fit (entries fill them top to bottom)."""
     for handle in handles:
         handle.set_label(text(str(handle.get_label())))
-    widths = [
-        0.5 + 0.055 * len(handle.get_label().replace("$", "")) for handle in handles
-    ]  # inches at the legend's font size
+    # Inches at the legend's font size.
+    widths = [0.5 + 0.055 * len(handle.get_label().replace("$", "")) for handle in handles]
     columns = len(handles)
     while columns > 1 and sum(map(max, np.array_split(widths, columns))) > figure.get_figwidth() - 0.1:
         rows = -(-len(handles) // (columns - 1))
