@@ -78,6 +78,21 @@ def test_only_csvs_are_unpacked(tmp_path, make):
     assert sum(p.is_file() for p in (tmp_path / "out").rglob("*")) == 2
 
 
+@pytest.mark.parametrize("packing", ["", "gz", "bz2", "xz"])
+def test_a_tar_may_be_packed_in_any_way(tmp_path, packing):
+    with tarfile.open(tmp_path / "a", f"w:{packing}") as tar:
+        tar.addfile(tarfile.TarInfo("1.csv"), io.BytesIO())
+    assert list(unpack_archive(tmp_path / "a", tmp_path / "out")) == ["1"]
+
+
+def test_what_might_be_old_lzma_is_not_tried(tmp_path, monkeypatch):
+    """Without magic bytes, any header is one, of a dictionary of up to 4 GiB."""
+    (tmp_path / "a.zip").write_bytes(b"\x5d\x00\x00\x00\x80" + b"\xff" * 8 + bytes(1000))
+    monkeypatch.setattr("lzma.LZMADecompressor", lambda *_, **__: pytest.fail("tried"))
+    with pytest.raises(InputError, match="neither a tar nor a zip"):
+        unpack_archive(tmp_path / "a.zip", tmp_path / "out")
+
+
 def test_unpacking_replaces_the_folder(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "old.csv").write_text(ROW)

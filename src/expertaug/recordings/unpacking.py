@@ -27,6 +27,8 @@ EXTENDED = (
     tarfile.GNUTYPE_LONGNAME,
     tarfile.GNUTYPE_LONGLINK,
 )
+# By its first bytes: tarfile's own guess takes any five bytes for the old .lzma, which may then want gigabytes.
+PACKINGS = {b"\x1f\x8b": "gz", b"BZh": "bz2", b"\xfd7zXZ": "xz"}
 DAMAGE = (  # what the standard library raises on archives that are not what they say
     tarfile.TarError,
     zipfile.BadZipFile,
@@ -35,6 +37,7 @@ DAMAGE = (  # what the standard library raises on archives that are not what the
     struct.error,
     EOFError,
     LookupError,
+    MemoryError,
     OverflowError,
     RuntimeError,
     ValueError,
@@ -79,8 +82,11 @@ def unpack(archive: Path, folder: Path, choose: Callable[[list[PurePosixPath]], 
 
 
 def _open_tar(archive: Path) -> tarfile.TarFile | None:
+    with archive.open("rb") as file:
+        start = file.read(8)
+    packing = next((name for magic, name in PACKINGS.items() if start.startswith(magic)), "")
     try:
-        return tarfile.open(archive, tarinfo=_Header)
+        return tarfile.open(archive, f"r:{packing}", tarinfo=_Header)
     except tarfile.ReadError:
         return None
 
