@@ -7,6 +7,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.convolutional import ConvInteraction
 from expertaug.models.interaction import MLPInteraction
+from expertaug.models.polynomial import PolynomialInteraction
 from expertaug.systems.reaction_diffusion import SIZE
 
 CASES = {"mlp": ("rlc", MLPInteraction, (5, 2)), "conv": ("reaction_diffusion", ConvInteraction, (5, 2, SIZE, SIZE))}
@@ -38,12 +39,22 @@ def test_the_default_draws_the_same_weights_as_without_the_option():
         assert torch.equal(a, b)
 
 
-def test_components_are_those_on_which_the_interaction_acts():
-    system = systems.load({"name": "rlc"})
-    interaction = MLPInteraction(system, 1, layers=(8,), components=["I"])
-    y = torch.randn(5, 2)
+@pytest.mark.parametrize(
+    ("kind", "name", "acts", "other"),
+    [
+        (MLPInteraction, "rlc", "I", 0),
+        (PolynomialInteraction, "rlc", "U", 1),
+        (PolynomialInteraction, "reaction_diffusion", "v", 0),
+    ],
+)
+def test_components_are_those_on_which_the_interaction_acts(kind, name, acts, other):
+    system = systems.load({"name": name})
+    interaction = kind(system, 1, components=[acts])
+    for parameter in interaction.parameters():
+        torch.nn.init.normal_(parameter)
+    y = torch.randn(5, *system.state_shape)
     rates = interaction(y, interaction.context(torch.randn(5, 1), torch.ones(5, 2)))
-    assert torch.equal(rates[:, 0], torch.zeros(5))
-    assert (rates[:, 1] != 0).all()
-    with pytest.raises(InputError, match="'Q'; components of the state: U, I"):
-        MLPInteraction(system, 1, components=["Q"])
+    assert not rates[:, other].any()
+    assert (rates[:, 1 - other] != 0).all()
+    with pytest.raises(InputError, match="'Q'; components of the state: "):
+        kind(system, 1, components=["Q"])

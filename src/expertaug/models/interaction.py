@@ -18,15 +18,33 @@ class Interaction(nn.Module):
     Arguments:
         latent: size of z_a.
         expert_parameters: whether F_a sees z_e too, each divided by its scale: F_a(y; z_a, z_e).
+        components: of the state, by name, on whose rates F_a acts; null for all.  A rate that is another component by
+            definition (θ' of a pendulum) is better left alone: a damping of least norm would act on it in part, and
+            be a stiffness where the motion is slower.
 
     Attributes:
         inputs: how many numbers :meth:`latents` gives.
+        acts_on: positions in the state of the components on which F_a acts.
     """
 
-    def __init__(self, system: System, latent: int, expert_parameters: bool = False) -> None:
+    def __init__(
+        self,
+        system: System,
+        latent: int,
+        expert_parameters: bool = False,
+        components: Sequence[str] | None = None,
+    ) -> None:
         super().__init__()
         self.scales = [p.scale for p in system.expert_parameters] if expert_parameters else []
         self.inputs = latent + len(self.scales)
+        names = [c.name for c in system.state]
+        for name in components or ():
+            if name not in names:
+                raise InputError(
+                    "model.interaction.components", repr(name), f"components of the state: {', '.join(names)}"
+                )
+        self.acts_on = [names.index(name) for name in (components or names)]
+        self._axis = -len(system.state_shape)
 
     def fit(self, observed: Tensor) -> None:
         """Learn scales from the training set's observed window (T1, N, *state); nothing, unless overridden."""
@@ -34,6 +52,12 @@ class Interaction(nn.Module):
     def latents(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → what F_a may see of them, (…, B, inputs)."""
         return torch.cat((z_a, z_e / z_e.new_tensor(self.scales)), dim=-1) if self.scales else z_a
+
+    def placed(self, rates: Tensor, y: Tensor) -> Tensor:
+        """Rates of the components that F_a acts on → rates of all, the shape of y; the others are zero."""
+        if len(self.acts_on) == y.shape[self._axis]:
+            return rates
+        return torch.zeros_like(y).index_copy(self._axis, torch.tensor(self.acts_on, device=y.device), rates)
 
 
 class MLPInteraction(Interaction):
@@ -44,10 +68,7 @@ class MLPInteraction(Interaction):
     Arguments:
         latent: size of z_a.
         layers, activation: hidden layers.
-        expert_parameters: as :class:`Interaction`.
-        components: of the state, by name, on whose rates F_a acts; null for all.  A rate that is another component by
-            definition (θ' of a pendulum) is better left alone: a damping of least norm would act on it in part, and
-            be a stiffness where the motion is slower.
+        expert_parameters, components: as :class:`Interaction`.
     """
 
     def __init__(
@@ -59,19 +80,12 @@ class MLPInteraction(Interaction):
         expert_parameters: bool = False,
         components: Sequence[str] | None = None,
     ) -> None:
-        super().__init__(system, latent, expert_parameters)
+        super().__init__(system, latent, expert_parameters, components)
         self.system = system
-        names = [c.name for c in system.state]
-        for name in components or ():
-            if name not in names:
-                raise InputError(
-                    "model.interaction.components", repr(name), f"components of the state: {', '.join(names)}"
-                )
-        self.components = [names.index(name) for name in (components or names)]
         features = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
         self.state_layer = Linear(features, layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, layers[0])
-        self.rest = MLP(layers[0], layers[1:], len(self.components), activation)
+        self.rest = MLP(layers[0], layers[1:], len(self.acts_on), activation)
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""
@@ -80,7 +94,4 @@ class MLPInteraction(Interaction):
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y."""
         hidden = affine(self.system.features(y), self.state_layer.weight, context)
-        rates = self.rest(self.rest.activation(hidden))
-        if len(self.components) == len(self.system.state):
-            return rates
-        return torch.zeros_like(y).index_copy(-1, torch.tensor(self.components, device=y.device), rates)
+        return self.placed(self.rest(self.rest.activation(hidden)), y)

@@ -31,6 +31,7 @@ class PolynomialInteraction(Interaction):
         latent_degree: terms up to this degree have coefficients that depend on z_a; 0: the constant alone.
         layers: hidden layers between z_a and these coefficients; none: they are linear in z_a.
         expert_parameters: whether these coefficients depend on z_e too (:class:`Interaction`).
+        components: as :class:`Interaction`.
     """
 
     def __init__(
@@ -41,8 +42,9 @@ class PolynomialInteraction(Interaction):
         latent_degree: int = 0,
         layers: Sequence[int] = (),
         expert_parameters: bool = False,
+        components: Sequence[str] | None = None,
     ) -> None:
-        super().__init__(system, latent, expert_parameters)
+        super().__init__(system, latent, expert_parameters, components)
         self.components, self.cells = system.state_shape[0], prod(system.state_shape[1:])
         # Term k is term ``self.factors[k][0]`` times component ``self.factors[k][1]``; term 0 is 1.
         terms = [c for d in range(degree + 1) for c in combinations_with_replacement(range(self.components), d)]
@@ -51,12 +53,12 @@ class PolynomialInteraction(Interaction):
         self.register_buffer("mean", torch.zeros(self.components, 1))
         self.register_buffer("std", torch.ones(self.components, 1))
         self.register_buffer("mix", torch.eye(self.terms))
-        self.varying = MLP(self.inputs, layers, self.components * varying)
+        self.varying = MLP(self.inputs, layers, len(self.acts_on) * varying)
         # Near zero: a random rate would carry the first forecasts beyond the states of the data, and a large weight of
         # z_a lets what the encoder makes of unseen windows weigh too much.
         for parameter in self.varying.layers[-1].parameters():
             parameter.data *= START
-        rest = self.components * (self.terms - varying)
+        rest = len(self.acts_on) * (self.terms - varying)
         # Zero: a random cubic would send forecasts to infinity before it is trained.
         self.fixed = nn.Parameter(torch.zeros(1, rest)) if rest else None
 
@@ -76,11 +78,11 @@ class PolynomialInteraction(Interaction):
         self.mix.copy_(inverse.expand_as(self.mix))
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
-        """z_a (…, B, latent) and z_e (…, B, P) → coefficients of the monomials (…, B, components · terms)."""
+        """z_a (…, B, latent) and z_e (…, B, P) → coefficients of the monomials (…, B, rates · terms)."""
         z_a = self.latents(z_a, z_e)
-        coefficients = self.varying(z_a).unflatten(-1, (self.components, -1))
+        coefficients = self.varying(z_a).unflatten(-1, (len(self.acts_on), -1))
         if self.fixed is not None:
-            fixed = self.fixed.unflatten(-1, (self.components, -1))
+            fixed = self.fixed.unflatten(-1, (len(self.acts_on), -1))
             coefficients = torch.cat((coefficients, fixed.expand(*coefficients.shape[:-1], -1)), dim=-1)
         return (coefficients @ self.mix.unsqueeze(-3)).flatten(-2)
 
@@ -89,7 +91,8 @@ class PolynomialInteraction(Interaction):
         lead = context.shape[:-1]
         x = (y.reshape(*lead, self.components, self.cells) - self.mean.unsqueeze(-3)) / self.std.unsqueeze(-3)
         x = x.clamp(-FARTHEST, FARTHEST)
-        return (context.unflatten(-1, (self.components, self.terms)) @ self._monomials(x)).view_as(y)
+        rates = context.unflatten(-1, (len(self.acts_on), self.terms)) @ self._monomials(x)
+        return self.placed(rates.view(*lead, len(self.acts_on), *y.shape[len(lead) + 1 :]), y)
 
     def _monomials(self, x: Tensor) -> Tensor:
         """(…, components, cells) → (…, terms, cells)."""
