@@ -1,8 +1,8 @@
 """What the noise lets the pendulum's forecasts reach: ``python benchmarks/pendulum_floor.py [RESULTS]`` (a minute).
 
 The *true* equation is fitted by least squares to each observed window of the validation set, from the true parameters
-on, and scored as a model is (log-MSE over (t1, t2], in the paper's sum over both components): once starting from the noisy
-y0, as all models here and in the paper do, and once with the start fitted as well.
+on, and scored as a model is (log-MSE over (t1, t2], in the paper's sum over both components): once starting from the
+noisy y0, as all models here and in the paper do, and once with the start fitted as well.
 """
 
 from __future__ import annotations
