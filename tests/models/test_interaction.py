@@ -56,5 +56,5 @@ def test_components_are_those_on_which_the_interaction_acts(kind, name, acts, ot
     rates = interaction(y, interaction.context(torch.randn(5, 1), torch.ones(5, 2)))
     assert not rates[:, other].any()
     assert (rates[:, 1 - other] != 0).all()
-    with pytest.raises(InputError, match="'Q'; components of the state: "):
+    with pytest.raises(InputError, match="'Q'; components of the state: " + ", ".join(c.name for c in system.state)):
         kind(system, 1, components=["Q"])
