@@ -2,6 +2,7 @@
 
 Along the forecasts of the validation set, over the observed window, F_a is split by least squares: its part of dθ/dt
 into −β θ, its part of dθ'/dt into −γ θ' − κ sin θ.  The truth is β = κ = 0, γ = α; the data fix β + γ = α alone.
+The last number, of a line fitted over α, is how much lower than ω0² p⁺ must reach in z_e².
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ def main() -> None:
             of_alpha = [np.polyfit(alpha, x, 1)[0] for x in (b, g, b + g)]
             print(
                 f"seed {seed}: β {of_alpha[0]:.2f} α, γ {of_alpha[1]:.2f} α, β + γ {of_alpha[2]:.2f} α; "
-                f"κ {100 * np.median(k / squared):.1f} % of ω0², z_e² {100 * np.median(z**2 / squared - 1):+.1f} %"
+                f"κ {100 * np.median(k / squared):.1f} % of ω0², z_e² {100 * np.median(z**2 / squared - 1):+.1f} %, "
+                f"ω0² − z_e² at the largest α {np.polyval(np.polyfit(alpha, squared - z**2, 1), alpha.max()):.2f}"
             )
 
 
