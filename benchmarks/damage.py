@@ -111,7 +111,6 @@ class Worker:
 
 def work(make: Callable[[int], Case | None], truth: dict[str, object], start: int, step: int, pipe: Connection) -> None:
     """In the worker: judge cases ``start``, ``start + step`` … until there is none."""
-    cv2.setNumThreads(1)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY_BYTES,) * 2)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -179,6 +178,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
+    cv2.setNumThreads(1)  # a fork of OpenCV's threads would wait for them
     with tempfile.TemporaryDirectory() as folder:
         bases = sound(Path(folder))
         truth = {name: read_file(base, Path(folder)) for name, base in bases.items()}

@@ -20,7 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy
 import cv2
 import numpy as np
 
-from expertaug.recordings.frames import writing
+from expertaug.recordings.frames import FrameStore, extract_frames
 from expertaug.recordings.geometry import estimate_geometry
 from expertaug.recordings.look import ROLES, STYLES
 from expertaug.recordings.markers import track_markers
@@ -45,27 +45,21 @@ def fastest(count: int, settings: RenderSettings) -> tuple[np.ndarray, tuple[flo
 
 
 def render(
+    path: Path,
     states: np.ndarray,
     pivot: tuple[float, float],
     arms: tuple[float, float],
     settings: RenderSettings,
     centres: np.ndarray | None = None,
-) -> np.ndarray:
-    """Frames (n, H, W, 3) after compression, with plain disks painted at ``centres`` (n, 3, 2) px if given."""
+) -> None:
+    """A compressed clip of these states (n, 4), with plain disks painted at ``centres`` (n, 3, 2) px if given."""
     size = settings.image_size_px
     scene = Scene(size, pivot, arms, settings.noise, np.random.default_rng(0))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "clip.mp4"
-        drawn = (scene.frame(poses(state, pivot, arms, settings.exposure_s)) for state in states)
-        if centres is not None:
-            rng = np.random.default_rng(0)
-            drawn = (paint(frame, places, rng) for frame, places in zip(drawn, centres, strict=True))
-        encode(path, drawn, size, settings.rate_hz, crf=settings.crf, preset=settings.preset)
-        video = cv2.VideoCapture(str(path))
-        frames = np.empty((len(states), size, size, 3), np.uint8)
-        for frame in frames:
-            frame[:] = video.read()[1]
-    return frames
+    drawn = (scene.frame(poses(state, pivot, arms, settings.exposure_s)) for state in states)
+    if centres is not None:
+        rng = np.random.default_rng(0)
+        drawn = (paint(frame, places, rng) for frame, places in zip(drawn, centres, strict=True))
+    encode(path, drawn, size, settings.rate_hz, crf=settings.crf, preset=settings.preset)
 
 
 def paint(frame: np.ndarray, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -101,22 +95,25 @@ def main() -> None:
     arms = tuple(length * settings.pixels_per_metre for length in settings.arms_m)
     states, pivot = fastest(options.frames, settings)
     truth = np.stack([np.broadcast_to(pivot, (len(states), 2)), *markers(states, pivot, arms)], axis=1)
-    frames = render(states, pivot, arms, settings, truth if options.style == "disk" else None)
-    look = {"markers": {"style": options.style}}
+    with tempfile.TemporaryDirectory() as folder:
+        clip, store = Path(folder) / "clip.mp4", Path(folder) / "frames.b2frame"
+        render(clip, states, pivot, arms, settings, truth if options.style == "disk" else None)
+        extract_frames(clip, store, {})
+        measure(store, {"markers": {"style": options.style}}, truth, settings.rate_hz)
+
+
+def measure(store: Path, look: dict, truth: np.ndarray, rate_hz: float) -> None:
+    """Track frames that lie decoded in memory, all and every fourth, and then those of the store."""
+    frames = FrameStore.open(store).read(0, len(truth))
     checked = TrackSettings.from_mapping(look)
     geometry, _ = estimate_geometry(frames[:: max(1, len(frames) // checked.calibration_frames)], checked)
     for step in (1, 4):
         start = time.process_time()  # of this one thread: other work on the machine does not count
         track = track_frames(frames[::step], geometry, checked)
-        report(f"{settings.rate_hz / step:3.0f} Hz", time.process_time() - start, track, truth[::step])
-    with tempfile.TemporaryDirectory() as folder:
-        store = Path(folder) / "frames.b2nd"
-        with writing(store, *frames.shape[1:3], settings.rate_hz, {}) as writer:
-            for frame in frames:
-                writer.append(frame)
-        start = time.process_time()
-        track_markers(store, Path(folder) / "markers.csv", look)
-        print(f"track_markers from the store: {len(frames) / (time.process_time() - start):.0f} frames/s")
+        report(f"{rate_hz / step:3.0f} Hz", time.process_time() - start, track, truth[::step])
+    start = time.process_time()
+    track_markers(store, store.with_name("markers.csv"), look)
+    print(f"track_markers from the store: {len(frames) / (time.process_time() - start):.0f} frames/s")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug.recordings.frames import ExtractSettings, FrameStore, extract_frames, writing
+from expertaug.recordings.pictures import Layout
 from expertaug.recordings.render import render_recording
 
 FRAMES = 50
@@ -124,12 +125,15 @@ def test_missing_store(tmp_path):
 
 
 def test_interrupted_writer_leaves_nothing(tmp_path):
-    with pytest.raises(KeyError), writing(tmp_path / "s.b2frame", 8, 8, 10, {}) as out:
+    with pytest.raises(KeyError), writing(tmp_path / "s.b2frame", Layout("bgr24", 8, 8), 10, {}) as out:
         out.append(np.zeros((8, 8, 3), np.uint8))
         raise KeyError
     assert not any(tmp_path.iterdir())
 
 
 def test_frame_of_another_size_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="expected"), writing(tmp_path / "s.b2frame", 8, 8, 10, {}) as out:
+    with (
+        pytest.raises(ValueError, match="expected"),
+        writing(tmp_path / "s.b2frame", Layout("bgr24", 8, 8), 10, {}) as out,
+    ):
         out.append(np.zeros((9, 8, 3), np.uint8))

@@ -13,6 +13,7 @@ from expertaug.errors import InputError
 from expertaug.recordings.frames import FrameStore, extract_frames, writing
 from expertaug.recordings.geometry import centre_of_circle, estimate_geometry, measure_diameter
 from expertaug.recordings.markers import track_markers
+from expertaug.recordings.pictures import Layout
 from expertaug.recordings.track_settings import TrackSettings
 from expertaug.recordings.tracker import track_frames
 
@@ -106,7 +107,7 @@ def test_an_unmarked_pivot_is_found_or_given(states, tmp_path):
     centres = markers_of(states[:, :2], PIVOT, ARMS)
     frames = draw(centres, SIZE, [None, PAINT["magenta"], PAINT["cyan"]])
     store = tmp_path / "frames.b2"
-    with writing(store, SIZE[1], SIZE[0], RATE, {}) as writer:
+    with writing(store, Layout("bgr24", *SIZE), RATE, {}) as writer:
         for frame in frames:
             writer.append(frame)
     markers = {"style": "disk", "pivot": None, "joint": "magenta", "tip": "cyan"}
@@ -138,7 +139,7 @@ def test_a_joint_that_hardly_moves_tells_no_pivot():
 
 def test_an_unknown_diameter_of_nothing_is_refused(tmp_path):
     store = tmp_path / "frames.b2"
-    with writing(store, 120, 160, 100.0, {}) as writer:
+    with writing(store, Layout("bgr24", 160, 120), 100.0, {}) as writer:
         for _ in range(12):
             writer.append(np.zeros((120, 160, 3), np.uint8))
     with pytest.raises(

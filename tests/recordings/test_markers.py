@@ -13,6 +13,7 @@ from expertaug.recordings.columns import MARKERS
 from expertaug.recordings.frames import writing
 from expertaug.recordings.geometry import estimate_geometry
 from expertaug.recordings.markers import track_markers
+from expertaug.recordings.pictures import Layout
 from expertaug.recordings.render import markers, poses
 from expertaug.recordings.scene import Scene
 from expertaug.recordings.track_settings import TrackSettings
@@ -36,7 +37,7 @@ def clip():
 
 
 def save(frames, path):
-    with writing(path, *frames.shape[1:3], RATE, {"file": "clip"}) as writer:
+    with writing(path, Layout("bgr24", frames.shape[2], frames.shape[1]), RATE, {"file": "clip"}) as writer:
         for frame in frames:
             writer.append(frame)
     return path

@@ -179,3 +179,21 @@ def test_vast_and_tiny_images_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("expertaug.recordings.video.MAX_PX", 4000)
     with pytest.raises(InputError, match="declares images of 64x64 px"):
         Video(tmp_path / "large.mp4")
+
+
+def test_the_same_complaint_counts_for_the_next_file_too(good, tmp_path):
+    spoilt = [tmp_path / "one.mp4", tmp_path / "two.mp4"]
+    for path in spoilt:
+        path.write_bytes(spoil(good.read_bytes(), "garbled"))
+    told = []
+    for path in spoilt:
+        with pytest.raises(InputError) as caught:
+            read(path)
+        told.append(str(caught.value).removeprefix(str(path)))
+    assert told[0] == told[1]
+
+
+def test_other_users_of_the_log_keep_their_settings(good):
+    before = av.logging.get_level(), av.logging.get_skip_repeated()
+    read(good)
+    assert (av.logging.get_level(), av.logging.get_skip_repeated()) == before

@@ -1,8 +1,9 @@
 """The frames of one recording in one lossless, seekable file.
 
-Frames are mostly black, so that the fastest compressor (LZ4) keeps a frame in some 30 kB of its 691 kB and costs less
-than decoding it did.  The file is a Blosc2 frame: chunks of some frames, each in blocks that fit a cache and are
-unpacked singly, and a dictionary beside them.
+Frames are kept as the decoder gives them (:mod:`expertaug.recordings.pictures`).  They are mostly black, so that the
+fastest compressor (LZ4) keeps a frame in some 18 kB of its 346 kB and costs less than decoding it did.  The file is a
+Blosc2 frame: chunks of some frames, each in blocks that fit a cache and are unpacked singly, and a dictionary beside
+them.
 """
 
 from __future__ import annotations
@@ -13,15 +14,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+import av
 import blosc2
-import cv2
 import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug.recordings.pictures import Layout
 from expertaug.recordings.video import Video
 
-FORMAT = "expertaug frames 1"
+FORMAT = "expertaug frames 2"
 CHUNK_BYTES = 16 * 480 * 480 * 3  # memory that writing needs, and what a sequential reader unpacks at once
 BLOCK_BYTES = 2**17
 
@@ -31,7 +33,8 @@ class FrameStore:
 
     Attributes:
         path: of the file.
-        shape: (n, height, width, 3), uint8 BGR.
+        shape: (n, height, width, 3) of the images, uint8 BGR.
+        layout: of the kept frames.
         rate_hz: of the stored frames.
         t: nominal times of the frames in s from the first, (n,) float64.
         source: what the frames were taken from: file name, its frame rate and where that is known from.
@@ -53,11 +56,11 @@ class FrameStore:
             raise InputError(path, f"not a frame store ({type(error).__name__})", "run extract_frames again") from error
         if meta.get("format") != FORMAT:
             raise InputError(path, "not a frame store of this version", "run extract_frames again")
-        self.shape = (meta["count"], meta["height"], meta["width"], 3)
+        self.layout = Layout.from_mapping(meta["layout"])
+        self.shape = (meta["count"], *self.layout.image_shape)
         self.rate_hz = float(meta["rate_hz"])
         self.source = dict(meta["source"])
-        self._frame_bytes = int(np.prod(self.shape[1:]))
-        if self._chunks.nbytes != self.shape[0] * self._frame_bytes:
+        if self._chunks.nbytes != self.shape[0] * self.layout.frame_bytes:
             raise InputError(
                 path, f"holds {self._chunks.nbytes} bytes for {self.shape[0]} frames", "run extract_frames again"
             )
@@ -87,8 +90,16 @@ class FrameStore:
         if stop <= start:
             return np.empty((0, *self.shape[1:]), np.uint8)
         out = np.empty((stop - start, *self.shape[1:]), np.uint8)
+        for image, packed in zip(out, self._unpack(start, stop), strict=True):
+            image[:] = self.layout.image(packed)
+        return out
+
+    def _unpack(self, start: int, stop: int) -> np.ndarray:
+        """Bytes (stop - start, frame_bytes) of kept frames."""
+        size = self.layout.frame_bytes
+        out = np.empty((stop - start, size), np.uint8)
         try:
-            self._chunks.get_slice(start * self._frame_bytes, stop * self._frame_bytes, out)
+            self._chunks.get_slice(start * size, stop * size, out)
         except (RuntimeError, ValueError) as error:
             raise InputError(
                 self.path, f"frames {start} to {stop} cannot be read", "run extract_frames again"
@@ -96,17 +107,22 @@ class FrameStore:
         return out
 
     def __iter__(self) -> Iterator[np.ndarray]:
-        some = max(1, CHUNK_BYTES // self._frame_bytes)
+        some = _frames_per_chunk(self.layout)
         for start in range(0, len(self), some):
-            yield from self.read(start, start + some)
+            for packed in self._unpack(start, min(start + some, len(self))):
+                yield self.layout.image(packed)
+
+
+def _frames_per_chunk(layout: Layout) -> int:
+    return max(1, CHUNK_BYTES // layout.frame_bytes)
 
 
 class FrameWriter:
     """Appends frames to a new store; made by :func:`writing`."""
 
-    def __init__(self, path: Path, height: int, width: int) -> None:
-        self._shape = (height, width, 3)
-        self._buffer = np.empty((max(1, CHUNK_BYTES // (height * width * 3)), *self._shape), np.uint8)
+    def __init__(self, path: Path, layout: Layout) -> None:
+        self._layout = layout
+        self._buffer = np.empty((_frames_per_chunk(layout), layout.frame_bytes), np.uint8)
         self._filled = 0
         self.count = 0
         self._chunks = blosc2.SChunk(
@@ -124,17 +140,9 @@ class FrameWriter:
             },
         )
 
-    def slot(self) -> np.ndarray:
-        """Where the next frame may be put before it is appended, so that it need not be copied."""
-        return self._buffer[self._filled]
-
-    def append(self, frame: np.ndarray) -> None:
-        """Append one frame, uint8 (height, width, 3)."""
-        slot = self.slot()
-        if frame.shape != self._shape or frame.dtype != np.uint8:
-            raise ValueError(f"frame is {frame.shape} {frame.dtype}, expected {self._shape} uint8")
-        if not np.shares_memory(frame, slot, max_work=1):
-            slot[:] = frame
+    def append(self, frame: av.VideoFrame | np.ndarray) -> None:
+        """Append one frame, of the decoder or an image; see :meth:`Layout.pack`."""
+        self._layout.pack(frame, self._buffer[self._filled])
         self._filled += 1
         self.count += 1
         if self._filled == len(self._buffer):
@@ -147,12 +155,10 @@ class FrameWriter:
 
     def finish(self, rate_hz: float, source: Mapping) -> None:
         self._flush()
-        height, width, _ = self._shape
         meta = {
             "format": FORMAT,
             "count": self.count,
-            "height": height,
-            "width": width,
+            "layout": self._layout.as_mapping(),
             "rate_hz": rate_hz,
             "source": dict(source),
         }
@@ -161,11 +167,11 @@ class FrameWriter:
 
 
 @contextmanager
-def writing(path: str | Path, height: int, width: int, rate_hz: float, source: Mapping) -> Iterator[FrameWriter]:
+def writing(path: str | Path, layout: Layout, rate_hz: float, source: Mapping) -> Iterator[FrameWriter]:
     """Write a new frame store, which appears at ``path`` only when the block ends well.
 
     Arguments:
-        height, width: of the images in px.
+        layout: of the frames.
         rate_hz: of the stored frames.
         source: plain values that describe where the frames come from.
 
@@ -174,7 +180,7 @@ def writing(path: str | Path, height: int, width: int, rate_hz: float, source: M
     """
     with atomic(path) as temporary:
         try:
-            writer = FrameWriter(temporary, height, width)
+            writer = FrameWriter(temporary, layout)
             yield writer
             writer.finish(rate_hz, source)
             FrameStore(temporary)
@@ -233,14 +239,13 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
     """Decode a video into a frame store at the analysis rate; memory does not grow with the length.
 
     Arguments:
-        video: any file that OpenCV's FFmpeg reads.
+        video: a file as :class:`~expertaug.recordings.video.Video` takes.
         store: file to write.
         settings: of :class:`ExtractSettings`.
 
     Raises:
         InputError: the video or a setting cannot be used, or the store cannot be written.
     """
-    cv2.setNumThreads(1)
     s = settings if isinstance(settings, ExtractSettings) else ExtractSettings.from_mapping(settings)
     with Video(video, s.rate_hz, s.rate_provenance, s.expected_frames, s.image_size_px) as source:
         step = _step(source, s.analysis_rate_hz)
@@ -251,9 +256,9 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
             "frames": source.count,
             "step": step,
         }
-        with writing(store, source.height, source.width, source.rate_hz / step, described) as out:
-            for _, image in source.frames(step, out.slot):
-                out.append(image)
+        with writing(store, source.layout, source.rate_hz / step, described) as out:
+            for _, picture in source.pictures(step):
+                out.append(picture)
 
 
 def _step(video: Video, analysis_rate_hz: float | None) -> int:

@@ -47,7 +47,7 @@ def inspect(video: str | Path, sheet: str | Path, base: Mapping | None = None, r
     """Look for a pendulum's markers in a video and propose the configuration that tracks them.
 
     Arguments:
-        video: any file that OpenCV's FFmpeg reads.
+        video: a file as :class:`~expertaug.recordings.video.Video` takes.
         sheet: contact sheet to write, .png or .jpg: some frames with what was seen on them.
         base: configuration to which the proposal will be added (expertaug.config.validate's result): the chunks of its
             experiments on recordings are fitted to the video's rate; None leaves them out.

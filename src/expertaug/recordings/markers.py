@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from expertaug.errors import InputError
@@ -37,6 +38,7 @@ def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, 
     Raises:
         InputError: a setting is wrong, or the video shows no markers or is unusable in too many frames.
     """
+    cv2.setNumThreads(1)
     checked = TrackSettings.from_mapping(settings)
     frames = FrameStore.open(store)
     checked, geometry = _calibrate(store, frames, checked)

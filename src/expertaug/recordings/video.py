@@ -1,40 +1,42 @@
-"""Reading a video with OpenCV without trusting it.
+"""Reading a video with FFmpeg (PyAV) without trusting it.
 
-OpenCV never raises: a broken file does not open, ends early or gives spoiled frames without a word in Python.  Here
-everything that can be told is checked, and what the decoder complains about on standard error is read, not shown.
+FFmpeg goes on where it can: a broken file ends early or gives spoiled frames, and says so in its log alone.  Here
+everything that can be told is checked, and what the decoder complains about is read, not shown.
 """
 
 from __future__ import annotations
 
 import math
-import os
-import re
-import tempfile
 from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
+from fractions import Fraction
 from pathlib import Path
 
-import cv2
+import av
 import numpy as np
 
 from expertaug.errors import InputError
+from expertaug.recordings.pictures import Layout
 
 RATES_HZ = (1.0, 20_000.0)  # outside, a declared frame rate is taken for a missing one
 MIN_SIDE_PX, MAX_PX = 16, 2**25  # of an image: 8K video has 2^24.98 px, a forged header millions of millions
 ROUNDING_MS = 0.5  # where timestamps are whole milliseconds, as in Matroska
 # Playlists, picture sequences and the like are not read: they name other files.
 CONTAINERS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,ivf,asf,flv,ogg,nut,mxf,yuv4mpegpipe"
+OPTIONS = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
 
 
 class Video:
-    """An opened video whose metadata have been checked; :meth:`frames` reads it once and checks the rest.
+    """An opened video whose metadata have been checked; :meth:`pictures` or :meth:`frames` reads it once and checks the
+    rest.
 
     Attributes:
         path: of the file.
         count: frames that it must have.
         rate_hz: frames per second, and ``rate_provenance`` where that number comes from.
-        width, height: in px.
+        layout: of its frames, as they are kept.
+        width, height: of its upright images in px.
     """
 
     def __init__(
@@ -48,7 +50,7 @@ class Video:
         """Open and check.
 
         Arguments:
-            path: any file that OpenCV's FFmpeg reads.
+            path: a video file that FFmpeg reads, of any of ``CONTAINERS``.
             rate_hz: frame rate at which the video was taken; None takes the file's own.
             rate_provenance: where ``rate_hz`` is known from, in words.
             expected_frames: number of frames; None takes the file's own.
@@ -62,41 +64,62 @@ class Video:
             raise InputError(path, "no such file", "give a video file")
         if self.path.stat().st_size == 0:
             raise InputError(path, "is empty (0 bytes)", "copy the recording again")
-        self._log = _DecoderLog()
-        with self._log.reading(), _containers_only():
-            # An absolute path cannot be taken for an address.
-            self._capture = cv2.VideoCapture(str(self.path.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
-        if not self._capture.isOpened():
+        self._complaints: list[str] = []
+        try:
+            with self._listening():
+                # An absolute path cannot be taken for an address.
+                self._container = av.open(str(self.path.absolute()), options=OPTIONS, metadata_errors="replace")
+        except (av.FFmpegError, ValueError, MemoryError):
+            self._container = None
+        streams = self._container.streams.video if self._container is not None else ()
+        if not streams or streams[0].codec_context is None:  # without a known codec
             self.close()
             raise InputError(
                 path, "cannot be opened as a video", "it is truncated or not a video: copy the recording again"
             )
         try:
-            self._check_metadata(rate_hz, rate_provenance, expected_frames, image_size_px)
+            stream = streams[0]
+            stream.codec_context.thread_count = 1
+            self._check_size(stream.codec_context.width, stream.codec_context.height)
+            self._decoder = self._container.decode(stream)
+            self._first = self._next()
+            self._use_first(stream, image_size_px)
+            self._check_metadata(stream, rate_hz, rate_provenance, expected_frames)
         except InputError:
             self.close()
             raise
 
-    def _check_metadata(self, rate_hz, rate_provenance, expected_frames, image_size_px) -> None:
-        declared_rate = self._capture.get(cv2.CAP_PROP_FPS)
-        declared_count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
-        self.width = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-        self.height = int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        if min(self.width, self.height) < MIN_SIDE_PX or self.width * self.height > MAX_PX:
+    def _check_size(self, width: int, height: int) -> None:
+        if min(width, height) < MIN_SIDE_PX or width * height > MAX_PX:
             raise InputError(
                 self.path,
-                f"declares images of {self.width}x{self.height} px",
+                f"declares images of {width}x{height} px",
                 f"they must have at least {MIN_SIDE_PX} px a side and at most {MAX_PX >> 20} million px",
             )
-        # A bare stream has neither a count nor a rate; the rate that FFmpeg then reports is its own guess.
-        counted = math.isfinite(declared_count) and 0 < declared_count < 2**40
-        self._declared_rate = declared_rate if counted and RATES_HZ[0] <= declared_rate <= RATES_HZ[1] else None
+
+    def _use_first(self, stream: av.VideoStream, image_size_px: int | tuple[int, int] | None) -> None:
+        """Only a decoded frame tells how the images are turned."""
+        if self._first is not None:
+            self.layout = Layout.of(self._first)
+            self._shape = (self._first.width, self._first.height, self._first.format.name)
+        else:
+            self.layout = Layout("bgr24", stream.codec_context.width, stream.codec_context.height)
+        self.height, self.width, _ = self.layout.image_shape
+        self._check_size(self.width, self.height)
         if image_size_px is not None:
             width, height = (image_size_px, image_size_px) if isinstance(image_size_px, int) else image_size_px
             if (self.width, self.height) != (width, height):
                 raise InputError(
                     self.path, f"images are {self.width}x{self.height} px", f"{width}x{height} expected (image_size_px)"
                 )
+
+    def _check_metadata(self, stream, rate_hz, rate_provenance, expected_frames) -> None:
+        declared_rate = float(stream.average_rate or stream.guessed_rate or 0)
+        length_s = (self._container.duration or 0) / av.time_base
+        declared_count = stream.frames or math.floor(length_s * declared_rate + 0.5)
+        # A bare stream has neither a count nor a rate; the rate that FFmpeg then reports is its own guess.
+        counted = 0 < declared_count < 2**40
+        self._declared_rate = declared_rate if counted and RATES_HZ[0] <= declared_rate <= RATES_HZ[1] else None
         if rate_hz is None and self._declared_rate is None:
             found = f"{declared_rate:g} Hz" if counted else "none"
             raise InputError(
@@ -111,70 +134,103 @@ class Video:
         if expected_frames is None and not counted:
             raise InputError(self.path, "no frame count in its metadata", "convert it to mp4, which keeps it")
         self.count = int(expected_frames if expected_frames is not None else declared_count)
-        if expected_frames is not None and counted and int(declared_count) != expected_frames:
+        self._tick_ms = float(1000 * (stream.time_base or Fraction(1, 1000)))
+        if expected_frames is not None and counted and declared_count != expected_frames:
             raise InputError(
-                self.path, f"declares {int(declared_count)} frames", f"{expected_frames} expected (expected_frames)"
+                self.path, f"declares {declared_count} frames", f"{expected_frames} expected (expected_frames)"
             )
 
-    def frames(self, step: int = 1, out: object = None) -> Iterator[tuple[int, np.ndarray]]:
-        """Read every ``step``-th frame from the first on; the rest is decoded and checked, but not converted.
+    def frames(self, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:
+        """Images of :meth:`pictures`: index from 0 and upright image, uint8 BGR (height, width, 3)."""
+        for index, picture in self.pictures(step):
+            yield index, self.layout.image_of(picture)
+
+    def pictures(self, step: int = 1) -> Iterator[tuple[int, av.VideoFrame]]:
+        """Read every ``step``-th frame from the first on; the rest is decoded and checked as well.
 
         Arguments:
             step: at least 1.
-            out: called without arguments before each kept frame; the array (height, width, 3) to decode it into.
 
         Yields:
-            Index from 0 and image, uint8 BGR (height, width, 3).
+            Index from 0 and the decoder's frame, of :attr:`layout`.
 
         Raises:
             InputError: the file ends early or late, changes its size, its timestamps are uneven or its decoder
                 reported spoiled frames.
         """
         times = array("d")  # 8 bytes a frame: all that grows with the length
-        while True:
-            keep = len(times) % step == 0 and len(times) < self.count
-            target = out() if keep and out is not None else None
-            ok, ok_image, image = self._next(keep, target)
-            if not ok:
-                break
+        picture, self._first = self._first, None
+        while picture is not None:
             index = len(times)
-            times.append(self._capture.get(cv2.CAP_PROP_POS_MSEC))
-            self._check_so_far(index)
-            if keep:
-                if not ok_image or image.shape != (self.height, self.width, 3):
-                    raise InputError(self.path, f"frame {index} cannot be read", "copy the recording again")
-                yield index, image
+            times.append(self._time_ms(picture, index))
+            self._check_so_far(index, picture)
+            if index % step == 0:
+                yield index, picture
+            picture = self._next()
         self._check_end(np.frombuffer(times))
 
-    def _next(self, keep: bool, target: np.ndarray | None) -> tuple[bool, bool, np.ndarray | None]:
-        """Whether there is a next frame, whether it can be read, and its image if it is to be kept."""
-        try:
-            with self._log.reading():
-                ok = self._capture.grab()
-                return ok, *(self._capture.retrieve(target) if ok and keep else (ok, None))
-        except (cv2.error, MemoryError):
-            return True, False, None
+    def _next(self) -> av.VideoFrame | None:
+        """The next frame; None at the end, and where decoding fails, which then is a complaint."""
+        with self._listening():
+            try:
+                return next(self._decoder, None)
+            except (av.FFmpegError, MemoryError) as error:
+                self._complaints.append(str(error))
+                return None
 
-    def _check_so_far(self, index: int) -> None:
+    def _time_ms(self, picture: av.VideoFrame, index: int) -> float:
+        """When a frame is shown; without any timestamps, as in bare streams, frames are evenly spaced by assumption."""
+        ticks = picture.pts if picture.pts is not None else picture.dts
+        return ticks * self._tick_ms if ticks is not None else 1000 * index / self.rate_hz
+
+    @contextmanager
+    def _listening(self) -> Iterator[None]:
+        """Keep what FFmpeg tells of errors, each of which may have spoiled what it gives."""
+        level, skips = av.logging.get_level(), av.logging.get_skip_repeated()
+        av.logging.set_level(av.logging.ERROR)
+        av.logging.set_skip_repeated(False)  # another file's complaint may have been the same
+        try:
+            with av.logging.Capture() as lines:
+                yield
+        finally:
+            av.logging.set_level(level)
+            av.logging.set_skip_repeated(skips)
+            self._complaints += [text for _, _, text in lines]
+
+    def _check_so_far(self, index: int, picture: av.VideoFrame) -> None:
         if index >= self.count:
             raise InputError(
                 self.path,
                 f"has more than the {self.count} frames declared",
                 "convert it to mp4 anew, which counts them",
             )
-        complaint = self._log.complaint()
-        if complaint:
+        if picture.is_corrupt:
+            self._complaints.append("corrupt frame")
+        self._check_heard(index)
+        if (picture.width, picture.height, picture.format.name) != self._shape:
             raise InputError(
-                self.path, f"spoiled near frame {index} (decoder: {complaint})", "copy the recording again"
+                self.path,
+                f"frame {index} is {picture.width}x{picture.height} px {picture.format.name}, unlike those before",
+                "copy the recording again",
             )
+
+    def _check_heard(self, index: int) -> None:
+        if heard := self._heard():
+            raise InputError(self.path, f"spoiled near frame {index}{heard}", "copy the recording again")
+
+    def _heard(self) -> str:
+        """The first complaint, in brackets."""
+        first = next((" ".join(text.split()) for text in self._complaints if text.strip()), "")
+        return f" (decoder: {first[:100]})" if first else ""
 
     def _check_end(self, times: np.ndarray) -> None:
         if len(times) != self.count:
             raise InputError(
                 self.path,
-                f"ends after {len(times)} of {self.count} declared frames",
+                f"ends after {len(times)} of {self.count} declared frames{self._heard()}",
                 "copy the recording again, or convert what there is to mp4",
             )
+        self._check_heard(len(times) - 1)
         if len(times) < 3:
             return
         rounding = ROUNDING_MS if (times == np.round(times)).all() else 0.0
@@ -201,57 +257,11 @@ class Video:
             )
 
     def close(self) -> None:
-        self._capture.release()
-        self._log.close()
+        if self._container is not None:
+            self._container.close()
 
     def __enter__(self) -> Video:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-@contextmanager
-def _containers_only() -> Iterator[None]:
-    """Let OpenCV's FFmpeg, which takes its options from the environment, open files of known containers alone."""
-    name = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
-    before = os.environ.get(name)
-    os.environ[name] = f"protocol_whitelist;file|format_whitelist;{CONTAINERS}"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
-
-
-class _DecoderLog:
-    """What native libraries write to standard error while OpenCV reads; FFmpeg tells of spoiled frames only there."""
-
-    def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
-        self._read = 0
-
-    @contextmanager
-    def reading(self) -> Iterator[None]:
-        saved = os.dup(2)
-        os.dup2(self._file.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
-
-    def complaint(self) -> str:
-        """The first new line, or nothing: FFmpeg tells only errors, and each may have spoiled what it gives."""
-        size = os.fstat(self._file.fileno()).st_size
-        if size == self._read:
-            return ""
-        text = os.pread(self._file.fileno(), size - self._read, self._read).decode(errors="replace")
-        self._read = size
-        lines = [line for line in text.splitlines() if line.strip() and not line.startswith("[ ")]  # OpenCV's own
-        return re.sub(r"^\[[^\]]*\]\s*", "", lines[0]).strip()[:100] if lines else ""
-
-    def close(self) -> None:
-        self._file.close()

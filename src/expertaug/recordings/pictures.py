@@ -1,0 +1,100 @@
+"""How a decoded frame is kept and shown: the decoder's own planes where they are common, and BGR made of them.
+
+A frame of 8-bit YUV with halved colour has half the bytes of its BGR image.  Kept as it is, it costs half as much to
+pack, and the image that is made of it later is the same to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+import av
+import numpy as np
+
+KEPT = ("yuv420p", "yuvj420p")  # any other format is kept as BGR
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the bytes of a kept frame mean.
+
+    Attributes:
+        pixel_format: FFmpeg's name: one of ``KEPT``, or bgr24.
+        width, height: in px, as the decoder gives them.
+        rotation: quarter turns counterclockwise from there to an upright image.
+        colorspace, color_range: FFmpeg's numbers for how YUV becomes BGR.
+    """
+
+    pixel_format: str
+    width: int
+    height: int
+    rotation: int = 0
+    colorspace: int = 2  # unspecified
+    color_range: int = 0  # unspecified
+
+    @classmethod
+    def of(cls, frame: av.VideoFrame) -> Layout:
+        """That in which a decoder's frame is kept."""
+        even = frame.width % 2 == 0 and frame.height % 2 == 0
+        name = frame.format.name if frame.format.name in KEPT and even else "bgr24"
+        turns = round(frame.rotation / 90) % 4
+        return cls(name, frame.width, frame.height, turns, int(frame.colorspace), int(frame.color_range))
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping) -> Layout:
+        return cls(**mapping)
+
+    def as_mapping(self) -> dict:
+        return asdict(self)
+
+    @property
+    def frame_bytes(self) -> int:
+        return self.width * self.height * 3 // (2 if self.pixel_format in KEPT else 1)
+
+    @property
+    def image_shape(self) -> tuple[int, int, int]:
+        """(height, width, 3) of the upright image."""
+        return (self.width, self.height, 3) if self.rotation % 2 else (self.height, self.width, 3)
+
+    def pack(self, frame: av.VideoFrame | np.ndarray, out: np.ndarray) -> None:
+        """Put a frame, of the decoder or an image uint8 (height, width, 3), into bytes (frame_bytes,).
+
+        Raises:
+            ValueError: an image of another shape or type, or one for a layout of YUV.
+        """
+        if isinstance(frame, np.ndarray):
+            if self.pixel_format != "bgr24":
+                raise ValueError(f"an image for a layout of {self.pixel_format}; a decoder's frame expected")
+            shape = (self.height, self.width, 3)
+            if frame.shape != shape or frame.dtype != np.uint8:
+                raise ValueError(f"frame is {frame.shape} {frame.dtype}, expected an image {shape} uint8")
+            out.reshape(shape)[:] = frame
+        elif self.pixel_format == "bgr24":
+            out.reshape(self.height, self.width, 3)[:] = _bgr(frame)
+        else:
+            start = 0
+            for plane in frame.planes:
+                target = out[start : start + plane.width * plane.height].reshape(plane.height, plane.width)
+                target[:] = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: plane.height, : plane.width]
+                start += target.size
+
+    def image(self, packed: np.ndarray) -> np.ndarray:
+        """Upright image, uint8 BGR (height, width, 3), of bytes (frame_bytes,)."""
+        if self.pixel_format == "bgr24":
+            return self._upright(packed.reshape(self.height, self.width, 3))
+        planes = packed.reshape(self.height * 3 // 2, self.width)
+        frame = av.VideoFrame.from_numpy_buffer(planes, format=self.pixel_format)
+        frame.colorspace, frame.color_range = self.colorspace, self.color_range
+        return self.image_of(frame)
+
+    def image_of(self, frame: av.VideoFrame) -> np.ndarray:
+        """Upright image, uint8 BGR (height, width, 3), of a decoder's frame."""
+        return self._upright(_bgr(frame))
+
+    def _upright(self, image: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(np.rot90(image, self.rotation)) if self.rotation else image
+
+
+def _bgr(frame: av.VideoFrame) -> np.ndarray:
+    return frame.to_ndarray(format="bgr24", interpolation="BICUBIC", threads=1)
