@@ -47,7 +47,7 @@ def test_each_method_gets_the_options_of_its_objective(base):
 
 
 def test_only_objectives_that_need_p_plus_depend_on_it(base):
-    assert settings(base, "variational")["prior"] == {"omega0": [0.15, 3.5]}
+    assert settings(base, "variational")["prior"] == {"omega0": [0.5, 3.5]}
     assert "prior" not in settings(base, "aphynity")
 
 
