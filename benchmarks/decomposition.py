@@ -2,7 +2,7 @@
 
 Along the forecasts of the validation set, over the observed window, F_a is split by least squares: its part of dθ/dt
 into −β θ, its part of dθ'/dt into −γ θ' − κ sin θ.  The truth is β = κ = 0, γ = α; the data fix β + γ = α alone.
-The last number, of a line fitted over α, is how much lower than ω0² p⁺ must reach in z_e².
+The last number is of a line fitted over α.
 """
 
 from __future__ import annotations

@@ -12,6 +12,19 @@ from expertaug.models.layers import MLP, Linear, affine
 from expertaug.systems import System
 
 
+def positions(system: System, components: Sequence[str], key: str) -> list[int]:
+    """Where in the state components are that a configuration's key names.
+
+    Raises:
+        InputError: the state has no component of that name.
+    """
+    names = [c.name for c in system.state]
+    for name in components:
+        if name not in names:
+            raise InputError(key, repr(name), f"components of the state: {', '.join(names)}")
+    return [names.index(name) for name in components]
+
+
 class Interaction(nn.Module):
     """What every F_a shares: a subclass gives ``context(z_a, z_e)``, once a trajectory, and ``forward(y, context)``.
 
@@ -37,13 +50,7 @@ class Interaction(nn.Module):
         super().__init__()
         self.scales = [p.scale for p in system.expert_parameters] if expert_parameters else []
         self.inputs = latent + len(self.scales)
-        names = [c.name for c in system.state]
-        for name in components or ():
-            if name not in names:
-                raise InputError(
-                    "model.interaction.components", repr(name), f"components of the state: {', '.join(names)}"
-                )
-        self.acts_on = [names.index(name) for name in (components or names)]
+        self.acts_on = positions(system, components or [c.name for c in system.state], "model.interaction.components")
         self._axis = -len(system.state_shape)
 
     def fit(self, observed: Tensor) -> None:

@@ -9,7 +9,7 @@ from math import prod
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.interaction import Interaction
+from expertaug.models.interaction import Interaction, positions
 from expertaug.models.layers import MLP
 from expertaug.systems import System
 
@@ -32,6 +32,8 @@ class PolynomialInteraction(Interaction):
         layers: hidden layers between z_a and these coefficients; none: they are linear in z_a.
         expert_parameters: whether these coefficients depend on z_e too (:class:`Interaction`).
         components: as :class:`Interaction`.
+        angles: components of the state, by name, that enter as sine and cosine.  What acts on an angle has its period;
+            and a share of the expert's restoring force that F_a takes is then of the expert's own shape at any swing.
     """
 
     def __init__(
@@ -43,15 +45,19 @@ class PolynomialInteraction(Interaction):
         layers: Sequence[int] = (),
         expert_parameters: bool = False,
         components: Sequence[str] | None = None,
+        angles: Sequence[str] = (),
     ) -> None:
         super().__init__(system, latent, expert_parameters, components)
-        self.components, self.cells = system.state_shape[0], prod(system.state_shape[1:])
-        # Term k is term ``self.factors[k][0]`` times component ``self.factors[k][1]``; term 0 is 1.
-        terms = [c for d in range(degree + 1) for c in combinations_with_replacement(range(self.components), d)]
+        self.angles = positions(system, angles, "model.interaction.angles")
+        self.size = system.state_shape[0]
+        self.plain = [k for k in range(self.size) if k not in self.angles]
+        self.variables, self.cells = len(self.plain) + 2 * len(self.angles), prod(system.state_shape[1:])
+        # Term k is term ``self.factors[k][0]`` times variable ``self.factors[k][1]``; term 0 is 1.
+        terms = [c for d in range(degree + 1) for c in combinations_with_replacement(range(self.variables), d)]
         self.factors = [(terms.index(term[:-1]), term[-1]) for term in terms[1:]]
         self.terms, varying = len(terms), sum(len(term) <= latent_degree for term in terms)
-        self.register_buffer("mean", torch.zeros(self.components, 1))
-        self.register_buffer("std", torch.ones(self.components, 1))
+        self.register_buffer("mean", torch.zeros(self.variables, 1))
+        self.register_buffer("std", torch.ones(self.variables, 1))
         self.register_buffer("mix", torch.eye(self.terms))
         self.varying = MLP(self.inputs, layers, len(self.acts_on) * varying)
         # Near zero: a random rate would carry the first forecasts beyond the states of the data, and a large weight of
@@ -64,7 +70,7 @@ class PolynomialInteraction(Interaction):
 
     def fit(self, observed: Tensor) -> None:
         """Make the terms orthonormal over the training set's observed window (T1, N, *state)."""
-        y = observed.reshape(-1, self.components, self.cells)
+        y = self._variables(observed.reshape(-1, self.size, self.cells))
         variance, mean = torch.var_mean(y, dim=(0, 2))
         self.mean.copy_(mean.unsqueeze(-1).expand_as(self.mean))
         self.std.copy_(variance.sqrt().clamp_min(1e-6).unsqueeze(-1).expand_as(self.std))
@@ -89,15 +95,23 @@ class PolynomialInteraction(Interaction):
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y."""
         lead = context.shape[:-1]
-        x = (y.reshape(*lead, self.components, self.cells) - self.mean.unsqueeze(-3)) / self.std.unsqueeze(-3)
+        x = self._variables(y.reshape(*lead, self.size, self.cells))
+        x = (x - self.mean.unsqueeze(-3)) / self.std.unsqueeze(-3)
         x = x.clamp(-FARTHEST, FARTHEST)
         rates = context.unflatten(-1, (len(self.acts_on), self.terms)) @ self._monomials(x)
         return self.placed(rates.view(*lead, len(self.acts_on), *y.shape[len(lead) + 1 :]), y)
 
+    def _variables(self, y: Tensor) -> Tensor:
+        """States (…, components, cells) → what the terms are made of, (…, variables, cells)."""
+        if not self.angles:
+            return y
+        angles = y[..., self.angles, :]
+        return torch.cat((angles.sin(), angles.cos(), y[..., self.plain, :]), dim=-2)
+
     def _monomials(self, x: Tensor) -> Tensor:
-        """(…, components, cells) → (…, terms, cells)."""
-        components = x.unbind(-2)
-        terms = [torch.ones_like(components[0])]
-        for other, component in self.factors:
-            terms.append(terms[other] * components[component] if other else components[component])
+        """(…, variables, cells) → (…, terms, cells)."""
+        variables = x.unbind(-2)
+        terms = [torch.ones_like(variables[0])]
+        for other, variable in self.factors:
+            terms.append(terms[other] * variables[variable] if other else variables[variable])
         return torch.stack(terms, dim=-2)
