@@ -45,6 +45,8 @@ def by_opencv(path):
         (("yuv422p",), "bgr24", 1),
         (("yuv420p10le",), "bgr24", 1),
         (("yuv444p", UNSPECIFIED, 0, (97, 63)), "bgr24", 1),
+        (("yuv420p", UNSPECIFIED, 0, (98, 64)), "yuv420p", 0.5),
+        (("yuv420p", UNSPECIFIED, 0, (96, 66)), "bgr24", 1),
     ],
 )
 def test_images_are_those_of_opencv(tmp_path, given, kept, share):

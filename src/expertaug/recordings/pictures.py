@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import av
 import numpy as np
 
-KEPT = ("yuv420p", "yuvj420p")  # any other format is kept as BGR
+KEPT = ("yuv420p", "yuvj420p")  # any other format is kept as BGR, and so are images of odd sizes
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Layout:
     @classmethod
     def of(cls, frame: av.VideoFrame) -> Layout:
         """That in which a decoder's frame is kept."""
-        even = frame.width % 2 == 0 and frame.height % 2 == 0
-        name = frame.format.name if frame.format.name in KEPT and even else "bgr24"
+        fits = frame.width % 2 == 0 and frame.height % 4 == 0  # else PyAV cannot take the planes back
+        name = frame.format.name if frame.format.name in KEPT and fits else "bgr24"
         turns = round(frame.rotation / 90) % 4
         return cls(name, frame.width, frame.height, turns, int(frame.colorspace), int(frame.color_range))
 
