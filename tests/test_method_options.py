@@ -69,3 +69,12 @@ def test_an_objective_that_needs_p_plus_says_so(base):
     merged["experiments"]["pendulum"] |= {"augmented": [], "augmentations": {}, "studies": {}}
     with pytest.raises(InputError, match=r"pendulum\.augmentation: missing; the objective hvae needs its prior"):
         config.validate(merged)
+
+
+def test_tables_and_figures_are_told_each_method_s_own_p_plus(base):
+    prior = "experiments: {pendulum: {overrides: {aphynity: {augmentation: {prior: {omega0: [0.25, 3.5]}}}}}}"
+    valid = config.validate(config.merge(base, yaml.safe_load(prior)))
+    told = slices.plot(valid, "pendulum")["priors"]
+    own, other = {"omega0": [0.25, 3.5]}, {"omega0": [0.5, 3.5]}
+    assert {label: p for label, p in told.items() if p != other} == {"APHYNITY": own, "APHYNITY+": own}
+    assert slices.study(valid, "pendulum", "prior_width")["priors"]["aphynity"][""] == own

@@ -200,8 +200,10 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
         **_reading(config, experiment),
     }
     if name == "prior_width":
-        priors = {"": one["augmentation"]["prior"]} | {k: v["prior"] for k, v in one["augmentations"].items()}
-        return settings | {"priors": priors}
+        further = {k: v["prior"] for k, v in one["augmentations"].items()}
+        methods = dict.fromkeys(naming.split(variant)[0] for variant in studied(config, experiment, name))
+        own = {m: _experiment(config, experiment, m)["augmentation"]["prior"] for m in methods}
+        return settings | {"priors": {m: {"": own[m]} | further for m in methods}}
     options = one["studies"][name]
     if name == "out_of_expertise":
         options = {"distances": options["distances"], "panels": [[k, v] for k, v in options["panels"].items()]}
@@ -233,14 +235,18 @@ def tabulate(config: Mapping, experiment: str) -> dict:
 
 
 def plot(config: Mapping, experiment: str) -> dict:
-    """The order of the methods, and the ranges of the expert parameters in training and in augmentation."""
+    """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
     one = config["experiments"][experiment]
+    priors = {
+        label(config, v): _experiment(config, experiment, naming.split(v)[0]).get("augmentation", {}).get("prior", {})
+        for v in variants(config, experiment)
+    }
     return {
         "labels": _labels(config, experiment),
         "all_labels": _all_labels(config),
         **_reading(config, experiment),
         "training_range": one["data"]["sets"]["train"]["z_e"] if one["data"]["source"] == "simulation" else {},
-        "prior": one.get("augmentation", {}).get("prior", {}),
+        "priors": priors,
     }
 
 

@@ -135,13 +135,18 @@ def test_a_runaway_forecast_leaves_the_truth_visible(tmp_path, drawn):
 def test_parameters(tmp_path, drawn, write):
     paths = write(tmp_path)
     ranges = {"omega0": [1.5, 3.1], "omega1": [-20, 20], "omega2": [-40, 40]}
-    figures.parameters(paths, [tmp_path / "p.png"], {"training_range": ranges, "prior": {"omega0": [0.5, 3.5]}})
+    settings = {"training_range": ranges, "priors": {"Hybrid": {"omega0": [0.25, 3.5]}}}
+    figures.parameters(paths, [tmp_path / "p.png"], settings)
     panels = drawn[-1].axes
     estimating = [label for label in LABELS if label in paths and label not in ("Mean", "ML only")]
     assert [axis.get_title() for axis in panels[: len(estimating)]] == estimating
     patch = panels[0].patches[0]
     low, high = ranges["omega0" if write is write_forecasts else "omega1"]
     assert (patch.get_x(), patch.get_width()) == pytest.approx((low, high - low))
+    for panel in panels[: len(estimating)]:
+        edges = [line.get_xdata()[0] for line in panel.lines if len(set(line.get_xdata())) == 1]
+        own = write is write_forecasts and panel.get_title() == "Hybrid"
+        assert edges == ([0.25, 3.5] if own else [])
     with np.load(paths["Hybrid"]) as data:
         names = data["parameter_names"]
         count = sum(len(c.get_offsets()) for c in panels[1].collections)

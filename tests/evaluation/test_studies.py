@@ -69,9 +69,8 @@ def test_widths_are_in_the_order_of_their_volume(tmp_path, drawn):
     labels["hybrid+narrow"] = "Hybrid+ (narrow)"
     path = write(tmp_path / "m.csv", labels, ("train", "validation", "test"))
     priors = {"": {"w": [0, 3]}, "wide": {"w": [0, 9]}, "narrow": {"w": [1, 2]}}
-    study(
-        [path], outputs(tmp_path), READING | {"study": "prior_width", "labels": list(labels.items()), "priors": priors}
-    )
+    settings = {"study": "prior_width", "labels": list(labels.items()), "priors": {"hybrid": priors}}
+    study([path], outputs(tmp_path), READING | settings)
     rows = [line.split(" | ")[:2] for line in (tmp_path / "study.md").read_text().splitlines() if "Hybrid" in line]
     order = ["Hybrid", "Hybrid+ (narrow)", "Hybrid+", "Hybrid+ (wide)"]
     assert [row[0].removeprefix("| ") for row in rows] == order and rows[3][1] == "w ∈ [0, 9]"
@@ -100,7 +99,8 @@ def test_bad_requests(tmp_path):
     settings = READING | {"study": "out_of_expertise", "labels": list(labels.items()), "options": SHIFTS}
     with pytest.raises(InputError, match="no metrics of the set 'both'; evaluate again"):
         study([path], outputs(tmp_path), settings)
-    widths = READING | {"study": "prior_width", "labels": list(labels.items()), "priors": {"": {"w": [0, 1]}}}
+    priors = {"hybrid": {"": {"w": [0, 1]}}}
+    widths = READING | {"study": "prior_width", "labels": list(labels.items()), "priors": priors}
     with pytest.raises(InputError, match=r"suffix '\.svg'"):
         study([path], [tmp_path / "x.svg"], widths)
 

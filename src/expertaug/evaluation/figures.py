@@ -80,9 +80,9 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
     Arguments:
         forecasts: forecasts.npz by label; methods that estimate nothing are left out.
         outputs: as in :func:`bars`; where no method estimates anything the figure says so.
-        settings: all optional: ``labels``, ``sets`` (default: those in the files), ``training_range`` and ``prior``
-            (p⁺) as {parameter: [low, high]}, ``set_titles``; without a training range that of the file's training
-            values is shaded, and where it has none that of its validation values.
+        settings: all optional: ``labels``, ``sets`` (default: those in the files), ``training_range`` as
+            {parameter: [low, high]}, ``priors`` (p⁺) as the same by label, ``set_titles``; without a training range
+            that of the file's training values is shaded, and where it has none that of its validation values.
 
     Raises:
         InputError: a file is broken.
@@ -103,7 +103,7 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
         figure = style.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(labels) + 0.5))
         grid = figure.subplots(count, len(labels), squeeze=False, sharex="row", sharey="row")
         for row, name in enumerate(first.parameter_names):
-            low, high = _show_ranges(grid[row], first, row, name, settings)
+            low, high = _show_ranges(dict(zip(labels, grid[row], strict=True)), first, row, name, settings)
             quantity = style.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
             for axis, label in zip(grid[row], labels, strict=True):
                 _scatter(axis, found[label], row, (low, high), colours[label], settings)
@@ -125,26 +125,25 @@ def _select(table: pd.DataFrame, metrics: Sequence[str], settings: Mapping) -> p
 
 
 def _show_ranges(
-    axes: Sequence[Axes], data: Forecasts, column: int, name: str, settings: Mapping
+    axes: Mapping[str, Axes], data: Forecasts, column: int, name: str, settings: Mapping
 ) -> tuple[float, float]:
-    """Shade the training range and p⁺ and set the limits, which are returned."""
+    """Shade the training range, draw each label's p⁺ and set the limits, which are returned."""
     training = (settings.get("training_range") or {}).get(name)
     if training is None and _shaded(data, {}) is not None:
         values = data.truths.get("train", data.truths.get("validation"))[:, column]
         training = (values.min(), values.max())
-    prior = (settings.get("prior") or {}).get(name)
-    ends = [value for limits in (training, prior) if limits is not None for value in limits]
+    priors = {label: settings.get("priors", {}).get(label, {}).get(name) for label in axes}
+    ends = [value for limits in (training, *priors.values()) if limits is not None for value in limits]
     shown = [data.truths[name][:, column] for name in settings.get("sets") or data.estimates]
     ends += [end for values in shown for end in (values.min(), values.max())]
     low, high = min(ends), max(ends)
     margin = MARGIN * ((high - low) or 1.0)
     limits = (float(low - margin), float(high + margin))
-    for axis in axes:
+    for label, axis in axes.items():
         if training is not None:
             axis.axvspan(*training, color="0.9", linewidth=0, zorder=0)
-        if prior is not None:
-            for edge in prior:
-                axis.axvline(edge, color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
+        for edge in priors[label] or ():
+            axis.axvline(edge, color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
         axis.plot(limits, limits, color="0.25", linewidth=0.8, zorder=1)
         axis.set(xlim=limits, ylim=limits)
     return limits
@@ -199,7 +198,7 @@ def _parameter_legend(figure: Figure, data: Forecasts, settings: Mapping) -> Non
         handles.append(Line2D([], [], linestyle="", markersize=4, label=set_title(name, settings), **marker))
     if text := _shaded(data, settings):
         handles.append(Patch(facecolor="0.9", label=text))
-    if settings.get("prior"):
+    if any(settings.get("priors", {}).values()):
         handles.append(Line2D([], [], color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), label="range of p⁺"))
     handles.append(Line2D([], [], color="0.25", linewidth=0.8, label="estimate = truth"))
     style.legend(figure, handles)

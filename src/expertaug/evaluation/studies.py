@@ -43,9 +43,9 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -
         metrics: metrics.csv (of the study along training: along.csv) of all variants and blocks.
         outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
         settings: {study, labels, all_labels, sets, convention, set_titles, from_s} and, of out_of_expertise and along,
-            ``options`` (the study's configuration), of prior_width ``priors`` (ranges by name, "" = the experiment's
-            own); ``labels`` has pairs of a variant and its printed label, in order, ``options["panels"]`` pairs of a
-            title and the sets of a panel, ``sets`` the simulated sets' ranges.
+            ``options`` (the study's configuration), of prior_width ``priors`` (ranges by method and name, "" = the
+            method's own); ``labels`` has pairs of a variant and its printed label, in order, ``options["panels"]``
+            pairs of a title and the sets of a panel, ``sets`` the simulated sets' ranges.
 
     Raises:
         InputError: a file is broken or lacks what the study compares, or an output's suffix is unknown.
@@ -115,10 +115,11 @@ def _width_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
     found = cells_of(summary, "metric", "set", "method")
     columns = [(m, s) for m in shown_metrics(summary, settings["convention"]) for s in WIDTH_SETS]
     header = [f"{set_title(name, settings)}: {metric_title(metric, {})}" for metric, name in columns]
-    priors = {name: ranges_text(settings["priors"][name]) for name in study_figures.by_width(settings["priors"])}
     rows = []
     for method in dict.fromkeys(split(variant)[0] for variant in settings["labels"]):
-        for name, ranges in {None: "not augmented", **priors}.items():
+        priors = settings["priors"][method]
+        ordered = {name: ranges_text(priors[name]) for name in study_figures.by_width(priors)}
+        for name, ranges in {None: "not augmented", **ordered}.items():
             variant = method if name is None else f"{method}+{name}"
             if variant in settings["labels"]:
                 values = [cell_text(found.get((*column, variant)), column[0]) for column in columns]

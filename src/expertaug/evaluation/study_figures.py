@@ -67,8 +67,9 @@ def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
 
 def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
     """Log-MSE and parameters' error against the prior, the narrowest first: a line for each method and set."""
-    priors = by_width(settings["priors"])
     methods = list(dict.fromkeys(split(variant)[0] for variant in settings["labels"]))
+    ranges = settings["priors"][methods[0]]
+    priors = by_width(ranges)
     bases = {method: settings["labels"][method] for method in methods}
     colours = style.colours([f"{label}+" for label in bases.values()], settings["all_labels"])
     chosen = summary.set_index(["metric", "method", "set"])
@@ -83,7 +84,7 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
                     cells = [_cell(chosen, (metric, variant, name)) for variant in variants]
                     x = np.arange(len(variants)) + _dodge(place, len(bases))
                     _line(axis, x, cells, colours[f"{label}+"], line, "o" if name == "test" else "s")
-            ticks = ["none", *(f"{name or 'default'}\n{_extent(settings['priors'], name)}" for name in priors)]
+            ticks = ["none", *(f"{name or 'default'}\n{_extent(ranges, name)}" for name in priors)]
             axis.set_xticks(range(len(ticks)), ticks)
             axis.set_xlabel("augmentation prior p⁺")
             what = "log-MSE" if metric.startswith("log_mse") else "relative error [%]"
