@@ -168,7 +168,7 @@ def test_touched_files_redo_nothing(project):
     [
         ({"experiments": {"pendulum": {"finetuning": {"epochs": 5}}}}, TUNED),
         (
-            {"experiments": {"pendulum": {"augmentation": {"prior": {"omega0": [0.5, 4]}}}}},
+            {"experiments": {"pendulum": {"overrides": {"aphynity": {"augmentation": {"prior": {"omega0": [0.5, 4]}}}}}}},
             {"augment_block"} | TUNED,
         ),
         ({"experiments": {"pendulum": {"evaluation": {"samples": 2}}}}, SCORED),
