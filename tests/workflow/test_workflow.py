@@ -163,14 +163,14 @@ def test_touched_files_redo_nothing(project):
     assert planned(project, *SMOKE) == {}
 
 
+WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
+
+
 @pytest.mark.parametrize(
     ("change", "rules"),
     [
         ({"experiments": {"pendulum": {"finetuning": {"epochs": 5}}}}, TUNED),
-        (
-            {"experiments": {"pendulum": {"overrides": {"aphynity": {"augmentation": {"prior": {"omega0": [0.5, 4]}}}}}}},
-            {"augment_block"} | TUNED,
-        ),
+        ({"experiments": {"pendulum": {"overrides": {"aphynity": WIDER}}}}, {"augment_block"} | TUNED),
         ({"experiments": {"pendulum": {"evaluation": {"samples": 2}}}}, SCORED),
         ({"experiments": {"pendulum": {"training": {"learning_rate": 0.001}}}}, TRAINED),
         (
