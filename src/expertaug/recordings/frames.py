@@ -90,26 +90,29 @@ class FrameStore:
         if stop <= start:
             return np.empty((0, *self.shape[1:]), np.uint8)
         out = np.empty((stop - start, *self.shape[1:]), np.uint8)
-        for image, packed in zip(out, self._unpack(start, stop), strict=True):
-            image[:] = self.layout.image(packed)
+        packed = np.empty((stop - start, self.layout.frame_bytes), np.uint8)
+        self._unpack(start, stop, packed)
+        for image, one in zip(out, packed, strict=True):
+            image[:] = self.layout.image(one)
         return out
 
-    def _unpack(self, start: int, stop: int) -> np.ndarray:
-        """Bytes (stop - start, frame_bytes) of kept frames."""
+    def _unpack(self, start: int, stop: int, out: np.ndarray) -> None:
+        """Put the bytes of kept frames into (stop - start, frame_bytes)."""
         size = self.layout.frame_bytes
-        out = np.empty((stop - start, size), np.uint8)
         try:
             self._chunks.get_slice(start * size, stop * size, out)
         except (RuntimeError, ValueError) as error:
             raise InputError(
                 self.path, f"frames {start} to {stop} cannot be read", "run extract_frames again"
             ) from error
-        return out
 
     def __iter__(self) -> Iterator[np.ndarray]:
-        some = _frames_per_chunk(self.layout)
-        for start in range(0, len(self), some):
-            for packed in self._unpack(start, min(start + some, len(self))):
+        # One buffer for all chunks: new ones would leave memory in pieces, the more the longer the video.
+        buffer = np.empty((_frames_per_chunk(self.layout), self.layout.frame_bytes), np.uint8)
+        for start in range(0, len(self), len(buffer)):
+            chunk = buffer[: min(len(buffer), len(self) - start)]
+            self._unpack(start, start + len(chunk), chunk)
+            for packed in chunk:
                 yield self.layout.image(packed)
 
 

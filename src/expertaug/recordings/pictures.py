@@ -80,9 +80,9 @@ class Layout:
                 start += target.size
 
     def image(self, packed: np.ndarray) -> np.ndarray:
-        """Upright image, uint8 BGR (height, width, 3), of bytes (frame_bytes,)."""
+        """Upright image, uint8 BGR (height, width, 3), of bytes (frame_bytes,), in memory of its own."""
         if self.pixel_format == "bgr24":
-            return self._upright(packed.reshape(self.height, self.width, 3))
+            return self._upright(packed.reshape(self.height, self.width, 3).copy())
         planes = packed.reshape(self.height * 3 // 2, self.width)
         frame = av.VideoFrame.from_numpy_buffer(planes, format=self.pixel_format)
         frame.colorspace, frame.color_range = self.colorspace, self.color_range
