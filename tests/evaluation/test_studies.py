@@ -79,6 +79,18 @@ def test_widths_are_in_the_order_of_their_volume(tmp_path, drawn):
     assert study_figures.by_width({"": {"a": [0, 1], "b": [0, 1]}, "n": {"a": [0, 2], "b": [0, 0.1]}}) == ["n", ""]
 
 
+def test_widths_of_methods_with_priors_of_their_own(tmp_path, drawn):
+    labels = {m + name: f"{m} {name}" for m in ("one", "two") for name in ("", "+", "+wide")}
+    path = write(tmp_path / "m.csv", labels, ("train", "validation", "test"))
+    priors = {m: {"": {"w": [low, 3]}, "wide": {"w": [0, 9]}} for m, low in (("one", 1), ("two", 2))}
+    settings = {"study": "prior_width", "labels": list(labels.items()), "priors": priors}
+    study([path], outputs(tmp_path), READING | settings)
+    table = (tmp_path / "study.md").read_text()
+    assert "| one + | w ∈ [1, 3] |" in table and "| two + | w ∈ [2, 3] |" in table
+    ticks = [tick.get_text() for tick in drawn[0].axes[0].get_xticklabels()]
+    assert ticks == ["none", "default\n", "wide\n[0, 9]"], "the axis cannot say what differs"
+
+
 def test_along(tmp_path, drawn):
     places = [{"epoch": e, "finetune_epochs": f} for e in (1, 10) for f in (0, 1, 10)]
     path = write(tmp_path / "m.csv", {"hybrid": "Hybrid"}, ("train", "validation", "test"), places)

@@ -1,4 +1,5 @@
 import json
+import tracemalloc
 
 import cv2
 import numpy as np
@@ -137,3 +138,20 @@ def test_frame_of_another_size_is_refused(tmp_path):
         writing(tmp_path / "s.b2frame", Layout("bgr24", 8, 8), 10, {}) as out,
     ):
         out.append(np.zeros((9, 8, 3), np.uint8))
+
+
+def test_reading_on_holds_one_chunk_at_a_time(tmp_path, monkeypatch):
+    monkeypatch.setattr("expertaug.recordings.frames.CHUNK_BYTES", 40 * 64 * 64 * 3)
+    layout = Layout("bgr24", 64, 64)
+    with writing(tmp_path / "s.b2frame", layout, 10, {}) as out:
+        for level in range(160):
+            out.append(np.full((64, 64, 3), level, np.uint8))
+    frames = FrameStore.open(tmp_path / "s.b2frame")
+    tracemalloc.start()
+    try:
+        levels = [int(image[0, 0, 0]) for image in frames]
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert levels == list(range(160))
+    assert peak < 1.5 * 40 * layout.frame_bytes

@@ -84,7 +84,9 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
                     cells = [_cell(chosen, (metric, variant, name)) for variant in variants]
                     x = np.arange(len(variants)) + _dodge(place, len(bases))
                     _line(axis, x, cells, colours[f"{label}+"], line, "o" if name == "test" else "s")
-            ticks = ["none", *(f"{name or 'default'}\n{_extent(ranges, name)}" for name in priors)]
+            alike = {name: all(settings["priors"][m][name] == ranges[name] for m in methods) for name in priors}
+            extents = [_extent(ranges, name) if alike[name] else "" for name in priors]
+            ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
             axis.set_xticks(range(len(ticks)), ticks)
             axis.set_xlabel("augmentation prior p⁺")
             what = "log-MSE" if metric.startswith("log_mse") else "relative error [%]"

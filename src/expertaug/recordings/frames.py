@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import av
@@ -56,7 +56,7 @@ class FrameStore:
             raise InputError(path, f"not a frame store ({type(error).__name__})", "run extract_frames again") from error
         if meta.get("format") != FORMAT:
             raise InputError(path, "not a frame store of this version", "run extract_frames again")
-        self.layout = Layout.from_mapping(meta["layout"])
+        self.layout = Layout(**meta["layout"])
         self.shape = (meta["count"], *self.layout.image_shape)
         self.rate_hz = float(meta["rate_hz"])
         self.source = dict(meta["source"])
@@ -161,7 +161,7 @@ class FrameWriter:
         meta = {
             "format": FORMAT,
             "count": self.count,
-            "layout": self._layout.as_mapping(),
+            "layout": asdict(self._layout),
             "rate_hz": rate_hz,
             "source": dict(source),
         }

@@ -6,8 +6,7 @@ pack, and the image that is made of it later is the same to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import av
 import numpy as np
@@ -40,13 +39,6 @@ class Layout:
         name = frame.format.name if frame.format.name in KEPT and fits else "bgr24"
         turns = round(frame.rotation / 90) % 4
         return cls(name, frame.width, frame.height, turns, int(frame.colorspace), int(frame.color_range))
-
-    @classmethod
-    def from_mapping(cls, mapping: Mapping) -> Layout:
-        return cls(**mapping)
-
-    def as_mapping(self) -> dict:
-        return asdict(self)
 
     @property
     def frame_bytes(self) -> int:
