@@ -1,5 +1,7 @@
 """Algorithm 1: D⁺, the frozen interaction model, supervision; and the rows of the preset table."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from tiny import PRIOR, SETTINGS
@@ -107,9 +109,10 @@ class TestPresetRows:
         stored = store.load(trained)
         batch = StackedSet.of(Trajectories.load(data / "train.npz"), CPU).whole(2)
 
-        def compute(model=None, supervised=0.0, lambda0=10.0, batch=batch, **choices):
+        def compute(model=None, supervised=0.0, lambda0=10.0, batch=batch, points=None, **choices):
             objective = Aphynity([0, 1], resolve("corrected", choices), lambda0=lambda0)
             task = task_of({}, stored.description, CPU, torch.tensor([0.5]))
+            task = replace(task, horizon=points or objective.window(task))
             batch = type(batch)(batch.y, batch.z_e, torch.full_like(batch.supervised, supervised))
             return objective, *objective.loss(model or stored.model, batch, task)
 
@@ -137,6 +140,8 @@ class TestPresetRows:
             assert torch.equal(base, changed) != sees_later
         unseen = loss(loss_window="half_batch", batch=type(batch)(second, batch.z_e, batch.supervised))[1]
         assert torch.equal(unseen, loss(loss_window="half_batch")[1]), "half of the batch is not trained on"
+        changed = loss(loss_window="half_batch", points=6, batch=type(batch)(later, batch.z_e, batch.supervised))[1]
+        assert torch.equal(changed, loss(loss_window="half_batch", points=6)[1]), "a window that has not grown yet"
 
     def test_multiplier(self, loss):
         for choice, grows in (("lagrangian", True), ("fixed", False)):

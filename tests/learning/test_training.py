@@ -7,6 +7,7 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError, SolveError
+from expertaug.learning import objectives
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.fitting import Trainer
 from expertaug.learning.objectives import finite_forecast, mean_squared_error
@@ -159,6 +160,16 @@ def test_the_loss_window_grows_over_the_first_share_of_steps():
     assert points == sorted(points) and points[0] == 2 and points[24] == 26 and set(points[49:]) == {51}
     assert {TrainSettings().points(51, k, 100) for k in range(100)} == {51}
     assert max(TrainSettings(horizon_warmup=0.45).points(51, k, 7) for k in range(7)) == 51
+
+
+@pytest.mark.parametrize(("window", "longest"), [("observed", 11), ("half_batch", 21)])
+def test_the_loss_window_grows_to_that_of_the_preset(data, tmp_path, settings, monkeypatch, window, longest):
+    solved, points = [], finite_forecast
+    monkeypatch.setattr(objectives, "finite_forecast", lambda *a, **k: solved.append(a[5]) or points(*a, **k))
+    settings["choices"] |= {"loss_window": window}
+    settings["training"] |= {"horizon_warmup": 0.5}
+    run(data, tmp_path, settings)
+    assert solved == sorted(solved) and solved[0] < longest / 2 and solved[len(solved) // 2] == solved[-1] == longest
 
 
 def test_unknown_training_key_is_named():

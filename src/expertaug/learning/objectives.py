@@ -115,8 +115,12 @@ class Objective:
         self.seeds, self.choices = list(seeds), choices
 
     def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
-        """Loss (S,) and its parts, each (S,), without gradient."""
+        """Loss (S,) and its parts, each (S,), without gradient; it compares the first ``task.horizon`` points."""
         raise NotImplementedError
+
+    def window(self, task: Task) -> int:
+        """Points that the loss compares once the window has grown to its full length."""
+        return task.horizon
 
     def end_of_pass(self) -> None:
         """Called after every pass over the training set."""
@@ -169,15 +173,15 @@ class Aphynity(Objective):
         y, points = batch.y, task.horizon
         posterior = model.encode(y[: task.observed])
         z_e, z_a = posterior.mean
-        if self.choices["loss_window"] == "half_batch":
+        if self._leaks:
             half = max(y.shape[2] // 2, 1)
-            points, truth = len(task.t), y[:, :, :half]
+            truth = y[:points, :, :half]
             start, z_e_used, z_a_used = y[0][:, :half], z_e[:, :half], z_a[:, :half]
         else:
             truth, start, z_e_used, z_a_used = y[:points], y[0], z_e, z_a
         prediction, good = finite_forecast(model, start, z_e_used, z_a_used, task, points)
-        data = mean_squared_error(model.system, prediction[1:], truth[1:points], good)
-        penalty = self._penalty(model, prediction, truth[:points], z_e_used, z_a_used)
+        data = mean_squared_error(model.system, prediction[1:], truth[1:], good)
+        penalty = self._penalty(model, prediction, truth, z_e_used, z_a_used)
         loss = self._weight(data) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
         term = supervision(posterior, batch, task, self.choices["supervision"])
@@ -187,6 +191,14 @@ class Aphynity(Objective):
         self.total += data.detach().cpu()
         self.count += 1
         return loss, parts | {"loss": loss.detach()}
+
+    @property
+    def _leaks(self) -> bool:
+        return self.choices["loss_window"] == "half_batch"
+
+    def window(self, task: Task) -> int:
+        """Points that the loss compares at last: those of the task, or all times with the authors' slip."""
+        return len(task.t) if self._leaks else task.horizon
 
     def _weight(self, data: Tensor) -> Tensor:
         if self.choices["loss_normalisation"] == "first":

@@ -123,7 +123,7 @@ class Trainer:
 
     def step(self, batch: Batch, step: int, steps: int) -> dict[str, Tensor]:
         """Update number ``step`` of ``steps``, of every seed; returns the loss's parts, each (S,)."""
-        points = self.settings.points(self.task.horizon, step, steps)
+        points = self.settings.points(self.objective.window(self.task), step, steps)
         loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
         self.optimiser.zero_grad(set_to_none=True)
         loss.sum().backward()
