@@ -112,8 +112,10 @@ class TestPresetRows:
         def compute(model=None, supervised=0.0, lambda0=10.0, batch=batch, points=None, **choices):
             objective = Aphynity([0, 1], resolve("corrected", choices), lambda0=lambda0)
             task = task_of({}, stored.description, CPU, torch.tensor([0.5]))
-            task = replace(task, horizon=points or objective.window(task))
+            task = replace(task, horizon=objective.window(task))
             batch = type(batch)(batch.y, batch.z_e, torch.full_like(batch.supervised, supervised))
+            objective.begin(model or stored.model, batch, task)
+            task = replace(task, horizon=points or task.horizon)
             return objective, *objective.loss(model or stored.model, batch, task)
 
         compute.batch, compute.model = batch, stored.model
@@ -168,6 +170,10 @@ class TestPresetRows:
     def test_loss_normalisation(self, loss):
         _, value, parts = loss(loss_normalisation="first")
         torch.testing.assert_close(value, 10 + parts["penalty"])
+        # The first value is that of the full window, however short the window still is.
+        full = parts["data"]
+        _, value, parts = loss(loss_normalisation="first", points=4)
+        torch.testing.assert_close(value, 10 * parts["data"] / full + parts["penalty"])
 
     def test_supervision(self, loss):
         z_e, _ = loss.model.encode(loss.batch.y[:11]).mean

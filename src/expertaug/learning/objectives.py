@@ -122,6 +122,9 @@ class Objective:
         """Points that the loss compares once the window has grown to its full length."""
         return task.horizon
 
+    def begin(self, model: HybridModel, batch: Batch, task: Task) -> None:
+        """Called before the first update with its batch and the loss window at its full length."""
+
     def end_of_pass(self) -> None:
         """Called after every pass over the training set."""
 
@@ -165,32 +168,9 @@ class Aphynity(Objective):
         super().__init__(seeds, choices)
         self.tau2, self.every = float(tau2), int(every)
         self.multiplier = torch.as_tensor(lambda0, dtype=torch.float32).expand(len(self.seeds)).clone()
-        self.first = torch.zeros(len(self.seeds))
+        self.first = torch.ones(len(self.seeds))
         self.total = torch.zeros(len(self.seeds))
         self.count = self.passes = 0
-
-    def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
-        y, points = batch.y, task.horizon
-        posterior = model.encode(y[: task.observed])
-        z_e, z_a = posterior.mean
-        if self._leaks:
-            half = max(y.shape[2] // 2, 1)
-            truth = y[:points, :, :half]
-            start, z_e_used, z_a_used = y[0][:, :half], z_e[:, :half], z_a[:, :half]
-        else:
-            truth, start, z_e_used, z_a_used = y[:points], y[0], z_e, z_a
-        prediction, good = finite_forecast(model, start, z_e_used, z_a_used, task, points)
-        data = mean_squared_error(model.system, prediction[1:], truth[1:], good)
-        penalty = self._penalty(model, prediction, truth, z_e_used, z_a_used)
-        loss = self._weight(data) * data + penalty
-        parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
-        term = supervision(posterior, batch, task, self.choices["supervision"])
-        if term is not None:
-            loss = loss + task.supervision_weight * term
-            parts["z_e"] = term.detach()
-        self.total += data.detach().cpu()
-        self.count += 1
-        return loss, parts | {"loss": loss.detach()}
 
     @property
     def _leaks(self) -> bool:
@@ -200,11 +180,39 @@ class Aphynity(Objective):
         """Points that the loss compares at last: those of the task, or all times with the authors' slip."""
         return len(task.t) if self._leaks else task.horizon
 
-    def _weight(self, data: Tensor) -> Tensor:
+    @torch.no_grad()
+    def begin(self, model: HybridModel, batch: Batch, task: Task) -> None:
+        """Take the data term's first value, by which the preset may divide it.
+
+        It is that of the full window: that of the first two points would be little more than noise.
+        """
         if self.choices["loss_normalisation"] == "first":
-            self.first = torch.where(self.first == 0, data.detach().cpu(), self.first)
-            return (self.multiplier / self.first).to(data.device)
-        return self.multiplier.to(data.device)
+            posterior = model.encode(batch.y[: task.observed])
+            self.first = self._terms(model, posterior, batch, task)[0].cpu()
+
+    def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
+        """Loss (S,) and its parts, each (S,), without gradient."""
+        posterior = model.encode(batch.y[: task.observed])
+        data, penalty = self._terms(model, posterior, batch, task)
+        loss = (self.multiplier / self.first).to(data.device) * data + penalty
+        parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
+        term = supervision(posterior, batch, task, self.choices["supervision"])
+        if term is not None:
+            loss = loss + task.supervision_weight * term
+            parts["z_e"] = term.detach()
+        self.total += data.detach().cpu()
+        self.count += 1
+        return loss, parts | {"loss": loss.detach()}
+
+    def _terms(self, model: HybridModel, posterior: Posterior, batch: Batch, task: Task) -> tuple[Tensor, Tensor]:
+        """Data term and size of F_a, each (S,), over the first ``task.horizon`` points."""
+        truth, (z_e, z_a) = batch.y[: task.horizon], posterior.mean
+        if self._leaks:
+            half = max(truth.shape[2] // 2, 1)
+            truth, z_e, z_a = truth[:, :, :half], z_e[:, :half], z_a[:, :half]
+        prediction, good = finite_forecast(model, truth[0], z_e, z_a, task, task.horizon)
+        data = mean_squared_error(model.system, prediction[1:], truth[1:], good)
+        return data, self._penalty(model, prediction, truth, z_e, z_a)
 
     def _penalty(self, model: HybridModel, prediction: Tensor, truth: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
         if model.interaction is None:

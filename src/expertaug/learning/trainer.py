@@ -123,7 +123,10 @@ class Trainer:
 
     def step(self, batch: Batch, step: int, steps: int) -> dict[str, Tensor]:
         """Update number ``step`` of ``steps``, of every seed; returns the loss's parts, each (S,)."""
-        points = self.settings.points(self.objective.window(self.task), step, steps)
+        window = self.objective.window(self.task)
+        if step == 0:
+            self.objective.begin(self.model, batch, replace(self.task, horizon=window))
+        points = self.settings.points(window, step, steps)
         loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
         self.optimiser.zero_grad(set_to_none=True)
         loss.sum().backward()
