@@ -79,3 +79,31 @@ def test_an_angle_enters_by_sine_and_cosine():
     assert (fitted.abs() > 1e-3).all()
     with pytest.raises(InputError, match=r"model\.interaction\.angles: 'phi'; components of the state: theta, omega"):
         PolynomialInteraction(system, 1, angles=["phi"])
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "reads", "unseen", "options"),
+    [
+        (MLPInteraction, "rlc", "I", 0, {}),
+        (MLPInteraction, "pendulum", "theta", 1, {}),
+        (PolynomialInteraction, "pendulum", "omega", 0, {"angles": ["theta"]}),
+        (PolynomialInteraction, "reaction_diffusion", "u", 1, {}),
+    ],
+)
+def test_what_the_interaction_does_not_read_changes_nothing(kind, name, reads, unseen, options):
+    system = systems.load({"name": name})
+    interaction = kind(system, 1, reads=[reads], **options)
+    y = torch.randn(6, *system.state_shape)
+    interaction.fit(torch.randn(4, 50, *system.state_shape))
+    for parameter in interaction.parameters():
+        torch.nn.init.normal_(parameter)
+    context = interaction.context(torch.randn(6, 1), torch.ones(6, len(system.expert_parameters)))
+    seen = [c.name for c in system.state].index(reads)
+    rates = interaction(y, context)
+    assert (rates != 0).all(), "it still acts on every component"
+    for k, same in ((unseen, True), (seen, False)):
+        moved = y.clone()
+        moved[:, k] += 0.5
+        assert torch.equal(interaction(moved, context), rates) == same
+    with pytest.raises(InputError, match=r"model\.interaction\.reads: 'Q'; components of the state: "):
+        kind(system, 1, reads=["Q"])

@@ -34,10 +34,13 @@ class Interaction(nn.Module):
         components: of the state, by name, on whose rates F_a acts; null for all.  A rate that is another component by
             definition (θ' of a pendulum) is better left alone: a damping of least norm would act on it in part, and
             be a stiffness where the motion is slower.
+        reads: components of the state, by name, that F_a sees; null for all.  What a term is known not to depend on is
+            better kept from it: APHYNITY takes the smallest F_a that fits, and a damping that sees the angle takes a
+            share of the restoring force, since in a swing that dies away angle and speed are correlated.
 
     Attributes:
         inputs: how many numbers :meth:`latents` gives.
-        acts_on: positions in the state of the components on which F_a acts.
+        acts_on, sees: positions in the state of the components on which F_a acts, and that it sees.
     """
 
     def __init__(
@@ -46,11 +49,14 @@ class Interaction(nn.Module):
         latent: int,
         expert_parameters: bool = False,
         components: Sequence[str] | None = None,
+        reads: Sequence[str] | None = None,
     ) -> None:
         super().__init__()
+        every = [c.name for c in system.state]
         self.scales = [p.scale for p in system.expert_parameters] if expert_parameters else []
         self.inputs = latent + len(self.scales)
-        self.acts_on = positions(system, components or [c.name for c in system.state], "model.interaction.components")
+        self.acts_on = positions(system, components or every, "model.interaction.components")
+        self.sees = positions(system, reads or every, "model.interaction.reads")
         self._axis = -len(system.state_shape)
 
     def fit(self, observed: Tensor) -> None:
@@ -75,7 +81,7 @@ class MLPInteraction(Interaction):
     Arguments:
         latent: size of z_a.
         layers, activation: hidden layers.
-        expert_parameters, components: as :class:`Interaction`.
+        expert_parameters, components, reads: as :class:`Interaction`; a component that it does not see is zero.
     """
 
     def __init__(
@@ -86,9 +92,11 @@ class MLPInteraction(Interaction):
         activation: str = "relu",
         expert_parameters: bool = False,
         components: Sequence[str] | None = None,
+        reads: Sequence[str] | None = None,
     ) -> None:
-        super().__init__(system, latent, expert_parameters, components)
+        super().__init__(system, latent, expert_parameters, components, reads)
         self.system = system
+        self.mask = [float(k in self.sees) for k in range(len(system.state))]
         features = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
         self.state_layer = Linear(features, layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, layers[0])
@@ -100,5 +108,6 @@ class MLPInteraction(Interaction):
 
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y."""
-        hidden = affine(self.system.features(y), self.state_layer.weight, context)
+        seen = y if all(self.mask) else y * y.new_tensor(self.mask)
+        hidden = affine(self.system.features(seen), self.state_layer.weight, context)
         return self.placed(self.rest(self.rest.activation(hidden)), y)

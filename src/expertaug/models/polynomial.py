@@ -31,9 +31,10 @@ class PolynomialInteraction(Interaction):
         latent_degree: terms up to this degree have coefficients that depend on z_a; 0: the constant alone.
         layers: hidden layers between z_a and these coefficients; none: they are linear in z_a.
         expert_parameters: whether these coefficients depend on z_e too (:class:`Interaction`).
-        components: as :class:`Interaction`.
-        angles: components of the state, by name, that enter as sine and cosine.  What acts on an angle has its period;
-            and a share of the expert's restoring force that F_a takes is then of the expert's own shape at any swing.
+        components, reads: as :class:`Interaction`.
+        angles: components of the state, by name, that enter as sine and cosine where F_a sees them.  What acts on an
+            angle has its period; and a share of the expert's restoring force that F_a takes is then of the expert's
+            own shape at any swing.
     """
 
     def __init__(
@@ -45,12 +46,14 @@ class PolynomialInteraction(Interaction):
         layers: Sequence[int] = (),
         expert_parameters: bool = False,
         components: Sequence[str] | None = None,
+        reads: Sequence[str] | None = None,
         angles: Sequence[str] = (),
     ) -> None:
-        super().__init__(system, latent, expert_parameters, components)
-        self.angles = positions(system, angles, "model.interaction.angles")
+        super().__init__(system, latent, expert_parameters, components, reads)
+        angles = positions(system, angles, "model.interaction.angles")
+        self.angles = [k for k in angles if k in self.sees]
         self.size = system.state_shape[0]
-        self.plain = [k for k in range(self.size) if k not in self.angles]
+        self.plain = [k for k in self.sees if k not in angles]
         self.variables, self.cells = len(self.plain) + 2 * len(self.angles), prod(system.state_shape[1:])
         # Term k is term ``self.factors[k][0]`` times variable ``self.factors[k][1]``; term 0 is 1.
         terms = [c for d in range(degree + 1) for c in combinations_with_replacement(range(self.variables), d)]
@@ -103,10 +106,11 @@ class PolynomialInteraction(Interaction):
 
     def _variables(self, y: Tensor) -> Tensor:
         """States (…, components, cells) → what the terms are made of, (…, variables, cells)."""
+        plain = y if len(self.plain) == self.size else y[..., self.plain, :]
         if not self.angles:
-            return y
+            return plain
         angles = y[..., self.angles, :]
-        return torch.cat((angles.sin(), angles.cos(), y[..., self.plain, :]), dim=-2)
+        return torch.cat((angles.sin(), angles.cos(), plain), dim=-2)
 
     def _monomials(self, x: Tensor) -> Tensor:
         """(…, variables, cells) → (…, terms, cells)."""
