@@ -1,7 +1,5 @@
 """What F_a may see."""
 
-import math
-
 import pytest
 import torch
 
@@ -62,37 +60,18 @@ def test_components_are_those_on_which_the_interaction_acts(kind, name, acts, ot
         kind(system, 1, components=["Q"])
 
 
-def test_an_angle_enters_by_sine_and_cosine():
-    system = systems.load({"name": "pendulum"})
-    interaction = PolynomialInteraction(system, 1, degree=1, components=["omega"], angles=["theta"])
-    interaction.fit(torch.randn(4, 50, 2))
-    for parameter in interaction.parameters():
-        torch.nn.init.normal_(parameter)
-    y = torch.randn(200, 2)
-    context = interaction.context(torch.zeros(200, 1), torch.ones(200, 1))
-    rates = interaction(y, context)
-    torch.testing.assert_close(interaction(y + torch.tensor([2 * math.pi, 0.0]), context), rates, rtol=1e-4, atol=1e-4)
-    # Linear in sin θ, cos θ and θ', and in nothing else.
-    terms = torch.stack((y[:, 0].sin(), y[:, 0].cos(), y[:, 1], torch.ones(200)), dim=1)
-    fitted = torch.linalg.lstsq(terms, rates[:, 1:]).solution
-    torch.testing.assert_close(terms @ fitted, rates[:, 1:], rtol=1e-4, atol=1e-4)
-    assert (fitted.abs() > 1e-3).all()
-    with pytest.raises(InputError, match=r"model\.interaction\.angles: 'phi'; components of the state: theta, omega"):
-        PolynomialInteraction(system, 1, angles=["phi"])
-
-
 @pytest.mark.parametrize(
-    ("kind", "name", "reads", "unseen", "options"),
+    ("kind", "name", "reads", "unseen"),
     [
-        (MLPInteraction, "rlc", "I", 0, {}),
-        (MLPInteraction, "pendulum", "theta", 1, {}),
-        (PolynomialInteraction, "pendulum", "omega", 0, {"angles": ["theta"]}),
-        (PolynomialInteraction, "reaction_diffusion", "u", 1, {}),
+        (MLPInteraction, "rlc", "I", 0),
+        (MLPInteraction, "pendulum", "theta", 1),
+        (PolynomialInteraction, "pendulum", "omega", 0),
+        (PolynomialInteraction, "reaction_diffusion", "u", 1),
     ],
 )
-def test_what_the_interaction_does_not_read_changes_nothing(kind, name, reads, unseen, options):
+def test_what_the_interaction_does_not_read_changes_nothing(kind, name, reads, unseen):
     system = systems.load({"name": name})
-    interaction = kind(system, 1, reads=[reads], **options)
+    interaction = kind(system, 1, reads=[reads])
     y = torch.randn(6, *system.state_shape)
     interaction.fit(torch.randn(4, 50, *system.state_shape))
     for parameter in interaction.parameters():

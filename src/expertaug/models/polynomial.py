@@ -9,7 +9,7 @@ from math import prod
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.interaction import Interaction, positions
+from expertaug.models.interaction import Interaction
 from expertaug.models.layers import MLP
 from expertaug.systems import System
 
@@ -32,9 +32,6 @@ class PolynomialInteraction(Interaction):
         layers: hidden layers between z_a and these coefficients; none: they are linear in z_a.
         expert_parameters: whether these coefficients depend on z_e too (:class:`Interaction`).
         components, reads: as :class:`Interaction`.
-        angles: components of the state, by name, that enter as sine and cosine where F_a sees them.  What acts on an
-            angle has its period; and a share of the expert's restoring force that F_a takes is then of the expert's
-            own shape at any swing.
     """
 
     def __init__(
@@ -47,14 +44,10 @@ class PolynomialInteraction(Interaction):
         expert_parameters: bool = False,
         components: Sequence[str] | None = None,
         reads: Sequence[str] | None = None,
-        angles: Sequence[str] = (),
     ) -> None:
         super().__init__(system, latent, expert_parameters, components, reads)
-        angles = positions(system, angles, "model.interaction.angles")
-        self.angles = [k for k in angles if k in self.sees]
-        self.size = system.state_shape[0]
-        self.plain = [k for k in self.sees if k not in angles]
-        self.variables, self.cells = len(self.plain) + 2 * len(self.angles), prod(system.state_shape[1:])
+        self.size, self.cells = system.state_shape[0], prod(system.state_shape[1:])
+        self.variables = len(self.sees)
         # Term k is term ``self.factors[k][0]`` times variable ``self.factors[k][1]``; term 0 is 1.
         terms = [c for d in range(degree + 1) for c in combinations_with_replacement(range(self.variables), d)]
         self.factors = [(terms.index(term[:-1]), term[-1]) for term in terms[1:]]
@@ -106,11 +99,7 @@ class PolynomialInteraction(Interaction):
 
     def _variables(self, y: Tensor) -> Tensor:
         """States (…, components, cells) → what the terms are made of, (…, variables, cells)."""
-        plain = y if len(self.plain) == self.size else y[..., self.plain, :]
-        if not self.angles:
-            return plain
-        angles = y[..., self.angles, :]
-        return torch.cat((angles.sin(), angles.cos(), plain), dim=-2)
+        return y if self.variables == self.size else y[..., self.sees, :]
 
     def _monomials(self, x: Tensor) -> Tensor:
         """(…, variables, cells) → (…, terms, cells)."""
