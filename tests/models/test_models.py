@@ -11,6 +11,7 @@ from expertaug.models.hybrid import build
 from expertaug.models.layers import GRU, Standardise
 from expertaug.models.mean import MeanModel
 from expertaug.models.posterior import Delta
+from expertaug.models.windows import Windows
 from expertaug.systems.solver import Solver
 
 CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}
@@ -113,6 +114,14 @@ def test_gru_is_torchs():
         theirs.bias_hh_l0[8:] = ours.recurrent[2].bias[0]
         x = torch.randn(7, 5, 3)
         torch.testing.assert_close(ours(x), theirs(x)[1][0])
+
+
+def test_the_order_in_which_windows_are_written_does_not_matter():
+    system, times = systems.load({"name": "rlc"}), torch.arange(5) * 0.1
+    windows = {"U": [0.0, 0.4], "I": [0.1, 0.2]}
+    observed = torch.randn(5, 3, 2)
+    written, turned = (Windows(system, times, dict(items)) for items in (windows.items(), reversed(windows.items())))
+    assert torch.equal(written(observed), turned(observed))
 
 
 def test_window_encoder_sees_its_windows_only():

@@ -49,7 +49,8 @@ class Windows:
     def __init__(
         self, system: System, times: Tensor, windows: Mapping[str, Sequence[float]], angles: Sequence[str] = ()
     ) -> None:
-        self.points = [(*_select(system, name, window, times), name in angles) for name, window in windows.items()]
+        # In an order of their own: a mapping that says the same in another order is the same encoder.
+        self.points = [(*_select(system, name, windows[name], times), name in angles) for name in sorted(windows)]
         self.values = sum(len(points) for _, points, _ in self.points)
         self.inputs = sum(3 * len(points) - 1 if angle else len(points) for _, points, angle in self.points)
 
