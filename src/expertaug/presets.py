@@ -59,7 +59,7 @@ ROWS: dict[str, Row] = {
         corrected="rms",
     ),
     "loss_normalisation": Row(
-        "whether the data term is divided by its first value",
+        "whether the data term is divided by its first value, over the full loss window",
         ("none", "first"),
         paper="none",
         code="first",

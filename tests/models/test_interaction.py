@@ -13,6 +13,16 @@ from expertaug.systems.reaction_diffusion import SIZE
 CASES = {"mlp": ("rlc", MLPInteraction, (5, 2)), "conv": ("reaction_diffusion", ConvInteraction, (5, 2, SIZE, SIZE))}
 
 
+def with_random_weights(kind, system, **arguments):
+    """An interaction model fitted to random states, all of its weights random."""
+    torch.manual_seed(0)
+    interaction = kind(system, 1, **arguments)
+    interaction.fit(torch.randn(4, 50, *system.state_shape))
+    for parameter in interaction.parameters():
+        torch.nn.init.normal_(parameter)
+    return interaction, interaction.context(torch.randn(6, 1), torch.ones(6, len(system.expert_parameters)))
+
+
 @pytest.mark.parametrize("kind", CASES)
 def test_expert_parameters_reach_the_interaction_on_request_only(kind):
     name, cls, shape = CASES[kind]
@@ -49,11 +59,8 @@ def test_the_default_draws_the_same_weights_as_without_the_option():
 )
 def test_components_are_those_on_which_the_interaction_acts(kind, name, acts, other):
     system = systems.load({"name": name})
-    interaction = kind(system, 1, components=[acts])
-    for parameter in interaction.parameters():
-        torch.nn.init.normal_(parameter)
-    y = torch.randn(5, *system.state_shape)
-    rates = interaction(y, interaction.context(torch.randn(5, 1), torch.ones(5, 2)))
+    interaction, context = with_random_weights(kind, system, components=[acts])
+    rates = interaction(torch.randn(6, *system.state_shape), context)
     assert not rates[:, other].any()
     assert (rates[:, 1 - other] != 0).all()
     with pytest.raises(InputError, match="'Q'; components of the state: " + ", ".join(c.name for c in system.state)):
@@ -71,12 +78,8 @@ def test_components_are_those_on_which_the_interaction_acts(kind, name, acts, ot
 )
 def test_what_the_interaction_does_not_read_changes_nothing(kind, name, reads, unseen):
     system = systems.load({"name": name})
-    interaction = kind(system, 1, reads=[reads])
+    interaction, context = with_random_weights(kind, system, reads=[reads])
     y = torch.randn(6, *system.state_shape)
-    interaction.fit(torch.randn(4, 50, *system.state_shape))
-    for parameter in interaction.parameters():
-        torch.nn.init.normal_(parameter)
-    context = interaction.context(torch.randn(6, 1), torch.ones(6, len(system.expert_parameters)))
     seen = [c.name for c in system.state].index(reads)
     rates = interaction(y, context)
     assert (rates != 0).all(), "it still acts on every component"
