@@ -374,6 +374,18 @@ def test_an_experiment_may_differ_under_a_preset(base: dict) -> None:
     assert default["data"] == plain["data"] and default["training"] == plain["training"]
 
 
+def test_choices_of_an_experiment_win_over_those_of_its_presets(base: dict) -> None:
+    presets = {"corrected": {"choices": {"resample": "epoch", "supervision": "raw"}}}
+    over = {"experiments": {"pendulum": {"presets": presets}}}
+    by_default = config.validate(config.merge(base, over))["experiments"]["pendulum"]["choices"]
+    assert (by_default["resample"], by_default["supervision"]) == ("epoch", "raw")
+    of_code = config.validate(config.merge(base, over | {"preset": "code"}))["experiments"]["pendulum"]["choices"]
+    assert of_code["resample"] == "once"
+    over["experiments"]["pendulum"]["choices"] = {"resample": "once"}
+    chosen = config.validate(config.merge(base, over))["experiments"]["pendulum"]["choices"]
+    assert (chosen["resample"], chosen["supervision"]) == ("once", "raw")
+
+
 # An experiment without studies, on which the next is built.
 PLAIN = """
 run: [plain]

@@ -118,7 +118,10 @@ def _check_along(name: str, config: Mapping, rules: Mapping) -> None:
 
 
 def _choose_preset(config: Mapping, rules: Mapping) -> dict[str, dict]:
-    """The experiments with what they override under the configuration's preset; the others are only checked."""
+    """The experiments with what they override under the configuration's preset; the others are only checked.
+
+    An experiment's own ``choices`` win over those of its ``presets``, which are defaults like the preset's.
+    """
     chosen = config.get("preset", rules["properties"]["preset"]["default"])
     merged = {}
     for name, one in config["experiments"].items():
@@ -130,7 +133,8 @@ def _choose_preset(config: Mapping, rules: Mapping) -> dict[str, dict]:
             except InputError as error:
                 raise InputError(f"experiments.{name}.presets.{preset}", str(error)) from error
             if preset == chosen:
-                merged[name] = _without_null(merge(one, over))
+                own = {"choices": one["choices"]} if "choices" in one else {}
+                merged[name] = _without_null(merge(merge(one, over), own))
     return merged
 
 

@@ -183,7 +183,7 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
         ({"experiments": {"double_pendulum": {"data": {"split": {"stride": 3}}}}}, CHUNKS),
         ({"recordings": {"angles": {"max_gap_frames": 4}}}, ANGLES),
         ({"recordings": {"tracking": {"min_level": 25}}}, MARKERS),
-        ({"choices": {"resample": "epoch"}}, TUNED),
+        ({"choices": {"frozen": "interaction_and_z_e_head"}}, TUNED),
         ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_block"} | SCORED),
         ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
         ({"device": "cpu"}, TRAINED),
