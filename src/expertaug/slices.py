@@ -25,7 +25,7 @@ CHOICES = {
 
 
 # Keys of an evaluation that say how its numbers are read and shown; they change none of them.
-READING = ("convention", "set_titles")
+READING = ("convention", "set_titles", "title")
 SHOWING = (*READING, "published", "overview")
 
 

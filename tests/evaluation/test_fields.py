@@ -26,25 +26,53 @@ def write(folder, space=(8, 8), labels=LABELS):
     return paths, truth
 
 
-def test_truth_method_and_augmented_method_at_six_times(tmp_path, drawn):
+def test_states_and_errors_of_truth_method_and_augmented_method(tmp_path, drawn):
     paths, truth = write(tmp_path)
     traces.forecasts(paths, tmp_path / "f", {"seed": 5, "labels": list(LABELS)})
     panels = [axis for axis in drawn[0].axes if axis.images]
-    assert len(panels) == 18, "truth, Hybrid and Hybrid+"
-    np.testing.assert_array_equal(panels[4].images[0].get_array(), truth[0, 8, 0])
-    np.testing.assert_allclose(panels[-1].images[0].get_array(), truth[0, 10, 0] - 2, rtol=1e-6)
-    assert [panels[k].get_ylabel() for k in (0, 6, 12)] == ["truth", "Hybrid", "Hybrid+"]
-    assert panels[0].get_title() == "t = 0 s\nobserved" and "forecast" in panels[2].get_title()
+    assert len(panels) == 3 * 4 + 2 * 2, "states of truth, Hybrid and Hybrid+; errors of two forecast times"
+    np.testing.assert_array_equal(panels[2].images[0].get_array(), truth[0, 7, 0])
+    np.testing.assert_allclose(panels[11].images[0].get_array(), truth[0, 3, 0] - 2, rtol=1e-6)
+    assert [panels[k].get_title() for k in (0, 3)] == ["t = 0 s\nobserved", "t = 10 s\nforecast"]
+    named = [axis.get_ylabel() for axis in panels if axis.get_ylabel()]
+    assert named == ["truth", "Hybrid\n1", "Hybrid+\n2"], "the errors of seed 5 are -1 and -2 everywhere"
+    augmented = panels[-2:]
+    for axis in augmented:
+        np.testing.assert_allclose(axis.images[0].get_array(), -2, rtol=1e-5)
+    (limits,) = {axis.images[0].get_clim() for axis in augmented}
+    assert limits == pytest.approx((-2, 2), rel=1e-5)
     assert (tmp_path / "f.png").is_file() and (tmp_path / "f.pdf").is_file()
 
 
 def test_other_samples_and_spaces(tmp_path, drawn):
     paths, truth = write(tmp_path, space=(8,), labels=("Hybrid",))
     traces.forecasts(paths, [tmp_path / "f.png"], {"samples": [1]})
-    lines = [axis.lines[0] for axis in drawn[0].axes]
-    np.testing.assert_array_equal(lines[5].get_ydata(), truth[1, 10, 0])
+    lines = [axis.lines[0] for axis in drawn[0].axes if axis.lines]
+    np.testing.assert_array_equal(lines[3].get_ydata(), truth[1, 10, 0])
     with pytest.raises(InputError, match="no seed 9"):
         traces.forecasts(paths, tmp_path / "f", {"seed": 9})
+
+
+@pytest.mark.parametrize(("z_e", "drawn_sample"), [((0.5, 0.5), 0), ((0.5, 1.1), 1), ((-0.3, 1.2), 0)])
+def test_the_sample_farthest_outside_the_training_range_is_drawn(tmp_path, drawn, z_e, drawn_sample):
+    paths, truth = write(tmp_path, labels=("Hybrid",))
+    arrays = dict(np.load(paths["Hybrid"]))
+    arrays["train_z_e"] = np.array([[0.0], [1.0]])
+    arrays["test_z_e"][[4, 9], 0] = z_e
+    np.savez(paths["Hybrid"], **arrays)
+    traces.forecasts(paths, [tmp_path / "f.png"], {})
+    first = next(axis for axis in drawn[0].axes if axis.images)
+    np.testing.assert_array_equal(first.images[0].get_array(), truth[drawn_sample, 0, 0])
+
+
+def test_a_forecast_that_ran_away_leaves_the_scale_to_the_others(tmp_path, drawn):
+    paths, _ = write(tmp_path)
+    arrays = dict(np.load(paths["Hybrid"]))
+    arrays["test_prediction"][0, 0, 9:, 0, 0, 0] = np.nan
+    np.savez(paths["Hybrid"], **arrays)
+    traces.forecasts(paths, [tmp_path / "f.png"], {"labels": list(LABELS)})
+    last = [axis for axis in drawn[0].axes if axis.images][-1]
+    assert last.images[0].get_clim() == pytest.approx((-2, 2), rel=1e-5)
 
 
 def test_shapes_are_checked(tmp_path):

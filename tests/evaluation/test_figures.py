@@ -10,7 +10,7 @@ from matplotlib.image import imread
 
 from expertaug.errors import InputError
 from expertaug.evaluation import figures, style, traces
-from expertaug.evaluation.summary import set_title
+from expertaug.evaluation.summary import experiment_title, set_title
 
 
 def assert_nothing_is_cut(figure):
@@ -99,6 +99,8 @@ def test_names_with_underscores_are_made_readable():
     assert style.text("APHYNITY, F_a sees z_e+") == "APHYNITY, $F_a$ sees $z_e$+"
     assert set_title("both_small", {}) == "both small" and set_title("z_a_small", {}) == "z_a small"
     assert set_title("z_a_small", {"set_titles": {"z_a_small": "near"}}) == "near"
+    assert experiment_title("double_swing", {"title": None}) == "double swing"
+    assert experiment_title("rlc", {"title": "RLC circuit"}) == "RLC circuit"
 
 
 def test_forecasts(tmp_path, drawn):

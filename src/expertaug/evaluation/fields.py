@@ -1,4 +1,4 @@
-"""Forecasts of a field: what a state of several axes looks like over time, truth and methods below each other."""
+"""Forecasts of a field: a state of several axes over time, truth and methods below each other, and their errors."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import set_title
 from expertaug.variants import base_label, is_augmented
 
-TIMES = 6
+TIMES = 4
+GAP = 0.25  # between states and errors, in widths of a panel
 COLOURS = "RdBu_r"
 OVERSHOOT = 0.1  # of the truth's range that the colours reach beyond it
+QUANTILE = 99.0  # of the errors that their colours reach to: one forecast that runs away would hide all others
 
 
 def is_field(data: Forecasts, name: str) -> bool:
@@ -33,47 +35,97 @@ def pairs(labels: Sequence[str]) -> list[str]:
 def panel(
     found: Mapping[str, Forecasts], name: str, outputs: Path | Sequence[Path], settings: Mapping, seed: int
 ) -> None:
-    """Draw one sample's first component: a row for the truth and for each method, a column per time.
+    """Draw one sample's first component: a row for the truth and for each method, a column per time; beside them what
+    each forecast is off by, on a scale of its own, and the root mean square of that over the whole forecast.
 
     Arguments:
         found: forecasts by label, in order; their states are (components, space …).
         name: of the set.
         outputs: .png or .pdf files, or one path without suffix for both.
-        settings: all optional: ``samples`` (the first is drawn; default the first), ``component`` (default 0),
-            ``times`` (indices; default six, evenly spread), ``set_titles``.
+        settings: all optional: ``samples`` (positions among those kept; of these the one whose z_e is farthest outside
+            the training set's range is drawn; default all), ``component`` (default 0), ``times`` (indices; default
+            four, evenly spread), ``set_titles``.
         seed: whose forecasts are drawn.
     """
     labels = pairs(list(found))
     first = found[labels[0]]
-    sample, component = (settings.get("samples") or [0])[0], int(settings.get("component", 0))
+    component = int(settings.get("component", 0))
+    sample = farthest(first, name, settings.get("samples") or range(len(first.index[name])))
     times = settings.get("times") or np.linspace(0, len(first.t) - 1, min(TIMES, len(first.t))).round().astype(int)
+    later = [k for k in times if k > first.observed]
     truth = first.truth[name][sample, :, component]
-    rows = {"truth": truth}
-    for label in labels:
-        rows[label] = found[label].prediction[name][found[label].seeds.index(seed), sample, :, component]
-    low, high = float(truth.min()), float(truth.max())
-    if low < 0 < high:  # white is zero
-        low, high = -max(-low, high), max(-low, high)
-    room = OVERSHOOT * ((high - low) or 1.0)
-    limits = low - room, high + room
+    states = {
+        label: found[label].prediction[name][found[label].seeds.index(seed), sample, :, component] for label in labels
+    }
+    errors = {label: values - truth for label, values in states.items()}
     with style.styled():
-        side = (style.WIDTH - 1.4) / len(times)
-        figure = style.new_figure(0.55 + side * len(rows))
+        side = (style.WIDTH - 1.3) / (len(times) + len(later) + GAP)
+        figure = style.new_figure(1.4 + side * (1 + len(labels)))
         figure.get_layout_engine().set(h_pad=0.03, w_pad=0.03, hspace=0, wspace=0)
-        grid = figure.subplots(len(rows), len(times), squeeze=False)
-        image = None
-        for line, (label, states) in zip(grid, rows.items(), strict=True):
-            for axis, k in zip(line, times, strict=True):
-                image = _draw(axis, states[k], limits) or image
-                if label == "truth":
-                    seen = "observed" if k <= first.observed else "forecast"
-                    axis.set_title(f"t = {first.t[k]:.3g} s\n{seen}", fontsize=7)
-            line[0].set_ylabel(style.text(label), rotation=0, ha="right", va="center", labelpad=6)
+        widths = [1] * len(times) + [GAP] + [1] * len(later)
+        grid = figure.subplots(1 + len(labels), len(widths), squeeze=False, width_ratios=widths)
+        left, right = grid[:, : len(times)], grid[1:, len(times) + 1 :]
+        for axis in (*grid[:, len(times)], *grid[0, len(times) + 1 :]):
+            axis.set_axis_off()
+        rows = {"truth": truth} | states
+        image = _block(left, [[row[k] for k in times] for row in rows.values()], _limits(truth))
+        for axis, k in zip(left[0], times, strict=True):
+            axis.set_title(f"t = {first.t[k]:.3g} s\n{'observed' if k <= first.observed else 'forecast'}", fontsize=7)
+        for axis, label in zip(left[:, 0], rows, strict=True):
+            off = f"\n{_rms(errors[label][first.observed + 1 :]):.2g}" if label in errors else ""
+            axis.set_ylabel(style.text(label) + off, rotation=0, ha="right", va="center", labelpad=6)
         quantity = style.quantity(first.state_names[component], first.state_units[component])
         if image is not None:
-            figure.colorbar(image, ax=grid, shrink=0.6, aspect=28, label=quantity, extend="both")
-        figure.suptitle(f"{_title(first, name, sample, settings)}, seed {seed}", fontsize=7.5, color="0.35")
+            figure.colorbar(image, ax=left, location="bottom", shrink=0.7, aspect=28, label=quantity, extend="both")
+        if later:
+            shown = [[row[k] for k in later] for row in errors.values()]
+            finite = np.abs(shown)[np.isfinite(shown)]
+            most = (float(np.percentile(finite, QUANTILE)) if finite.size else 0.0) or 1.0
+            image = _block(right, shown, (-most, most))
+            for axis, k in zip(grid[0, len(times) + 1 :], later, strict=True):
+                head = f"t = {first.t[k]:.3g} s\nerror"
+                axis.text(0.5, 0.02, head, ha="center", va="bottom", fontsize=7, transform=axis.transAxes)
+            if image is not None:
+                label = f"{quantity}, forecast − truth"
+                figure.colorbar(image, ax=right, location="bottom", shrink=0.8, aspect=22, label=label, extend="both")
+        title = f"{_title(first, name, sample, settings)}, seed {seed}; below a method, root mean square of its error"
+        figure.suptitle(title, fontsize=7.5, color="0.35")
         style.save(figure, outputs)
+
+
+def farthest(data: Forecasts, name: str, samples: Sequence[int]) -> int:
+    """The sample whose z_e lies farthest outside the training set's range, in units of it; the first where none does.
+
+    Chosen by its parameters alone, not by how well anything forecasts it.
+    """
+    if "train" not in data.truths:
+        return samples[0]
+    low, high = data.truths["train"].min(0), data.truths["train"].max(0)
+    z_e = data.truths[name][data.index[name][list(samples)]]
+    outside = np.maximum(0, np.maximum(low - z_e, z_e - high)) / np.where(high > low, high - low, 1)
+    return samples[int(outside.sum(-1).argmax())]
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.square(error, dtype=float).mean()))
+
+
+def _limits(truth: np.ndarray) -> tuple[float, float]:
+    """Of the colours: the truth's range and some room, with white at zero where zero is inside."""
+    low, high = float(truth.min()), float(truth.max())
+    if low < 0 < high:
+        low, high = -max(-low, high), max(-low, high)
+    room = OVERSHOOT * ((high - low) or 1.0)
+    return low - room, high + room
+
+
+def _block(axes: np.ndarray, rows: Sequence[Sequence[np.ndarray]], limits: tuple[float, float]) -> AxesImage | None:
+    """Draw a field on each of the axes (rows, columns); the last image, None where fields are lines."""
+    image = None
+    for line, row in zip(axes, rows, strict=True):
+        for axis, field in zip(line, row, strict=True):
+            image = _draw(axis, field, limits)
+    return image
 
 
 def _draw(axis: Axes, field: np.ndarray, limits: tuple[float, float]) -> AxesImage | None:

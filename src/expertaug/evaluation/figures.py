@@ -19,6 +19,7 @@ from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import (
     CONVENTIONS,
     SETS,
+    experiment_title,
     log_mse_name,
     order_labels,
     order_sets,
@@ -38,7 +39,8 @@ def bars(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapp
         metrics: metrics.csv of every method and block; several experiments become panels.
         outputs: .png or .pdf files, or one path without suffix for both.
         settings: all optional: ``convention`` ("sum" or "dim"), ``labels`` (all labels of the configuration, in order),
-            ``sets`` (those to draw), ``set_titles`` (how they are printed), ``leave_out`` (labels).
+            ``sets`` (those to draw), ``set_titles`` (how they are printed), ``title`` (of a single experiment),
+            ``leave_out`` (labels).
 
     Raises:
         InputError: a file is broken or has no such metric.
@@ -47,7 +49,10 @@ def bars(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapp
     convention = settings.get("convention", "sum")
     metric = log_mse_name(convention)
     table = _select(read_metrics(metrics), [metric], settings)
-    panels = [Panel(name.replace("_", " "), part, settings) for name, part in table.groupby("experiment", sort=False)]
+    panels = [
+        Panel(experiment_title(name, settings), part, settings)
+        for name, part in table.groupby("experiment", sort=False)
+    ]
     title = f"log-MSE, squared error {CONVENTIONS[convention]}"
     draw_bars(panels, outputs, settings, "log-MSE (lower is better)", title)
 
@@ -68,7 +73,7 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], se
     panels = []
     for (experiment, metric), part in table.groupby(["experiment", "metric"], sort=False):
         parameter = style.symbol(metric.removeprefix("relative_error").removeprefix("_"))
-        name = experiment.replace("_", " ")
+        name = experiment_title(experiment, settings)
         panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, settings))
     title = "relative error of the expert parameters"
     draw_bars(panels, outputs, settings, "relative error [%] (lower is better)", title)

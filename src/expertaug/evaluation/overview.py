@@ -9,7 +9,7 @@ import pandas as pd
 
 from expertaug.evaluation import style
 from expertaug.evaluation.bars import Panel, draw_bars
-from expertaug.evaluation.summary import CONVENTIONS, log_mse_name, read_metrics
+from expertaug.evaluation.summary import CONVENTIONS, experiment_title, log_mse_name, read_metrics
 from expertaug.variants import base_label, is_augmented
 
 SETS = ("validation", "test")
@@ -24,7 +24,7 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
         output: folder of the figures.
         settings: {experiments, all_labels}: of each experiment its name, whether the first two figures show it
             (``shown``), the set that za_shifted shows (``shifted``, or null) and how its numbers are read (convention,
-            set_titles, from_s); all labels of the configuration, which fix the colours.
+            set_titles, title, from_s); all labels of the configuration, which fix the colours.
 
     Raises:
         InputError: a file is broken.
@@ -66,4 +66,4 @@ def _shown(table: pd.DataFrame, experiment: str, metric: str, sets: Sequence[str
 
 
 def _title(one: Mapping) -> str:
-    return one["name"].replace("_", " ")
+    return experiment_title(one["name"], one)

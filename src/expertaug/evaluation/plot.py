@@ -19,9 +19,9 @@ def plot(
         metrics: metrics.csv of every method and block of seeds.
         forecasts: forecasts.npz of one block of each method, in the order of ``settings["labels"]``.
         logs: log.jsonl of every trained method and block.
-        settings: {labels, all_labels, convention, set_titles, training_range, priors}: this experiment's labels in
-            order and the whole configuration's, which fix the colours; ranges of the expert parameters where they are
-            known, else empty; priors by label.
+        settings: {labels, all_labels, convention, set_titles, title, training_range, priors}: this experiment's labels
+            in order and the whole configuration's, which fix the colours; ranges of the expert parameters where they
+            are known, else empty; priors by label.
 
     Raises:
         InputError: a file is missing or broken.
@@ -29,7 +29,7 @@ def plot(
     labels = list(settings["labels"])
     by_label = dict(zip(labels, forecasts, strict=True))
     ranges = {key: settings[key] for key in ("training_range", "priors") if settings[key]}
-    shared = {"labels": settings["all_labels"], "set_titles": settings["set_titles"]}
+    shared = {"labels": settings["all_labels"], **{k: settings[k] for k in ("set_titles", "title")}}
 
     def output(name: str) -> Path:
         return Path(f"{prefix}_{name}")

@@ -42,10 +42,10 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -
     Arguments:
         metrics: metrics.csv (of the study along training: along.csv) of all variants and blocks.
         outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
-        settings: {study, labels, all_labels, sets, convention, set_titles, from_s} and, of out_of_expertise and along,
-            ``options`` (the study's configuration), of prior_width ``priors`` (ranges by method and name, "" = the
-            method's own); ``labels`` has pairs of a variant and its printed label, in order, ``options["panels"]``
-            pairs of a title and the sets of a panel, ``sets`` the simulated sets' ranges.
+        settings: {study, labels, all_labels, sets, convention, set_titles, title, from_s} and, of out_of_expertise and
+            along, ``options`` (the study's configuration), of prior_width ``priors`` (ranges by method and name, "" =
+            the method's own); ``labels`` has pairs of a variant and its printed label, in order,
+            ``options["panels"]`` pairs of a title and the sets of a panel, ``sets`` the simulated sets' ranges.
 
     Raises:
         InputError: a file is broken or lacks what the study compares, or an output's suffix is unknown.

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from expertaug.evaluation import style
-from expertaug.evaluation.summary import CONVENTIONS, log_mse_name, set_title, shown_metrics
+from expertaug.evaluation.summary import CONVENTIONS, experiment_title, log_mse_name, set_title, shown_metrics
 from expertaug.variants import is_augmented, split
 
 WIDTH_SETS = ("validation", "test")
@@ -184,7 +184,7 @@ def _percent(axis: Axes) -> None:
 def _subtitle(figure: Figure, summary: pd.DataFrame, settings: Mapping) -> None:
     seeds = int(summary["of"].max())
     number = "1 seed" if seeds == 1 else f"mean ± std over {seeds} seeds"
-    name = str(summary["experiment"].iloc[0]).replace("_", " ")
+    name = experiment_title(str(summary["experiment"].iloc[0]), settings)
     text = f"{name}; squared error {CONVENTIONS[settings['convention']]}"
     join = "; " if figure.get_figwidth() > 6 else "\n"
     figure.suptitle(f"{text}{join}{number}; preset {summary['preset'].iloc[0]}", fontsize=7.5, color="0.35")

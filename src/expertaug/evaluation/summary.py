@@ -76,6 +76,11 @@ def set_title(name: str, settings: Mapping) -> str:
     return (settings.get("set_titles") or {}).get(name, SETS.get(name, plain))
 
 
+def experiment_title(name: str, settings: Mapping) -> str:
+    """An experiment's name as figures print it; ``settings["title"]`` may say otherwise."""
+    return settings.get("title") or name.replace("_", " ")
+
+
 def shown_metrics(table: pd.DataFrame, convention: str) -> list[str]:
     """The log-MSE in a convention, and the parameters' error where a method estimates any."""
     return [name for name in (log_mse_name(convention), "relative_error") if name in set(table["metric"])]

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from expertaug.errors import InputError
 from expertaug.evaluation import fields, style
 from expertaug.evaluation.forecast_file import Forecasts
-from expertaug.evaluation.summary import order_labels, set_title
+from expertaug.evaluation.summary import experiment_title, order_labels, set_title
 from expertaug.loglines import Log, read_log
 from expertaug.variants import is_augmented
 
@@ -54,7 +54,7 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
     if fields.is_field(first, name):
         for label in labels:
             _seed_position(forecasts[label], found[label], seed)
-        fields.panel(found, name, outputs, settings | {"samples": samples}, seed)
+        fields.panel(found, name, outputs, settings, seed)
         return
     size = first.truth[name].shape[-1]
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
@@ -97,7 +97,7 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
         logs: log.jsonl of every method and block of seeds.
         outputs: as in :func:`forecasts`.
         settings: all optional: ``labels``, ``metrics`` ({name in the log: title}; default the loss and the validation
-            score).
+            score), ``title`` (of a single experiment).
 
     Raises:
         InputError: a log is broken or holds none of the metrics.
@@ -123,7 +123,7 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
                     if label in group:
                         _curve(axis, group[label], metric, colours[label], _dash(label))
                 _scale(axis)
-                axis.set(title=experiment.replace("_", " "), xlabel="step", ylabel=title)
+                axis.set(title=experiment_title(experiment, settings), xlabel="step", ylabel=title)
                 axis.grid(axis="y")
         handles = [Line2D([], [], color=colours[x], linestyle=_dash(x), label=x) for x in labels]
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
