@@ -1,0 +1,78 @@
+"""Fills the README's tables from results/published: ``python benchmarks/readme_tables.py [--check] [--root CHECKOUT]``.
+
+A comment names a table's source, ``<!-- table: FOLDER NAME -->``; the table below it is replaced.  NAME is a table of
+the paper (synth_log_mse, param_acc: ours, the published number in brackets) or an experiment (log-MSE of every method
+and set, per dimension).  With ``--check`` nothing is written, and the exit status says whether all are as published.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+import pandas as pd
+
+from expertaug import config
+from expertaug.evaluation.formats import cell_text, grid
+from expertaug.evaluation.summary import experiment_title, set_title
+from expertaug.files import write_text
+
+PAPER = {"synth_log_mse": "log-MSE", "param_acc": "parameter error [%]"}
+MARK = re.compile(r"(<!-- table: (\S+) (\S+) -->\n)((?:\|.*\n)*)")
+
+
+def of_paper(root: Path, folder: Path, name: str) -> list[str]:
+    """A table of the paper: a row for each experiment and set, a column for each method that was run."""
+    experiments = config.validate(config.load([root / "config" / "config.yaml"]))["experiments"]
+    table = pd.read_csv(folder / "tables" / "published.csv")
+    table = table[(table["table"] == name) & (table["n"] > 0)]
+    digits = "{:.1f} ± {:.1f}" if name == "synth_log_mse" else "{:.0f} ± {:.0f}"
+    labels = sorted(table["label"].unique(), key=lambda label: (label.rstrip("+"), label))
+    rows = []
+    for (experiment, one_set), part in table.groupby(["experiment", "set"], sort=False):
+        row = [experiment_title(experiment, experiments[experiment]["evaluation"]), set_title(one_set, {})]
+        for label in labels:
+            cell = part[part["label"] == label].iloc[0]
+            theirs = digits.format(cell["published_mean"], cell["published_std"]).replace("-", "−")
+            row.append(f"{cell_text(cell, cell['metric'])} ({theirs})")
+        rows.append(row)
+    return grid([PAPER[name], "set", *labels], rows, 2)
+
+
+def of_experiment(folder: Path, name: str) -> list[str]:
+    """Log-MSE per dimension of every method on training, validation and test set."""
+    table = pd.read_csv(folder / "tables" / f"{name}.csv")
+    sets = ("train", "validation", "test")
+    rows = []
+    for _, line in table.iterrows():
+        cells = [{k: line[f"{s}/log_mse_dim/{k}"] for k in ("mean", "std", "n")} for s in sets]
+        of = len(str(line["seeds"]).split())
+        rows.append([line["label"], *(cell_text(cell | {"of": of}, "log_mse_dim") for cell in cells)])
+    return grid(["method", "train", "validation", "test (OOD)"], rows, 1)
+
+
+def main() -> int:
+    """Fill, or with --check compare; the exit status is 1 where a table is not as published."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--root", type=Path, default=Path(__file__).parents[1], help="of the checkout")
+    options = parser.parse_args()
+
+    def filled(match: re.Match) -> str:
+        folder, name = options.root / "results" / "published" / match[2], match[3]
+        lines = of_paper(options.root, folder, name) if name in PAPER else of_experiment(folder, name)
+        return match[1] + "\n".join(lines) + "\n"
+
+    readme = options.root / "README.md"
+    text = readme.read_text(encoding="utf-8")
+    new = MARK.sub(filled, text)
+    if options.check:
+        return int(new != text)
+    write_text(readme, new)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
