@@ -1,12 +1,12 @@
-"""How well a fine-tuned encoder does where augmentation sent it, without a test set.
+"""How well an encoder does, before and after fine-tuning, where augmentation sends it, without a test set.
 
     python benchmarks/own_samples.py [RESULTS] [--experiment pendulum] [--method aphynity]
         [--prior '{"omega0": [0.5, 1.5]}']
 
-The trained model simulates one sample for each of the training set, its z_e drawn from the given ranges; the model
-fine-tuned from it forecasts them from their noisy observed windows.  Both have the same F_a, so that what is lost is
-the encoder's.  Printed for each seed: log-MSE over (t1, t2], summed over the state, as a mean and a median over the
-samples (few bad ones make the difference), and the mean relative error of z_e.
+The trained model simulates one sample for each of the training set, its z_e drawn from the given ranges; it and the
+model fine-tuned from it forecast them from their noisy observed windows.  Both have the same F_a, so that what is lost
+is the encoder's.  Printed for each of them and each seed: log-MSE over (t1, t2], summed over the state, as a mean and a
+median over the samples (few bad ones make the difference), and the mean relative error of z_e.
 """
 
 from __future__ import annotations
@@ -45,13 +45,15 @@ def main() -> None:
         task = task_of(base.description["training"], base.description, cpu)
         drawn = (options.prior, header["noise"], DRAW)
         samples = augmentation.generate(base.model, data, task, base.seeds, *drawn, **header["options"])
-        z_e, z_a = tuned.model.encode(samples.y[: task.observed]).mean
-        forecast = tuned.model.forecast(samples.y[0], z_e, z_a, task.t, task.solver)
-        error = (forecast - samples.y).square().flatten(3).sum(-1)[task.observed :].mean(0)
-        relative = ((z_e - samples.z_e) / samples.z_e).abs().mean((1, 2))
-        rows = zip(base.seeds, error.mean(1).log(), error.median(1).values.log(), relative, strict=True)
-        for seed, mean, median, wrong in rows:
-            print(f"seed {seed}: log-MSE {mean:.2f} (of the median {median:.2f}), z_e off by {100 * wrong:.1f} %")
+        for label, stored in ((base.description["label"], base), (tuned.description["label"], tuned)):
+            z_e, z_a = stored.model.encode(samples.y[: task.observed]).mean
+            forecast = stored.model.forecast(samples.y[0], z_e, z_a, task.t, task.solver)
+            error = (forecast - samples.y).square().flatten(3).sum(-1)[task.observed :].mean(0)
+            relative = ((z_e - samples.z_e) / samples.z_e).abs().mean((1, 2))
+            rows = zip(base.seeds, error.mean(1).log(), error.median(1).values.log(), relative, strict=True)
+            for seed, mean, median, wrong in rows:
+                found = f"log-MSE {mean:.2f} (of the median {median:.2f}), z_e off by {100 * wrong:.1f} %"
+                print(f"{label}, seed {seed}: {found}")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ KINDS = {
         "mlp": "expertaug.models.interaction:MLPInteraction",
         "conv": "expertaug.models.convolutional:ConvInteraction",
         "polynomial": "expertaug.models.polynomial:PolynomialInteraction",
+        "damping": "expertaug.models.damping:DampingInteraction",
     },
     "objective": {
         "aphynity": "expertaug.learning.objectives:Aphynity",

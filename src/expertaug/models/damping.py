@@ -1,0 +1,48 @@
+"""An interaction model that only takes energy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from torch import Tensor
+from torch.nn.functional import softplus
+
+from expertaug.models.interaction import Interaction
+from expertaug.models.layers import Linear
+from expertaug.systems import System
+
+START = -2.0  # of the argument of softplus: a damping of .13 per unit of time
+
+
+class DampingInteraction(Interaction):
+    """F_a(y; z_a) = −softplus(w·z_a + b) y on the rates of ``components``: a linear damping.
+
+    Its rate grows with w·z_a, so that no two z_a mean the same, and is positive for every z_a: what an encoder makes of
+    windows that it was not trained on cannot drive the motion, as a damping linear in z_a can.
+
+    Arguments:
+        latent: size of z_a.
+        expert_parameters: whether the rate depends on z_e too (:class:`Interaction`).
+        components: of the state, by name, each damped in proportion to itself; null for all.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        latent: int,
+        expert_parameters: bool = False,
+        components: Sequence[str] | None = None,
+    ) -> None:
+        super().__init__(system, latent, expert_parameters, components, components)
+        self.rate = Linear(self.inputs, len(self.acts_on))
+        self.rate.bias.data += START
+        self._space = len(system.state_shape) - 1
+
+    def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
+        """z_a (…, B, latent) and z_e (…, B, P) → rates of damping (…, B, components), in 1/s."""
+        return softplus(self.rate(self.latents(z_a, z_e)))
+
+    def forward(self, y: Tensor, context: Tensor) -> Tensor:
+        """F_a at states y (…, B, *state), the shape of y."""
+        damped = y if len(self.sees) == y.shape[self._axis] else y[(..., self.sees, *[slice(None)] * self._space)]
+        return self.placed(-context[(..., *[None] * self._space)] * damped, y)
