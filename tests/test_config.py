@@ -374,13 +374,16 @@ def test_an_experiment_may_differ_under_a_preset(base: dict) -> None:
     assert default["data"] == plain["data"] and default["training"] == plain["training"]
 
 
-def test_choices_of_an_experiment_win_over_those_of_its_presets(base: dict) -> None:
+def test_choices_win_over_those_of_an_experiments_presets(base: dict) -> None:
     presets = {"corrected": {"choices": {"resample": "epoch", "supervision": "raw"}}}
     over = {"experiments": {"pendulum": {"presets": presets}}}
     by_default = config.validate(config.merge(base, over))["experiments"]["pendulum"]["choices"]
     assert (by_default["resample"], by_default["supervision"]) == ("epoch", "raw")
     of_code = config.validate(config.merge(base, over | {"preset": "code"}))["experiments"]["pendulum"]["choices"]
     assert of_code["resample"] == "once"
+    common = config.validate(config.merge(base, over | {"choices": {"resample": "once"}}))["experiments"]
+    assert common["pendulum"]["choices"]["resample"] == "once" and common["pendulum"]["choices"]["supervision"] == "raw"
+    assert common["rlc"]["choices"]["supervision"] == "standardised"
     over["experiments"]["pendulum"]["choices"] = {"resample": "once"}
     chosen = config.validate(config.merge(base, over))["experiments"]["pendulum"]["choices"]
     assert (chosen["resample"], chosen["supervision"]) == ("once", "raw")

@@ -120,7 +120,8 @@ def _check_along(name: str, config: Mapping, rules: Mapping) -> None:
 def _choose_preset(config: Mapping, rules: Mapping) -> dict[str, dict]:
     """The experiments with what they override under the configuration's preset; the others are only checked.
 
-    An experiment's own ``choices`` win over those of its ``presets``, which are defaults like the preset's.
+    ``choices`` of an experiment's ``presets`` are defaults like the preset's own: those of the top level, and the
+    experiment's, win over them.
     """
     chosen = config.get("preset", rules["properties"]["preset"]["default"])
     merged = {}
@@ -133,8 +134,8 @@ def _choose_preset(config: Mapping, rules: Mapping) -> dict[str, dict]:
             except InputError as error:
                 raise InputError(f"experiments.{name}.presets.{preset}", str(error)) from error
             if preset == chosen:
-                own = {"choices": one["choices"]} if "choices" in one else {}
-                merged[name] = _without_null(merge(merge(one, over), own))
+                stated = merge(config.get("choices") or {}, one.get("choices") or {})
+                merged[name] = _without_null(merge(merge(one, over), {"choices": stated}))
     return merged
 
 
