@@ -1,0 +1,44 @@
+"""The configurations that come with the project."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from expertaug import config, slices
+
+FOLDER = Path(__file__).parents[1] / "config"
+
+
+def settings(name: str) -> dict:
+    return config.validate(config.load([FOLDER / "config.yaml", FOLDER / name]))
+
+
+@pytest.mark.parametrize(
+    ("experiment", "method", "training", "finetuning"),
+    [
+        ("pendulum", "aphynity", 50, 50),
+        ("pendulum", "hvae", 1000, 100),
+        ("rlc", "aphynity", 50, 50),
+        ("rlc", "hvae", 1000, 100),
+        ("reaction_diffusion", "aphynity", 500, 100),
+        ("reaction_diffusion", "hvae", 1000, 100),
+        ("double_pendulum", "aphynity", 100, 100),
+        ("double_pendulum", "hvae", 100, 100),
+    ],
+)
+def test_nothing_of_the_default_sizes_is_left_in_the_papers(
+    experiment: str, method: str, training: int, finetuning: int
+) -> None:
+    """What overrides a method in config.yaml is stronger than what paper.yaml says of all methods."""
+    paper = settings("paper.yaml")
+    block = next(iter(slices.blocks(paper)))
+    trained = slices.train(paper, experiment, method, block)["training"]
+    tuned = slices.finetune(paper, experiment, f"{method}+", block)["training"]
+    assert (trained["epochs"], tuned["epochs"]) == (training, finetuning)
+    for stage in (trained, tuned):
+        assert stage["learning_rate"] == 5e-4
+        assert stage["schedule"] == "constant"
+        assert stage["supervision_weight"] == 1.0
+        assert stage["horizon_warmup"] == 0.0
