@@ -59,7 +59,8 @@ ROWS: dict[str, Row] = {
         corrected="rms",
     ),
     "loss_normalisation": Row(
-        "whether the data term is divided by its first value, over the full loss window",
+        "whether APHYNITY's Lagrangian, without the z_e term, is divided by its first value, over the full loss "
+        "window: Adam takes no notice of the scale but beside the z_e term and where gradients are clipped",
         ("none", "first"),
         paper="none",
         code="first",
