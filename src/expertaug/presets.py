@@ -59,8 +59,7 @@ ROWS: dict[str, Row] = {
         corrected="rms",
     ),
     "loss_normalisation": Row(
-        "whether APHYNITY's Lagrangian, without the z_e term, is divided by its first value, over the full loss "
-        "window: Adam takes no notice of the scale but beside the z_e term and where gradients are clipped",
+        "whether the data term is divided by its first value, over the full loss window",
         ("none", "first"),
         paper="none",
         code="first",

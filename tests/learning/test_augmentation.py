@@ -168,13 +168,12 @@ class TestPresetRows:
         torch.testing.assert_close(value, torch.tensor([10.0, 20.0]) * parts["data"] + parts["penalty"])
 
     def test_loss_normalisation(self, loss):
-        torch.testing.assert_close(loss(loss_normalisation="first")[1], torch.ones(2))
+        _, value, parts = loss(loss_normalisation="first")
+        torch.testing.assert_close(value, 10 + parts["penalty"])
         # The first value is that of the full window, however short the window still is.
-        full, short = loss()[1], loss(points=4)[1]
-        torch.testing.assert_close(loss(loss_normalisation="first", points=4)[1], short / full)
-        # The z_e term is added to it.
-        with_term = loss(loss_normalisation="first", supervised=1.0)[1] - 1
-        torch.testing.assert_close(with_term, loss(supervised=1.0)[1] - full)
+        full = parts["data"]
+        _, value, parts = loss(loss_normalisation="first", points=4)
+        torch.testing.assert_close(value, 10 * parts["data"] / full + parts["penalty"])
 
     def test_supervision(self, loss):
         z_e, _ = loss.model.encode(loss.batch.y[:11]).mean

@@ -182,19 +182,19 @@ class Aphynity(Objective):
 
     @torch.no_grad()
     def begin(self, model: HybridModel, batch: Batch, task: Task) -> None:
-        """Take the Lagrangian's first value, by which the preset may divide it.
+        """Take the data term's first value, by which the preset may divide it.
 
         It is that of the full window: that of the first two points would be little more than noise.
         """
         if self.choices["loss_normalisation"] == "first":
             posterior = model.encode(batch.y[: task.observed])
-            self.first = self._lagrangian(*self._terms(model, posterior, batch, task)).cpu()
+            self.first = self._terms(model, posterior, batch, task)[0].cpu()
 
     def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss (S,) and its parts, each (S,), without gradient."""
         posterior = model.encode(batch.y[: task.observed])
         data, penalty = self._terms(model, posterior, batch, task)
-        loss = self._lagrangian(data, penalty) / self.first.to(data.device)
+        loss = (self.multiplier / self.first).to(data.device) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
         term = supervision(posterior, batch, task, self.choices["supervision"])
         if term is not None:
@@ -203,9 +203,6 @@ class Aphynity(Objective):
         self.total += data.detach().cpu()
         self.count += 1
         return loss, parts | {"loss": loss.detach()}
-
-    def _lagrangian(self, data: Tensor, penalty: Tensor) -> Tensor:
-        return self.multiplier.to(data.device) * data + penalty
 
     def _terms(self, model: HybridModel, posterior: Posterior, batch: Batch, task: Task) -> tuple[Tensor, Tensor]:
         """Data term and size of F_a, each (S,), over the first ``task.horizon`` points."""
