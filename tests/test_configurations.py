@@ -15,6 +15,16 @@ def settings(name: str) -> dict:
     return config.validate(config.load([FOLDER / "config.yaml", FOLDER / name]))
 
 
+@pytest.mark.parametrize("method", ["expert_only", "ml_only"])
+@pytest.mark.parametrize("experiment", ["pendulum", "rlc", "reaction_diffusion", "double_pendulum"])
+def test_baselines_train_as_long_as_aphynity_does_in_the_papers_sizes(experiment: str, method: str) -> None:
+    paper = settings("paper.yaml")
+    block = next(iter(slices.blocks(paper)))
+    baseline, aphynity = (slices.train(paper, experiment, name, block)["training"] for name in (method, "aphynity"))
+    keys = ("epochs", "learning_rate", "schedule", "horizon_warmup")
+    assert {key: baseline[key] for key in keys} == {key: aphynity[key] for key in keys}
+
+
 @pytest.mark.parametrize(
     ("experiment", "method", "training", "finetuning"),
     [
