@@ -13,8 +13,8 @@ import sys
 from pathlib import Path
 
 import pandas as pd
+import yaml
 
-from expertaug import config
 from expertaug.evaluation.formats import cell_text, grid
 from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.files import write_text
@@ -23,9 +23,9 @@ PAPER = {"synth_log_mse": "log-MSE", "param_acc": "parameter error [%]"}
 MARK = re.compile(r"(<!-- table: (\S+) (\S+) -->\n)((?:\|.*\n)*)")
 
 
-def of_paper(root: Path, folder: Path, name: str) -> list[str]:
+def of_paper(folder: Path, name: str) -> list[str]:
     """A table of the paper: a row for each experiment and set, a column for each method that was run."""
-    experiments = config.validate(config.load([root / "config" / "config.yaml"]))["experiments"]
+    experiments = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["experiments"]
     table = pd.read_csv(folder / "tables" / "published.csv")
     table = table[(table["table"] == name) & (table["n"] > 0)]
     digits = "{:.1f} ± {:.1f}" if name == "synth_log_mse" else "{:.0f} ± {:.0f}"
@@ -62,7 +62,7 @@ def main() -> int:
 
     def filled(match: re.Match) -> str:
         folder, name = options.root / "results" / "published" / match[2], match[3]
-        lines = of_paper(options.root, folder, name) if name in PAPER else of_experiment(folder, name)
+        lines = of_paper(folder, name) if name in PAPER else of_experiment(folder, name)
         return match[1] + "\n".join(lines) + "\n"
 
     readme = options.root / "README.md"
