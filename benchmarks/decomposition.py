@@ -2,7 +2,9 @@
 
 Along the forecasts of the validation set, over the observed window, F_a is split by least squares: its part of dθ/dt
 into −β θ, its part of dθ'/dt into −γ θ' − κ sin θ.  The truth is β = κ = 0, γ = α; the data fix β + γ = α alone.
-The last number is of a line fitted over α.
+The multiples of α, and ω0² − z_e² at the largest α, are of lines fitted over α.  A second line has the mean friction
+β + γ of the sixth of the samples with the least α and of that with the most: of an encoder that cannot read α they are
+the same.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ def main() -> None:
     torch.set_num_threads(1)
     truth = Trajectories.load(folder / "data" / "validation.npz")
     alpha, squared = truth.z_a[:, 0], truth.z_e[:, 0] ** 2
+    least, *_, most = np.array_split(np.argsort(alpha), 6)
     for file in sorted((folder / "aphynity").glob("*/model.safetensors")):
         stored = store.load(file)
         points = stored.description["observed"]
@@ -50,7 +53,9 @@ def main() -> None:
             print(
                 f"seed {seed}: β {of_alpha[0]:.2f} α, γ {of_alpha[1]:.2f} α, β + γ {of_alpha[2]:.2f} α; "
                 f"κ {100 * np.median(k / squared):.1f} % of ω0², z_e² {100 * np.median(z**2 / squared - 1):+.1f} %, "
-                f"ω0² − z_e² at the largest α {np.polyval(np.polyfit(alpha, squared - z**2, 1), alpha.max()):.2f}"
+                f"ω0² − z_e² at the largest α {np.polyval(np.polyfit(alpha, squared - z**2, 1), alpha.max()):.2f}\n"
+                f"  β + γ {(b + g)[least].mean():.2f} where α is {alpha[least].mean():.2f}, "
+                f"{(b + g)[most].mean():.2f} where α is {alpha[most].mean():.2f}"
             )
 
 
