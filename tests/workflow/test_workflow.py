@@ -223,6 +223,44 @@ def test_a_changed_module_redoes_exactly_its_stages(project, module, rules):
         path.write_text(before)
 
 
+BASES = {"train_block", "train_block_with_snapshots"}
+TUNING = {"augment_block", "finetune_block"}
+MEASURED = {"measure_angles_of_recording", "split_chunks_of_experiment", "calibrate_experiment"}
+
+
+@pytest.mark.parametrize(
+    ("file", "target", "rules"),
+    [
+        ("recordings/*/video.mp4", "track_markers", {"render_video_of_recording"} | MARKERS - ANGLES),
+        ("recordings/*/markers.csv", "calibrate", (MARKERS - ANGLES) | MEASURED),
+        ("recordings/*/angles.csv", "calibrate", MEASURED),
+        ("double_pendulum/data/train.npz", "calibrate", MEASURED - {"measure_angles_of_recording"}),
+        ("double_pendulum/data/calibration.json", "train", {"calibrate_experiment", "train_block"}),
+        ("pendulum/data/train.npz", "train", {"simulate_set"} | BASES),
+        ("pendulum/data/near.npz", "evaluate", {"simulate_set", "evaluate_block"}),
+        ("pendulum/aphynity/*/model.safetensors", "finetune", {"train_block_with_snapshots"} | TUNING),
+        ("pendulum/aphynity/*/snapshots.safetensors", "along", {"train_block_with_snapshots", "along_block"}),
+        ("pendulum/aphynity+/*/augmented.safetensors", "finetune", TUNING),
+        ("pendulum/aphynity+wide/*/model.safetensors", "evaluate", {"finetune_block", "evaluate_block"}),
+        ("pendulum/aphynity+wide/*/metrics.csv", "studies", {"evaluate_block", "study_experiment"}),
+        ("pendulum/aphynity/*/along.csv", "studies", {"along_block", "study_experiment"}),
+        (
+            "pendulum/ml_only/*/model.safetensors",
+            "pendulum",
+            {"train_block"} | SCORED - {"plot_overview", "compare_all"},
+        ),
+    ],
+)
+def test_what_a_stopped_job_has_left_missing_is_made_again(project, file, target, rules):
+    found = next((project / "results" / "smoke").glob(file))
+    aside = found.rename(project / "aside")
+    try:
+        assert set(planned(project, target, *SMOKE)) == rules
+        assert rules <= set(planned(project, *SMOKE))
+    finally:
+        aside.rename(found)
+
+
 def test_declared_modules_cover_what_every_job_has_loaded(project):
     files = [project / name for name in ("config/config.yaml", "config/smoke.yaml", "studies.yaml")]
     found = config.validate(config.load(files))

@@ -19,6 +19,8 @@ ON_BAD_RECORDING = CONFIG["recordings"]["on_bad_recording"]
 RUN = CONFIG["run"]
 RECORDED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "recordings"]
 SIMULATED = [e for e in RUN if e not in RECORDED]
+RENDERED = ["video.mp4"] if SOURCE == "rendered" else []
+LEARNING_SETS = ["train", "validation"]
 BLOCKS = list(jobs.blocks(CONFIG))
 FIGURES = ["log_mse", "parameter_errors", "parameters", "forecasts", "curves"]
 ENDS = [".csv", ".md", ".tex"]
@@ -181,11 +183,67 @@ def figures_of(experiment):
     )
 
 
+# Targets name every file on the way to theirs: Snakemake does not see that one is missing if what was made of it is there
+# (its issue 1978), as after a job that was stopped while it was redone.
+
+
+def tracks(wildcards):
+    """Markers of every recording, with its video where that is made."""
+    return [path for file in (*RENDERED, "markers.csv") for path in of_recordings(file)]
+
+
+def measurements(wildcards):
+    """Angles of every recording with the files on the way to them."""
+    return [*tracks(wildcards), *of_recordings("angles.csv")]
+
+
+def data_of(experiment, sets):
+    """Sets of an experiment and what its expert is fitted to, with the files on the way to them."""
+    found = expand(results(f"{experiment}/data/{{set}}.npz"), set=sets)
+    return [measurements, *found, calibration_of(experiment)] if experiment in RECORDED else found
+
+
+def models_of(experiment, variants, sets=LEARNING_SETS):
+    """Models of these variants with the files on the way to them."""
+    tuned = [v for v in variants if v not in methods_of(experiment)]
+    return [
+        *data_of(experiment, sets),
+        *per_block("augmented.safetensors", experiment, tuned),
+        *per_block("model.safetensors", experiment, dict.fromkeys([*map(method_of, variants), *tuned])),
+    ]
+
+
+def metrics_of(experiment, variants):
+    """Metrics of these variants with the files on the way to them."""
+    return [
+        *models_of(experiment, variants, sets_of(experiment)),
+        *per_block("metrics.csv", experiment, variants),
+    ]
+
+
+def scores_of(experiment, study):
+    """What a study reads with the files on the way to it."""
+    if study != "along":
+        return metrics_of(experiment, jobs.studied(CONFIG, experiment, study))
+    method = CONFIG["experiments"][experiment]["studies"][study]["method"]
+    models = models_of(experiment, [method], MAIN_SETS)
+    return [*models, *per_block("snapshots.safetensors", experiment, [method]), *along_of(experiment)]
+
+
+def everything_of(experiment):
+    """Tables and figures of an experiment with the files on the way to them."""
+    return [
+        *metrics_of(experiment, every_variant(experiment)),
+        *[path for study in studies_of(experiment) for path in scores_of(experiment, study)],
+        *tables_of(experiment),
+        *figures_of(experiment),
+    ]
+
+
 SUMMARY = [results("recordings/summary.csv"), results("recordings/summary.md")] if RECORDED else []
-REPORTED = [path for experiment in RUN for path in (*tables_of(experiment), *figures_of(experiment))]
 OVERALL = expand(results("tables/published{end}"), end=ENDS) if COMPARED else []
 OVERALL += expand(results("figures/{name}.{suffix}"), name=OVERVIEWS, suffix=["png", "pdf"])
-ALL = [*SUMMARY, *([pages] if RECORDED else []), *REPORTED, *OVERALL]
+ALL = [*SUMMARY, *([measurements, pages] if RECORDED else []), *map(everything_of, RUN), *OVERALL]
 
 
 # Trainings whose states at several stages are kept for the study along training, and the others; the condition is on

@@ -255,11 +255,12 @@ if OVERVIEWS:
 
 rule evaluate:
     input:
-        [per_block("metrics.csv", experiment, every_variant(experiment)) for experiment in RUN],
+        [metrics_of(experiment, every_variant(experiment)) for experiment in RUN],
 
 
 rule studies:
     input:
+        [scores_of(experiment, name) for experiment in RUN for name in studies_of(experiment)],
         [
             results(f"{folder}/{experiment}_{name}.{end}")
             for experiment in RUN
@@ -280,5 +281,4 @@ for name in RUN:
         name:
             name
         input:
-            tables_of(name),
-            figures_of(name),
+            everything_of(name),

@@ -162,19 +162,20 @@ rule finetune_block:
 
 rule train:
     input:
-        [per_block("model.safetensors", experiment, methods_of(experiment)) for experiment in RUN],
+        [models_of(experiment, methods_of(experiment)) for experiment in RUN],
 
 
 rule augment:
     input:
+        [models_of(experiment, map(method_of, augmented_of(experiment))) for experiment in RUN],
         [per_block("augmented.safetensors", experiment, augmented_of(experiment)) for experiment in RUN],
 
 
 rule finetune:
     input:
-        [per_block("model.safetensors", experiment, augmented_of(experiment)) for experiment in RUN],
+        [models_of(experiment, augmented_of(experiment)) for experiment in RUN],
 
 
 rule along:
     input:
-        [along_of(experiment) for experiment in RUN],
+        [scores_of(experiment, "along") for experiment in RUN if along_of(experiment)],

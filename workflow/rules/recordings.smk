@@ -356,36 +356,37 @@ rule extract_frames:
 
 rule track_markers:
     input:
-        lambda w: of_recordings("markers.csv") if RECORDED else [],
+        tracks if RECORDED else [],
 
 
 rule measure_angles:
     input:
-        lambda w: of_recordings("angles.csv") if RECORDED else [],
+        measurements if RECORDED else [],
 
 
 rule plot_recording:
     input:
-        pages if RECORDED else [],
+        [measurements, pages] if RECORDED else [],
 
 
 rule overlay:
     input:
-        of_recordings("overlay.mp4") if SOURCE != "markers" and RECORDED else [],
+        [measurements, of_recordings("overlay.mp4")] if SOURCE != "markers" and RECORDED else [],
 
 
 rule recordings:
     input:
         SUMMARY,
-        pages if RECORDED else [],
+        [measurements, pages] if RECORDED else [],
 
 
 rule split_chunks:
     input:
+        measurements if RECORDED else [],
         expand(results("{experiment}/data/{set}.npz"), experiment=RECORDED, set=MAIN_SETS),
         expand(results("figures/{experiment}_splits.png"), experiment=RECORDED),
 
 
 rule calibrate:
     input:
-        [calibration_of(experiment) for experiment in RECORDED],
+        [data_of(experiment, MAIN_SETS) for experiment in RECORDED if calibration_of(experiment)],
