@@ -238,6 +238,7 @@ MEASURED = {"measure_angles_of_recording", "split_chunks_of_experiment", "calibr
         ("double_pendulum/data/calibration.json", "train", {"calibrate_experiment", "train_block"}),
         ("pendulum/data/train.npz", "train", {"simulate_set"} | BASES),
         ("pendulum/data/near.npz", "evaluate", {"simulate_set", "evaluate_block"}),
+        ("pendulum/aphynity/*/model.safetensors", "augment", {"train_block_with_snapshots", "augment_block"}),
         ("pendulum/aphynity/*/model.safetensors", "finetune", {"train_block_with_snapshots"} | TUNING),
         ("pendulum/aphynity/*/snapshots.safetensors", "along", {"train_block_with_snapshots", "along_block"}),
         ("pendulum/aphynity+/*/augmented.safetensors", "finetune", TUNING),

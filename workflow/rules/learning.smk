@@ -167,7 +167,7 @@ rule train:
 
 rule augment:
     input:
-        [models_of(experiment, map(method_of, augmented_of(experiment))) for experiment in RUN],
+        [models_of(experiment, [method_of(v) for v in augmented_of(experiment)]) for experiment in RUN],
         [per_block("augmented.safetensors", experiment, augmented_of(experiment)) for experiment in RUN],
 
 
