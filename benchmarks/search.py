@@ -27,9 +27,9 @@ from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
 from expertaug.models import store
-from expertaug.provenance import revision
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
+from expertaug.tracking.provenance import revision
 from expertaug.types import Trajectories
 
 COLUMNS = [

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from expertaug import cli, commands, sources, tracking
+from expertaug import cli, commands, sources
 from expertaug.errors import SolveError
 from expertaug.systems import simulate
+from expertaug.tracking import mlflow_store
 
 ROOT = Path(__file__).parents[1]
 PENDULUM = {
@@ -113,7 +114,7 @@ def test_tracking_store_is_prepared_or_switched_off(tmp_path, monkeypatch):
     def prepare(uri, experiment, marker):
         Path(marker).write_text(json.dumps({"uri": uri, "experiment": experiment}))
 
-    monkeypatch.setattr(tracking, "initialise", prepare)
+    monkeypatch.setattr(mlflow_store, "initialise", prepare)
     output = tmp_path / "tracking.json"
     settings = {"enabled": True, "uri": "sqlite:///x.db", "experiment": "e"}
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings)) == 0

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.runlog import RunLog, initialise, read_log, rebuild
+from expertaug.tracking.runlog import RunLog, initialise, read_log, rebuild
 
 FIELDS = {
     "experiment": "swing",
@@ -138,7 +138,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 def test_disabled_tracking_never_imports_mlflow(tmp_path):
     code = f"""
         import sys
-        from expertaug.runlog import RunLog
+        from expertaug.tracking.runlog import RunLog
         fields = {FIELDS!r}
         with RunLog({str(tmp_path / "log.jsonl")!r}, {{"enabled": False}}, **fields) as log:
             log.metrics(0, {{"loss": [1, 2]}})
@@ -175,7 +175,7 @@ def test_store_holds_what_was_logged(tmp_path, tracking):
 WORKER = """
     import sys, time
     from pathlib import Path
-    from expertaug.runlog import RunLog
+    from expertaug.tracking.runlog import RunLog
     path, tracking, fields, start = eval(sys.argv[1])
     while time.time() < start: pass
     log = RunLog(path, tracking, **fields)
@@ -338,7 +338,7 @@ def test_rebuild_leaves_the_store_alone_when_it_fails(tmp_path, monkeypatch):
         (folder / "mlflow.db-wal").write_text("of the new one")
         raise OSError("disk gone")
 
-    monkeypatch.setattr("expertaug.tracking.connect", broken)
+    monkeypatch.setattr("expertaug.tracking.mlflow_store.connect", broken)
     with pytest.raises(InputError, match="disk gone"):
         rebuild(tmp_path, uri, "trial")
     assert (folder / "mlflow.db").read_text() == "old"

@@ -216,7 +216,7 @@ def _tracking(a: argparse.Namespace) -> Mapping | None:
 
 def _init_tracking(a: argparse.Namespace) -> None:
     from expertaug.files import read_json, write_json
-    from expertaug.tracking import initialise
+    from expertaug.tracking.mlflow_store import initialise
 
     settings = read_settings(a.settings)
     if not settings["enabled"]:
@@ -409,7 +409,7 @@ def _validate(a: argparse.Namespace) -> None:
 
 
 def _rebuild_tracking(a: argparse.Namespace) -> None:
-    from expertaug.rebuild import rebuild
+    from expertaug.tracking.rebuild import rebuild
 
     uri = a.uri or f"sqlite:///{a.results}/mlflow/mlflow.db"
     count = rebuild(a.results, uri, a.experiment)

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import yaml
 
-from expertaug import config, provenance
+from expertaug import config
 from expertaug.errors import InputError
 from expertaug.evaluation.plot import NAMES
 from expertaug.evaluation.studies import KINDS
 from expertaug.files import write_json, write_text
-from expertaug.loglines import read_log
+from expertaug.tracking import provenance
+from expertaug.tracking.log_file import read_log
 
 KEPT = ["tables/{0}.csv", "tables/{0}_long.csv", "tables/{0}.md", "tables/{0}.tex"]
 KEPT += [f"figures/{{0}}_{name}.png" for name in (*NAMES, "splits")]

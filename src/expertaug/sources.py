@@ -19,7 +19,7 @@ PACKAGE = Path(__file__).resolve().parent
 
 # Stage → the module whose public function does its work.
 STAGES = {
-    "init_tracking": "expertaug.tracking",
+    "init_tracking": "expertaug.tracking.mlflow_store",
     "render_video": "expertaug.recordings.render",
     "extract_frames": "expertaug.recordings.frames",
     "track_markers": "expertaug.recordings.markers",
@@ -50,9 +50,9 @@ STAGES = {
 WITHOUT_EFFECT = {
     "expertaug.cli",
     "expertaug.commands",
-    "expertaug.mirror",
-    "expertaug.tracking",
-    "expertaug.rebuild",
+    "expertaug.tracking.mlflow_mirror",
+    "expertaug.tracking.mlflow_store",
+    "expertaug.tracking.rebuild",
     "expertaug.recordings.intake",
 }
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from expertaug.runlog import RunLog
+from expertaug.tracking.runlog import RunLog
 
 SETS = ("train", "validation", "test")
 LABELS = ("Mean", "Expert only", "ML only", "Hybrid", "Hybrid+")

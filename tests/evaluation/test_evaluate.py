@@ -11,7 +11,7 @@ from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.presets import resolve
 from expertaug.systems.simulate import simulate
-from expertaug.tracking import initialise
+from expertaug.tracking.mlflow_store import initialise
 
 RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}

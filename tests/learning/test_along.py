@@ -12,7 +12,7 @@ from expertaug.learning import snapshots
 from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
-from expertaug.runlog import initialise, read_log
+from expertaug.tracking.runlog import initialise, read_log
 
 PRIOR = {"omega0": [0.5, 3.5]}
 CPU = torch.device("cpu")

@@ -12,10 +12,10 @@ from expertaug.evaluation.evaluate import MAIN_SETS, Scored, score, spread
 from expertaug.files import atomic
 from expertaug.learning.along import BASE, stages
 from expertaug.learning.checkpoint import locked
-from expertaug.loglines import COLUMNS
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.runlog import RunLog
+from expertaug.tracking.log_file import COLUMNS
+from expertaug.tracking.runlog import RunLog
 from expertaug.types import Trajectories
 
 
@@ -30,7 +30,7 @@ def along(snapshots: Path, data: Path, output: Path, work: Path, settings: Mappi
         work: folder for checkpoints.
         settings: {experiment, method, label, preset, augment, finetune, finetune_epochs, evaluation, choices, seeds,
             device}: settings of the stages augment, finetune and evaluate, and the lengths of the fine-tunings.
-        tracking: as of :class:`expertaug.runlog.RunLog`; the log, along.jsonl beside ``output``, has the metrics with
+        tracking: as of :class:`expertaug.tracking.runlog.RunLog`; the log, along.jsonl beside ``output``, has the metrics with
             the passes of training as step.
     """
     device = device_of(settings["device"])

@@ -17,8 +17,8 @@ from expertaug.evaluation.metrics import log_of, parameter_errors, squared_error
 from expertaug.files import atomic
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.runlog import RunLog
 from expertaug.systems.solver import Solver, check_finite
+from expertaug.tracking.runlog import RunLog
 from expertaug.types import Trajectories
 
 MAIN_SETS = ("train", "validation", "test")

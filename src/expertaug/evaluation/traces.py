@@ -14,7 +14,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation import fields, style
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import experiment_title, order_labels, set_title
-from expertaug.loglines import Log, read_log
+from expertaug.tracking.log_file import Log, read_log
 from expertaug.variants import is_augmented
 
 TRUTH = "0.05"

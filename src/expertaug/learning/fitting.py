@@ -16,7 +16,7 @@ from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
 from expertaug.models.hybrid import HybridModel
-from expertaug.runlog import RunLog
+from expertaug.tracking.runlog import RunLog
 
 
 def fit(

@@ -29,7 +29,7 @@ def train(
         output: model file.
         work: folder for checkpoints.
         settings: {experiment, method, label, preset, system, build, model, training, t1_s, choices, seeds, device}.
-        tracking: see :class:`expertaug.runlog.RunLog`.
+        tracking: see :class:`expertaug.tracking.runlog.RunLog`.
         calibration: JSON whose ``constants`` complete the system's settings.
 
     Raises:

@@ -17,7 +17,7 @@ from expertaug.learning.objectives import Objective, mean_squared_error
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridModel
-from expertaug.runlog import RunLog
+from expertaug.tracking.runlog import RunLog
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from expertaug.tracking import connect, locked
+from expertaug.tracking.mlflow_store import connect, locked
 
 logger = logging.getLogger(__name__)
 

@@ -20,11 +20,11 @@ from typing import Any
 
 from expertaug import files
 from expertaug.errors import InputError
-from expertaug.loglines import Log, number, read_log, table_metrics
-from expertaug.mirror import Mirror
-from expertaug.provenance import revision
-from expertaug.rebuild import rebuild
-from expertaug.tracking import brief, initialise
+from expertaug.tracking.log_file import Log, number, read_log, table_metrics
+from expertaug.tracking.mlflow_mirror import Mirror
+from expertaug.tracking.mlflow_store import brief, initialise
+from expertaug.tracking.provenance import revision
+from expertaug.tracking.rebuild import rebuild
 
 __all__ = ["Log", "RunLog", "initialise", "read_log", "rebuild"]
 

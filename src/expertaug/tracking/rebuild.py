@@ -6,10 +6,10 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from expertaug import tracking
 from expertaug.errors import InputError
-from expertaug.loglines import Log, log_of_table, read_log
-from expertaug.mirror import Mirror
+from expertaug.tracking import mlflow_store
+from expertaug.tracking.log_file import Log, log_of_table, read_log
+from expertaug.tracking.mlflow_mirror import Mirror
 
 
 def rebuild(results: Path, uri: str, experiment: str) -> int:
@@ -24,11 +24,11 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
     Raises:
         InputError: a log cannot be read or the store cannot be used; the old store is then back in its place.
     """
-    database = tracking.database(uri)
+    database = mlflow_store.database(uri)
     logs = sorted(_find_logs(Path(results), database), key=lambda found: found[1].header["time"])
     moved = _move_aside(database) if database is not None else []
     try:
-        tracking.connect(uri, experiment, prepare=True)
+        mlflow_store.connect(uri, experiment, prepare=True)
         for folder, log in logs:
             Mirror(uri, experiment, log.header, folder, None).write(log.lines)
     except Exception as error:
@@ -37,7 +37,7 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            uri, f"the tracking store cannot be made ({tracking.brief(error)})", "check tracking.uri"
+            uri, f"the tracking store cannot be made ({mlflow_store.brief(error)})", "check tracking.uri"
         ) from error
     return len(logs)
 
