@@ -18,12 +18,12 @@ from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
 from expertaug import systems
+from expertaug.config.presets import resolve
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.convolutional import ConvInteraction, wrap
-from expertaug.presets import resolve
 from expertaug.systems.simulate import sample
 from training_step import median_time
 

@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from expertaug import config, slices
+from expertaug.config import load as config
+from expertaug.config import stage_settings
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, parameter_errors
 from expertaug.evaluation.summary import log_mse_name
@@ -61,22 +62,22 @@ def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
 
 def run(settings: dict, experiment: str, method: str, augmented: bool, folder: Path) -> Path:
     """Train (and fine-tune) a trial unless its files are there; the model's file."""
-    one, block = settings["experiments"][experiment], next(iter(slices.blocks(settings)))
+    one, block = settings["experiments"][experiment], next(iter(stage_settings.blocks(settings)))
     data = Path(settings["results"], experiment, "data")
     if one["data"]["source"] == "simulation":
         for name in ("train", "validation"):
             if not (data / f"{name}.npz").exists():
                 data.mkdir(parents=True, exist_ok=True)
-                simulate(name, data / f"{name}.npz", slices.simulate(settings, experiment, name))
+                simulate(name, data / f"{name}.npz", stage_settings.simulate(settings, experiment, name))
     calibration = data / "calibration.json" if one["data"]["calibrate"] else None
-    base = slices.train(settings, experiment, method, block)
+    base = stage_settings.train(settings, experiment, method, block)
     model = folder / _digest(base) / "model.safetensors"
     model.parent.mkdir(parents=True, exist_ok=True)
     if not model.exists():
         train(data, model, model.parent / "work", base, None, calibration)
     if not augmented:
         return model
-    drawn, tuned = (getattr(slices, f)(settings, experiment, method, block) for f in ("augment", "finetune"))
+    drawn, tuned = (getattr(stage_settings, f)(settings, experiment, method, block) for f in ("augment", "finetune"))
     plus = model.parent / _digest([drawn, tuned]) / "model.safetensors"
     plus.parent.mkdir(parents=True, exist_ok=True)
     if not plus.exists():

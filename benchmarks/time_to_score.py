@@ -18,7 +18,7 @@ from pathlib import Path
 import torch
 
 from expertaug import systems
-from expertaug.config import load, validate
+from expertaug.config.load import load, validate
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from expertaug import cli, commands, sources
+from expertaug import cli, commands
+from expertaug.config import stage_code
 from expertaug.errors import SolveError
 from expertaug.systems import simulate
 from expertaug.tracking import mlflow_store
@@ -151,4 +152,4 @@ def test_one_thread_a_job():
 def test_every_stage_has_a_command():
     actions = commands.parser()._subparsers._group_actions[0].choices
     by_hand = {"inspect", "validate", "rebuild-tracking", "publish"}
-    assert {stage.replace("_", "-") for stage in sources.STAGES} == set(actions) - by_hand
+    assert {stage.replace("_", "-") for stage in stage_code.STAGES} == set(actions) - by_hand

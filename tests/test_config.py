@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from expertaug import checks, config, jobs, reference, slices
+from expertaug.config import checks, jobs, reference, stage_settings
+from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.learning.trainer import TrainSettings
 from expertaug.recordings.angles import AngleSettings
@@ -263,18 +264,18 @@ def test_slices_are_settings_of_their_stages(base, tmp_path):
     for source in ("rendered", "videos", "markers"):
         over = {"recordings": {"source": source, source: {"path": str(tmp_path)} if source != "rendered" else {}}}
         found = config.validate(config.merge(base, over))
-        RenderSettings.from_mapping(slices.render_video(found))
-        ExtractSettings.from_mapping(slices.extract_frames(found))
-        TrackSettings.from_mapping(slices.track_markers(found))
+        RenderSettings.from_mapping(stage_settings.render_video(found))
+        ExtractSettings.from_mapping(stage_settings.extract_frames(found))
+        TrackSettings.from_mapping(stage_settings.track_markers(found))
         for kind, settings in (
-            (ArchiveSettings, slices.unpack_markers(found)),
-            (MarkerSettings, slices.import_markers(found)),
-            (AngleSettings, slices.measure_angles(found)),
-            (ChunkSettings, slices.split_chunks(found, "double_pendulum")),
-            (CalibrationSettings, slices.calibrate(found, "double_pendulum")),
+            (ArchiveSettings, stage_settings.unpack_markers(found)),
+            (MarkerSettings, stage_settings.import_markers(found)),
+            (AngleSettings, stage_settings.measure_angles(found)),
+            (ChunkSettings, stage_settings.split_chunks(found, "double_pendulum")),
+            (CalibrationSettings, stage_settings.calibrate(found, "double_pendulum")),
         ):
             kind(**settings)
-        TrainSettings.from_mapping(slices.train(found, "pendulum", "aphynity", "seeds_0_1_2")["training"])
+        TrainSettings.from_mapping(stage_settings.train(found, "pendulum", "aphynity", "seeds_0_1_2")["training"])
 
 
 def test_slices_hold_only_what_their_stage_uses(base):
@@ -291,17 +292,17 @@ def test_slices_hold_only_what_their_stage_uses(base):
         )
     )
     same = [
-        (slices.train, "pendulum", "aphynity", block),
-        (slices.augment, "pendulum", "aphynity", block),
-        (slices.simulate, "pendulum", "train"),
-        (slices.render_video,),
+        (stage_settings.train, "pendulum", "aphynity", block),
+        (stage_settings.augment, "pendulum", "aphynity", block),
+        (stage_settings.simulate, "pendulum", "train"),
+        (stage_settings.render_video,),
     ]
     for stage, *names in same:
         assert stage(found, *names) == stage(other, *names)
     changed = [
-        (slices.finetune, "pendulum", "aphynity", block),
-        (slices.evaluate, "pendulum", "aphynity+", block),
-        (slices.simulate, "pendulum", "test"),
+        (stage_settings.finetune, "pendulum", "aphynity", block),
+        (stage_settings.evaluate, "pendulum", "aphynity+", block),
+        (stage_settings.simulate, "pendulum", "test"),
     ]
     for stage, *names in changed:
         assert stage(found, *names) != stage(other, *names)
@@ -310,15 +311,15 @@ def test_slices_hold_only_what_their_stage_uses(base):
 def test_blocks_and_variants(base):
     own = {"experiments": {"x": {"based_on": "pendulum", "methods": ["mean", "aphynity"], "augmented": ["aphynity"]}}}
     found = config.validate(config.merge(base, own | {"seeds": [4, 0, 7], "seeds_per_job": 2}))
-    assert slices.blocks(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
-    assert slices.variants(found, "x") == ["mean", "aphynity", "aphynity+"]
-    assert slices.label(found, "aphynity+") == "APHYNITY+"
+    assert stage_settings.blocks(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
+    assert stage_settings.variants(found, "x") == ["mean", "aphynity", "aphynity+"]
+    assert stage_settings.label(found, "aphynity+") == "APHYNITY+"
 
 
 def test_noise_follows_the_preset(base):
     paper = config.validate(config.merge(base, {"preset": "paper"}))
-    assert slices.simulate(paper, "pendulum", "train")["data"]["noise"] == 0.0
-    assert slices.simulate(config.validate(base), "pendulum", "train")["data"]["noise"] == 0.01
+    assert stage_settings.simulate(paper, "pendulum", "train")["data"]["noise"] == 0.0
+    assert stage_settings.simulate(config.validate(base), "pendulum", "train")["data"]["noise"] == 0.01
 
 
 def test_videos_of_one_name_are_refused(tmp_path):
@@ -348,17 +349,17 @@ def test_readme_has_the_reference_of_the_schema():
 
 def test_results_that_cannot_be_written(base: dict, monkeypatch: pytest.MonkeyPatch) -> None:
     """Root may write anywhere, so the answer of the system is replaced."""
-    monkeypatch.setattr("expertaug.checks.os.access", lambda *_: False)
+    monkeypatch.setattr("expertaug.config.checks.os.access", lambda *_: False)
     assert "cannot be written; choose a writable results folder" in refused(base, "results: here")
 
 
 def test_experiments_and_methods_may_override(base: dict) -> None:
     over = "{choices: {resample: epoch}, overrides: {ml_only: {model: {interaction: {layers: [7]}}}}}"
     changed = config.validate(config.merge(base, yaml.safe_load(f"experiments: {{pendulum: {over}}}")))
-    trained = [slices.train(changed, "pendulum", method, "seeds_0_1_2") for method in ("ml_only", "aphynity")]
+    trained = [stage_settings.train(changed, "pendulum", method, "seeds_0_1_2") for method in ("ml_only", "aphynity")]
     own = base["experiments"]["pendulum"]["model"]["interaction"]
     assert trained[0]["model"]["interaction"]["layers"] == [7] and trained[1]["model"]["interaction"] == own
-    assert slices.finetune(changed, "pendulum", "aphynity", "seeds_0_1_2")["choices"]["resample"] == "epoch"
+    assert stage_settings.finetune(changed, "pendulum", "aphynity", "seeds_0_1_2")["choices"]["resample"] == "epoch"
 
 
 def test_an_experiment_may_differ_under_a_preset(base: dict) -> None:
@@ -421,16 +422,18 @@ def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
     assert jobs.variants(found, "plain") == jobs.variants(plain, "plain")
     assert "aphynity+wide" in jobs.further_variants(found, "plain")
     assert jobs.studied(found, "plain", "prior_width")[:2] == ["aphynity", "aphynity+"]
-    trained = slices.train(found, "plain", "aphynity", block)
+    trained = stage_settings.train(found, "plain", "aphynity", block)
     assert trained.pop("snapshots") == [1, 5]
-    assert trained == slices.train(plain, "plain", "aphynity", block)
-    assert slices.train(found, "plain", "ml_only", block) == slices.train(plain, "plain", "ml_only", block)
-    for stage in (slices.augment, slices.finetune):
+    assert trained == stage_settings.train(plain, "plain", "aphynity", block)
+    assert stage_settings.train(found, "plain", "ml_only", block) == stage_settings.train(
+        plain, "plain", "ml_only", block
+    )
+    for stage in (stage_settings.augment, stage_settings.finetune):
         assert stage(found, "plain", "aphynity+", block) == stage(plain, "plain", "aphynity+", block)
-    wide = slices.augment(found, "plain", "aphynity+wide", block)
+    wide = stage_settings.augment(found, "plain", "aphynity+wide", block)
     assert wide["prior"] == {"omega0": [0.1, 7.0]} and wide["method"] == "aphynity+wide"
-    assert slices.finetune(found, "plain", "aphynity+wide", block)["label"] == "APHYNITY+ (wide)"
-    assert slices.evaluate(found, "plain", "aphynity", block)["sets"][-1] == "near"
-    along = slices.along(found, "plain", "aphynity", block)
+    assert stage_settings.finetune(found, "plain", "aphynity+wide", block)["label"] == "APHYNITY+ (wide)"
+    assert stage_settings.evaluate(found, "plain", "aphynity", block)["sets"][-1] == "near"
+    along = stage_settings.along(found, "plain", "aphynity", block)
     assert along["finetune"]["training"]["learning_rate"] == 0.5 and along["finetune_epochs"] == [1, 10]
-    assert slices.tabulate(found, "plain") == slices.tabulate(plain, "plain")
+    assert stage_settings.tabulate(found, "plain") == stage_settings.tabulate(plain, "plain")

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from expertaug import config, slices
+from expertaug.config import load as config
+from expertaug.config import stage_settings
 from expertaug.errors import InputError
 
 HVAE = """
@@ -32,7 +33,7 @@ def base() -> dict:
 def settings(base, method, more="{}"):
     merged = config.merge(config.merge(base, yaml.safe_load(HVAE)), yaml.safe_load(more))
     valid = config.validate(merged)
-    return slices.train(valid, "pendulum", method, next(iter(slices.blocks(valid))))
+    return stage_settings.train(valid, "pendulum", method, next(iter(stage_settings.blocks(valid))))
 
 
 def test_another_kind_brings_its_own_arguments(base):
@@ -74,7 +75,7 @@ def test_an_objective_that_needs_p_plus_says_so(base):
 def test_tables_and_figures_are_told_each_method_s_own_p_plus(base):
     prior = "experiments: {pendulum: {overrides: {aphynity: {augmentation: {prior: {omega0: [0.25, 3.5]}}}}}}"
     valid = config.validate(config.merge(base, yaml.safe_load(prior)))
-    told = slices.plot(valid, "pendulum")["priors"]
+    told = stage_settings.plot(valid, "pendulum")["priors"]
     own, other = {"omega0": [0.25, 3.5]}, {"omega0": [0.5, 3.5]}
     assert {label: p for label, p in told.items() if p != other} == {"APHYNITY": own, "APHYNITY+": own}
-    assert slices.study(valid, "pendulum", "prior_width")["priors"]["aphynity"][""] == own
+    assert stage_settings.study(valid, "pendulum", "prior_width")["priors"]["aphynity"][""] == own

@@ -305,7 +305,7 @@ def _overlay(a: argparse.Namespace) -> None:
 
 
 def _inspect(a: argparse.Namespace) -> None:
-    from expertaug import config
+    from expertaug.config import load as config
     from expertaug.recordings.inspect import inspect
 
     default = Path("config", "config.yaml")
@@ -402,7 +402,7 @@ def _overview(a: argparse.Namespace) -> None:
 
 
 def _validate(a: argparse.Namespace) -> None:
-    from expertaug import config
+    from expertaug.config import load as config
 
     config.validate(config.load(a.config))
     logger.info("%s: valid", ", ".join(map(str, a.config)))

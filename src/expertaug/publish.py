@@ -10,7 +10,7 @@ from pathlib import Path
 
 import yaml
 
-from expertaug import config
+from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.evaluation.plot import NAMES
 from expertaug.evaluation.studies import KINDS

@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from expertaug.config.presets import resolve
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.learning.train import train
 from expertaug.models import store
-from expertaug.presets import resolve
 from expertaug.systems.simulate import simulate
 from expertaug.tracking.mlflow_store import initialise
 

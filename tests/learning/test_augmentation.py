@@ -7,6 +7,7 @@ import torch
 from tiny import PRIOR, SETTINGS
 
 from expertaug import systems
+from expertaug.config.presets import ROWS, resolve
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
 from expertaug.learning.augment import augment
@@ -16,7 +17,6 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.learning.train import train
 from expertaug.models import store
-from expertaug.presets import ROWS, resolve
 from expertaug.systems.solver import Solver
 from expertaug.types import Trajectories
 

@@ -7,6 +7,7 @@ import torch
 from tiny import PRIOR
 
 from expertaug import systems
+from expertaug.config.presets import resolve
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
 from expertaug.learning.augment import augment
@@ -19,7 +20,6 @@ from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.models.posterior import Gaussian, unconstrain
-from expertaug.presets import resolve
 from expertaug.systems.solver import Solver
 from expertaug.types import Trajectories
 

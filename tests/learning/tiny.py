@@ -1,6 +1,6 @@
 """A tiny pendulum experiment."""
 
-from expertaug.presets import resolve
+from expertaug.config.presets import resolve
 
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 DATA = {

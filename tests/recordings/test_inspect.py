@@ -8,7 +8,9 @@ import pytest
 import yaml
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, wall, write_video
 
-from expertaug import cli, config, slices
+from expertaug import cli
+from expertaug.config import load as config
+from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug.recordings.disks import hsv
 from expertaug.recordings.inspect import inspect
@@ -49,8 +51,8 @@ def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monke
             assert abs((seen.middle - true + 180) % 360 - 180) < seen.reach
     assert (look.pivot is None) == (not marked)
     assert block["recordings"]["angles"]["rotation_deg"] == tilt
-    assert slices.track_markers(found)["marker_diameter_px"] == pytest.approx(24, abs=0.5)
-    assert slices.split_chunks(found, "double_pendulum")["rate_hz"] == pytest.approx(60)
+    assert stage_settings.track_markers(found)["marker_diameter_px"] == pytest.approx(24, abs=0.5)
+    assert stage_settings.split_chunks(found, "double_pendulum")["rate_hz"] == pytest.approx(60)
     assert "all found in 24 of 24" in text or "all found in 23 of 24" in text
     sheet = cv2.imread(str(tmp_path / "contact.png"))
     assert sheet.shape[0] > 500 and sheet.shape[1] > 1400

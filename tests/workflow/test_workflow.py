@@ -20,7 +20,8 @@ import torch
 import yaml
 from safetensors.torch import load_file
 
-from expertaug import config, slices, sources
+from expertaug.config import load as config
+from expertaug.config import stage_code, stage_settings
 
 ROOT = Path(__file__).parents[2]
 DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "plot_recording", "overlay", "recordings"]
@@ -265,9 +266,9 @@ def test_what_a_stopped_job_has_left_missing_is_made_again(project, file, target
 def test_declared_modules_cover_what_every_job_has_loaded(project):
     files = [project / name for name in ("config/config.yaml", "config/smoke.yaml", "studies.yaml")]
     found = config.validate(config.load(files))
-    named = {m for e in found["run"] for m in slices.modules(found, e, "aphynity")}
+    named = {m for e in found["run"] for m in stage_settings.modules(found, e, "aphynity")}
     package = project / "src"
-    without = {*(f"{m.replace('.', '/')}.py" for m in sources.WITHOUT_EFFECT)}
+    without = {*(f"{m.replace('.', '/')}.py" for m in stage_code.WITHOUT_EFFECT)}
     stages = set()
     for record in (project / "record").iterdir():
         if record.suffix == ".py" or record.is_dir():
@@ -276,9 +277,11 @@ def test_declared_modules_cover_what_every_job_has_loaded(project):
         stage = command.replace("-", "_")
         stages.add(stage)
         loaded = {Path(file).relative_to(package).as_posix() for file in files} - without
-        declared = {Path(path).resolve().relative_to(ROOT / "src").as_posix() for path in sources.sources(stage, named)}
+        declared = {
+            Path(path).resolve().relative_to(ROOT / "src").as_posix() for path in stage_code.sources(stage, named)
+        }
         assert loaded <= declared, stage
-    assert stages == set(sources.STAGES) - {"unpack_markers", "import_markers", "overlay"}
+    assert stages == set(stage_code.STAGES) - {"unpack_markers", "import_markers", "overlay"}
 
 
 def test_frame_stores_are_kept_when_they_are_asked_for(project):
@@ -319,7 +322,9 @@ def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
     ]
     assert plans[0] == plans[1] == plans[2]
     found = config.validate(config.load([project / "config" / "config.yaml"]))
-    models = sum(len(found["experiments"][name]["methods"]) for name in found["run"]) * len(slices.blocks(found))
+    models = sum(len(found["experiments"][name]["methods"]) for name in found["run"]) * len(
+        stage_settings.blocks(found)
+    )
     assert plans[0]["train_block"] + plans[0]["train_block_with_snapshots"] == models
     assert not list(elsewhere.glob("results"))
 

@@ -5,11 +5,13 @@ import os
 import re
 import shlex
 
-from expertaug import jobs, slices, variants
+from expertaug import variants
+from expertaug.config import jobs
+from expertaug.config import stage_settings
 from expertaug.files import sha256
 from expertaug.recordings.intake import refusal
-from expertaug.sources import sources
-from expertaug.study_checks import MAIN_SETS, PUBLISHED
+from expertaug.config.stage_code import sources
+from expertaug.config.study_checks import MAIN_SETS, PUBLISHED
 
 CONSTRAINTS = os.path.relpath(HERE.parent / "constraints.txt")
 NUMBERS = os.path.relpath(PUBLISHED)
@@ -25,7 +27,7 @@ BLOCKS = list(jobs.blocks(CONFIG))
 FIGURES = ["log_mse", "parameter_errors", "parameters", "forecasts", "curves"]
 ENDS = [".csv", ".md", ".tex"]
 COMPARED = [e for e in RUN if CONFIG["experiments"][e]["evaluation"]["published"] is not None]
-OVERVIEW = slices.overview(CONFIG, RUN)["experiments"]
+OVERVIEW = stage_settings.overview(CONFIG, RUN)["experiments"]
 OVERVIEWS = ["log_mse", "parameter_errors"] if any(one["shown"] for one in OVERVIEW) else []
 OVERVIEWS += ["za_shifted"] if any(one["shifted"] for one in OVERVIEW) else []
 
@@ -42,12 +44,12 @@ def one_of(names):
 
 def settings(stage, *names):
     """A stage's slice of the configuration as JSON."""
-    return json.dumps(getattr(slices, stage)(CONFIG, *names), sort_keys=True)
+    return json.dumps(getattr(stage_settings, stage)(CONFIG, *names), sort_keys=True)
 
 
 def code(stage, experiment=None, method=None):
     """The package's files that a stage runs, with those that the experiment's configuration names."""
-    return sources(stage, slices.modules(CONFIG, experiment, method) if experiment else ())
+    return sources(stage, stage_settings.modules(CONFIG, experiment, method) if experiment else ())
 
 
 def sets_of(experiment):
@@ -155,16 +157,16 @@ def pages(wildcards):
 
 def forecasts_to_draw():
     """Forecasts that overlays draw, by label: those that are there already."""
-    found = slices.overlaid(CONFIG)
+    found = stage_settings.overlaid(CONFIG)
     if found is None:
         return {}
     paths = {v: results(f"{found[0]}/{v}/{BLOCKS[0]}/forecasts.npz") for v in found[1]}
-    return {slices.label(CONFIG, v): path for v, path in paths.items() if os.path.exists(path)}
+    return {stage_settings.label(CONFIG, v): path for v, path in paths.items() if os.path.exists(path)}
 
 
 def chunks_to_draw():
     """Where the forecasts' chunks are listed."""
-    found = slices.overlaid(CONFIG)
+    found = stage_settings.overlaid(CONFIG)
     return results(f"{found[0]}/data/chunks.csv") if found else ""
 
 

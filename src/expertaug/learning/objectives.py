@@ -148,7 +148,7 @@ class Aphynity(Objective):
     The Lagrangian is λ · L + ‖F_a‖, with L the mean squared error of the trajectory over the loss window and ‖F_a‖ the
     root mean square of F_a along the predicted trajectory; after every ``every`` passes λ grows by tau2 · L (Yin's
     update).  Variants are the rows multiplier, penalty, loss_normalisation, loss_window and supervision of
-    :mod:`expertaug.presets`.
+    :mod:`expertaug.config.presets`.
 
     Arguments:
         lambda0: first multiplier, one for all seeds or one for each.

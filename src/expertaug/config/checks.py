@@ -8,14 +8,14 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from expertaug import signatures, sources, study_checks
+from expertaug.config import signatures, stage_code, study_checks
+from expertaug.config.names import require, require_all, require_keys, require_parameters, suggest
 from expertaug.errors import InputError
-from expertaug.known import require, require_all, require_keys, require_parameters, suggest
 from expertaug.recordings.look import Look
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
-TARGETS = (*sources.STAGES, "recordings", "studies", "report", "all", "everything")
+TARGETS = (*stage_code.STAGES, "recordings", "studies", "report", "all", "everything")
 NOT_SYSTEMS = ("base", "solver", "simulate")
 # Files of an experiment are called after it and one of these.
 ENDINGS = ("long", "published", "out_of_expertise", "prior_width", "along")
@@ -154,9 +154,9 @@ def _system_keys(where: str, system: Mapping) -> list[str]:
 
 def _system(where: str, name: str) -> None:
     if "." in name:
-        sources.find(where, name)
+        stage_code.find(where, name)
         return
-    known = [module for module in sources.modules("expertaug.systems") if module not in NOT_SYSTEMS]
+    known = [module for module in stage_code.modules("expertaug.systems") if module not in NOT_SYSTEMS]
     if name not in known:
         remedy = f"{suggest(name, known)}, or the dotted path of a module elsewhere"
         raise InputError(where, f"'{name}' is no system", remedy)

@@ -1,4 +1,4 @@
-"""The reference of the configuration, made from its schema: ``python -m expertaug.reference config/README.md``."""
+"""The reference of the configuration, made from its schema: ``python -m expertaug.config.reference config/README.md``."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from expertaug import config
+from expertaug.config import load as config
 from expertaug.files import write_text
 
-BEGIN = "<!-- From here on made from the schema: python -m expertaug.reference config/README.md -->"
+BEGIN = "<!-- From here on made from the schema: python -m expertaug.config.reference config/README.md -->"
 UNITS = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false", "array": "list"}
 
 

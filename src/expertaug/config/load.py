@@ -1,7 +1,7 @@
 """Reading and checking the configuration: one clear line for whatever is wrong, before any job starts.
 
 ``workflow/schemas/config.schema.yaml`` says which keys there are; what a schema cannot say is checked in
-:mod:`expertaug.checks`.
+:mod:`expertaug.config.checks`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import yaml
 from jsonschema import Draft202012Validator, ValidationError, validators
 
-from expertaug import checks, presets
+from expertaug.config import checks, presets
 from expertaug.errors import InputError
 
 SCHEMA = Path("workflow", "schemas", "config.schema.yaml")
@@ -176,7 +176,7 @@ def _plain(value: object) -> object:
 
 
 def _find_schema() -> Path:
-    for folder in (Path(__file__).resolve().parents[2], Path.cwd()):
+    for folder in (Path(__file__).resolve().parents[3], Path.cwd()):
         if (folder / SCHEMA).is_file():
             return folder / SCHEMA
     raise InputError(SCHEMA, "no such file", "start in the project's folder")

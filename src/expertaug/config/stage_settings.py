@@ -1,6 +1,6 @@
 """What each job takes of the configuration, and nothing more: a changed key redoes only the jobs whose slice has it.
 
-Every function takes the completed configuration (:func:`expertaug.config.validate`) and returns the ``settings`` of the
+Every function takes the completed configuration (:func:`expertaug.config.load.validate`) and returns the ``settings`` of the
 stage of its name.
 """
 
@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from expertaug import signatures
 from expertaug import variants as naming
-from expertaug.config import merge
-from expertaug.jobs import blocks, label, sets, snapshots, studied, variants
+from expertaug.config import signatures
+from expertaug.config.jobs import blocks, label, sets, snapshots, studied, variants
+from expertaug.config.load import merge
 from expertaug.kinds import full_name
 
-# Rows of the preset's table (expertaug.presets) that each stage of learning obeys.
+# Rows of the preset's table (expertaug.config.presets) that each stage of learning obeys.
 _TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection", "hvae_z_e")
 CHOICES = {
     "train": (*_TRAINING, "observed_points"),

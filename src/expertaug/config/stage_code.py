@@ -15,7 +15,7 @@ from pathlib import Path
 
 from expertaug.errors import InputError
 
-PACKAGE = Path(__file__).resolve().parent
+PACKAGE = Path(__file__).resolve().parents[1]
 
 # Stage → the module whose public function does its work.
 STAGES = {

@@ -6,11 +6,11 @@ import csv
 from collections.abc import Mapping
 from pathlib import Path
 
+from expertaug.config.names import require, require_all, require_keys, require_parameters
 from expertaug.errors import InputError
-from expertaug.known import require, require_all, require_keys, require_parameters
 
 MAIN_SETS = ("train", "validation", "test")
-PUBLISHED = Path(__file__).with_name("evaluation") / "paper.csv"
+PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"
 
 
 def check(where: str, experiment: Mapping, methods: Mapping) -> None:

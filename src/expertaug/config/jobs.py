@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from expertaug import study_checks
 from expertaug import variants as naming
+from expertaug.config import study_checks
 
 
 def blocks(config: Mapping) -> dict[str, list[int]]:
