@@ -17,7 +17,7 @@ import torch
 
 from expertaug.models import store
 from expertaug.systems.solver import Solver
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 
 def slopes(parts: np.ndarray, rates: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from expertaug.learning import augmentation
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import store
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 DRAW = 10**6  # far from the draws of any training
 

@@ -31,7 +31,7 @@ from expertaug.models import store
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
 from expertaug.tracking.provenance import revision
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 COLUMNS = [
     "variant", "trial", "seeds", "minutes", "selection", "train", "validation", "validation_std", "parameter_error",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from expertaug import variants
+from expertaug import labels
 
 
 @pytest.mark.parametrize(
@@ -14,12 +14,12 @@ from expertaug import variants
     ],
 )
 def test_names_and_labels(variant, parts, printed):
-    assert variants.split(variant) == parts
-    assert variants.label("Node (small)", variant) == printed
-    assert variants.is_augmented(printed) == ("+" in variant)
+    assert labels.split(variant) == parts
+    assert labels.label("Node (small)", variant) == printed
+    assert labels.is_augmented(printed) == ("+" in variant)
 
 
 def test_base_of_a_label_keeps_its_brackets():
-    assert variants.base_label("Node+") == "Node"
-    assert variants.base_label("Node+ (paper)") == "Node (paper)"
-    assert variants.base_label("A+B (x)") == "A+B (x)"
+    assert labels.base_label("Node+") == "Node"
+    assert labels.base_label("Node+ (paper)") == "Node (paper)"
+    assert labels.base_label("A+B (x)") == "A+B (x)"

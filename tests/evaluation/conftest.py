@@ -2,13 +2,13 @@
 
 import pytest
 
-from expertaug.evaluation import style
+from expertaug import plotting
 
 
 @pytest.fixture
 def drawn(monkeypatch):
     """The figures that were saved."""
     kept = []
-    save = style.save
-    monkeypatch.setattr(style, "save", lambda figure, outputs: (kept.append(figure), save(figure, outputs)))
+    save = plotting.save
+    monkeypatch.setattr(plotting, "save", lambda figure, outputs: (kept.append(figure), save(figure, outputs)))
     return kept

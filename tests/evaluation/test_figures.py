@@ -8,14 +8,15 @@ import pytest
 from fake_runs import LABELS, write_double_forecasts, write_forecasts, write_logs, write_metrics
 from matplotlib.image import imread
 
+from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation import figures, style, traces
+from expertaug.evaluation import figures, traces
 from expertaug.evaluation.summary import experiment_title, set_title
 
 
 def assert_nothing_is_cut(figure):
     """All texts and legends lie inside the page, and the legend touches no panel."""
-    with style.styled():
+    with plotting.styled():
         figure.draw_without_rendering()
         renderer = figure.canvas.get_renderer()
         page = figure.bbox
@@ -82,21 +83,21 @@ def test_same_numbers_make_the_same_files(tmp_path):
 
 def test_colours_are_fixed_by_the_configuration():
     order = ["Mean", "Expert only", "Hybrid"]
-    assert style.colours(["Hybrid"], order)["Hybrid"] == style.colours(["Mean", "Hybrid"], order)["Hybrid"]
-    pair = style.colours(["Hybrid", "Hybrid+"], order)
+    assert plotting.colours(["Hybrid"], order)["Hybrid"] == plotting.colours(["Mean", "Hybrid"], order)["Hybrid"]
+    pair = plotting.colours(["Hybrid", "Hybrid+"], order)
     assert sum(pair["Hybrid"]) > sum(pair["Hybrid+"]) + 0.5
 
 
 def test_symbols():
-    assert style.symbol("omega0") == r"$\omega_{0}$"
-    assert style.symbol("theta") == r"$\theta$"
-    assert style.symbol("L") == "$L$"
-    assert style.symbol("spring_rate") == "spring rate"
-    assert style.quantity("k", "") == "$k$"
+    assert plotting.symbol("omega0") == r"$\omega_{0}$"
+    assert plotting.symbol("theta") == r"$\theta$"
+    assert plotting.symbol("L") == "$L$"
+    assert plotting.symbol("spring_rate") == "spring rate"
+    assert plotting.quantity("k", "") == "$k$"
 
 
 def test_names_with_underscores_are_made_readable():
-    assert style.text("APHYNITY, F_a sees z_e+") == "APHYNITY, $F_a$ sees $z_e$+"
+    assert plotting.text("APHYNITY, F_a sees z_e+") == "APHYNITY, $F_a$ sees $z_e$+"
     assert set_title("both_small", {}) == "both small" and set_title("z_a_small", {}) == "z_a small"
     assert set_title("z_a_small", {"set_titles": {"z_a_small": "near"}}) == "near"
     assert experiment_title("double_swing", {"title": None}) == "double swing"
@@ -158,10 +159,10 @@ def test_parameters(tmp_path, drawn, write):
 
 
 def test_long_units_of_many_methods_do_not_collide(tmp_path, drawn, monkeypatch):
-    monkeypatch.setattr(style, "quantity", lambda name, unit: "$b$ [1/(m s)^2]")
+    monkeypatch.setattr(plotting, "quantity", lambda name, unit: "$b$ [1/(m s)^2]")
     paths = dict.fromkeys([f"Method {k}" for k in range(7)], write_double_forecasts(tmp_path)["Hybrid"])
     figures.parameters(paths, tmp_path / "parameters")
-    with style.styled():
+    with plotting.styled():
         drawn[-1].draw_without_rendering()
         boxes = [axis.xaxis.label.get_window_extent() for axis in drawn[-1].axes]
         boxes += [axis.yaxis.label.get_window_extent() for axis in drawn[-1].axes if axis.get_ylabel()]

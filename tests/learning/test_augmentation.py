@@ -18,7 +18,7 @@ from expertaug.learning.task import task_of
 from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.systems.solver import Solver
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 CPU = torch.device("cpu")
 

@@ -21,7 +21,7 @@ from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.models.posterior import Gaussian, unconstrain
 from expertaug.systems.solver import Solver
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 CPU = torch.device("cpu")
 

@@ -16,7 +16,7 @@ from expertaug.learning.task import task_of
 from expertaug.learning.train import train
 from expertaug.learning.trainer import TrainSettings
 from expertaug.models import store
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 
 def run(data, folder, settings):

@@ -12,7 +12,7 @@ from expertaug.recordings.calibration import calibrate, forecast, forecast_log_m
 from expertaug.recordings.chunks import split_chunks
 from expertaug.recordings.fitting import fit_constants, implied_rate
 from expertaug.systems.double_pendulum import Constants, energy, point_masses
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 
 def clean_chunks(noise=0.0, seed=0):

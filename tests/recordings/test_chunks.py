@@ -12,7 +12,7 @@ from expertaug.recordings.chunks import split_chunks
 from expertaug.recordings.figures import plot_splits
 from expertaug.recordings.splitting import SPLITS, keep_apart, label_blocks
 from expertaug.systems.double_pendulum import energy
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 SMALL = {"min_chunks": 1, "guard_s": 0.0}
 

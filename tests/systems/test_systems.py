@@ -9,7 +9,7 @@ from expertaug.errors import InputError, SolveError
 from expertaug.systems.double_pendulum import Constants, accelerations, energy, point_masses
 from expertaug.systems.simulate import sample, simulate
 from expertaug.systems.solver import Solver, check_finite
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 REAL = Constants(0.103, 69.4, 1.35, 93.5)
 

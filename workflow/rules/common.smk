@@ -5,7 +5,7 @@ import os
 import re
 import shlex
 
-from expertaug import variants
+from expertaug import labels
 from expertaug.config import jobs
 from expertaug.config import stage_settings
 from expertaug.files import sha256
@@ -69,7 +69,7 @@ def augmented_of(experiment):
 
 
 def method_of(variant):
-    return variants.split(variant)[0]
+    return labels.split(variant)[0]
 
 
 def per_block(pattern, experiment, methods):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from expertaug import variants as naming
+from expertaug import labels as naming
 from expertaug.config import study_checks
 
 

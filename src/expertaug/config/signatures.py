@@ -7,7 +7,7 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from expertaug import kinds
+from expertaug import registry
 from expertaug.config import stage_code
 from expertaug.errors import InputError
 
@@ -37,7 +37,7 @@ def takes(part: str, kind: str, argument: str, where: str) -> bool:
 
 
 def _all_of_kind(part: str, kind: str, where: str) -> list[str]:
-    module, _, name = kinds.full_name(part, kind, where).partition(":")
+    module, _, name = registry.full_name(part, kind, where).partition(":")
     return _arguments(_class(stage_code.find(where, module), name, where))
 
 

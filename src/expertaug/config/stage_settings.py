@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from expertaug import variants as naming
+from expertaug import labels as naming
 from expertaug.config import signatures
 from expertaug.config.jobs import blocks, label, sets, snapshots, studied, variants
 from expertaug.config.load import merge
-from expertaug.kinds import full_name
+from expertaug.registry import full_name
 
 # Rows of the preset's table (expertaug.config.presets) that each stage of learning obeys.
 _TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection", "hvae_z_e")

@@ -16,7 +16,7 @@ from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.tracking.log_file import COLUMNS
 from expertaug.tracking.runlog import RunLog
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 
 def along(snapshots: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None) -> None:

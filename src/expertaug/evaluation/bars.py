@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from expertaug.evaluation import style
+from expertaug import plotting
 from expertaug.evaluation.summary import order_labels, order_sets, set_title, summarise
 
 
@@ -46,11 +46,11 @@ def draw_bars(
     """
     everything = pd.concat([panel.table for panel in panels])
     labels = order_labels(everything["label"], settings.get("labels", ()))
-    colours = style.colours(labels, settings.get("labels", ()))
+    colours = plotting.colours(labels, settings.get("labels", ()))
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
-    with style.styled():
-        figure = style.new_figure(0.75 + 2.35 * rows, style.WIDTH if columns > 1 else 5.2)
+    with plotting.styled():
+        figure = plotting.new_figure(0.75 + 2.35 * rows, plotting.WIDTH if columns > 1 else 5.2)
         grid = figure.subplots(rows, columns, squeeze=False)
         for axis, panel in zip(grid.flat, panels, strict=False):
             _bar_panel(axis, panel.table, labels, colours, panel.settings)
@@ -66,8 +66,8 @@ def draw_bars(
         text = f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}"
         figure.suptitle(text, fontsize=7.5, color="0.35")
         handles = [Patch(facecolor=colours[label], edgecolor="0.25", linewidth=0.5, label=label) for label in labels]
-        style.legend(figure, handles)
-        style.save(figure, outputs)
+        plotting.legend(figure, handles)
+        plotting.save(figure, outputs)
 
 
 def _bar_panel(axis: Axes, part: pd.DataFrame, labels: Sequence[str], colours: Mapping, settings: Mapping) -> None:
@@ -94,7 +94,7 @@ def _bar_panel(axis: Axes, part: pd.DataFrame, labels: Sequence[str], colours: M
                 dots = {"markersize": 2.2, "markerfacecolor": "white", "markeredgecolor": "0.1", "markeredgewidth": 0.4}
                 axis.plot(x + spread, seeds, "o", zorder=6, **dots)
                 axis.errorbar(x, cell["mean"], cell["std"], color="0.1", linewidth=0.9, capsize=1.8, zorder=5)
-    axis.set_xticks(range(len(sets)), [style.text(set_title(name, settings)).replace(" (", "\n(") for name in sets])
+    axis.set_xticks(range(len(sets)), [plotting.text(set_title(name, settings)).replace(" (", "\n(") for name in sets])
     axis.tick_params(axis="x", length=0)
     axis.set_xlim(-0.5, len(sets) - 0.5)
     axis.grid(axis="y")

@@ -19,7 +19,7 @@ from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.systems.solver import Solver, check_finite
 from expertaug.tracking.runlog import RunLog
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 MAIN_SETS = ("train", "validation", "test")
 CHUNK_BYTES = 2**25  # of the forecasts made at a time: bounds the memory, whatever the size of a state

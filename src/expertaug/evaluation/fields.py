@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 
-from expertaug.evaluation import style
+from expertaug import plotting
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import set_title
-from expertaug.variants import base_label, is_augmented
+from expertaug.labels import base_label, is_augmented
 
 TIMES = 4
 GAP = 0.25  # between states and errors, in widths of a panel
@@ -58,9 +58,9 @@ def panel(
         label: found[label].prediction[name][found[label].seeds.index(seed), sample, :, component] for label in labels
     }
     errors = {label: values - truth for label, values in states.items()}
-    with style.styled():
-        side = (style.WIDTH - 1.3) / (len(times) + len(later) + GAP)
-        figure = style.new_figure(1.4 + side * (1 + len(labels)))
+    with plotting.styled():
+        side = (plotting.WIDTH - 1.3) / (len(times) + len(later) + GAP)
+        figure = plotting.new_figure(1.4 + side * (1 + len(labels)))
         figure.get_layout_engine().set(h_pad=0.03, w_pad=0.03, hspace=0, wspace=0)
         widths = [1] * len(times) + [GAP] + [1] * len(later)
         grid = figure.subplots(1 + len(labels), len(widths), squeeze=False, width_ratios=widths)
@@ -73,8 +73,8 @@ def panel(
             axis.set_title(f"t = {first.t[k]:.3g} s\n{'observed' if k <= first.observed else 'forecast'}", fontsize=7)
         for axis, label in zip(left[:, 0], rows, strict=True):
             off = f"\n{_rms(errors[label][first.observed + 1 :]):.2g}" if label in errors else ""
-            axis.set_ylabel(style.text(label) + off, rotation=0, ha="right", va="center", labelpad=6)
-        quantity = style.quantity(first.state_names[component], first.state_units[component])
+            axis.set_ylabel(plotting.text(label) + off, rotation=0, ha="right", va="center", labelpad=6)
+        quantity = plotting.quantity(first.state_names[component], first.state_units[component])
         if image is not None:
             figure.colorbar(image, ax=left, location="bottom", shrink=0.7, aspect=28, label=quantity, extend="both")
         if later:
@@ -90,7 +90,7 @@ def panel(
                 figure.colorbar(image, ax=right, location="bottom", shrink=0.8, aspect=22, label=label, extend="both")
         title = f"{_title(first, name, sample, settings)}, seed {seed}; below a method, root mean square of its error"
         figure.suptitle(title, fontsize=7.5, color="0.35")
-        style.save(figure, outputs)
+        plotting.save(figure, outputs)
 
 
 def farthest(data: Forecasts, name: str, samples: Sequence[int]) -> int:
@@ -145,7 +145,7 @@ def _draw(axis: Axes, field: np.ndarray, limits: tuple[float, float]) -> AxesIma
 def _title(data: Forecasts, name: str, sample: int, settings: Mapping) -> str:
     values = data.truths[name][data.index[name][sample]]
     parts = [
-        f"{style.symbol(parameter)} = {value:.3g} {unit}".strip()
+        f"{plotting.symbol(parameter)} = {value:.3g} {unit}".strip()
         for parameter, unit, value in zip(data.parameter_names, data.parameter_units, values, strict=True)
     ]
     return f"a sample of the {set_title(name, settings)} set ({', '.join(parts)})".replace("-", "−")

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation import style
 from expertaug.evaluation.bars import Panel, draw_bars
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import (
@@ -67,12 +67,12 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], se
     names = [name for name in dict.fromkeys(table["metric"]) if name.startswith("relative_error_")]
     names = names or [name for name in ("relative_error",) if name in set(table["metric"])]
     if not names:
-        style.save_note("no method estimates parameters", outputs)
+        plotting.save_note("no method estimates parameters", outputs)
         return
     table = _select(table, names, settings)
     panels = []
     for (experiment, metric), part in table.groupby(["experiment", "metric"], sort=False):
-        parameter = style.symbol(metric.removeprefix("relative_error").removeprefix("_"))
+        parameter = plotting.symbol(metric.removeprefix("relative_error").removeprefix("_"))
         name = experiment_title(experiment, settings)
         panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, settings))
     title = "relative error of the expert parameters"
@@ -96,28 +96,28 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
     found = {label: Forecasts.load(path) for label, path in forecasts.items()}
     found = {label: data for label, data in found.items() if data.estimates}
     if not found:
-        style.save_note("no method estimates parameters", outputs)
+        plotting.save_note("no method estimates parameters", outputs)
         return
     labels = order_labels(found, settings.get("labels", ()))
-    colours = style.colours(labels, settings.get("labels", ()))
+    colours = plotting.colours(labels, settings.get("labels", ()))
     first = found[labels[0]]
     count = len(first.parameter_names)
-    with style.styled():
-        side = min(2.3, (style.WIDTH - 0.5) / len(labels))
+    with plotting.styled():
+        side = min(2.3, (plotting.WIDTH - 0.5) / len(labels))
         before_unit = "\n[" if side < 1.2 else " ["  # two lines where the panels are narrow
-        figure = style.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(labels) + 0.5))
+        figure = plotting.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(labels) + 0.5))
         grid = figure.subplots(count, len(labels), squeeze=False, sharex="row", sharey="row")
         for row, name in enumerate(first.parameter_names):
             low, high = _show_ranges(dict(zip(labels, grid[row], strict=True)), first, row, name, settings)
-            quantity = style.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
+            quantity = plotting.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
             for axis, label in zip(grid[row], labels, strict=True):
                 _scatter(axis, found[label], row, (low, high), colours[label], settings)
                 axis.set_xlabel(f"true {quantity}")
                 if row == 0:
-                    axis.set_title(style.text(label))
+                    axis.set_title(plotting.text(label))
             grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, settings)
-        style.save(figure, outputs)
+        plotting.save(figure, outputs)
 
 
 def _select(table: pd.DataFrame, metrics: Sequence[str], settings: Mapping) -> pd.DataFrame:
@@ -206,4 +206,4 @@ def _parameter_legend(figure: Figure, data: Forecasts, settings: Mapping) -> Non
     if any(settings.get("priors", {}).values()):
         handles.append(Line2D([], [], color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), label="range of p⁺"))
     handles.append(Line2D([], [], color="0.25", linewidth=0.8, label="estimate = truth"))
-    style.legend(figure, handles)
+    plotting.legend(figure, handles)

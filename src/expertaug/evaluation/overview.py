@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from expertaug.evaluation import style
+from expertaug import plotting
 from expertaug.evaluation.bars import Panel, draw_bars
 from expertaug.evaluation.summary import CONVENTIONS, experiment_title, log_mse_name, read_metrics
-from expertaug.variants import base_label, is_augmented
+from expertaug.labels import base_label, is_augmented
 
 SETS = ("validation", "test")
 
@@ -47,7 +47,7 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
             note = "mean relative error of the expert parameters"
             draw_bars(panels, folder / "parameter_errors", shared, "relative error [%] (lower is better)", note)
         else:
-            style.save_note("no method estimates parameters", folder / "parameter_errors")
+            plotting.save_note("no method estimates parameters", folder / "parameter_errors")
     panels = [
         Panel(_title(one), _shown(table, one["name"], log_mse_name(one["convention"]), [one["shifted"]]), one)
         for one in settings["experiments"]

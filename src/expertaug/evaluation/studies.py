@@ -14,7 +14,7 @@ from expertaug.evaluation.formats import booktabs, cell_text, escape, grid, metr
 from expertaug.evaluation.study_figures import ALONG_SETS, WIDTH_SETS, ranges_text
 from expertaug.evaluation.summary import CONVENTIONS, read_metrics, set_title, shown_metrics, summarise
 from expertaug.files import write_text
-from expertaug.variants import split
+from expertaug.labels import split
 
 AROUND = ("epoch", "finetune_epochs")
 

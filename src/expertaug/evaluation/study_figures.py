@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from expertaug.evaluation import style
+from expertaug import plotting
 from expertaug.evaluation.summary import CONVENTIONS, experiment_title, log_mse_name, set_title, shown_metrics
-from expertaug.variants import is_augmented, split
+from expertaug.labels import is_augmented, split
 
 WIDTH_SETS = ("validation", "test")
 ALONG_SETS = ("train", "validation", "test")
@@ -38,11 +38,11 @@ def by_width(priors: Mapping[str, Mapping]) -> list[str]:
 def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
     """The log-MSE against the distance of the shift: a panel for each kind of shift, a line for each method."""
     options, metric = settings["options"], log_mse_name(settings["convention"])
-    colours = style.colours(list(settings["labels"].values()), settings["all_labels"])
+    colours = plotting.colours(list(settings["labels"].values()), settings["all_labels"])
     chosen = summary[summary["metric"] == metric].set_index(["method", "set"])
     panels = options["panels"]
-    with style.styled():
-        figure = style.new_figure(3.0, style.WIDTH if len(panels) > 1 else 4.6)
+    with plotting.styled():
+        figure = plotting.new_figure(3.0, plotting.WIDTH if len(panels) > 1 else 4.6)
         grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for axis, (title, names) in zip(grid, panels, strict=True):
             for place, (variant, label) in enumerate(settings["labels"].items()):
@@ -52,7 +52,7 @@ def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
             places = zip(options["distances"], names, strict=True)
             axis.set_xticks(range(len(names)), [_tick(distance, name, settings) for distance, name in places])
             axis.set_xlim(-0.4, len(names) - 0.6)
-            axis.set(title=style.text(title), xlabel="distance of the shift")
+            axis.set(title=plotting.text(title), xlabel="distance of the shift")
             axis.grid(axis="y")
         grid[0].set_ylabel("log-MSE (lower is better)")
         handles = [
@@ -60,9 +60,9 @@ def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
                    markersize=3, label=label)
             for label in settings["labels"].values()
         ]  # fmt: skip
-        style.legend(figure, handles)
+        plotting.legend(figure, handles)
         _subtitle(figure, summary, settings)
-        style.save(figure, outputs)
+        plotting.save(figure, outputs)
 
 
 def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
@@ -71,11 +71,11 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
     ranges = settings["priors"][methods[0]]
     priors = by_width(ranges)
     bases = {method: settings["labels"][method] for method in methods}
-    colours = style.colours([f"{label}+" for label in bases.values()], settings["all_labels"])
+    colours = plotting.colours([f"{label}+" for label in bases.values()], settings["all_labels"])
     chosen = summary.set_index(["metric", "method", "set"])
     metrics = shown_metrics(summary, settings["convention"])
-    with style.styled():
-        figure = style.new_figure(3.0, style.WIDTH if len(metrics) > 1 else 4.6)
+    with plotting.styled():
+        figure = plotting.new_figure(3.0, plotting.WIDTH if len(metrics) > 1 else 4.6)
         grid = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axis, metric in zip(grid, metrics, strict=True):
             for place, (method, label) in enumerate(bases.items()):
@@ -98,9 +98,9 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
         for name, line, marker in zip(WIDTH_SETS, (DASHED, "-"), "so", strict=True):
             look = {"color": "0.3", "linestyle": line, "marker": marker, "markersize": 3}
             handles.append(Line2D([], [], label=set_title(name, settings), **look))
-        style.legend(figure, handles)
+        plotting.legend(figure, handles)
         _subtitle(figure, summary, settings)
-        style.save(figure, outputs)
+        plotting.save(figure, outputs)
 
 
 def along(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
@@ -110,8 +110,8 @@ def along(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> 
     epochs = sorted({key[2] for key in chosen.index})
     lengths = sorted({key[1] for key in chosen.index})
     lines = {length: ALONG_LINES[k % len(ALONG_LINES)] for k, length in enumerate(lengths)}
-    with style.styled():
-        figure = style.new_figure(3.4, 5.6)
+    with plotting.styled():
+        figure = plotting.new_figure(3.4, 5.6)
         axis = figure.subplots()
         for name in ALONG_SETS:
             for place, (length, (dash, marker, size)) in enumerate(lines.items()):
@@ -127,9 +127,9 @@ def along(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> 
         for length, (dash, marker, size) in lines.items():
             text = f"fine-tuned, {length} pass{'es' if length > 1 else ''}" if length else "as trained"
             handles.append(Line2D([], [], color="0.3", linestyle=dash, marker=marker, markersize=size, label=text))
-        style.legend(figure, handles)
+        plotting.legend(figure, handles)
         _subtitle(figure, summary, settings)
-        style.save(figure, outputs)
+        plotting.save(figure, outputs)
 
 
 def _cell(table: pd.DataFrame, key: tuple) -> pd.Series | None:
@@ -161,7 +161,7 @@ def _dodge(place: int, count: int) -> float:
 def _tick(distance: str, name: str, settings: Mapping) -> str:
     """The distance, and below it the range of the interaction's parameters."""
     ranges = settings["sets"].get(name, {}).get("z_a", {})
-    return "\n".join([distance, *(f"{style.symbol(p)}: {low:g}\nto {high:g}" for p, (low, high) in ranges.items())])
+    return "\n".join([distance, *(f"{plotting.symbol(p)}: {low:g}\nto {high:g}" for p, (low, high) in ranges.items())])
 
 
 def _extent(priors: Mapping[str, Mapping], name: str) -> str:

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from expertaug.errors import InputError
+from expertaug.labels import base_label, is_augmented
 from expertaug.tracking.log_file import COLUMNS, read_rows
-from expertaug.variants import base_label, is_augmented
 
 SETS = {"train": "train", "validation": "validation (IID)", "test": "test (OOD)"}
 CONVENTIONS = {

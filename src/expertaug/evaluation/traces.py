@@ -10,12 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation import fields, style
+from expertaug.evaluation import fields
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import experiment_title, order_labels, set_title
+from expertaug.labels import is_augmented
 from expertaug.tracking.log_file import Log, read_log
-from expertaug.variants import is_augmented
 
 TRUTH = "0.05"
 MOST_DIMENSIONS = 4
@@ -59,9 +60,9 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
     size = first.truth[name].shape[-1]
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
     dimensions = settings.get("dimensions") or list(dict.fromkeys(spread.tolist()))
-    colours = style.colours(labels, settings.get("labels", ()))
-    with style.styled():
-        figure = style.new_figure(0.85 + 1.25 * len(dimensions), min(style.WIDTH, 2.2 + 2.0 * len(samples)))
+    colours = plotting.colours(labels, settings.get("labels", ()))
+    with plotting.styled():
+        figure = plotting.new_figure(0.85 + 1.25 * len(dimensions), min(plotting.WIDTH, 2.2 + 2.0 * len(samples)))
         grid = figure.subplots(len(dimensions), len(samples), squeeze=False, sharex=True, sharey="row")
         for row, dimension in enumerate(dimensions):
             for axis, sample in zip(grid[row], samples, strict=True):
@@ -77,17 +78,17 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
                 if row == len(dimensions) - 1:
                     axis.set_xlabel("t [s]")
             grid[row, 0].set_ylim(*_limits(grid[row], first.truth[name][samples][:, :, dimension]))
-            grid[row, 0].set_ylabel(style.quantity(first.state_names[dimension], first.state_units[dimension]))
+            grid[row, 0].set_ylabel(plotting.quantity(first.state_names[dimension], first.state_units[dimension]))
         grid[0, 0].set_xlim(first.t[0], first.t[-1])
         figure.align_ylabels(grid[:, 0])
         handles = [Line2D([], [], color=TRUTH, linewidth=1.9, label="truth")]
         handles += [Line2D([], [], color=colours[x], linestyle=_dash(x), label=x) for x in labels]
         handles.append(Patch(facecolor="0.92", label="observed window"))
-        style.legend(figure, handles)
+        plotting.legend(figure, handles)
         figure.suptitle(
-            style.text(f"forecasts on the {set_title(name, settings)} set, seed {seed}"), fontsize=7.5, color="0.35"
+            plotting.text(f"forecasts on the {set_title(name, settings)} set, seed {seed}"), fontsize=7.5, color="0.35"
         )
-        style.save(figure, outputs)
+        plotting.save(figure, outputs)
 
 
 def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
@@ -113,9 +114,9 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
     if not metrics:
         raise InputError("logs", "none of them has the metrics", f"trainings log {', '.join(METRICS)}")
     labels = order_labels([label for group in found.values() for label in group], settings.get("labels", ()))
-    colours = style.colours(labels, settings.get("labels", ()))
-    with style.styled():
-        figure = style.new_figure(0.6 + 2.1 * len(found), style.WIDTH)
+    colours = plotting.colours(labels, settings.get("labels", ()))
+    with plotting.styled():
+        figure = plotting.new_figure(0.6 + 2.1 * len(found), plotting.WIDTH)
         grid = figure.subplots(len(found), len(metrics), squeeze=False)
         for row, (experiment, group) in enumerate(found.items()):
             for axis, (metric, title) in zip(grid[row], metrics.items(), strict=True):
@@ -127,8 +128,8 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
                 axis.grid(axis="y")
         handles = [Line2D([], [], color=colours[x], linestyle=_dash(x), label=x) for x in labels]
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
-        style.legend(figure, handles)
-        style.save(figure, outputs)
+        plotting.legend(figure, handles)
+        plotting.save(figure, outputs)
 
 
 def _limits(axes: Sequence[Axes], truth: np.ndarray) -> tuple[float, float]:
@@ -197,7 +198,7 @@ def _dash(label: str) -> object:
 def _sample_title(data: Forecasts, name: str, sample: int) -> str:
     values = data.truths[name][data.index[name][sample]]
     texts = [
-        f"{style.symbol(parameter)} = {value:.3g} {unit}".strip()
+        f"{plotting.symbol(parameter)} = {value:.3g} {unit}".strip()
         for parameter, unit, value in zip(data.parameter_names, data.parameter_units, values, strict=True)
     ]
     return ", ".join(texts[:2]).replace("-", "−")

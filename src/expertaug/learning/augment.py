@@ -11,7 +11,7 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 
 def augment(model: Path, data: Path, output: Path, settings: Mapping) -> None:

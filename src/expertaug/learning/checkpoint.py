@@ -16,7 +16,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
 
 PACKAGE = Path(__file__).parents[1]
-CODE = ("learning", "models", "systems", "types.py", "config/presets.py")
+CODE = ("learning", "models", "systems", "trajectories.py", "config/presets.py")
 
 
 def fingerprint(settings: Mapping, inputs: list[Path]) -> str:

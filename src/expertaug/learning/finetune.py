@@ -12,7 +12,7 @@ from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.models.hybrid import HybridModel
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 
 def finetune(

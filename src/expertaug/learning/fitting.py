@@ -9,13 +9,13 @@ from pathlib import Path
 
 import torch
 
-from expertaug.kinds import find
 from expertaug.learning import snapshots
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
 from expertaug.models.hybrid import HybridModel
+from expertaug.registry import find
 from expertaug.tracking.runlog import RunLog
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 
 @dataclass(frozen=True)

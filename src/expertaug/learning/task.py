@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.systems.solver import Solver
-from expertaug.types import points_until
+from expertaug.trajectories import points_until
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,14 @@ import torch
 
 from expertaug import systems
 from expertaug.files import read_json
-from expertaug.kinds import find
 from expertaug.learning.fitting import fit
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.models.mean import MeanModel
-from expertaug.types import Trajectories, points_until
+from expertaug.registry import find
+from expertaug.trajectories import Trajectories, points_until
 
 
 def train(

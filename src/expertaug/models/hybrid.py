@@ -10,9 +10,9 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.kinds import find
 from expertaug.models.likelihood import GaussianLikelihood
 from expertaug.models.posterior import Posterior
+from expertaug.registry import find
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
 

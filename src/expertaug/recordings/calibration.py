@@ -15,7 +15,7 @@ from expertaug.files import write_json
 from expertaug.recordings.fitting import Fit, fit_constants, implied_rate
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import Constants, accelerations
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def calibrate(train: str | Path, output: str | Path, settings: Mapping[str, obje
     """Fit the compound expert's constants on the training chunks alone and write ``calibration.json``.
 
     Arguments:
-        train: npz of :class:`expertaug.types.Trajectories`, states (θ1, θ2, θ1', θ2').
+        train: npz of :class:`expertaug.trajectories.Trajectories`, states (θ1, θ2, θ1', θ2').
         output: JSON with the constants, their standard errors (clustered by chunk; chunks that overlap count as
             independent), R², the log-MSE of forecasts of the training chunks, the same with joint friction, the frame
             rate that the motion implies (by the fit with friction) and the settings used.

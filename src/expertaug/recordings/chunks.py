@@ -17,7 +17,7 @@ from expertaug.recordings.options import read_settings
 from expertaug.recordings.smoothing import stretches
 from expertaug.recordings.splitting import SPLITS, keep_apart, label_by_energy, label_by_time
 from expertaug.systems.double_pendulum import energy
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
 
@@ -95,7 +95,7 @@ def split_chunks(
 
     Arguments:
         angles: the ``angles.csv`` of each recording, named by its folder, in any order.
-        output_dir: gets train.npz, validation.npz, test.npz (:class:`expertaug.types.Trajectories`: t from 0 in s,
+        output_dir: gets train.npz, validation.npz, test.npz (:class:`expertaug.trajectories.Trajectories`: t from 0 in s,
             y (N, length, 4) with the first angles in (−π, π], z_e the initial speeds), chunks.csv and splits.json.
         settings: see :class:`ChunkSettings`.
 

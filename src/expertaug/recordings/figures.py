@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.recordings.splitting import SPLITS
-from expertaug.types import Trajectories
+from expertaug.trajectories import Trajectories
 
 COLOURS = {"train": "#0072B2", "validation": "#E69F00", "test": "#D55E00"}  # told apart by the colour-blind as well
 STYLE = {

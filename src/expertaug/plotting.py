@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.variants import base_label, is_augmented
+from expertaug.labels import base_label, is_augmented
 
 WIDTH = 7.0  # inches: the text width of a page
 DPI = 200
