@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from expertaug.errors import InputError
-from expertaug.publish import publish
+from expertaug.evaluation.publish import publish
 
 
 @pytest.fixture

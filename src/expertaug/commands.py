@@ -366,7 +366,7 @@ def _evaluate(a: argparse.Namespace) -> None:
 
 
 def _along(a: argparse.Namespace) -> None:
-    from expertaug.evaluation.along import along
+    from expertaug.evaluation.during_training import along
 
     along(a.snapshots, a.data, a.output, a.work, read_settings(a.settings), _tracking(a))
 
@@ -417,7 +417,7 @@ def _rebuild_tracking(a: argparse.Namespace) -> None:
 
 
 def _publish(a: argparse.Namespace) -> None:
-    from expertaug.publish import publish
+    from expertaug.evaluation.publish import publish
 
     publish(a.config, a.to, a.command)
     logger.info("%s: published", a.to)

@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 import torch
 
-from expertaug.evaluation.along import along
-from expertaug.learning import along as learning_along
+from expertaug.evaluation.during_training import along
+from expertaug.learning import during_training as learning_along
 from expertaug.learning import snapshots
 from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer

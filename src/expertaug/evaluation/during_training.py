@@ -10,8 +10,8 @@ from torch import Tensor
 
 from expertaug.evaluation.evaluate import MAIN_SETS, Scored, score, spread
 from expertaug.files import atomic
-from expertaug.learning.along import BASE, stages
 from expertaug.learning.checkpoint import locked
+from expertaug.learning.during_training import BASE, stages
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.tracking.log_file import COLUMNS
