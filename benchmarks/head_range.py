@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from expertaug.models import store
-from expertaug.models.encoders import RecurrentEncoder
+from expertaug.models.encoders.recurrent import RecurrentEncoder
 from expertaug.models.posterior import constrain
 
 STARTS, STEPS, RATE = 64, 500, 0.05

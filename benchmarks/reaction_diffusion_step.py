@@ -23,7 +23,7 @@ from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import store
-from expertaug.models.convolutional import ConvInteraction, wrap
+from expertaug.models.networks.convolutional import ConvInteraction, wrap
 from expertaug.systems.simulate import sample
 from training_step import median_time
 

@@ -11,18 +11,18 @@ from expertaug.errors import InputError
 
 KINDS = {
     "encoder": {
-        "recurrent": "expertaug.models.encoders:RecurrentEncoder",
-        "window": "expertaug.models.encoders:WindowEncoder",
-        "two_step": "expertaug.models.two_step:MLPTwoStep",
-        "conv_two_step": "expertaug.models.two_step_fields:ConvTwoStep",
-        "conv": "expertaug.models.convolutional:ConvEncoder",
-        "moments": "expertaug.models.moments:MomentEncoder",
+        "recurrent": "expertaug.models.encoders.recurrent:RecurrentEncoder",
+        "window": "expertaug.models.encoders.recurrent:WindowEncoder",
+        "two_step": "expertaug.models.encoders.two_step:MLPTwoStep",
+        "conv_two_step": "expertaug.models.encoders.two_step_fields:ConvTwoStep",
+        "conv": "expertaug.models.networks.convolutional:ConvEncoder",
+        "moments": "expertaug.models.encoders.moments:MomentEncoder",
     },
     "interaction": {
-        "mlp": "expertaug.models.interaction:MLPInteraction",
-        "conv": "expertaug.models.convolutional:ConvInteraction",
-        "polynomial": "expertaug.models.polynomial:PolynomialInteraction",
-        "damping": "expertaug.models.damping:DampingInteraction",
+        "mlp": "expertaug.models.interactions.base:MLPInteraction",
+        "conv": "expertaug.models.networks.convolutional:ConvInteraction",
+        "polynomial": "expertaug.models.interactions.polynomial:PolynomialInteraction",
+        "damping": "expertaug.models.interactions.damping:DampingInteraction",
     },
     "objective": {
         "aphynity": "expertaug.learning.objectives:Aphynity",

@@ -7,8 +7,8 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
-from expertaug.models.convolutional import Conv2d, ConvEncoder, ConvInteraction, convolve, wrap
 from expertaug.models.hybrid import build
+from expertaug.models.networks.convolutional import Conv2d, ConvEncoder, ConvInteraction, convolve, wrap
 from expertaug.systems.solver import Solver
 
 SYSTEM = {"name": "reaction_diffusion"}

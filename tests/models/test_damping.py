@@ -5,7 +5,7 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.models.damping import DampingInteraction
+from expertaug.models.interactions.damping import DampingInteraction
 
 
 @pytest.mark.parametrize(("name", "component"), [("pendulum", "omega"), ("rlc", "I"), ("reaction_diffusion", "u")])

@@ -7,11 +7,11 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
+from expertaug.models.encoders.views import Windows
 from expertaug.models.hybrid import build
-from expertaug.models.layers import GRU, Standardise
 from expertaug.models.mean import MeanModel
+from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
-from expertaug.models.windows import Windows
 from expertaug.systems.solver import Solver
 
 CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}
@@ -186,7 +186,7 @@ def test_a_file_whose_layers_have_changed_is_refused(tmp_path):
 
 def test_an_encoder_from_elsewhere_needs_no_change_here():
     model = PENDULUM["model"] | {
-        "encoder": {"kind": "expertaug.models.encoders:RecurrentEncoder", "hidden": 4, "layers": [3]}
+        "encoder": {"kind": "expertaug.models.encoders.recurrent:RecurrentEncoder", "hidden": 4, "layers": [3]}
     }
     assert build(systems.load({"name": "pendulum"}), torch.arange(3) * 0.1, model).encoder.latent == 4
 

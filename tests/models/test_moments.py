@@ -6,7 +6,7 @@ import torch
 
 from expertaug import systems
 from expertaug.models import store
-from expertaug.models.moments import Moments
+from expertaug.models.encoders.moments import Moments
 from expertaug.systems.simulate import sample
 from expertaug.systems.solver import Solver
 

@@ -6,7 +6,7 @@ import torch
 
 from expertaug import systems
 from expertaug.models import store
-from expertaug.models.polynomial import PolynomialInteraction
+from expertaug.models.interactions.polynomial import PolynomialInteraction
 from expertaug.systems.reaction_diffusion import local_reaction
 from expertaug.systems.solver import Solver
 

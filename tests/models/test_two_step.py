@@ -5,7 +5,7 @@ import torch
 
 from expertaug import systems
 from expertaug.models import store
-from expertaug.models.two_step import LOG_STD, SPREAD
+from expertaug.models.encoders.two_step import LOG_STD, SPREAD
 from expertaug.systems.solver import Solver
 
 SMALL = {"latent_layers": [7, 6], "filter_layers": [6, 5], "expert_layers": [8, 5]}

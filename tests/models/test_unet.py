@@ -5,9 +5,9 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError
+from expertaug.models.encoders.two_step_fields import ConvTwoStep
 from expertaug.models.hybrid import build, stack
-from expertaug.models.two_step_fields import ConvTwoStep
-from expertaug.models.unet import UNet
+from expertaug.models.networks.unet import UNet
 
 SYSTEM = {"name": "reaction_diffusion"}
 SMALL = {"channels": [3, 4], "strides": [1, 2], "layers": [6], "filter_channels": [3, 4, 5], "latent": 2}

@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.layers import GRU, MLP, Linear, Standardise
+from expertaug.models.encoders.views import Windows
+from expertaug.models.networks.layers import GRU, MLP, Linear, Standardise
 from expertaug.models.posterior import Delta, Posterior, constrain
-from expertaug.models.windows import Windows
 from expertaug.systems import System
 
 

@@ -8,14 +8,14 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.convolutional import Conv2d, convolve, wrap
-from expertaug.models.layers import Linear
+from expertaug.models.networks.convolutional import Conv2d, convolve, wrap
+from expertaug.models.networks.layers import Linear
 
 
 class UNet(nn.Module):
     """Periodic U-Net (Ronneberger et al. 2015): every level halves the grid, every hidden layer has a bias by z_a.
 
-    It computes one seed or a block of seeds alike, as :mod:`expertaug.models.convolutional` does.
+    It computes one seed or a block of seeds alike, as :mod:`expertaug.models.networks.convolutional` does.
 
     Arguments:
         fields: channels of input and output.

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.convolutional import differences
-from expertaug.models.layers import MLP, Standardise
+from expertaug.models.networks.convolutional import differences
+from expertaug.models.networks.layers import MLP, Standardise
 from expertaug.models.posterior import Delta, Posterior, constrain
 from expertaug.systems import System
 

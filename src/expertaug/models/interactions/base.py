@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.layers import MLP, Linear, affine
+from expertaug.models.networks.layers import MLP, Linear, affine
 from expertaug.systems import System
 
 

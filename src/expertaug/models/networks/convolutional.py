@@ -1,6 +1,6 @@
 """Convolutional networks for states that are fields on a periodic grid, (channels, height, width).
 
-Like the layers of :mod:`expertaug.models.layers`, they compute one seed or a block of seeds alike: inputs are
+Like the layers of :mod:`expertaug.models.networks.layers`, they compute one seed or a block of seeds alike: inputs are
 (S, B, C, H, W) for stacked parameters and (B, C, H, W) otherwise.  A block is a loop over its seeds: one grouped
 convolution over all of them takes twice the time (benchmarks/reaction_diffusion_step.py).
 """
@@ -15,8 +15,8 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.interaction import Interaction
-from expertaug.models.layers import MLP, Linear
+from expertaug.models.interactions.base import Interaction
+from expertaug.models.networks.layers import MLP, Linear
 from expertaug.models.posterior import Delta, Posterior, constrain
 from expertaug.systems import System
 

@@ -9,8 +9,8 @@ from math import prod
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.interaction import Interaction
-from expertaug.models.layers import MLP
+from expertaug.models.interactions.base import Interaction
+from expertaug.models.networks.layers import MLP
 from expertaug.systems import System
 
 # Standard deviations of the training set from which the terms stay constant: no cubic sends a forecast to infinity.

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.layers import MLP, Linear, Standardise
+from expertaug.models.encoders.views import States, Windows
+from expertaug.models.networks.layers import MLP, Linear, Standardise
 from expertaug.models.posterior import Gaussian, Normal, Posterior
-from expertaug.models.windows import States, Windows
 from expertaug.systems import System
 
 LOG_STD, SPREAD = -3.0, 4.0  # standard deviations begin near e⁻³ and stay within e⁻⁷ and e
@@ -78,7 +78,7 @@ class MLPTwoStep(TwoStep):
     Arguments:
         latent: size of z_a.
         latent_layers, filter_layers, expert_layers: hidden layers of g_a, g_p1 and g_p2.
-        windows, angles: what the encoder sees, as :class:`expertaug.models.windows.Windows` has it; null for all
+        windows, angles: what the encoder sees, as :class:`expertaug.models.encoders.views.Windows` has it; null for all
             states.
         skip: whether a linear map of the inputs is added to g_p2's output.
         activation: of all three.

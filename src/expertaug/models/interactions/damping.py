@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from torch import Tensor
 from torch.nn.functional import softplus
 
-from expertaug.models.interaction import Interaction
-from expertaug.models.layers import Linear
+from expertaug.models.interactions.base import Interaction
+from expertaug.models.networks.layers import Linear
 from expertaug.systems import System
 
 START = -2.0  # of the argument of softplus: a damping of .13 per unit of time
