@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 
 from expertaug.files import read_json
-from expertaug.recordings.angles import measure_angles
-from expertaug.recordings.archive import import_markers, list_marker_files
-from expertaug.recordings.render import RenderSettings, encode, markers, motion, poses
-from expertaug.recordings.scene import Scene
+from expertaug.recordings.angles.measure import measure_angles
+from expertaug.recordings.imports.ibm import import_markers, list_marker_files
+from expertaug.recordings.rendering.render import RenderSettings, encode, markers, motion, poses
+from expertaug.recordings.rendering.scene import Scene
 
 SIZE, RATE_HZ = 480, 400.0
 

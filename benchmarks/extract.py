@@ -15,8 +15,8 @@ from pathlib import Path
 
 import cv2
 
-from expertaug.recordings.frames import FrameStore, extract_frames
-from expertaug.recordings.render import render_recording
+from expertaug.recordings.rendering.render import render_recording
+from expertaug.recordings.video.frame_store import FrameStore, extract_frames
 
 RATE_HZ, ROUNDS = 400, 5
 

@@ -27,12 +27,12 @@ from matplotlib.figure import Figure
 
 from clips import recordings_folder
 from expertaug.files import atomic
-from expertaug.recordings.figures import STYLE
-from expertaug.recordings.geometry import Geometry, estimate_geometry
-from expertaug.recordings.render import RenderSettings, encode
-from expertaug.recordings.scene import Pose, Scene
-from expertaug.recordings.track_settings import TrackSettings
-from expertaug.recordings.tracker import track_frames
+from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
+from expertaug.recordings.markers.settings import TrackSettings
+from expertaug.recordings.markers.tracker import track_frames
+from expertaug.recordings.rendering.render import RenderSettings, encode
+from expertaug.recordings.rendering.scene import Pose, Scene
+from expertaug.recordings.reports.splits import STYLE
 
 CHANNELS = (("blue", "#0072B2"), ("green", "#009E73"), ("red", "#D55E00"))
 MARKERS = ("red", "green", "blue")

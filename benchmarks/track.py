@@ -23,14 +23,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy
 import cv2
 import numpy as np
 
-from expertaug.recordings.frames import FrameStore, extract_frames
-from expertaug.recordings.geometry import estimate_geometry
-from expertaug.recordings.look import ROLES, STYLES
-from expertaug.recordings.markers import track_markers
-from expertaug.recordings.render import RenderSettings, encode, markers, motion, poses
-from expertaug.recordings.scene import HALF, RADIUS, Scene
-from expertaug.recordings.track_settings import TrackSettings
-from expertaug.recordings.tracker import Track, track_frames
+from expertaug.recordings.markers.appearance import ROLES, STYLES
+from expertaug.recordings.markers.geometry import estimate_geometry
+from expertaug.recordings.markers.settings import TrackSettings
+from expertaug.recordings.markers.track import track_markers
+from expertaug.recordings.markers.tracker import Track, track_frames
+from expertaug.recordings.rendering.render import RenderSettings, encode, markers, motion, poses
+from expertaug.recordings.rendering.scene import HALF, RADIUS, Scene
+from expertaug.recordings.video.frame_store import FrameStore, extract_frames
 
 SECONDS = 10  # of each recording: launches are fastest at first
 RECORDINGS = 8

@@ -12,15 +12,15 @@ from expertaug.config import checks, jobs, reference, stage_settings
 from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.learning.trainer import TrainSettings
-from expertaug.recordings.angles import AngleSettings
-from expertaug.recordings.archive import ArchiveSettings, MarkerSettings
-from expertaug.recordings.calibration import CalibrationSettings
-from expertaug.recordings.chunks import ChunkSettings
-from expertaug.recordings.frames import ExtractSettings
-from expertaug.recordings.look import Look
-from expertaug.recordings.motion import Launch
-from expertaug.recordings.render import RenderSettings
-from expertaug.recordings.track_settings import TrackSettings
+from expertaug.recordings.angles.calibration import CalibrationSettings
+from expertaug.recordings.angles.measure import AngleSettings
+from expertaug.recordings.chunks.cut import ChunkSettings
+from expertaug.recordings.imports.ibm import ArchiveSettings, MarkerSettings
+from expertaug.recordings.markers.appearance import Look
+from expertaug.recordings.markers.settings import TrackSettings
+from expertaug.recordings.rendering.motion import Launch
+from expertaug.recordings.rendering.render import RenderSettings
+from expertaug.recordings.video.frame_store import ExtractSettings
 from expertaug.systems.solver import Solver
 
 ROOT = Path(__file__).parents[1]

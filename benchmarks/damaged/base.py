@@ -13,8 +13,8 @@ from pathlib import Path
 import av
 import numpy as np
 
-from expertaug.recordings.render import encode, poses
-from expertaug.recordings.scene import Scene
+from expertaug.recordings.rendering.render import encode, poses
+from expertaug.recordings.rendering.scene import Scene
 
 REFUSED, EITHER = "refused", "either"  # EITHER: read as it was, or refused
 FRAMES, SIZE, RATE = 24, 96, 400

@@ -227,7 +227,7 @@ def _init_tracking(a: argparse.Namespace) -> None:
 
 
 def _render_video(a: argparse.Namespace) -> None:
-    from expertaug.recordings.render import render_recording
+    from expertaug.recordings.rendering.render import render_recording
 
     render_recording(a.index, a.output, a.truth, read_settings(a.settings))
 
@@ -240,31 +240,31 @@ def _take(a: argparse.Namespace, task: Callable[[], None], source: Path, outputs
 
 
 def _extract_frames(a: argparse.Namespace) -> None:
-    from expertaug.recordings.frames import extract_frames
+    from expertaug.recordings.video.frame_store import extract_frames
 
     _take(a, lambda: extract_frames(a.video, a.output, read_settings(a.settings)), a.video, [a.output])
 
 
 def _track_markers(a: argparse.Namespace) -> None:
-    from expertaug.recordings.markers import track_markers
+    from expertaug.recordings.markers.track import track_markers
 
     _take(a, lambda: track_markers(a.frames, a.output, read_settings(a.settings)), a.frames, [a.output])
 
 
 def _unpack_markers(a: argparse.Namespace) -> None:
-    from expertaug.recordings.archive import unpack_archive
+    from expertaug.recordings.imports.ibm import unpack_archive
 
     unpack_archive(a.archive, a.output, read_settings(a.settings))
 
 
 def _import_markers(a: argparse.Namespace) -> None:
-    from expertaug.recordings.archive import import_markers
+    from expertaug.recordings.imports.ibm import import_markers
 
     _take(a, lambda: import_markers(a.csv, a.output, read_settings(a.settings)), a.csv, [a.output])
 
 
 def _measure_angles(a: argparse.Namespace) -> None:
-    from expertaug.recordings.angles import measure_angles
+    from expertaug.recordings.angles.measure import measure_angles
 
     outputs = [a.output, a.summary]
     _take(a, lambda: measure_angles(a.markers, *outputs, read_settings(a.settings)), a.markers, outputs)
@@ -272,7 +272,7 @@ def _measure_angles(a: argparse.Namespace) -> None:
 
 def _summarise_recordings(a: argparse.Namespace) -> None:
     from expertaug.recordings.intake import divide
-    from expertaug.recordings.summary import summarise
+    from expertaug.recordings.reports.summary import summarise
 
     kept, refused = divide(a.summaries)
     summarise(kept, a.output, a.markdown, refused)
@@ -280,7 +280,7 @@ def _summarise_recordings(a: argparse.Namespace) -> None:
 
 def _plot_recording(a: argparse.Namespace) -> None:
     from expertaug.recordings.intake import refusal
-    from expertaug.recordings.page import plot_recording, plot_refused
+    from expertaug.recordings.reports.page import plot_recording, plot_refused
 
     reason = refusal(a.summary)
     if reason is None:
@@ -291,7 +291,7 @@ def _plot_recording(a: argparse.Namespace) -> None:
 
 def _overlay(a: argparse.Namespace) -> None:
     from expertaug.recordings.intake import refusal
-    from expertaug.recordings.overlay import note, overlay
+    from expertaug.recordings.reports.overlay import note, overlay
 
     forecasts = dict(text.partition("=")[::2] for text in a.forecasts)
     for label, path in forecasts.items():
@@ -306,7 +306,7 @@ def _overlay(a: argparse.Namespace) -> None:
 
 def _inspect(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
-    from expertaug.recordings.inspect import inspect
+    from expertaug.recordings.inspection.inspect import inspect
 
     default = Path("config", "config.yaml")
     files = a.config or ([default] if default.is_file() else [])
@@ -317,20 +317,20 @@ def _inspect(a: argparse.Namespace) -> None:
 
 
 def _split_chunks(a: argparse.Namespace) -> None:
-    from expertaug.recordings.chunks import split_chunks
+    from expertaug.recordings.chunks.cut import split_chunks
     from expertaug.recordings.intake import divide
 
     split_chunks(divide(a.angles)[0], a.output, read_settings(a.settings))
 
 
 def _plot_splits(a: argparse.Namespace) -> None:
-    from expertaug.recordings.figures import plot_splits
+    from expertaug.recordings.reports.splits import plot_splits
 
     plot_splits(a.data, a.output)
 
 
 def _calibrate(a: argparse.Namespace) -> None:
-    from expertaug.recordings.calibration import calibrate
+    from expertaug.recordings.angles.calibration import calibrate
 
     calibrate(a.train, a.output, read_settings(a.settings))
 

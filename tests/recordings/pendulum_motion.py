@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from expertaug.recordings.motion import simulate
+from expertaug.recordings.rendering.motion import simulate
 from expertaug.systems.double_pendulum import Constants
 
 CONSTANTS = Constants(B1=0.103, G1=69.4, B2=1.366, G2=93.6)

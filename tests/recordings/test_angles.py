@@ -7,10 +7,10 @@ import pytest
 from pendulum_motion import CONSTANTS, markers, real_recordings, truth
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles import measure_angles
-from expertaug.recordings.archive import import_markers, list_marker_files
-from expertaug.recordings.motion import simulate
-from expertaug.recordings.summary import summarise
+from expertaug.recordings.angles.measure import measure_angles
+from expertaug.recordings.imports.ibm import import_markers, list_marker_files
+from expertaug.recordings.rendering.motion import simulate
+from expertaug.recordings.reports.summary import summarise
 from expertaug.systems.double_pendulum import GRAVITY
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]

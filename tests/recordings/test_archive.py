@@ -9,7 +9,7 @@ from pendulum_motion import markers, truth
 
 from expertaug.errors import InputError
 from expertaug.files import sha256
-from expertaug.recordings.archive import import_markers, list_marker_files, unpack_archive
+from expertaug.recordings.imports.ibm import import_markers, list_marker_files, unpack_archive
 
 ROW = "1201,1221,977,1782,1437,1744\n"
 

@@ -6,11 +6,11 @@ import torch
 from pendulum_motion import CONSTANTS, FRICTION, markers, real_recordings, truth
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles import measure_angles
-from expertaug.recordings.archive import import_markers, list_marker_files
-from expertaug.recordings.calibration import calibrate, forecast, forecast_log_mse
-from expertaug.recordings.chunks import split_chunks
-from expertaug.recordings.fitting import fit_constants, implied_rate
+from expertaug.recordings.angles.calibration import calibrate, forecast, forecast_log_mse
+from expertaug.recordings.angles.measure import measure_angles
+from expertaug.recordings.angles.pendulum_fit import fit_constants, implied_rate
+from expertaug.recordings.chunks.cut import split_chunks
+from expertaug.recordings.imports.ibm import import_markers, list_marker_files
 from expertaug.systems.double_pendulum import Constants, energy, point_masses
 from expertaug.trajectories import Trajectories
 

@@ -6,11 +6,11 @@ import pytest
 from pendulum_motion import CONSTANTS, real_recordings, truth
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles import measure_angles
-from expertaug.recordings.archive import import_markers, list_marker_files
-from expertaug.recordings.chunks import split_chunks
-from expertaug.recordings.figures import plot_splits
-from expertaug.recordings.splitting import SPLITS, keep_apart, label_blocks
+from expertaug.recordings.angles.measure import measure_angles
+from expertaug.recordings.chunks.cut import split_chunks
+from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, label_blocks
+from expertaug.recordings.imports.ibm import import_markers, list_marker_files
+from expertaug.recordings.reports.splits import plot_splits
 from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
 

@@ -12,9 +12,9 @@ from expertaug import cli
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
-from expertaug.recordings.disks import hsv
-from expertaug.recordings.inspect import inspect
-from expertaug.recordings.look import Look
+from expertaug.recordings.inspection.inspect import inspect
+from expertaug.recordings.markers.appearance import Look
+from expertaug.recordings.markers.quadrant_disks import hsv
 
 ROOT = Path(__file__).parents[2]
 FILES = [ROOT / "config" / "config.yaml"]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.disks import Palette, hsv
-from expertaug.recordings.look import COLOURS, Look
+from expertaug.recordings.markers.appearance import COLOURS, Look
+from expertaug.recordings.markers.quadrant_disks import Palette, hsv
 
 
 def test_defaults_are_the_quadrants_of_the_dataset():

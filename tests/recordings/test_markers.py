@@ -10,14 +10,14 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug.recordings.columns import MARKERS
-from expertaug.recordings.frames import writing
-from expertaug.recordings.geometry import estimate_geometry
-from expertaug.recordings.markers import track_markers
-from expertaug.recordings.pictures import Layout
-from expertaug.recordings.render import markers, poses
-from expertaug.recordings.scene import Scene
-from expertaug.recordings.track_settings import TrackSettings
-from expertaug.recordings.tracker import track_frames
+from expertaug.recordings.markers.geometry import estimate_geometry
+from expertaug.recordings.markers.settings import TrackSettings
+from expertaug.recordings.markers.track import track_markers
+from expertaug.recordings.markers.tracker import track_frames
+from expertaug.recordings.rendering.render import markers, poses
+from expertaug.recordings.rendering.scene import Scene
+from expertaug.recordings.video.frame_store import writing
+from expertaug.recordings.video.pixel_layout import Layout
 
 ARMS, PIVOT, RATE = (120.4, 92.2), (240.1, 238.2), 100.0
 REAL = Path(

@@ -3,9 +3,9 @@ import pytest
 import torch
 
 from expertaug.errors import InputError
-from expertaug.recordings import motion
-from expertaug.recordings.motion import Launch, simulate
-from expertaug.recordings.render import RenderSettings
+from expertaug.recordings.rendering import motion
+from expertaug.recordings.rendering.motion import Launch, simulate
+from expertaug.recordings.rendering.render import RenderSettings
 from expertaug.systems.double_pendulum import Constants, accelerations, energy
 
 CONSTANTS = Constants(B1=0.103, G1=69.4, B2=1.35, G2=93.5)

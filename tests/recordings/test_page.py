@@ -8,11 +8,11 @@ import pytest
 from pendulum_motion import CONSTANTS, markers, truth
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles import NO_PIVOT, measure_angles
-from expertaug.recordings.chunks import split_chunks
-from expertaug.recordings.page import _heading, plot_recording, plot_refused
-from expertaug.recordings.summary import summarise
-from expertaug.recordings.tilt import implied_tilt
+from expertaug.recordings.angles.measure import NO_PIVOT, measure_angles
+from expertaug.recordings.angles.tilt import implied_tilt
+from expertaug.recordings.chunks.cut import split_chunks
+from expertaug.recordings.reports.page import _heading, plot_recording, plot_refused
+from expertaug.recordings.reports.summary import summarise
 
 FLAGS = {  # reason of the tracker → frames and what it says of them
     "lost:blue": (1000, 1040),

@@ -111,7 +111,7 @@ def recording_names():
     """Names of the recordings; of an archive they are known only when it is unpacked."""
     if RECORDINGS is not None:
         return list(RECORDINGS)
-    from expertaug.recordings.archive import list_marker_files
+    from expertaug.recordings.imports.ibm import list_marker_files
 
     return list(list_marker_files(checkpoints.unpack_markers.get().output.folder))
 
@@ -125,7 +125,7 @@ def marker_csv(name):
     """The marker CSV of a recording in the user's folder or in the unpacked archive."""
     if RECORDINGS is not None:
         return RECORDINGS[name]
-    from expertaug.recordings.archive import list_marker_files
+    from expertaug.recordings.imports.ibm import list_marker_files
 
     return str(list_marker_files(checkpoints.unpack_markers.get().output.folder)[name])
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from expertaug.config import signatures, stage_code, study_checks
 from expertaug.config.names import require, require_all, require_keys, require_parameters, suggest
 from expertaug.errors import InputError
-from expertaug.recordings.look import Look
+from expertaug.recordings.markers.appearance import Look
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
@@ -300,7 +300,7 @@ def _files(recordings: Mapping) -> dict[str, Path] | None:
         return list_videos(path)
     if Path(path).is_file():
         return None
-    from expertaug.recordings.archive import list_marker_files
+    from expertaug.recordings.imports.ibm import list_marker_files
 
     return list_marker_files(path)
 

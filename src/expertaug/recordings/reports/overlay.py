@@ -14,13 +14,13 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.recordings import drawing
-from expertaug.recordings.angles import INTERPOLATED, MEASURED
+from expertaug.recordings.angles.measure import INTERPOLATED, MEASURED
 from expertaug.recordings.columns import PLACES
 from expertaug.recordings.options import read_settings
-from expertaug.recordings.predicted import Forecast, read_forecasts
-from expertaug.recordings.render import encode
-from expertaug.recordings.video import Video
+from expertaug.recordings.rendering.render import encode
+from expertaug.recordings.reports import drawing
+from expertaug.recordings.reports.forecasts import Forecast, read_forecasts
+from expertaug.recordings.video.reader import Video
 
 HEIGHTS = (480, 1080)  # px of the frames in the overlay: smaller ones are enlarged, larger ones reduced
 PANEL, MARGIN = 170, 8  # px of the panel of angles below, and round it

@@ -1,6 +1,6 @@
 """Following the three markers of one pendulum from frame to frame.
 
-Each marker is predicted from the last frames and fitted there (:mod:`expertaug.recordings.disks`); one that is not at
+Each marker is predicted from the last frames and fitted there (:mod:`expertaug.recordings.markers.quadrant_disks`); one that is not at
 its predicted place is searched on the ring that its arm allows round its parent, and only without a parent in the whole
 frame.  A marker that is not found stays missing: no position is invented.
 """
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from expertaug.recordings.disks import Disks
-from expertaug.recordings.geometry import Geometry, best, sound
-from expertaug.recordings.plain import fitter
-from expertaug.recordings.track_settings import TrackSettings
+from expertaug.recordings.markers.geometry import Geometry, best, sound
+from expertaug.recordings.markers.plain_disks import fitter
+from expertaug.recordings.markers.quadrant_disks import Disks
+from expertaug.recordings.markers.settings import TrackSettings
 
 PIVOT, JOINT, TIP = range(3)
 STIFFNESS = 5.0  # once the diameter is known: a disk covered by a quarter is then .3 px off instead of 2 px

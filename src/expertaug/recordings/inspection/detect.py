@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.recordings.disks import Disks
-from expertaug.recordings.geometry import DIAMETERS, LARGEST, centre_of_circle
-from expertaug.recordings.look import SATURATION, STYLES, Colour, Look
-from expertaug.recordings.plain import fitter, mask_of
+from expertaug.recordings.markers.appearance import SATURATION, STYLES, Colour, Look
+from expertaug.recordings.markers.geometry import DIAMETERS, LARGEST, centre_of_circle
+from expertaug.recordings.markers.plain_disks import fitter, mask_of
+from expertaug.recordings.markers.quadrant_disks import Disks
 
 MIN_LEVEL, RIM_TOLERANCE = 24.0, 0.6  # of the fitters, the second at 25 px of diameter
 MIN_SHARE = 0.6  # of a rim

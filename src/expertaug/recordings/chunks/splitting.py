@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.recordings.smoothing import stretches
+from expertaug.recordings.angles.smoothing import stretches
 
 SPLITS = ("train", "validation", "test")
 Shares = tuple[float, float, float]  # of SPLITS, in that order

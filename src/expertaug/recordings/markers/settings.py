@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from expertaug.errors import InputError
-from expertaug.recordings.look import Look
+from expertaug.recordings.markers.appearance import Look
 from expertaug.recordings.options import read_settings
 
 OPEN = ("marker_diameter_px", "arm1_px", "arm2_px")  # measured where they are null

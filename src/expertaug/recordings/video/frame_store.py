@@ -1,6 +1,6 @@
 """The frames of one recording in one lossless, seekable file.
 
-Frames are kept as the decoder gives them (:mod:`expertaug.recordings.pictures`).  They are mostly black, so that the
+Frames are kept as the decoder gives them (:mod:`expertaug.recordings.video.pixel_layout`).  They are mostly black, so that the
 fastest compressor (LZ4) keeps a frame in some 18 kB of its 346 kB and costs less than decoding it did.  The file is a
 Blosc2 frame: chunks of some frames, each in blocks that fit a cache and are unpacked singly, and a dictionary beside
 them.
@@ -20,8 +20,8 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.recordings.pictures import Layout
-from expertaug.recordings.video import Video
+from expertaug.recordings.video.pixel_layout import Layout
+from expertaug.recordings.video.reader import Video
 
 FORMAT = "expertaug frames 2"
 CHUNK_BYTES = 16 * 480 * 480 * 3  # memory that writing needs, and what a sequential reader unpacks at once
@@ -242,7 +242,7 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
     """Decode a video into a frame store at the analysis rate; memory does not grow with the length.
 
     Arguments:
-        video: a file as :class:`~expertaug.recordings.video.Video` takes.
+        video: a file as :class:`~expertaug.recordings.video.reader.Video` takes.
         store: file to write.
         settings: of :class:`ExtractSettings`.
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from expertaug.recordings.disks import INNER, LUMA, DiskFitter, hsv
-from expertaug.recordings.look import Colour, Look
+from expertaug.recordings.markers.appearance import Colour, Look
+from expertaug.recordings.markers.quadrant_disks import INNER, LUMA, DiskFitter, hsv
 
 OUTSIDE = 3  # samples at the end of a ray that tell what lies beyond the rim
 COLOUR_WEIGHT = 0.01

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.recordings.fitting import fit_constants
+from expertaug.recordings.angles.pendulum_fit import fit_constants
 
 STEPS_DEG = (12.0, 3.0, 1.0)  # between the three directions that are tried in each pass
 
@@ -13,12 +13,12 @@ STEPS_DEG = (12.0, 3.0, 1.0)  # between the three directions that are tried in e
 def implied_tilt(y: np.ndarray, interval: float, every: int) -> float | None:
     """By how many degrees gravity is off the direction from which the angles are measured.
 
-    The pendulum's equations (:mod:`expertaug.recordings.fitting`) explain the motion best where they pull in the right
+    The pendulum's equations (:mod:`expertaug.recordings.angles.pendulum_fit`) explain the motion best where they pull in the right
     direction, and what they leave unexplained grows with the square of the error.
 
     Arguments:
         y: states (T, 4), evenly spaced; NaN where they are not known.
-        interval, every: as of :func:`expertaug.recordings.fitting.fit_constants`.
+        interval, every: as of :func:`expertaug.recordings.angles.pendulum_fit.fit_constants`.
 
     Returns:
         degrees, positive where gravity points towards positive angles; None where the fits do not tell.

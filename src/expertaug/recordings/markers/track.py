@@ -15,10 +15,10 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.recordings.columns import MARKERS
-from expertaug.recordings.frames import FrameStore
-from expertaug.recordings.geometry import Geometry, estimate_geometry, measure_diameter
-from expertaug.recordings.track_settings import TrackSettings
-from expertaug.recordings.tracker import UNUSABLE, Track, track_frames
+from expertaug.recordings.markers.geometry import Geometry, estimate_geometry, measure_diameter
+from expertaug.recordings.markers.settings import TrackSettings
+from expertaug.recordings.markers.tracker import UNUSABLE, Track, track_frames
+from expertaug.recordings.video.frame_store import FrameStore
 
 DIAMETER_FRAMES = 12  # on which an unknown diameter is measured
 
@@ -29,8 +29,8 @@ def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, 
     Arguments:
         store: frame store of one recording, evenly timed.
         output: CSV with one row a frame: frame, t (s), x and y of the markers (px from the centre of the top-left
-            pixel, y down; empty where lost), quality, reason (:class:`~expertaug.recordings.tracker.Track`).
-        settings: keys of :class:`~expertaug.recordings.tracker.TrackSettings`.
+            pixel, y down; empty where lost), quality, reason (:class:`~expertaug.recordings.markers.tracker.Track`).
+        settings: keys of :class:`~expertaug.recordings.markers.tracker.TrackSettings`.
 
     Returns:
         What was written.

@@ -17,8 +17,8 @@ import pandas as pd
 from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
 from expertaug.recordings.columns import PLACES
+from expertaug.recordings.imports.unpacking import unpack
 from expertaug.recordings.options import read_settings
-from expertaug.recordings.unpacking import unpack
 
 IBM_FOLDER = "dpc_dataset_csv"  # the dataset's archive keeps its marker CSVs in original/dpc_dataset_csv/
 IBM_COLUMNS = ("y_red", "x_red", "y_green", "x_green", "y_blue", "x_blue")

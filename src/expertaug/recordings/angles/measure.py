@@ -14,11 +14,11 @@ from scipy.ndimage import uniform_filter1d
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, write_json
+from expertaug.recordings.angles.pendulum_fit import fit_constants, implied_rate
+from expertaug.recordings.angles.smoothing import Motion, smooth_motion, window_frames
+from expertaug.recordings.angles.tilt import implied_tilt
 from expertaug.recordings.columns import MARKERS, PLACES
-from expertaug.recordings.fitting import fit_constants, implied_rate
 from expertaug.recordings.options import read_settings
-from expertaug.recordings.smoothing import Motion, smooth_motion, window_frames
-from expertaug.recordings.tilt import implied_tilt
 from expertaug.systems.double_pendulum import energy
 
 NO_PIVOT = "pivot_interpolated"  # reason of a measured frame whose pivot comes from its neighbours

@@ -17,7 +17,7 @@ import av
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.recordings.pictures import Layout
+from expertaug.recordings.video.pixel_layout import Layout
 
 RATES_HZ = (1.0, 20_000.0)  # outside, a declared frame rate is taken for a missing one
 MIN_SIDE_PX, MAX_PX = 16, 2**25  # of an image: 8K video has 2^24.98 px, a forged header millions of millions

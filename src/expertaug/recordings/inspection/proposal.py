@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from expertaug.recordings.look import COLOURS, ROLES, Colour
-from expertaug.recordings.sighting import Pendulum
-from expertaug.recordings.track_settings import TrackSettings
+from expertaug.recordings.inspection.detect import Pendulum
+from expertaug.recordings.markers.appearance import COLOURS, ROLES, Colour
+from expertaug.recordings.markers.settings import TrackSettings
 
 PLAIN_DIAMETER = 25.0  # px for which the tracker's tolerances are made
 RANGE_DEG = 25.0  # half a proposed range of hues, or less where markers are nearer to each other

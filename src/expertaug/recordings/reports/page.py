@@ -16,9 +16,9 @@ from matplotlib.ticker import MaxNLocator
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_json
-from expertaug.recordings.angles import INTERPOLATED, MEASURED, UNUSABLE
+from expertaug.recordings.angles.measure import INTERPOLATED, MEASURED, UNUSABLE
 from expertaug.recordings.columns import PLACES
-from expertaug.recordings.figures import STYLE
+from expertaug.recordings.reports.splits import STYLE
 
 WRONG = "#B00020"
 FIRST, SECOND = "#0072B2", "#D55E00"  # of the two arms
@@ -33,7 +33,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
     how many frames have which reason.  Frames that are not used have lighter dots.
 
     Arguments:
-        markers, angles, summary: of :func:`expertaug.recordings.angles.measure_angles`.
+        markers, angles, summary: of :func:`expertaug.recordings.angles.measure.measure_angles`.
         output: .png or .pdf.
 
     Raises:

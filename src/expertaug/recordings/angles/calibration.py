@@ -12,7 +12,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.files import write_json
-from expertaug.recordings.fitting import Fit, fit_constants, implied_rate
+from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants, implied_rate
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import Constants, accelerations
 from expertaug.trajectories import Trajectories

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.recordings.splitting import SPLITS
+from expertaug.recordings.chunks.splitting import SPLITS
 from expertaug.trajectories import Trajectories
 
 COLOURS = {"train": "#0072B2", "validation": "#E69F00", "test": "#D55E00"}  # told apart by the colour-blind as well
@@ -32,7 +32,7 @@ def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path
     """Draw how the initial angles, speeds and energies of train, validation and test chunks are distributed.
 
     Arguments:
-        data_dir: what :func:`expertaug.recordings.chunks.split_chunks` wrote.
+        data_dir: what :func:`expertaug.recordings.chunks.cut.split_chunks` wrote.
         outputs: one or more .png or .pdf files.
 
     Raises:

@@ -13,13 +13,14 @@ import yaml
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.recordings import drawing, proposal
-from expertaug.recordings.geometry import Geometry, best, estimate_geometry
-from expertaug.recordings.look import ROLES
-from expertaug.recordings.plain import fitter
-from expertaug.recordings.sighting import Spot, look_for_pendulum
-from expertaug.recordings.track_settings import TrackSettings
-from expertaug.recordings.video import Video
+from expertaug.recordings.inspection import proposal
+from expertaug.recordings.inspection.detect import Spot, look_for_pendulum
+from expertaug.recordings.markers.appearance import ROLES
+from expertaug.recordings.markers.geometry import Geometry, best, estimate_geometry
+from expertaug.recordings.markers.plain_disks import fitter
+from expertaug.recordings.markers.settings import TrackSettings
+from expertaug.recordings.reports import drawing
+from expertaug.recordings.video.reader import Video
 
 FRAMES, MEMORY = 24, 2**28  # frames that are looked at, and bytes that they may take
 SHOWN, SHOWN_WIDTH = 6, 480  # frames on the contact sheet, and their width in px
@@ -47,7 +48,7 @@ def inspect(video: str | Path, sheet: str | Path, base: Mapping | None = None, r
     """Look for a pendulum's markers in a video and propose the configuration that tracks them.
 
     Arguments:
-        video: a file as :class:`~expertaug.recordings.video.Video` takes.
+        video: a file as :class:`~expertaug.recordings.video.reader.Video` takes.
         sheet: contact sheet to write, .png or .jpg: some frames with what was seen on them.
         base: configuration to which the proposal will be added (expertaug.config.load.validate's result): the chunks of its
             experiments on recordings are fitted to the video's rate; None leaves them out.

@@ -1,6 +1,6 @@
 """Finding quadrant disks in one frame: candidates by shape, then the centre by rim and quadrants, then the colour.
 
-Disks of one colour are found by :mod:`expertaug.recordings.plain`, by the same circle.
+Disks of one colour are found by :mod:`expertaug.recordings.markers.plain_disks`, by the same circle.
 
 The centre is the weighted mean of two independent measurements on one polar grid: a robust circle through the points
 where 48 rays leave the disk (rays on which an arm or a neighbour touches the rim drop out), and the point about which
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from expertaug.recordings.look import Colour, Look
+from expertaug.recordings.markers.appearance import Colour, Look
 
 MIN_QUADRANT = 0.4  # share of the brightness' variance round the disk at two periods a turn; .81 for ideal quadrants
 

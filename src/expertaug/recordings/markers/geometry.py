@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.recordings.disks import Disks
-from expertaug.recordings.look import WHERE
-from expertaug.recordings.plain import fitter
-from expertaug.recordings.track_settings import TrackSettings
+from expertaug.recordings.markers.appearance import WHERE
+from expertaug.recordings.markers.plain_disks import fitter
+from expertaug.recordings.markers.quadrant_disks import Disks
+from expertaug.recordings.markers.settings import TrackSettings
 
 DIAMETERS = (8.0, 1.25)  # px of the smallest that is tried where none is given, and the step to the next
 LARGEST = 0.25  # of the image's shorter side

@@ -20,8 +20,8 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.recordings.columns import PLACES
-from expertaug.recordings.motion import Launch, simulate
-from expertaug.recordings.scene import Pose, Scene
+from expertaug.recordings.rendering.motion import Launch, simulate
+from expertaug.recordings.rendering.scene import Pose, Scene
 from expertaug.systems.double_pendulum import Constants
 
 TRUTH_COLUMNS = ",".join(("t", "theta1", "theta2", "omega1", "omega2", *PLACES))
