@@ -23,7 +23,8 @@ from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import store
-from expertaug.models.networks.convolutional import ConvInteraction, wrap
+from expertaug.models.interactions.convolutional import ConvInteraction
+from expertaug.models.networks.convolutional import wrap
 from expertaug.systems.simulate import sample
 from training_step import median_time
 

@@ -12,15 +12,15 @@ from expertaug.errors import InputError
 KINDS = {
     "encoder": {
         "recurrent": "expertaug.models.encoders.recurrent:RecurrentEncoder",
-        "window": "expertaug.models.encoders.recurrent:WindowEncoder",
+        "window": "expertaug.models.encoders.window:WindowEncoder",
         "two_step": "expertaug.models.encoders.two_step:MLPTwoStep",
         "conv_two_step": "expertaug.models.encoders.two_step_fields:ConvTwoStep",
-        "conv": "expertaug.models.networks.convolutional:ConvEncoder",
+        "conv": "expertaug.models.encoders.convolutional:ConvEncoder",
         "moments": "expertaug.models.encoders.moments:MomentEncoder",
     },
     "interaction": {
-        "mlp": "expertaug.models.interactions.base:MLPInteraction",
-        "conv": "expertaug.models.networks.convolutional:ConvInteraction",
+        "mlp": "expertaug.models.interactions.mlp:MLPInteraction",
+        "conv": "expertaug.models.interactions.convolutional:ConvInteraction",
         "polynomial": "expertaug.models.interactions.polynomial:PolynomialInteraction",
         "damping": "expertaug.models.interactions.damping:DampingInteraction",
     },

@@ -7,8 +7,10 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
+from expertaug.models.encoders.convolutional import ConvEncoder
 from expertaug.models.hybrid import build
-from expertaug.models.networks.convolutional import Conv2d, ConvEncoder, ConvInteraction, convolve, wrap
+from expertaug.models.interactions.convolutional import ConvInteraction
+from expertaug.models.networks.convolutional import Conv2d, convolve, wrap
 from expertaug.systems.solver import Solver
 
 SYSTEM = {"name": "reaction_diffusion"}

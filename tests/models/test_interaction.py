@@ -5,9 +5,9 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.models.interactions.base import MLPInteraction
+from expertaug.models.interactions.convolutional import ConvInteraction
+from expertaug.models.interactions.mlp import MLPInteraction
 from expertaug.models.interactions.polynomial import PolynomialInteraction
-from expertaug.models.networks.convolutional import ConvInteraction
 from expertaug.systems.reaction_diffusion import SIZE
 
 CASES = {"mlp": ("rlc", MLPInteraction, (5, 2)), "conv": ("reaction_diffusion", ConvInteraction, (5, 2, SIZE, SIZE))}

@@ -1,4 +1,4 @@
-"""The reference of the configuration, made from its schema: ``python -m expertaug.config.reference config/README.md``."""
+"""The reference of the configuration, made from its schema: ``python -m expertaug.config.reference FILE``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What each job takes of the configuration, and nothing more: a changed key redoes only the jobs whose slice has it.
 
-Every function takes the completed configuration (:func:`expertaug.config.load.validate`) and returns the ``settings`` of the
-stage of its name.
+Every function takes the completed configuration (:func:`expertaug.config.load.validate`) and returns the ``settings``
+of the stage of its name.
 """
 
 from __future__ import annotations

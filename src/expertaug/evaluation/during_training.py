@@ -30,8 +30,8 @@ def along(snapshots: Path, data: Path, output: Path, work: Path, settings: Mappi
         work: folder for checkpoints.
         settings: {experiment, method, label, preset, augment, finetune, finetune_epochs, evaluation, choices, seeds,
             device}: settings of the stages augment, finetune and evaluate, and the lengths of the fine-tunings.
-        tracking: as of :class:`expertaug.tracking.runlog.RunLog`; the log, along.jsonl beside ``output``, has the metrics with
-            the passes of training as step.
+        tracking: as of :class:`expertaug.tracking.runlog.RunLog`; the log, along.jsonl beside ``output``, has the
+            metrics with the passes of training as step.
     """
     device = device_of(settings["device"])
     options = settings["evaluation"]

@@ -37,7 +37,7 @@ class HybridVAE(Objective):
     - R_DA2: ‖g_p2(ŷ_e(x, z_e)) − z_e‖² for z_e ~ p⁺, in units of p⁺'s standard deviation; g_p2 stands for its mean.
 
     The three forecasts of a step are one solve. What keeps it stable where speeds are high (the authors' double
-    pendulum was not): posterior standard deviations are bounded on both sides (:mod:`expertaug.models.encoders.two_step`), so
+    pendulum was not): posterior standard deviations are bounded on both sides (:class:`TwoStep`), so
     that no sample of z lies far from where the decoder has been; σ has a floor and is set by the data alone, R_PPC
     taking it as given; a sample whose forecast runs away, as coarse steps of the solver make stiff or fast ones do,
     does not count in the terms that compare forecasts, and the divergence from p⁺ brings it back; and the loss is per

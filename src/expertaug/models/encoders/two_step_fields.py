@@ -28,7 +28,7 @@ class ConvTwoStep(TwoStep):
         channels, strides: of the layers of g_a and g_p2, 3 × 3 each.
         layers: hidden layers of the MLPs on their averages over the grid.
         filter_channels: of the U-Net's levels.
-        powers: g_a and g_p2 are MLPs of ``layers`` on the frames' :class:`expertaug.models.encoders.moments.Moments` with these
+        powers: g_a and g_p2 are MLPs of ``layers`` on the frames' :class:`Moments` with these
             powers; null for CNNs.
     """
 
@@ -69,7 +69,7 @@ def frames(observed: Tensor) -> Tensor:
 class FrameCNN(nn.Module):
     """Frames and their five-point Laplacians (…, B, frames, H, W) → (…, B, outputs): g_a or g_p2.
 
-    Every layer is averaged over the grid, as :class:`expertaug.models.networks.convolutional.ConvEncoder` does.
+    Every layer is averaged over the grid, as :class:`expertaug.models.encoders.convolutional.ConvEncoder` does.
     """
 
     def __init__(

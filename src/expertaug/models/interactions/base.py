@@ -8,7 +8,6 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.networks.layers import MLP, Linear, affine
 from expertaug.systems import System
 
 
@@ -71,43 +70,3 @@ class Interaction(nn.Module):
         if len(self.acts_on) == y.shape[self._axis]:
             return rates
         return torch.zeros_like(y).index_copy(self._axis, torch.tensor(self.acts_on, device=y.device), rates)
-
-
-class MLPInteraction(Interaction):
-    """MLP on the state's features and z_a (paper, appendix).
-
-    The part of the first layer that reads z_a is constant along a trajectory: :meth:`context` computes it once.
-
-    Arguments:
-        latent: size of z_a.
-        layers, activation: hidden layers.
-        expert_parameters, components, reads: as :class:`Interaction`; a component that it does not see is zero.
-    """
-
-    def __init__(
-        self,
-        system: System,
-        latent: int,
-        layers: Sequence[int] = (50, 50, 50),
-        activation: str = "relu",
-        expert_parameters: bool = False,
-        components: Sequence[str] | None = None,
-        reads: Sequence[str] | None = None,
-    ) -> None:
-        super().__init__(system, latent, expert_parameters, components, reads)
-        self.system = system
-        self.mask = [float(k in self.sees) for k in range(len(system.state))]
-        features = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
-        self.state_layer = Linear(features, layers[0], bias=False)
-        self.latent_layer = Linear(self.inputs, layers[0])
-        self.rest = MLP(layers[0], layers[1:], len(self.acts_on), activation)
-
-    def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
-        """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""
-        return self.latent_layer(self.latents(z_a, z_e))
-
-    def forward(self, y: Tensor, context: Tensor) -> Tensor:
-        """F_a at states y (…, B, *state), the shape of y."""
-        seen = y if all(self.mask) else y * y.new_tensor(self.mask)
-        hidden = affine(self.system.features(seen), self.state_layer.weight, context)
-        return self.placed(self.rest(self.rest.activation(hidden)), y)

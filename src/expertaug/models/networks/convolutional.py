@@ -9,18 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
-
-from expertaug.errors import InputError
-from expertaug.models.interactions.base import Interaction
-from expertaug.models.networks.layers import MLP, Linear
-from expertaug.models.posterior import Delta, Posterior, constrain
-from expertaug.systems import System
-
-PRECISIONS = {"float32": None, "bfloat16": torch.bfloat16}
 
 
 class Conv2d(nn.Module):
@@ -60,128 +51,6 @@ def wrap(x: Tensor, margin: int) -> Tensor:
     """
     padded = nn.functional.pad(x, (margin,) * 4, mode="circular") if margin else x
     return padded.contiguous(memory_format=torch.channels_last)
-
-
-class ConvInteraction(Interaction):
-    """CNN on the state's fields, with z_a as constant channels (paper, appendix, reaction–diffusion).
-
-    A constant channel adds the same to every cell of a hidden channel (the grid is periodic), so z_a enters as a bias
-    of each sample: :meth:`context` computes it once for a trajectory.
-
-    Arguments:
-        latent: size of z_a.
-        channels: of the hidden layers.
-        kernels: sizes of every layer's kernel, one more than ``channels``; 1 makes a layer local.
-        expert_parameters: as :class:`Interaction`.
-        precision: float32, or bfloat16 for the convolutions, their sums staying in float32.
-    """
-
-    def __init__(
-        self,
-        system: System,
-        latent: int,
-        channels: Sequence[int] = (16, 16),
-        kernels: Sequence[int] = (3, 3, 3),
-        expert_parameters: bool = False,
-        precision: str = "float32",
-    ) -> None:
-        super().__init__(system, latent, expert_parameters)
-        if len(kernels) != len(channels) + 1 or any(k % 2 == 0 for k in kernels):
-            raise InputError(
-                "model.interaction.kernels", str(list(kernels)), f"{len(channels) + 1} odd sizes, one a layer"
-            )
-        if precision not in PRECISIONS:
-            raise InputError("model.interaction.precision", repr(precision), f"one of {', '.join(PRECISIONS)}")
-        fields = system.state_shape[0]
-        self.precision = PRECISIONS[precision]
-        self.margin = sum(k // 2 for k in kernels)
-        self.state_layer = Conv2d(fields, channels[0], kernels[0], bias=False)
-        self.latent_layer = Linear(self.inputs, channels[0])
-        self.rest = nn.ModuleList(
-            Conv2d(a, b, k) for (a, b), k in zip(pairwise((*channels, fields)), kernels[1:], strict=True)
-        )
-
-    def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
-        """z_a (…, B, latent) and z_e (…, B, P) → (…, B, channels), for :meth:`forward`."""
-        return self.latent_layer(self.latents(z_a, z_e))
-
-    def forward(self, y: Tensor, context: Tensor) -> Tensor:
-        """F_a at states y (…, B, fields, H, W), the shape of y."""
-        layers = zip(self.state_layer.seeds(), *(layer.seeds() for layer in self.rest), strict=True)
-        stacked = y.dim() == 5
-        blocks = zip(y.unbind(0), context.unbind(0), strict=True) if stacked else [(y, context)]
-        with torch.autocast(y.device.type, self.precision, enabled=self.precision is not None):
-            rates = [self._one(*block, *own) for block, own in zip(blocks, layers, strict=True)]
-        return (torch.stack(rates) if stacked else rates[0]).to(y.dtype)
-
-    def _one(self, y: Tensor, context: Tensor, first: tuple, *rest: tuple) -> Tensor:
-        hidden = convolve(wrap(y, self.margin), *first)
-        hidden = hidden.add_(context[..., None, None])  # in place: nothing that autograd keeps
-        for weight, bias in rest:
-            hidden = convolve(hidden.relu_(), weight, bias)
-        return hidden
-
-
-class ConvEncoder(nn.Module):
-    """Deep CNN over the observed frames, stacked as channels (paper, appendix, reaction–diffusion).
-
-    Every frame enters with its five-point Laplacian, since what the diffusion coefficients leave behind is the decay of
-    the finest structures; inputs are standardised by the training set, each channel on its own.  Convolutions are
-    periodic and every layer is averaged over the grid, so that what the encoder returns does not change when the fields
-    are shifted (by a multiple of the product of the strides).
-
-    Arguments:
-        channels, strides: of the layers, 3 × 3 each.
-        layers: hidden layers of the MLP on the averages, which z_e and z_a share.
-        latent: size of z_a.
-        times: of the observed window; their number is that of the frames.
-    """
-
-    head_prefix = "head."
-
-    def __init__(
-        self,
-        system: System,
-        times: Tensor,
-        channels: Sequence[int] = (32, 32, 64),
-        strides: Sequence[int] = (1, 2, 2),
-        layers: Sequence[int] = (128,),
-        latent: int = 10,
-    ) -> None:
-        super().__init__()
-        if len(strides) != len(channels):
-            raise InputError("model.encoder.strides", str(list(strides)), f"{len(channels)} of them, one a layer")
-        self.system = system
-        self.latent = latent
-        inputs = 2 * len(times) * system.state_shape[0]
-        self.register_buffer("mean", torch.zeros(inputs, 1, 1))
-        self.register_buffer("std", torch.ones(inputs, 1, 1))
-        self.layers = nn.ModuleList(
-            Conv2d(a, b, stride=s) for (a, b), s in zip(pairwise((inputs, *channels)), strides, strict=True)
-        )
-        self.trunk = MLP(sum(channels), layers[:-1], layers[-1])
-        self.head = MLP(layers[-1], (), len(system.expert_parameters))
-        self.latent_head = MLP(layers[-1], (), latent)
-
-    def inputs(self, observed: Tensor) -> Tensor:
-        """(T1, …, B, fields, H, W) → frames and their Laplacians (…, B, 2 · T1 · fields, H, W)."""
-        frames = observed.movedim(0, -4).flatten(-4, -3)
-        return torch.cat((frames, differences(frames)), dim=-3)
-
-    def fit(self, observed: Tensor) -> None:
-        """Standardise by the training set's observed window (T1, N, fields, H, W)."""
-        variance, mean = torch.var_mean(self.inputs(observed), dim=(0, 2, 3))
-        self.mean.copy_(mean.view(-1, 1, 1).expand_as(self.mean))
-        self.std.copy_(variance.sqrt().clamp_min(1e-6).view(-1, 1, 1).expand_as(self.std))
-
-    def forward(self, observed: Tensor) -> Posterior:
-        """(T1, …, B, fields, H, W) → z_e (…, B, P), z_a (…, B, latent)."""
-        x = self.inputs(observed)
-        # The statistics have the seeds' axis only where they are stacked; they are for all samples alike.
-        x = (x - self.mean.unsqueeze(-4)) / self.std.unsqueeze(-4)
-        hidden = torch.relu(self.trunk(layer_averages(self.layers, x)))
-        z_e = constrain(self.head(hidden), self.system.expert_parameters)
-        return Posterior(Delta(z_e), Delta(self.latent_head(hidden)))
 
 
 def layer_averages(layers: Sequence[Conv2d], x: Tensor) -> Tensor:

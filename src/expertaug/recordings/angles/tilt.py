@@ -13,7 +13,7 @@ STEPS_DEG = (12.0, 3.0, 1.0)  # between the three directions that are tried in e
 def implied_tilt(y: np.ndarray, interval: float, every: int) -> float | None:
     """By how many degrees gravity is off the direction from which the angles are measured.
 
-    The pendulum's equations (:mod:`expertaug.recordings.angles.pendulum_fit`) explain the motion best where they pull in the right
+    The pendulum's equations (:mod:`.pendulum_fit`) explain the motion best where they pull in the right
     direction, and what they leave unexplained grows with the square of the error.
 
     Arguments:

@@ -95,7 +95,7 @@ def split_chunks(
 
     Arguments:
         angles: the ``angles.csv`` of each recording, named by its folder, in any order.
-        output_dir: gets train.npz, validation.npz, test.npz (:class:`expertaug.trajectories.Trajectories`: t from 0 in s,
+        output_dir: gets train.npz, validation.npz, test.npz (:class:`Trajectories`: t from 0 in s,
             y (N, length, 4) with the first angles in (−π, π], z_e the initial speeds), chunks.csv and splits.json.
         settings: see :class:`ChunkSettings`.
 

@@ -50,7 +50,7 @@ def inspect(video: str | Path, sheet: str | Path, base: Mapping | None = None, r
     Arguments:
         video: a file as :class:`~expertaug.recordings.video.reader.Video` takes.
         sheet: contact sheet to write, .png or .jpg: some frames with what was seen on them.
-        base: configuration to which the proposal will be added (expertaug.config.load.validate's result): the chunks of its
+        base: configuration to which the proposal will be added (completed): the chunks of its
             experiments on recordings are fitted to the video's rate; None leaves them out.
         rate_hz: frame rate of the video; None takes the file's own.
 

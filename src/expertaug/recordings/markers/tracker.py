@@ -1,6 +1,6 @@
 """Following the three markers of one pendulum from frame to frame.
 
-Each marker is predicted from the last frames and fitted there (:mod:`expertaug.recordings.markers.quadrant_disks`); one that is not at
+Each marker is predicted from the last frames and fitted there (:mod:`.quadrant_disks`); one that is not at
 its predicted place is searched on the ring that its arm allows round its parent, and only without a parent in the whole
 frame.  A marker that is not found stays missing: no position is invented.
 """

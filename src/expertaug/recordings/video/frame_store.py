@@ -1,6 +1,6 @@
 """The frames of one recording in one lossless, seekable file.
 
-Frames are kept as the decoder gives them (:mod:`expertaug.recordings.video.pixel_layout`).  They are mostly black, so that the
+Frames are kept as the decoder gives them (:mod:`.pixel_layout`).  They are mostly black, so that the
 fastest compressor (LZ4) keeps a frame in some 18 kB of its 346 kB and costs less than decoding it did.  The file is a
 Blosc2 frame: chunks of some frames, each in blocks that fit a cache and are unpacked singly, and a dictionary beside
 them.

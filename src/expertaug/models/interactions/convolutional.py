@@ -1,0 +1,77 @@
+"""An interaction model that is a CNN on fields of a periodic grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.errors import InputError
+from expertaug.models.interactions.base import Interaction
+from expertaug.models.networks.convolutional import Conv2d, convolve, wrap
+from expertaug.models.networks.layers import Linear
+from expertaug.systems import System
+
+PRECISIONS = {"float32": None, "bfloat16": torch.bfloat16}
+
+
+class ConvInteraction(Interaction):
+    """CNN on the state's fields, with z_a as constant channels (paper, appendix, reaction–diffusion).
+
+    A constant channel adds the same to every cell of a hidden channel (the grid is periodic), so z_a enters as a bias
+    of each sample: :meth:`context` computes it once for a trajectory.
+
+    Arguments:
+        latent: size of z_a.
+        channels: of the hidden layers.
+        kernels: sizes of every layer's kernel, one more than ``channels``; 1 makes a layer local.
+        expert_parameters: as :class:`Interaction`.
+        precision: float32, or bfloat16 for the convolutions, their sums staying in float32.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        latent: int,
+        channels: Sequence[int] = (16, 16),
+        kernels: Sequence[int] = (3, 3, 3),
+        expert_parameters: bool = False,
+        precision: str = "float32",
+    ) -> None:
+        super().__init__(system, latent, expert_parameters)
+        if len(kernels) != len(channels) + 1 or any(k % 2 == 0 for k in kernels):
+            raise InputError(
+                "model.interaction.kernels", str(list(kernels)), f"{len(channels) + 1} odd sizes, one a layer"
+            )
+        if precision not in PRECISIONS:
+            raise InputError("model.interaction.precision", repr(precision), f"one of {', '.join(PRECISIONS)}")
+        fields = system.state_shape[0]
+        self.precision = PRECISIONS[precision]
+        self.margin = sum(k // 2 for k in kernels)
+        self.state_layer = Conv2d(fields, channels[0], kernels[0], bias=False)
+        self.latent_layer = Linear(self.inputs, channels[0])
+        self.rest = nn.ModuleList(
+            Conv2d(a, b, k) for (a, b), k in zip(pairwise((*channels, fields)), kernels[1:], strict=True)
+        )
+
+    def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
+        """z_a (…, B, latent) and z_e (…, B, P) → (…, B, channels), for :meth:`forward`."""
+        return self.latent_layer(self.latents(z_a, z_e))
+
+    def forward(self, y: Tensor, context: Tensor) -> Tensor:
+        """F_a at states y (…, B, fields, H, W), the shape of y."""
+        layers = zip(self.state_layer.seeds(), *(layer.seeds() for layer in self.rest), strict=True)
+        stacked = y.dim() == 5
+        blocks = zip(y.unbind(0), context.unbind(0), strict=True) if stacked else [(y, context)]
+        with torch.autocast(y.device.type, self.precision, enabled=self.precision is not None):
+            rates = [self._one(*block, *own) for block, own in zip(blocks, layers, strict=True)]
+        return (torch.stack(rates) if stacked else rates[0]).to(y.dtype)
+
+    def _one(self, y: Tensor, context: Tensor, first: tuple, *rest: tuple) -> Tensor:
+        hidden = convolve(wrap(y, self.margin), *first)
+        hidden = hidden.add_(context[..., None, None])  # in place: nothing that autograd keeps
+        for weight, bias in rest:
+            hidden = convolve(hidden.relu_(), weight, bias)
+        return hidden
