@@ -62,7 +62,7 @@ class PlainInteraction(nn.Module):
 
 
 def steps(seeds: list[int], data: StackedSet, batch_size: int, interaction: dict | None) -> Callable[[], None]:
-    """One step of a block of seeds; with the plain interaction model where ``interaction`` is None."""
+    """One step of a group of seeds; with the plain interaction model where ``interaction`` is None."""
     system, t = systems.load(SYSTEM), [k * STEP for k in range(POINTS)]
     model = {"encoder": {"kind": "conv"}, "interaction": interaction or {"kind": "conv"}}
     description = {"model": model, "t": t, "observed": POINTS, "seeds": seeds}

@@ -62,7 +62,7 @@ def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
 
 def run(settings: dict, experiment: str, method: str, augmented: bool, folder: Path) -> Path:
     """Train (and fine-tune) a trial unless its files are there; the model's file."""
-    one, block = settings["experiments"][experiment], next(iter(stage_settings.blocks(settings)))
+    one, group = settings["experiments"][experiment], next(iter(stage_settings.seed_groups(settings)))
     data = Path(settings["results"], experiment, "data")
     if one["data"]["source"] == "simulation":
         for name in ("train", "validation"):
@@ -70,14 +70,14 @@ def run(settings: dict, experiment: str, method: str, augmented: bool, folder: P
                 data.mkdir(parents=True, exist_ok=True)
                 simulate(name, data / f"{name}.npz", stage_settings.simulate(settings, experiment, name))
     calibration = data / "calibration.json" if one["data"]["calibrate"] else None
-    base = stage_settings.train(settings, experiment, method, block)
+    base = stage_settings.train(settings, experiment, method, group)
     model = folder / _digest(base) / "model.safetensors"
     model.parent.mkdir(parents=True, exist_ok=True)
     if not model.exists():
         train(data, model, model.parent / "work", base, None, calibration)
     if not augmented:
         return model
-    drawn, tuned = (getattr(stage_settings, f)(settings, experiment, method, block) for f in ("augment", "finetune"))
+    drawn, tuned = (getattr(stage_settings, f)(settings, experiment, method, group) for f in ("augment", "finetune"))
     plus = model.parent / _digest([drawn, tuned]) / "model.safetensors"
     plus.parent.mkdir(parents=True, exist_ok=True)
     if not plus.exists():

@@ -16,7 +16,7 @@ from expertaug.recordings.angles.calibration import CalibrationSettings
 from expertaug.recordings.angles.measure import AngleSettings
 from expertaug.recordings.chunks.cut import ChunkSettings
 from expertaug.recordings.imports.ibm import ArchiveSettings, MarkerSettings
-from expertaug.recordings.markers.appearance import Look
+from expertaug.recordings.markers.appearance import Appearance
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.rendering.motion import Launch
 from expertaug.recordings.rendering.render import RenderSettings
@@ -141,19 +141,27 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
             "experiments: {pendulum: {augmentations: {other: {prior: {omega0: [1, 2]}, methods: [mean]}}}}",
             "augmentations.other.methods[0]: 'mean' is no method under augmented",
         ),
-        ("experiments: {pendulum: {studies: {alon: {}}}}", "studies.alon: unknown key; did you mean 'along'?"),
-        ("experiments: {pendulum: {studies: {along: {method: aphynity}}}}", "studies.along.epochs: missing"),
         (
-            "experiments: {pendulum: {studies: {along: {method: aphinity, epochs: [1]}}}}",
-            "studies.along.method: 'aphinity' is no method of this experiment; did you mean 'aphynity'?",
+            "experiments: {pendulum: {studies: {during_trainin: {}}}}",
+            "studies.during_trainin: unknown key; did you mean 'during_training'?",
         ),
         (
-            "experiments: {pendulum: {studies: {along: {method: aphynity, epochs: [1, 9999]}}}}",
-            "studies.along.epochs[1]: found 9999; the training ends after",
+            "experiments: {pendulum: {studies: {during_training: {method: aphynity}}}}",
+            "studies.during_training.epochs: missing",
         ),
         (
-            "experiments: {pendulum: {studies: {along: {method: aphynity, epochs: [1], finetuning: {epoch: 1}}}}}",
-            "experiments.pendulum.studies.along.finetuning: experiments.pendulum.finetuning.epoch: unknown key",
+            "experiments: {pendulum: {studies: {during_training: {method: aphinity, epochs: [1]}}}}",
+            "studies.during_training.method: 'aphinity' is no method of this experiment; did you mean 'aphynity'?",
+        ),
+        (
+            "experiments: {pendulum: {studies: {during_training: {method: aphynity, epochs: [1, 9999]}}}}",
+            "studies.during_training.epochs[1]: found 9999; the training ends after",
+        ),
+        (
+            "experiments: {pendulum: {studies: {during_training: {method: aphynity, epochs: [1], "
+            "finetuning: {epoch: 1}}}}}",
+            "experiments.pendulum.studies.during_training.finetuning: "
+            "experiments.pendulum.finetuning.epoch: unknown key",
         ),
         (
             "experiments: {pendulum: {studies: {out_of_expertise: {distances: [a], panels: {x: [tests]}}}}}",
@@ -172,8 +180,8 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
         ),
         ("experiments: {pendulum: {presets: {cod: {}}}}", "presets.cod: unknown key; did you mean 'code'?"),
         (
-            "experiments: {pendulum_along: {based_on: pendulum}}",
-            "experiments.pendulum_along: the files of 'pendulum' would have the same names",
+            "experiments: {pendulum_during_training: {based_on: pendulum}}",
+            "experiments.pendulum_during_training: the files of 'pendulum' would have the same names",
         ),
     ],
 )
@@ -254,7 +262,7 @@ def test_schema_has_the_keys_and_defaults_of_the_settings(path, kind):
     if kind is RenderSettings:
         filled["count"] = None  # how many there are is the workflow's to know
     if kind is TrackSettings:
-        assert Look.from_mapping(filled.pop("markers")) == Look()
+        assert Appearance.from_mapping(filled.pop("markers")) == Appearance()
         del keys["markers"]
     assert filled == {k: v for k, v in lists(defaults(kind)).items() if k in keys}
 
@@ -280,7 +288,7 @@ def test_slices_are_settings_of_their_stages(base, tmp_path):
 
 def test_slices_hold_only_what_their_stage_uses(base):
     found = config.validate(base)
-    block = "seeds_0_1_2"
+    group = "seeds_0_1_2"
     other = config.validate(
         config.merge(
             base,
@@ -292,16 +300,16 @@ def test_slices_hold_only_what_their_stage_uses(base):
         )
     )
     same = [
-        (stage_settings.train, "pendulum", "aphynity", block),
-        (stage_settings.augment, "pendulum", "aphynity", block),
+        (stage_settings.train, "pendulum", "aphynity", group),
+        (stage_settings.augment, "pendulum", "aphynity", group),
         (stage_settings.simulate, "pendulum", "train"),
         (stage_settings.render_video,),
     ]
     for stage, *names in same:
         assert stage(found, *names) == stage(other, *names)
     changed = [
-        (stage_settings.finetune, "pendulum", "aphynity", block),
-        (stage_settings.evaluate, "pendulum", "aphynity+", block),
+        (stage_settings.finetune, "pendulum", "aphynity", group),
+        (stage_settings.evaluate, "pendulum", "aphynity+", group),
         (stage_settings.simulate, "pendulum", "test"),
     ]
     for stage, *names in changed:
@@ -311,7 +319,7 @@ def test_slices_hold_only_what_their_stage_uses(base):
 def test_blocks_and_variants(base):
     own = {"experiments": {"x": {"based_on": "pendulum", "methods": ["mean", "aphynity"], "augmented": ["aphynity"]}}}
     found = config.validate(config.merge(base, own | {"seeds": [4, 0, 7], "seeds_per_job": 2}))
-    assert stage_settings.blocks(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
+    assert stage_settings.seed_groups(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
     assert stage_settings.variants(found, "x") == ["mean", "aphynity", "aphynity+"]
     assert stage_settings.label(found, "aphynity+") == "APHYNITY+"
 
@@ -406,34 +414,34 @@ experiments:
     data: {sets: {near: {size: 5, z_e: {omega0: [1.5, 3.1]}, z_a: {alpha: [0.6, 1.0]}}}}
     augmentations: {wide: {prior: {omega0: [0.1, 7.0]}}}
     studies:
-      along: {method: aphynity, epochs: [5, 1], finetuning: {learning_rate: 0.5}}
+      during_training: {method: aphynity, epochs: [5, 1], finetuning: {learning_rate: 0.5}}
       out_of_expertise: {distances: [none, near], panels: {z_a: [test, near]}, overview: near}
-  x: {based_on: plain, augmentations: {wide: null}, studies: {along: null}}
+  x: {based_on: plain, augmentations: {wide: null}, studies: {during_training: null}}
 """
 
 
 def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
     base = config.merge(base, yaml.safe_load(PLAIN))
-    block, plain = "seeds_0_1_2", config.validate(base)
+    group, plain = "seeds_0_1_2", config.validate(base)
     assert jobs.studies(plain, "plain") == []
     found = config.validate(config.merge(base, yaml.safe_load(STUDIES)))
-    assert jobs.studies(found, "plain") == ["along", "out_of_expertise", "prior_width"]
+    assert jobs.studies(found, "plain") == ["during_training", "out_of_expertise", "prior_width"]
     assert jobs.studies(found, "x") == ["out_of_expertise"], "null takes away"
     assert jobs.variants(found, "plain") == jobs.variants(plain, "plain")
     assert "aphynity+wide" in jobs.further_variants(found, "plain")
     assert jobs.studied(found, "plain", "prior_width")[:2] == ["aphynity", "aphynity+"]
-    trained = stage_settings.train(found, "plain", "aphynity", block)
+    trained = stage_settings.train(found, "plain", "aphynity", group)
     assert trained.pop("snapshots") == [1, 5]
-    assert trained == stage_settings.train(plain, "plain", "aphynity", block)
-    assert stage_settings.train(found, "plain", "ml_only", block) == stage_settings.train(
-        plain, "plain", "ml_only", block
+    assert trained == stage_settings.train(plain, "plain", "aphynity", group)
+    assert stage_settings.train(found, "plain", "ml_only", group) == stage_settings.train(
+        plain, "plain", "ml_only", group
     )
     for stage in (stage_settings.augment, stage_settings.finetune):
-        assert stage(found, "plain", "aphynity+", block) == stage(plain, "plain", "aphynity+", block)
-    wide = stage_settings.augment(found, "plain", "aphynity+wide", block)
+        assert stage(found, "plain", "aphynity+", group) == stage(plain, "plain", "aphynity+", group)
+    wide = stage_settings.augment(found, "plain", "aphynity+wide", group)
     assert wide["prior"] == {"omega0": [0.1, 7.0]} and wide["method"] == "aphynity+wide"
-    assert stage_settings.finetune(found, "plain", "aphynity+wide", block)["label"] == "APHYNITY+ (wide)"
-    assert stage_settings.evaluate(found, "plain", "aphynity", block)["sets"][-1] == "near"
-    along = stage_settings.along(found, "plain", "aphynity", block)
+    assert stage_settings.finetune(found, "plain", "aphynity+wide", group)["label"] == "APHYNITY+ (wide)"
+    assert stage_settings.evaluate(found, "plain", "aphynity", group)["sets"][-1] == "near"
+    along = stage_settings.during_training(found, "plain", "aphynity", group)
     assert along["finetune"]["training"]["learning_rate"] == 0.5 and along["finetune_epochs"] == [1, 10]
     assert stage_settings.tabulate(found, "plain") == stage_settings.tabulate(plain, "plain")

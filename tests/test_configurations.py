@@ -20,9 +20,9 @@ def settings(name: str) -> dict:
 @pytest.mark.parametrize("experiment", ["pendulum", "rlc", "reaction_diffusion", "double_pendulum"])
 def test_baselines_train_as_long_as_aphynity_does_in_the_papers_sizes(experiment: str, method: str) -> None:
     paper = settings("paper.yaml")
-    block = next(iter(stage_settings.blocks(paper)))
+    group = next(iter(stage_settings.seed_groups(paper)))
     baseline, aphynity = (
-        stage_settings.train(paper, experiment, name, block)["training"] for name in (method, "aphynity")
+        stage_settings.train(paper, experiment, name, group)["training"] for name in (method, "aphynity")
     )
     keys = ("epochs", "learning_rate", "schedule", "horizon_warmup")
     assert {key: baseline[key] for key in keys} == {key: aphynity[key] for key in keys}
@@ -46,9 +46,9 @@ def test_nothing_of_the_default_sizes_is_left_in_the_papers(
 ) -> None:
     """What overrides a method in config.yaml is stronger than what paper.yaml says of all methods."""
     paper = settings("paper.yaml")
-    block = next(iter(stage_settings.blocks(paper)))
-    trained = stage_settings.train(paper, experiment, method, block)["training"]
-    tuned = stage_settings.finetune(paper, experiment, f"{method}+", block)["training"]
+    group = next(iter(stage_settings.seed_groups(paper)))
+    trained = stage_settings.train(paper, experiment, method, group)["training"]
+    tuned = stage_settings.finetune(paper, experiment, f"{method}+", group)["training"]
     assert (trained["epochs"], tuned["epochs"]) == (training, finetuning)
     for stage in (trained, tuned):
         assert stage["learning_rate"] == 5e-4

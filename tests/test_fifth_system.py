@@ -100,15 +100,15 @@ def valid(text: str = EXPERIMENT) -> dict:
 
 def test_it_is_simulated_trained_augmented_and_evaluated(fifth, tmp_path):
     whole = valid()
-    block = next(iter(stage_settings.blocks(whole)))
+    group = next(iter(stage_settings.seed_groups(whole)))
     model, samples, tuned = (tmp_path / f"{name}.safetensors" for name in ("model", "samples", "tuned"))
     for name in ("train", "validation", "test"):
         simulate(name, tmp_path / f"{name}.npz", stage_settings.simulate(whole, "oscillator", name))
-    train(tmp_path, model, tmp_path / "work", stage_settings.train(whole, "oscillator", "own", block), None)
-    augment(model, tmp_path, samples, stage_settings.augment(whole, "oscillator", "own+", block))
-    settings = stage_settings.finetune(whole, "oscillator", "own+", block)
+    train(tmp_path, model, tmp_path / "work", stage_settings.train(whole, "oscillator", "own", group), None)
+    augment(model, tmp_path, samples, stage_settings.augment(whole, "oscillator", "own+", group))
+    settings = stage_settings.finetune(whole, "oscillator", "own+", group)
     finetune(model, samples, tmp_path, tuned, tmp_path / "work+", settings, None)
-    settings = stage_settings.evaluate(whole, "oscillator", "own+", block)
+    settings = stage_settings.evaluate(whole, "oscillator", "own+", group)
     evaluate(tuned, tmp_path, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings, None)
     table = pd.read_csv(tmp_path / "metrics.csv")
     assert {"relative_error_k", "relative_error_b"} <= set(table["metric"])

@@ -33,7 +33,7 @@ def base() -> dict:
 def settings(base, method, more="{}"):
     merged = config.merge(config.merge(base, yaml.safe_load(HVAE)), yaml.safe_load(more))
     valid = config.validate(merged)
-    return stage_settings.train(valid, "pendulum", method, next(iter(stage_settings.blocks(valid))))
+    return stage_settings.train(valid, "pendulum", method, next(iter(stage_settings.seed_groups(valid))))
 
 
 def test_another_kind_brings_its_own_arguments(base):

@@ -244,9 +244,9 @@ def test_starting_afresh_closes_what_was_left_open(tmp_path, tracking):
 def test_two_processes_at_once_make_the_store_and_lose_nothing(tmp_path):
     tracking = settings(tmp_path / "results")
     jobs = []
-    for block in ([0, 1], [2, 3]):
-        path = tmp_path / "results" / str(block[0]) / "log.jsonl"
-        jobs.append(start(str(path), tracking, FIELDS | {"seeds": block}, time.time() + 1))
+    for group in ([0, 1], [2, 3]):
+        path = tmp_path / "results" / str(group[0]) / "log.jsonl"
+        jobs.append(start(str(path), tracking, FIELDS | {"seeds": group}, time.time() + 1))
     errors = [job.communicate(timeout=60)[1] for job in jobs]
     assert errors == ["", ""]
     runs = runs_of(tracking)

@@ -105,7 +105,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("set", help="name of the set")
     _files(p, output="npz of the trajectories")
 
-    p = commands.add("train", _train, "train a method on a block of seeds")
+    p = commands.add("train", _train, "train a method on a group of seeds")
     _files(p, data="folder of the sets", output="model file", work="folder for checkpoints")
     p.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
     _add_tracking(p)
@@ -122,32 +122,40 @@ def parser() -> argparse.ArgumentParser:
     _files(p, model="model file", data="folder of the sets", output="CSV of the metrics", forecasts="npz of forecasts")
     _add_tracking(p)
 
-    p = commands.add("along", _along, "augment and fine-tune a model at several stages of its training")
+    p = commands.add(
+        "during-training", _during_training, "augment and fine-tune a model at several stages of its training"
+    )
     _files(p, snapshots="states along the training", data="folder of the sets", output="CSV of the metrics")
     _files(p, work="folder for checkpoints")
     _add_tracking(p)
 
     p = commands.add("tabulate", _tabulate, "make the tables of an experiment")
-    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and block")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and group of seeds")
     p.add_argument("--forecasts", type=Path, nargs="+", default=[], help="forecasts.npz, which know the units")
     p.add_argument("--output", type=Path, nargs="+", required=True, help="tables, .csv, .md or .tex")
 
     p = commands.add("plot", _plot, "draw the figures of an experiment")
-    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and block")
-    p.add_argument("--forecasts", type=Path, nargs="+", required=True, help="forecasts.npz of one block per method")
-    p.add_argument("--logs", type=Path, nargs="+", required=True, help="log.jsonl of every trained method and block")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and group of seeds")
+    p.add_argument(
+        "--forecasts", type=Path, nargs="+", required=True, help="forecasts.npz of one group of seeds per method"
+    )
+    p.add_argument(
+        "--logs", type=Path, nargs="+", required=True, help="log.jsonl of every trained method and group of seeds"
+    )
     _files(p, output="path of the figures, to which _NAME.png and _NAME.pdf are added")
 
     p = commands.add("study", _study, "make the table and the figure of a study")
-    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv (along.csv) of every variant and block")
+    p.add_argument(
+        "metrics", type=Path, nargs="+", help="metrics.csv (during_training.csv) of every variant and group of seeds"
+    )
     p.add_argument("--output", type=Path, nargs="+", required=True, help="files, .csv, .md, .tex, .png or .pdf")
 
     p = commands.add("compare", _compare, "compare experiments with the published numbers")
-    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and block")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and group of seeds")
     p.add_argument("--output", type=Path, nargs="+", required=True, help="tables, .csv, .md or .tex")
 
     p = commands.add("overview", _overview, "draw the figures over several experiments")
-    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every experiment, method and block")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every experiment, method and group of seeds")
     _files(p, output="folder of the figures")
 
     p = commands.add("validate", _validate, "check configuration files", settings=False)
@@ -365,10 +373,10 @@ def _evaluate(a: argparse.Namespace) -> None:
     evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings), _tracking(a))
 
 
-def _along(a: argparse.Namespace) -> None:
-    from expertaug.evaluation.during_training import along
+def _during_training(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.during_training import during_training
 
-    along(a.snapshots, a.data, a.output, a.work, read_settings(a.settings), _tracking(a))
+    during_training(a.snapshots, a.data, a.output, a.work, read_settings(a.settings), _tracking(a))
 
 
 def _tabulate(a: argparse.Namespace) -> None:

@@ -91,11 +91,11 @@ def test_widths_of_methods_with_priors_of_their_own(tmp_path, drawn):
     assert ticks == ["none", "default\n", "wide\n[0, 9]"], "the axis cannot say what differs"
 
 
-def test_along(tmp_path, drawn):
+def test_during_training(tmp_path, drawn):
     places = [{"epoch": e, "finetune_epochs": f} for e in (1, 10) for f in (0, 1, 10)]
     path = write(tmp_path / "m.csv", {"hybrid": "Hybrid"}, ("train", "validation", "test"), places)
     options = {"method": "hybrid", "epochs": [1, 10], "finetune_epochs": [1, 10]}
-    settings = READING | {"study": "along", "labels": [["hybrid", "Hybrid"]], "options": options}
+    settings = READING | {"study": "during_training", "labels": [["hybrid", "Hybrid"]], "options": options}
     study([path], outputs(tmp_path), settings)
     assert "| 10 | – | 0.53 ± 0.71 |" in (tmp_path / "study.md").read_text()
     lines = drawn[0].axes[0].containers

@@ -170,11 +170,11 @@ def test_prior_in_the_unbounded_space(case):
 def test_one_step_of_a_seed_is_the_same_alone_and_in_a_block(data, tmp_path, settings):
     settings["training"] |= {"epochs": 1, "batch_size": 40}
     settings["seeds"] = [5, 6, 7]
-    block = run(data, tmp_path / "block", settings).model.state_dict()
+    group = run(data, tmp_path / "group", settings).model.state_dict()
     for place, seed in enumerate(settings["seeds"]):
         alone = run(data, tmp_path / str(seed), settings | {"seeds": [seed]}).model.state_dict()
         for name, value in alone.items():
-            torch.testing.assert_close(block[name][place], value[0], rtol=1e-3, atol=1e-5)
+            torch.testing.assert_close(group[name][place], value[0], rtol=1e-3, atol=1e-5)
 
 
 def test_every_seed_and_step_draws_its_own():

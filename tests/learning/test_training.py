@@ -35,13 +35,13 @@ def test_one_step_of_a_seed_is_the_same_alone_and_in_a_block(data, tmp_path, set
     """To rounding: batched products sum in another order."""
     settings["training"] |= {"epochs": 1, "batch_size": 40}
     settings["seeds"] = [5, 6, 7]
-    run(data, tmp_path / "block", settings)
-    block = store.load(tmp_path / "block/model.safetensors").model.state_dict()
+    run(data, tmp_path / "group", settings)
+    group = store.load(tmp_path / "group/model.safetensors").model.state_dict()
     for place, seed in enumerate(settings["seeds"]):
         run(data, tmp_path / str(seed), settings | {"seeds": [seed]})
         alone = store.load(tmp_path / str(seed) / "model.safetensors").model.state_dict()
         for name, value in alone.items():
-            torch.testing.assert_close(block[name][place], value[0], rtol=1e-3, atol=1e-5)
+            torch.testing.assert_close(group[name][place], value[0], rtol=1e-3, atol=1e-5)
 
 
 def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, monkeypatch):

@@ -1,4 +1,4 @@
-"""Convolutional networks: periodicity, one seed or a block, precision."""
+"""Convolutional networks: periodicity, one seed or a group, precision."""
 
 import numpy as np
 import pytest
@@ -64,9 +64,9 @@ def test_gradient_reaches_every_parameter():
 
 @pytest.mark.parametrize("interaction", [{}, {"expert_parameters": True, "kernels": [3, 1, 1]}])
 def test_a_block_computes_what_each_seed_does_alone(interaction):
-    block, description = make([3, 4], **interaction)
+    group, description = make([3, 4], **interaction)
     y, t = fields(2), torch.tensor(description["t"])
-    together, _ = block.predict(y[:4], t, Solver("rk4"))
+    together, _ = group.predict(y[:4], t, Solver("rk4"))
     for k, seed in enumerate([3, 4]):
         alone, _ = make([seed], **interaction)[0].predict(y[:4, :1], t, Solver("rk4"))
         torch.testing.assert_close(together[:, k], alone[:, 0], rtol=1e-4, atol=1e-5)

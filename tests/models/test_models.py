@@ -71,9 +71,9 @@ class TestEveryModel:
             assert parameter.grad is not None and parameter.grad.abs().sum() > 0, name
 
     def test_a_block_computes_what_each_seed_does_alone(self, case, parts):
-        block, description = make(case, [3, 4, 5], **parts)
+        group, description = make(case, [3, 4, 5], **parts)
         y, t = data_for(case, 3), torch.tensor(description["t"])
-        together, _ = block.predict(y[:11], t, Solver("rk4"))
+        together, _ = group.predict(y[:11], t, Solver("rk4"))
         for k, seed in enumerate([3, 4, 5]):
             alone, _ = make(case, [seed], **parts)[0].predict(y[:11, :1], t, Solver("rk4"))
             torch.testing.assert_close(together[:, k], alone[:, 0], rtol=1e-4, atol=1e-5)

@@ -1,4 +1,4 @@
-"""The encoder of spatial averages: what it tells, invariance, one seed or a block."""
+"""The encoder of spatial averages: what it tells, invariance, one seed or a group."""
 
 import numpy as np
 import pytest
@@ -32,12 +32,12 @@ def fields(seeds, samples=5):
 @pytest.mark.parametrize("kind", ENCODERS)
 def test_a_block_computes_what_each_seed_does_alone(kind):
     y = fields(2)
-    block = make(kind, [3, 4])
-    block.fit(y[:4, 0])
+    group = make(kind, [3, 4])
+    group.fit(y[:4, 0])
     for k, seed in enumerate([3, 4]):
         alone = make(kind, [seed])
         alone.fit(y[:4, 0])
-        for together, own in zip(block.encode(y[:4]).mean, alone.encode(y[:4, :1]).mean, strict=True):
+        for together, own in zip(group.encode(y[:4]).mean, alone.encode(y[:4, :1]).mean, strict=True):
             torch.testing.assert_close(together[k], own[0], rtol=1e-4, atol=1e-5)
 
 

@@ -81,8 +81,8 @@ def test_gradient_reaches_every_parameter(name):
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_block_computes_what_each_seed_does_alone(name):
-    block, y, t = make(name, [3, 4])
-    together, _ = block.predict(y[:4], t, Solver("rk4"))
+    group, y, t = make(name, [3, 4])
+    together, _ = group.predict(y[:4], t, Solver("rk4"))
     for k, seed in enumerate([3, 4]):
         alone, _ = make(name, [seed])[0].predict(y[:4, :1], t, Solver("rk4"))
         torch.testing.assert_close(together[:, k], alone[:, 0], rtol=1e-4, atol=1e-5)

@@ -37,14 +37,14 @@ def data_for(case, seeds, samples=6):
 
 
 def noise(seeds):
-    """The same for every seed, alone or in a block."""
+    """The same for every seed, alone or in a group."""
     return lambda k: torch.randn(1, 6, k, generator=torch.Generator().manual_seed(k)).expand(seeds, -1, -1)
 
 
 @CASES
 def test_a_block_computes_what_each_seed_does_alone(case):
-    block, y = make(case, [3, 4, 5])[0], data_for(case, 3)
-    together = block.encoder(y[:11], noise(3))
+    group, y = make(case, [3, 4, 5])[0], data_for(case, 3)
+    together = group.encoder(y[:11], noise(3))
     for k, seed in enumerate([3, 4, 5]):
         alone = make(case, [seed])[0].encoder(y[:11, :1], noise(1))
         for name in ("filtered", "z_a_used"):

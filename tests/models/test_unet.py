@@ -43,11 +43,11 @@ def test_a_block_computes_what_each_seed_does_alone():
     for model in models:
         model.fit(observed())
     alone = [model.encoder(observed(), noise(1)) for model in models]
-    block = stack(models).encoder(observed().unsqueeze(1).expand(-1, 2, -1, -1, -1, -1), noise(2))
+    group = stack(models).encoder(observed().unsqueeze(1).expand(-1, 2, -1, -1, -1, -1), noise(2))
     for k in range(2):
-        torch.testing.assert_close(block.filtered[k], alone[k].filtered, rtol=1e-4, atol=1e-5)
-        torch.testing.assert_close(block.z_e.mean[k], alone[k].z_e.mean, rtol=1e-4, atol=1e-7)
-        torch.testing.assert_close(block.z_a_used[k], alone[k].z_a_used, rtol=1e-4, atol=1e-5)
+        torch.testing.assert_close(group.filtered[k], alone[k].filtered, rtol=1e-4, atol=1e-5)
+        torch.testing.assert_close(group.z_e.mean[k], alone[k].z_e.mean, rtol=1e-4, atol=1e-7)
+        torch.testing.assert_close(group.z_a_used[k], alone[k].z_a_used, rtol=1e-4, atol=1e-5)
 
 
 def test_posterior_is_positive_and_does_not_move_with_the_fields():

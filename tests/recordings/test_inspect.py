@@ -13,7 +13,7 @@ from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug.recordings.inspection.inspect import inspect
-from expertaug.recordings.markers.appearance import Look
+from expertaug.recordings.markers.appearance import Appearance
 from expertaug.recordings.markers.quadrant_disks import hsv
 
 ROOT = Path(__file__).parents[2]
@@ -44,7 +44,7 @@ def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monke
     found = config.validate(config.merge(config.load(FILES), block))
     markers = block["recordings"]["tracking"]["markers"]
     assert markers["style"] == style
-    look = Look.from_mapping(markers)
+    look = Appearance.from_mapping(markers)
     for role, wanted in zip(("pivot", "joint", "tip"), names, strict=True):
         if markers[role] is not None:
             seen, true = getattr(look, role), hsv(np.array([PAINT[wanted]]) / 255)[0, 0]

@@ -26,7 +26,7 @@ from expertaug.config import stage_code, stage_settings
 ROOT = Path(__file__).parents[2]
 DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "plot_recording", "overlay", "recordings"]
 DATA += ["split_chunks", "calibrate"]
-LEARNING_TARGETS = ["train", "augment", "finetune", "along", "evaluate", "studies", "report"]
+LEARNING_TARGETS = ["train", "augment", "finetune", "during_training", "evaluate", "studies", "report"]
 LEARNING_TARGETS += ["pendulum", "double_pendulum"]
 TARGETS = [*DATA, "simulate", *LEARNING_TARGETS, "everything", "all"]
 SMOKE = ["--configfile", "config/smoke.yaml", "studies.yaml"]
@@ -41,21 +41,21 @@ experiments:
     augmentations: {narrow: null, wide: {prior: {omega0: [0.1, 7.0]}, methods: [aphynity]}}
     studies:
       out_of_expertise: {distances: [none, near], panels: {z_a shifted: [validation, near]}, overview: near}
-      along: {method: aphynity, epochs: [1, 3], finetune_epochs: [1], max_samples: 9}
+      during_training: {method: aphynity, epochs: [1, 3], finetune_epochs: [1], max_samples: 9}
     evaluation: {published: pendulum}
   double_pendulum:
     methods: [mean, expert_only_point_mass, expert_only, ml_only, aphynity]
     augmented: [aphynity]
-    studies: {along: null}
+    studies: {during_training: null}
 """
-EVALUATION = {"evaluate_block", "tabulate_experiment", "plot_experiment", "plot_overview"}
-AUGMENTED = {"finetune_block"} | EVALUATION
-LEARNING = {"train_block", "augment_block"} | AUGMENTED
+EVALUATION = {"evaluate_seed_group", "tabulate_experiment", "plot_experiment", "plot_overview"}
+AUGMENTED = {"finetune_seed_group"} | EVALUATION
+LEARNING = {"train_seed_group", "augment_seed_group"} | AUGMENTED
 CHUNKS = {"split_chunks_of_experiment", "plot_splits_of_experiment", "calibrate_experiment"} | LEARNING
 # Of the pendulum there is more.
 SCORED = {"study_experiment", "compare_experiment", "compare_all"} | EVALUATION
-TUNED = {"finetune_block", "along_block"} | SCORED
-TRAINED = {"train_block", "train_block_with_snapshots", "augment_block"} | TUNED
+TUNED = {"finetune_seed_group", "during_training_seed_group"} | SCORED
+TRAINED = {"train_seed_group", "train_seed_group_with_snapshots", "augment_seed_group"} | TUNED
 ANGLES = {"measure_angles_of_recording", "plot_page_of_recording", "summarise_recordings"} | CHUNKS
 MARKERS = {"extract_frames_of_recording", "track_markers_of_recording"} | ANGLES
 
@@ -138,8 +138,12 @@ def test_smoke_run_makes_tables_figures_and_logs(project):
             f"{experiment}/aphynity+/seeds_0_1/{name}" for name in ("model.safetensors", "metrics.csv", "log.jsonl")
         }
         assert wanted <= found
-    assert {f"tables/pendulum_{name}.md" for name in ("along", "prior_width", "out_of_expertise", "published")} <= found
-    assert {f"figures/{name}.png" for name in ("log_mse", "parameter_errors", "za_shifted", "pendulum_along")} <= found
+    assert {
+        f"tables/pendulum_{name}.md" for name in ("during_training", "prior_width", "out_of_expertise", "published")
+    } <= found
+    assert {
+        f"figures/{name}.png" for name in ("log_mse", "parameter_errors", "za_shifted", "pendulum_during_training")
+    } <= found
     assert {"recordings/summary.md", "double_pendulum/data/calibration.json", "mlflow/mlflow.db"} <= found
     assert "logs/train/pendulum_aphynity_seeds_0_1.log" in found
     assert "benchmarks/train/pendulum_aphynity_seeds_0_1.tsv" in found
@@ -171,21 +175,24 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
     ("change", "rules"),
     [
         ({"experiments": {"pendulum": {"finetuning": {"epochs": 5}}}}, TUNED),
-        ({"experiments": {"pendulum": {"overrides": {"aphynity": WIDER}}}}, {"augment_block"} | TUNED),
+        ({"experiments": {"pendulum": {"overrides": {"aphynity": WIDER}}}}, {"augment_seed_group"} | TUNED),
         ({"experiments": {"pendulum": {"evaluation": {"samples": 2}}}}, SCORED),
         ({"experiments": {"pendulum": {"training": {"learning_rate": 0.001}}}}, TRAINED),
         (
             {"experiments": {"pendulum": {"data": {"sets": {"test": {"size": 21}}}}}},
-            {"simulate_set", "along_block"} | SCORED,
+            {"simulate_set", "during_training_seed_group"} | SCORED,
         ),
         ({"experiments": {"pendulum": {"data": {"sets": {"near": {"size": 8}}}}}}, {"simulate_set"} | SCORED),
-        ({"experiments": {"pendulum": {"studies": {"along": {"epochs": [2]}}}}}, TRAINED - {"train_block"}),
+        (
+            {"experiments": {"pendulum": {"studies": {"during_training": {"epochs": [2]}}}}},
+            TRAINED - {"train_seed_group"},
+        ),
         ({"experiments": {"pendulum": {"evaluation": {"published": "rlc"}}}}, {"compare_experiment", "compare_all"}),
         ({"experiments": {"double_pendulum": {"data": {"split": {"stride": 3}}}}}, CHUNKS),
         ({"recordings": {"angles": {"max_gap_frames": 4}}}, ANGLES),
         ({"recordings": {"tracking": {"min_level": 25}}}, MARKERS),
         ({"choices": {"frozen": "interaction_and_z_e_head"}}, TUNED),
-        ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_block"} | SCORED),
+        ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_seed_group"} | SCORED),
         ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
         ({"device": "cpu"}, TRAINED),
     ],
@@ -196,7 +203,7 @@ def test_a_changed_parameter_redoes_exactly_its_stages(project, change, rules):
 
 def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
     jobs = planned(project, *override(project, {"experiments": {"pendulum": {"training": {"batch_size": 10}}}}))
-    assert (jobs["train_block"], jobs["train_block_with_snapshots"], jobs["tabulate_experiment"]) == (2, 1, 1)
+    assert (jobs["train_seed_group"], jobs["train_seed_group_with_snapshots"], jobs["tabulate_experiment"]) == (2, 1, 1)
 
 
 @pytest.mark.parametrize(
@@ -224,8 +231,8 @@ def test_a_changed_module_redoes_exactly_its_stages(project, module, rules):
         path.write_text(before)
 
 
-BASES = {"train_block", "train_block_with_snapshots"}
-TUNING = {"augment_block", "finetune_block"}
+BASES = {"train_seed_group", "train_seed_group_with_snapshots"}
+TUNING = {"augment_seed_group", "finetune_seed_group"}
 MEASURED = {"measure_angles_of_recording", "split_chunks_of_experiment", "calibrate_experiment"}
 
 
@@ -236,20 +243,24 @@ MEASURED = {"measure_angles_of_recording", "split_chunks_of_experiment", "calibr
         ("recordings/*/markers.csv", "calibrate", (MARKERS - ANGLES) | MEASURED),
         ("recordings/*/angles.csv", "calibrate", MEASURED),
         ("double_pendulum/data/train.npz", "calibrate", MEASURED - {"measure_angles_of_recording"}),
-        ("double_pendulum/data/calibration.json", "train", {"calibrate_experiment", "train_block"}),
+        ("double_pendulum/data/calibration.json", "train", {"calibrate_experiment", "train_seed_group"}),
         ("pendulum/data/train.npz", "train", {"simulate_set"} | BASES),
-        ("pendulum/data/near.npz", "evaluate", {"simulate_set", "evaluate_block"}),
-        ("pendulum/aphynity/*/model.safetensors", "augment", {"train_block_with_snapshots", "augment_block"}),
-        ("pendulum/aphynity/*/model.safetensors", "finetune", {"train_block_with_snapshots"} | TUNING),
-        ("pendulum/aphynity/*/snapshots.safetensors", "along", {"train_block_with_snapshots", "along_block"}),
+        ("pendulum/data/near.npz", "evaluate", {"simulate_set", "evaluate_seed_group"}),
+        ("pendulum/aphynity/*/model.safetensors", "augment", {"train_seed_group_with_snapshots", "augment_seed_group"}),
+        ("pendulum/aphynity/*/model.safetensors", "finetune", {"train_seed_group_with_snapshots"} | TUNING),
+        (
+            "pendulum/aphynity/*/snapshots.safetensors",
+            "during_training",
+            {"train_seed_group_with_snapshots", "during_training_seed_group"},
+        ),
         ("pendulum/aphynity+/*/augmented.safetensors", "finetune", TUNING),
-        ("pendulum/aphynity+wide/*/model.safetensors", "evaluate", {"finetune_block", "evaluate_block"}),
-        ("pendulum/aphynity+wide/*/metrics.csv", "studies", {"evaluate_block", "study_experiment"}),
-        ("pendulum/aphynity/*/along.csv", "studies", {"along_block", "study_experiment"}),
+        ("pendulum/aphynity+wide/*/model.safetensors", "evaluate", {"finetune_seed_group", "evaluate_seed_group"}),
+        ("pendulum/aphynity+wide/*/metrics.csv", "studies", {"evaluate_seed_group", "study_experiment"}),
+        ("pendulum/aphynity/*/during_training.csv", "studies", {"during_training_seed_group", "study_experiment"}),
         (
             "pendulum/ml_only/*/model.safetensors",
             "pendulum",
-            {"train_block"} | SCORED - {"plot_overview", "compare_all"},
+            {"train_seed_group"} | SCORED - {"plot_overview", "compare_all"},
         ),
     ],
 )
@@ -298,7 +309,7 @@ def test_every_stage_is_a_target(project):
     for target in TARGETS:
         plan = planned(project, target, "--forceall", *SMOKE)
         assert plan, target
-        assert any(rule.startswith("train_block") for rule in plan) == (
+        assert any(rule.startswith("train_seed_group") for rule in plan) == (
             target in [*LEARNING_TARGETS, "everything", "all"]
         ), target
 
@@ -323,9 +334,9 @@ def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
     assert plans[0] == plans[1] == plans[2]
     found = config.validate(config.load([project / "config" / "config.yaml"]))
     models = sum(len(found["experiments"][name]["methods"]) for name in found["run"]) * len(
-        stage_settings.blocks(found)
+        stage_settings.seed_groups(found)
     )
-    assert plans[0]["train_block"] + plans[0]["train_block_with_snapshots"] == models
+    assert plans[0]["train_seed_group"] + plans[0]["train_seed_group_with_snapshots"] == models
     assert not list(elsewhere.glob("results"))
 
 

@@ -23,7 +23,7 @@ RECORDED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "rec
 SIMULATED = [e for e in RUN if e not in RECORDED]
 RENDERED = ["video.mp4"] if SOURCE == "rendered" else []
 LEARNING_SETS = ["train", "validation"]
-BLOCKS = list(jobs.blocks(CONFIG))
+SEED_GROUPS = list(jobs.seed_groups(CONFIG))
 FIGURES = ["log_mse", "parameter_errors", "parameters", "forecasts", "curves"]
 ENDS = [".csv", ".md", ".tex"]
 COMPARED = [e for e in RUN if CONFIG["experiments"][e]["evaluation"]["published"] is not None]
@@ -72,10 +72,10 @@ def method_of(variant):
     return labels.split(variant)[0]
 
 
-def per_block(pattern, experiment, methods):
-    """Files of every block of an experiment's methods; ``pattern`` has {method} and {block}."""
-    folder = results(f"{experiment}/{{method}}/{{block}}/{pattern}")
-    return expand(folder, method=methods, block=BLOCKS)
+def per_seed_group(pattern, experiment, methods):
+    """Files of every group of an experiment's methods; ``pattern`` has {method} and {seed_group}."""
+    folder = results(f"{experiment}/{{method}}/{{seed_group}}/{pattern}")
+    return expand(folder, method=methods, seed_group=SEED_GROUPS)
 
 
 def trained_of(experiment):
@@ -87,17 +87,17 @@ def studies_of(experiment):
     return jobs.studies(CONFIG, experiment)
 
 
-def along_of(experiment):
+def during_training_of(experiment):
     """Scores of the models along training."""
-    study = CONFIG["experiments"][experiment]["studies"].get("along")
-    return per_block("along.csv", experiment, [study["method"]]) if study else []
+    study = CONFIG["experiments"][experiment]["studies"].get("during_training")
+    return per_seed_group("during_training.csv", experiment, [study["method"]]) if study else []
 
 
 def studied(experiment, study):
     """Files of metrics that a study reads."""
-    if study == "along":
-        return along_of(experiment)
-    return per_block("metrics.csv", experiment, jobs.studied(CONFIG, experiment, study))
+    if study == "during_training":
+        return during_training_of(experiment)
+    return per_seed_group("metrics.csv", experiment, jobs.studied(CONFIG, experiment, study))
 
 
 def calibration_of(experiment):
@@ -160,7 +160,7 @@ def forecasts_to_draw():
     found = stage_settings.overlaid(CONFIG)
     if found is None:
         return {}
-    paths = {v: results(f"{found[0]}/{v}/{BLOCKS[0]}/forecasts.npz") for v in found[1]}
+    paths = {v: results(f"{found[0]}/{v}/{SEED_GROUPS[0]}/forecasts.npz") for v in found[1]}
     return {stage_settings.label(CONFIG, v): path for v, path in paths.items() if os.path.exists(path)}
 
 
@@ -210,8 +210,8 @@ def models_of(experiment, variants, sets=LEARNING_SETS):
     tuned = [v for v in variants if v not in methods_of(experiment)]
     return [
         *data_of(experiment, sets),
-        *per_block("augmented.safetensors", experiment, tuned),
-        *per_block("model.safetensors", experiment, dict.fromkeys([*map(method_of, variants), *tuned])),
+        *per_seed_group("augmented.safetensors", experiment, tuned),
+        *per_seed_group("model.safetensors", experiment, dict.fromkeys([*map(method_of, variants), *tuned])),
     ]
 
 
@@ -219,17 +219,17 @@ def metrics_of(experiment, variants):
     """Metrics of these variants with the files on the way to them."""
     return [
         *models_of(experiment, variants, sets_of(experiment)),
-        *per_block("metrics.csv", experiment, variants),
+        *per_seed_group("metrics.csv", experiment, variants),
     ]
 
 
 def scores_of(experiment, study):
     """What a study reads with the files on the way to it."""
-    if study != "along":
+    if study != "during_training":
         return metrics_of(experiment, jobs.studied(CONFIG, experiment, study))
     method = CONFIG["experiments"][experiment]["studies"][study]["method"]
     models = models_of(experiment, [method], MAIN_SETS)
-    return [*models, *per_block("snapshots.safetensors", experiment, [method]), *along_of(experiment)]
+    return [*models, *per_seed_group("snapshots.safetensors", experiment, [method]), *during_training_of(experiment)]
 
 
 def everything_of(experiment):
@@ -261,5 +261,5 @@ wildcard_constraints:
     method=one_of(CONFIG["methods"]),
     variant=one_of([v for e in RUN for v in every_variant(e)]),
     study=one_of({name for e in RUN for name in studies_of(e)}),
-    block=one_of(BLOCKS),
+    seed_group=one_of(SEED_GROUPS),
     set=r"\w+",

@@ -1,9 +1,9 @@
 # Metrics of every model, then the tables and figures of each experiment.
 
 
-rule evaluate_block:
+rule evaluate_seed_group:
     input:
-        model=results("{experiment}/{variant}/{block}/model.safetensors"),
+        model=results("{experiment}/{variant}/{seed_group}/model.safetensors"),
         sets=lambda w: expand(
             results("{experiment}/data/{set}.npz"), experiment=w.experiment, set=sets_of(w.experiment)
         ),
@@ -11,23 +11,25 @@ rule evaluate_block:
         code=lambda w: code("evaluate", w.experiment, method_of(w.variant)),
         constraints=CONSTRAINTS,
     output:
-        metrics=results("{experiment}/{variant}/{block}/metrics.csv"),
-        forecasts=results("{experiment}/{variant}/{block}/forecasts.npz"),
-        figures=[results(f"{{experiment}}/{{variant}}/{{block}}/{name}.png") for name in ("forecasts", "parameters")],
+        metrics=results("{experiment}/{variant}/{seed_group}/metrics.csv"),
+        forecasts=results("{experiment}/{variant}/{seed_group}/forecasts.npz"),
+        figures=[
+            results(f"{{experiment}}/{{variant}}/{{seed_group}}/{name}.png") for name in ("forecasts", "parameters")
+        ],
     log:
-        results("logs/evaluate/{experiment}_{variant}_{block}.log"),
+        results("logs/evaluate/{experiment}_{variant}_{seed_group}.log"),
     benchmark:
-        results("benchmarks/evaluate/{experiment}_{variant}_{block}.tsv")
+        results("benchmarks/evaluate/{experiment}_{variant}_{seed_group}.tsv")
     conda:
         "../envs/expertaug.yaml"
     threads: 1
     resources:
         mem_mb=4000,
     params:
-        settings=lambda w: settings("evaluate", w.experiment, w.variant, w.block),
+        settings=lambda w: settings("evaluate", w.experiment, w.variant, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
     message:
-        "evaluate {wildcards.variant} on {wildcards.experiment}, {wildcards.block}"
+        "evaluate {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
         "expertaug evaluate --model {input.model:q} --data {params.data:q} --output {output.metrics:q}"
         " --forecasts {output.forecasts:q} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
@@ -35,8 +37,8 @@ rule evaluate_block:
 
 rule tabulate_experiment:
     input:
-        metrics=lambda w: per_block("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
-        forecasts=lambda w: per_block("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        metrics=lambda w: per_seed_group("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        forecasts=lambda w: per_seed_group("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
         code=code("tabulate"),
         constraints=CONSTRAINTS,
     output:
@@ -67,9 +69,9 @@ rule tabulate_experiment:
 
 rule plot_experiment:
     input:
-        metrics=lambda w: per_block("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
-        forecasts=lambda w: per_block("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
-        models=lambda w: per_block("model.safetensors", w.experiment, trained_of(w.experiment)),
+        metrics=lambda w: per_seed_group("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        forecasts=lambda w: per_seed_group("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        models=lambda w: per_seed_group("model.safetensors", w.experiment, trained_of(w.experiment)),
         code=code("plot"),
         constraints=CONSTRAINTS,
     output:
@@ -119,8 +121,8 @@ rule plot_experiment:
     params:
         settings=lambda w: settings("plot", w.experiment),
         # A training's log is no declared output: a killed job would lose it.
-        logs=lambda w: per_block("log.jsonl", w.experiment, trained_of(w.experiment)),
-        forecasts=lambda w, input: [path for path in input.forecasts if f"/{BLOCKS[0]}/" in path],
+        logs=lambda w: per_seed_group("log.jsonl", w.experiment, trained_of(w.experiment)),
+        forecasts=lambda w, input: [path for path in input.forecasts if f"/{SEED_GROUPS[0]}/" in path],
         prefix=lambda w: results(f"figures/{w.experiment}"),
     message:
         "plot {wildcards.experiment}"
@@ -169,7 +171,7 @@ rule study_experiment:
 
 rule compare_experiment:
     input:
-        metrics=lambda w: per_block("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        metrics=lambda w: per_seed_group("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
         published=NUMBERS,
         code=code("compare"),
         constraints=CONSTRAINTS,
@@ -199,7 +201,7 @@ if COMPARED:
     # The same over all experiments of the run.
     use rule compare_experiment as compare_all with:
         input:
-            metrics=[per_block("metrics.csv", e, jobs.variants(CONFIG, e)) for e in COMPARED],
+            metrics=[per_seed_group("metrics.csv", e, jobs.variants(CONFIG, e)) for e in COMPARED],
             published=NUMBERS,
             code=code("compare"),
             constraints=CONSTRAINTS,
@@ -219,7 +221,7 @@ if OVERVIEWS:
 
     rule plot_overview:
         input:
-            metrics=[per_block("metrics.csv", one["name"], jobs.variants(CONFIG, one["name"])) for one in OVERVIEW],
+            metrics=[per_seed_group("metrics.csv", one["name"], jobs.variants(CONFIG, one["name"])) for one in OVERVIEW],
             code=code("overview"),
             constraints=CONSTRAINTS,
         output:

@@ -1,4 +1,4 @@
-# Training, augmentation and fine-tuning of blocks of seeds.
+# Training, augmentation and fine-tuning of groups of seeds.
 
 
 rule init_tracking:
@@ -22,7 +22,7 @@ rule init_tracking:
         "expertaug init-tracking --output {output:q} --settings {params.settings:q} --log {log:q}"
 
 
-rule train_block:
+rule train_seed_group:
     input:
         train=results("{experiment}/data/train.npz"),
         validation=results("{experiment}/data/validation.npz"),
@@ -31,11 +31,11 @@ rule train_block:
         code=lambda w: code("train", w.experiment, w.method),
         constraints=CONSTRAINTS,
     output:
-        model=results("{experiment}/{method}/{block}/model.safetensors"),
+        model=results("{experiment}/{method}/{seed_group}/model.safetensors"),
     log:
-        results("logs/train/{experiment}_{method}_{block}.log"),
+        results("logs/train/{experiment}_{method}_{seed_group}.log"),
     benchmark:
-        results("benchmarks/train/{experiment}_{method}_{block}.tsv")
+        results("benchmarks/train/{experiment}_{method}_{seed_group}.tsv")
     wildcard_constraints:
         experiment=FOLLOWED["no"],
     conda:
@@ -44,68 +44,68 @@ rule train_block:
     resources:
         mem_mb=4000,
     params:
-        settings=lambda w: settings("train", w.experiment, w.method, w.block),
+        settings=lambda w: settings("train", w.experiment, w.method, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
-        work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.block}"),
+        work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.seed_group}"),
         calibration=lambda w, input: f"--calibration {shlex.quote(str(input.calibration))}" if input.calibration else "",
     message:
-        "train {wildcards.method} on {wildcards.experiment}, {wildcards.block}"
+        "train {wildcards.method} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
         "expertaug train --data {params.data:q} {params.calibration} --output {output.model:q} --work {params.work:q}"
         " --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
 
 
 # The same where the study along training needs the states at some of its stages.
-use rule train_block as train_block_with_snapshots with:
+use rule train_seed_group as train_seed_group_with_snapshots with:
     output:
-        model=results("{experiment}/{method}/{block}/model.safetensors"),
-        snapshots=results("{experiment}/{method}/{block}/snapshots.safetensors"),
+        model=results("{experiment}/{method}/{seed_group}/model.safetensors"),
+        snapshots=results("{experiment}/{method}/{seed_group}/snapshots.safetensors"),
     wildcard_constraints:
         experiment=FOLLOWED["yes"],
 
 
-rule along_block:
+rule during_training_seed_group:
     input:
-        snapshots=results("{experiment}/{method}/{block}/snapshots.safetensors"),
+        snapshots=results("{experiment}/{method}/{seed_group}/snapshots.safetensors"),
         sets=expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
         tracking=ancient(results("mlflow/tracking.json")),
-        code=lambda w: code("along", w.experiment, w.method),
+        code=lambda w: code("during_training", w.experiment, w.method),
         constraints=CONSTRAINTS,
     output:
-        results("{experiment}/{method}/{block}/along.csv"),
+        results("{experiment}/{method}/{seed_group}/during_training.csv"),
     log:
-        results("logs/along/{experiment}_{method}_{block}.log"),
+        results("logs/during_training/{experiment}_{method}_{seed_group}.log"),
     benchmark:
-        results("benchmarks/along/{experiment}_{method}_{block}.tsv")
+        results("benchmarks/during_training/{experiment}_{method}_{seed_group}.tsv")
     conda:
         "../envs/expertaug.yaml"
     threads: 1
     resources:
         mem_mb=4000,
     params:
-        settings=lambda w: settings("along", w.experiment, w.method, w.block),
+        settings=lambda w: settings("during_training", w.experiment, w.method, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
-        work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.block}_along"),
+        work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.seed_group}_during_training"),
     message:
-        "augment {wildcards.method} along its training on {wildcards.experiment}, {wildcards.block}"
+        "augment {wildcards.method} along its training on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug along --snapshots {input.snapshots:q} --data {params.data:q} --output {output:q}"
+        "expertaug during-training --snapshots {input.snapshots:q} --data {params.data:q} --output {output:q}"
         " --work {params.work:q} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
 
 
-rule augment_block:
+rule augment_seed_group:
     input:
-        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.block}/model.safetensors"),
+        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
         train=results("{experiment}/data/train.npz"),
         validation=results("{experiment}/data/validation.npz"),
         code=lambda w: code("augment", w.experiment, method_of(w.variant)),
         constraints=CONSTRAINTS,
     output:
-        results("{experiment}/{variant}/{block}/augmented.safetensors"),
+        results("{experiment}/{variant}/{seed_group}/augmented.safetensors"),
     log:
-        results("logs/augment/{experiment}_{variant}_{block}.log"),
+        results("logs/augment/{experiment}_{variant}_{seed_group}.log"),
     benchmark:
-        results("benchmarks/augment/{experiment}_{variant}_{block}.tsv")
+        results("benchmarks/augment/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
         variant=AUGMENTED,
     conda:
@@ -114,30 +114,30 @@ rule augment_block:
     resources:
         mem_mb=4000,
     params:
-        settings=lambda w: settings("augment", w.experiment, w.variant, w.block),
+        settings=lambda w: settings("augment", w.experiment, w.variant, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
     message:
-        "augment the data of {wildcards.experiment} for {wildcards.variant}, {wildcards.block}"
+        "augment the data of {wildcards.experiment} for {wildcards.variant}, {wildcards.seed_group}"
     shell:
         "expertaug augment --model {input.model:q} --data {params.data:q} --output {output:q}"
         " --settings {params.settings:q} --log {log:q}"
 
 
-rule finetune_block:
+rule finetune_seed_group:
     input:
-        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.block}/model.safetensors"),
-        augmented=results("{experiment}/{variant}/{block}/augmented.safetensors"),
+        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
+        augmented=results("{experiment}/{variant}/{seed_group}/augmented.safetensors"),
         train=results("{experiment}/data/train.npz"),
         validation=results("{experiment}/data/validation.npz"),
         tracking=ancient(results("mlflow/tracking.json")),
         code=lambda w: code("finetune", w.experiment, method_of(w.variant)),
         constraints=CONSTRAINTS,
     output:
-        results("{experiment}/{variant}/{block}/model.safetensors"),
+        results("{experiment}/{variant}/{seed_group}/model.safetensors"),
     log:
-        results("logs/finetune/{experiment}_{variant}_{block}.log"),
+        results("logs/finetune/{experiment}_{variant}_{seed_group}.log"),
     benchmark:
-        results("benchmarks/finetune/{experiment}_{variant}_{block}.tsv")
+        results("benchmarks/finetune/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
         variant=AUGMENTED,
     conda:
@@ -146,11 +146,11 @@ rule finetune_block:
     resources:
         mem_mb=4000,
     params:
-        settings=lambda w: settings("finetune", w.experiment, w.variant, w.block),
+        settings=lambda w: settings("finetune", w.experiment, w.variant, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
-        work=lambda w: results(f".work/{w.experiment}/{w.variant}/{w.block}"),
+        work=lambda w: results(f".work/{w.experiment}/{w.variant}/{w.seed_group}"),
     message:
-        "fine-tune {wildcards.variant} on {wildcards.experiment}, {wildcards.block}"
+        "fine-tune {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
         "expertaug finetune --model {input.model:q} --augmented {input.augmented:q} --data {params.data:q}"
         " --output {output:q} --work {params.work:q} --settings {params.settings:q}"
@@ -168,7 +168,7 @@ rule train:
 rule augment:
     input:
         [models_of(experiment, [method_of(v) for v in augmented_of(experiment)]) for experiment in RUN],
-        [per_block("augmented.safetensors", experiment, augmented_of(experiment)) for experiment in RUN],
+        [per_seed_group("augmented.safetensors", experiment, augmented_of(experiment)) for experiment in RUN],
 
 
 rule finetune:
@@ -176,6 +176,6 @@ rule finetune:
         [models_of(experiment, augmented_of(experiment)) for experiment in RUN],
 
 
-rule along:
+rule during_training:
     input:
-        [scores_of(experiment, "along") for experiment in RUN if along_of(experiment)],
+        [scores_of(experiment, "during_training") for experiment in RUN if during_training_of(experiment)],

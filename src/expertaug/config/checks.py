@@ -11,14 +11,14 @@ from pathlib import Path
 from expertaug.config import signatures, stage_code, study_checks
 from expertaug.config.names import require, require_all, require_keys, require_parameters, suggest
 from expertaug.errors import InputError
-from expertaug.recordings.markers.appearance import Look
+from expertaug.recordings.markers.appearance import Appearance
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
 TARGETS = (*stage_code.STAGES, "recordings", "studies", "report", "all", "everything")
 NOT_SYSTEMS = ("base", "solver", "simulate")
 # Files of an experiment are called after it and one of these.
-ENDINGS = ("long", "published", "out_of_expertise", "prior_width", "along")
+ENDINGS = ("long", "published", "out_of_expertise", "prior_width", "during_training")
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
 CHECKSUM = re.compile(r"([0-9a-fA-F]{64}) [ *](.+)")
 TEXT_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -222,7 +222,7 @@ def _overlay(config: Mapping) -> None:
 def _recordings(recordings: Mapping) -> None:
     source = recordings["source"]
     if source != "markers":
-        Look.from_mapping(recordings["tracking"]["markers"])
+        Appearance.from_mapping(recordings["tracking"]["markers"])
     if source == "rendered":
         if recordings["checksums"] is not None:
             raise InputError("recordings.checksums", "the recordings are rendered", "remove it")

@@ -1,4 +1,4 @@
-"""Which jobs a configuration means: blocks of seeds, versions of methods, sets, studies; only names."""
+"""Which jobs a configuration means: groups of seeds, versions of methods, sets, studies; only names."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from expertaug import labels as naming
 from expertaug.config import study_checks
 
 
-def blocks(config: Mapping) -> dict[str, list[int]]:
-    """Seeds that one job trains together, by the block's name."""
+def seed_groups(config: Mapping) -> dict[str, list[int]]:
+    """Seeds that one job trains together, by the group's name."""
     seeds, size = config["seeds"], config["seeds_per_job"]
     parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
     return {f"seeds_{'_'.join(map(str, part))}": part for part in parts}
@@ -56,5 +56,5 @@ def label(config: Mapping, variant: str) -> str:
 
 def snapshots(config: Mapping, experiment: str, method: str) -> list[int]:
     """Passes after which the training of a method keeps its state for the study along training."""
-    study = config["experiments"][experiment]["studies"].get("along", {})
+    study = config["experiments"][experiment]["studies"].get("during_training", {})
     return sorted(study["epochs"]) if study.get("method") == method else []

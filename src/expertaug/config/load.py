@@ -107,14 +107,14 @@ def validate(config: Mapping, schema: str | Path | None = None) -> dict:
     return config
 
 
-def _check_along(name: str, config: Mapping, rules: Mapping) -> None:
-    """What studies.along says of the fine-tuning must fit that block."""
+def _check_during_training(name: str, config: Mapping, rules: Mapping) -> None:
+    """What studies.during_training says of the fine-tuning must fit that block."""
     one = config["experiments"][name]
-    over = one["studies"].get("along", {}).get("finetuning", {})
+    over = one["studies"].get("during_training", {}).get("finetuning", {})
     try:
         _check({**config, "experiments": {name: merge(one, {"finetuning": over} if over else {})}}, rules)
     except InputError as error:
-        raise InputError(f"experiments.{name}.studies.along.finetuning", str(error)) from error
+        raise InputError(f"experiments.{name}.studies.during_training.finetuning", str(error)) from error
 
 
 def _choose_preset(config: Mapping, rules: Mapping) -> dict[str, dict]:
@@ -142,7 +142,7 @@ def _choose_preset(config: Mapping, rules: Mapping) -> dict[str, dict]:
 def _check_overrides(config: Mapping, rules: Mapping) -> None:
     """What experiments.*.overrides say must fit the blocks that they override."""
     for name, one in config["experiments"].items():
-        _check_along(name, config, rules)
+        _check_during_training(name, config, rules)
         for method, blocks in one["overrides"].items():
             where = f"experiments.{name}.overrides.{method}"
             if method not in config["methods"]:

@@ -36,7 +36,7 @@ STAGES = {
     "train": "expertaug.learning.train",
     "augment": "expertaug.learning.augment",
     "finetune": "expertaug.learning.finetune",
-    "along": "expertaug.evaluation.during_training",
+    "during_training": "expertaug.evaluation.during_training",
     "evaluate": "expertaug.evaluation.evaluate",
     "tabulate": "expertaug.evaluation.tables",
     "plot": "expertaug.evaluation.plot",

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from expertaug import labels as naming
 from expertaug.config import signatures
-from expertaug.config.jobs import blocks, label, sets, snapshots, studied, variants
+from expertaug.config.jobs import label, seed_groups, sets, snapshots, studied, variants
 from expertaug.config.load import merge
 from expertaug.registry import full_name
 
@@ -109,7 +109,7 @@ def simulate(config: Mapping, experiment: str, name: str) -> dict:
     return {"system": one["system"], "data": data}
 
 
-def train(config: Mapping, experiment: str, method: str, block: str) -> dict:
+def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
     one, build = _experiment(config, experiment, method), config["methods"][method]
     model, training = dict(one["model"]), one["training"]
     if build.get("interaction") is False:
@@ -131,12 +131,12 @@ def train(config: Mapping, experiment: str, method: str, block: str) -> dict:
         **({"snapshots": kept} if (kept := snapshots(config, experiment, method)) else {}),
         "t1_s": one["data"]["t1_s"],
         "choices": _choices(config, experiment, "train"),
-        "seeds": blocks(config)[block],
+        "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
 
 
-def augment(config: Mapping, experiment: str, variant: str, block: str) -> dict:
+def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
     method, name = naming.split(variant)
     one = _experiment(config, experiment, method)
     return {
@@ -145,46 +145,46 @@ def augment(config: Mapping, experiment: str, variant: str, block: str) -> dict:
         "prior": (one["augmentations"][name] if name else one["augmentation"])["prior"],
         "noise": _noise(one),
         "choices": _choices(config, experiment, "augment"),
-        "seeds": blocks(config)[block],
+        "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
 
 
-def finetune(config: Mapping, experiment: str, variant: str, block: str) -> dict:
+def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict:
     method = naming.split(variant)[0]
     return {
         **_identity(config, experiment, variant),
         "training": _with_own_options(_experiment(config, experiment, method)["finetuning"], config["methods"][method]),
         "choices": _choices(config, experiment, "finetune"),
-        "seeds": blocks(config)[block],
+        "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
 
 
-def evaluate(config: Mapping, experiment: str, variant: str, block: str) -> dict:
+def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict:
     return {
         **_identity(config, experiment, variant),
         "evaluation": _evaluation(config, experiment),
         "sets": sets(config, experiment),
         "choices": _choices(config, experiment, "evaluate"),
-        "seeds": blocks(config)[block],
+        "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
 
 
-def along(config: Mapping, experiment: str, method: str, block: str) -> dict:
+def during_training(config: Mapping, experiment: str, method: str, group: str) -> dict:
     """The settings of augmentation, of the fine-tunings and of their evaluation."""
-    study = config["experiments"][experiment]["studies"]["along"]
-    tuned = finetune(config, experiment, f"{method}+", block)
+    study = config["experiments"][experiment]["studies"]["during_training"]
+    tuned = finetune(config, experiment, f"{method}+", group)
     evaluation = {k: v for k, v in _evaluation(config, experiment).items() if k in ("from_s", "solver")}
     return {
         **_identity(config, experiment, method),
-        "augment": augment(config, experiment, f"{method}+", block),
+        "augment": augment(config, experiment, f"{method}+", group),
         "finetune": tuned | {"training": merge(tuned["training"], study["finetuning"])},
         "finetune_epochs": study["finetune_epochs"],
         "evaluation": evaluation | {"max_samples": study["max_samples"]},
         "choices": _choices(config, experiment, "evaluate"),
-        "seeds": blocks(config)[block],
+        "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
 

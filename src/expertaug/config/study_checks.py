@@ -21,7 +21,7 @@ def check(where: str, experiment: Mapping, methods: Mapping) -> None:
     """
     _augmentations(where, experiment)
     _out_of_expertise(where, experiment)
-    _along(where, experiment, methods)
+    _during_training(where, experiment, methods)
     require_keys(f"{where}.evaluation.set_titles", experiment["evaluation"]["set_titles"], sets_of(experiment))
     published = experiment["evaluation"]["published"]
     if published is not None:
@@ -62,16 +62,16 @@ def _out_of_expertise(where: str, experiment: Mapping) -> None:
             require(shifted["overview"], known, f"{here}.overview", "set of this experiment")
 
 
-def _along(where: str, experiment: Mapping, methods: Mapping) -> None:
-    along = experiment["studies"].get("along")
+def _during_training(where: str, experiment: Mapping, methods: Mapping) -> None:
+    along = experiment["studies"].get("during_training")
     if along is not None:
-        here, method = f"{where}.studies.along", along["method"]
+        here, method = f"{where}.studies.during_training", along["method"]
         require(method, experiment["methods"], f"{here}.method", "method of this experiment")
         if methods[method]["kind"] == "mean":
             raise InputError(f"{here}.method", f"'{method}' is of kind mean", "only hybrid methods can be augmented")
         for key in ("augmentation", "finetuning"):
             if key not in experiment:
-                raise InputError(f"{where}.{key}", "missing", "studies.along needs it")
+                raise InputError(f"{where}.{key}", "missing", "studies.during_training needs it")
         last = {**experiment["training"], **experiment["overrides"].get(method, {}).get("training", {})}["epochs"]
         for k, epoch in enumerate(along["epochs"]):
             if epoch > last:

@@ -1,4 +1,4 @@
-"""The stage along: scores of a model at several stages of its training, before and after fine-tuning."""
+"""The stage during_training: scores of a model at several stages of its training, before and after fine-tuning."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from expertaug.tracking.runlog import RunLog
 from expertaug.trajectories import Trajectories
 
 
-def along(snapshots: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None) -> None:
+def during_training(
+    snapshots: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None
+) -> None:
     """Write the metrics of every snapshot of a training and of its augmented, fine-tuned versions.
 
     Arguments:
@@ -30,8 +32,8 @@ def along(snapshots: Path, data: Path, output: Path, work: Path, settings: Mappi
         work: folder for checkpoints.
         settings: {experiment, method, label, preset, augment, finetune, finetune_epochs, evaluation, choices, seeds,
             device}: settings of the stages augment, finetune and evaluate, and the lengths of the fine-tunings.
-        tracking: as of :class:`expertaug.tracking.runlog.RunLog`; the log, along.jsonl beside ``output``, has the
-            metrics with the passes of training as step.
+        tracking: as of :class:`expertaug.tracking.runlog.RunLog`; the log, during_training.jsonl beside ``output``, has
+            the metrics with the passes of training as step.
     """
     device = device_of(settings["device"])
     options = settings["evaluation"]
@@ -46,10 +48,10 @@ def along(snapshots: Path, data: Path, output: Path, work: Path, settings: Mappi
     with (
         locked(work),  # an orphan may still be writing the log
         RunLog(
-            Path(output).with_name("along.jsonl"),
+            Path(output).with_name("during_training.jsonl"),
             tracking,
             **identity,
-            stage="along",
+            stage="during_training",
             seeds=description["seeds"],
             params={"epochs": epochs} | params,
         ) as log,

@@ -1,4 +1,4 @@
-"""The stage evaluate: metrics and forecasts of one trained block of seeds on every set."""
+"""The stage evaluate: metrics and forecasts of one trained group of seeds on every set."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def evaluate(
         data: folder of the sets.
         metrics: CSV in long format (experiment, system, method, label, preset, seed, set, metric, value).
         forecasts: npz; its arrays are named in :func:`_collect`.  Beside it forecasts.png and parameters.png are drawn,
-            this block's own figures.
+            this group's own figures.
         settings: {experiment, method, label, preset, sets, evaluation, choices, seeds, device}; ``sets`` names those to
             evaluate (forecasts are kept of validation and test alone); ``evaluation`` has ``samples`` (forecasts kept
             of each set), ``from_s`` (the metric sees times from there on; null = those after the observed window),

@@ -36,7 +36,7 @@ def bars(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapp
     """Draw the log-MSE of every method on every set: mean over seeds, standard deviation as error bar, seeds as dots.
 
     Arguments:
-        metrics: metrics.csv of every method and block; several experiments become panels.
+        metrics: metrics.csv of every method and group of seeds; several experiments become panels.
         outputs: .png or .pdf files, or one path without suffix for both.
         settings: all optional: ``convention`` ("sum" or "dim"), ``labels`` (all labels of the configuration, in order),
             ``sets`` (those to draw), ``set_titles`` (how they are printed), ``title`` (of a single experiment),

@@ -20,7 +20,7 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
     za_shifted, each as .png and .pdf: a panel for each experiment, methods with their augmented versions.
 
     Arguments:
-        metrics: metrics.csv of every experiment, method and block of seeds.
+        metrics: metrics.csv of every experiment, method and group of seeds.
         output: folder of the figures.
         settings: {experiments, all_labels}: of each experiment its name, whether the first two figures show it
             (``shown``), the set that za_shifted shows (``shifted``, or null) and how its numbers are read (convention,

@@ -16,9 +16,9 @@ def plot(
     """Write ``<prefix>_<name>.png`` and ``.pdf`` for every name in :data:`NAMES`.
 
     Arguments:
-        metrics: metrics.csv of every method and block of seeds.
-        forecasts: forecasts.npz of one block of each method, in the order of ``settings["labels"]``.
-        logs: log.jsonl of every trained method and block.
+        metrics: metrics.csv of every method and group of seeds.
+        forecasts: forecasts.npz of one group of seeds of each method, in the order of ``settings["labels"]``.
+        logs: log.jsonl of every trained method and group of seeds.
         settings: {labels, all_labels, convention, set_titles, title, training_range, priors}: this experiment's labels
             in order and the whole configuration's, which fix the colours; ranges of the expert parameters where they
             are known, else empty; priors by label.

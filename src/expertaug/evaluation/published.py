@@ -74,7 +74,7 @@ def compare(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
     """Write tables of published and own numbers.
 
     Arguments:
-        metrics: metrics.csv of every method and block of seeds, of one experiment or of several.
+        metrics: metrics.csv of every method and group of seeds, of one experiment or of several.
         outputs: any of .csv (full precision), .md and .tex.
         settings: {published}: pairs of an experiment and the system that the paper's numbers are of.
 

@@ -11,7 +11,7 @@ import pandas as pd
 from expertaug.errors import InputError
 from expertaug.evaluation import study_figures
 from expertaug.evaluation.formats import booktabs, cell_text, escape, grid, metric_title
-from expertaug.evaluation.study_figures import ALONG_SETS, WIDTH_SETS, ranges_text
+from expertaug.evaluation.study_figures import DURING_TRAINING_SETS, WIDTH_SETS, ranges_text
 from expertaug.evaluation.summary import CONVENTIONS, read_metrics, set_title, shown_metrics, summarise
 from expertaug.files import write_text
 from expertaug.labels import split
@@ -40,7 +40,7 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -
     """Write the table and draw the figure of a study.
 
     Arguments:
-        metrics: metrics.csv (of the study along training: along.csv) of all variants and blocks.
+        metrics: metrics.csv (of the study along training: during_training.csv) of all variants and groups of seeds.
         outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
         settings: {study, labels, all_labels, sets, convention, set_titles, title, from_s} and, of out_of_expertise and
             along, ``options`` (the study's configuration), of prior_width ``priors`` (ranges by method and name, "" =
@@ -127,10 +127,10 @@ def _width_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
     return ["method", "p⁺", *header], rows, 2
 
 
-def _along_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
+def _during_training_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
     """A row for each snapshot and length of fine-tuning, a column for each metric and set."""
     found = cells_of(summary, "metric", "set", *AROUND)
-    columns = [(m, s) for m in shown_metrics(summary, settings["convention"]) for s in ALONG_SETS]
+    columns = [(m, s) for m in shown_metrics(summary, settings["convention"]) for s in DURING_TRAINING_SETS]
     header = [f"{set_title(name, settings)}: {metric_title(metric, {})}" for metric, name in columns]
     rows = []
     for epoch, tuned in sorted({key[2:] for key in found}):
@@ -142,5 +142,7 @@ def _along_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
 KINDS = {
     "out_of_expertise": Study("shifts out of the expertise", (), _shift_rows, study_figures.shifts),
     "prior_width": Study("width of the augmentation prior", (), _width_rows, study_figures.widths),
-    "along": Study("augmentation along the training", AROUND, _along_rows, study_figures.along),
+    "during_training": Study(
+        "augmentation along the training", AROUND, _during_training_rows, study_figures.during_training
+    ),
 }

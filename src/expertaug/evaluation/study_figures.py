@@ -18,7 +18,7 @@ from expertaug.evaluation.summary import CONVENTIONS, experiment_title, log_mse_
 from expertaug.labels import is_augmented, split
 
 WIDTH_SETS = ("validation", "test")
-ALONG_SETS = ("train", "validation", "test")
+DURING_TRAINING_SETS = ("train", "validation", "test")
 ALONG_COLOURS = {"train": "#7A7A7A", "validation": "#0072B2", "test": "#D55E00"}
 DASHED = (0, (3.5, 1.6))
 # Of the model as trained, then of each length of fine-tuning.
@@ -103,7 +103,7 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
         plotting.save(figure, outputs)
 
 
-def along(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+def during_training(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
     """The log-MSE along the training: a colour for each set, a line for each length of fine-tuning."""
     chosen = summary[summary["metric"] == log_mse_name(settings["convention"])]
     chosen = chosen.set_index(["set", "finetune_epochs", "epoch"])
@@ -113,7 +113,7 @@ def along(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> 
     with plotting.styled():
         figure = plotting.new_figure(3.4, 5.6)
         axis = figure.subplots()
-        for name in ALONG_SETS:
+        for name in DURING_TRAINING_SETS:
             for place, (length, (dash, marker, size)) in enumerate(lines.items()):
                 cells = [_cell(chosen, (name, length, epoch)) for epoch in epochs]
                 x = np.array(epochs) * (1 + 0.3 * _dodge(place, len(lines)))

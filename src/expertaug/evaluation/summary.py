@@ -40,7 +40,7 @@ def read_metrics(paths: Sequence[str | Path], further: Sequence[str] = ()) -> pd
     if same.any():
         row = table[same].iloc[0]
         what = f"{row['metric']} of {row['label']}, seed {row['seed']}, on {row['set']} is there twice"
-        raise InputError(row["file"], what, "give each block of seeds once")
+        raise InputError(row["file"], what, "give each group of seeds once")
     return table.drop(columns="file")
 
 

@@ -32,7 +32,7 @@ def tabulate(
     """Write tables of mean ± standard deviation over seeds; rows are methods, columns set × metric.
 
     Arguments:
-        metrics: metrics.csv of every method and block of seeds, of one experiment or of several (one table each).
+        metrics: metrics.csv of every method and group of seeds, of one experiment or of several (one table each).
         outputs: any of ``….csv`` (wide), ``…_long.csv``, ``….md`` and ``….tex`` (booktabs).  CSV files hold all metrics
             in full precision, the long one of all sets; LaTeX the chosen metrics, Markdown these and the others in a
             second table, of the main sets.

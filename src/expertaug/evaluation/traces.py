@@ -95,7 +95,7 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
     """Draw the course of trainings: mean over seeds as a line, all seeds as a band; a row per experiment.
 
     Arguments:
-        logs: log.jsonl of every method and block of seeds.
+        logs: log.jsonl of every method and group of seeds.
         outputs: as in :func:`forecasts`.
         settings: all optional: ``labels``, ``metrics`` ({name in the log: title}; default the loss and the validation
             score), ``title`` (of a single experiment).

@@ -61,7 +61,7 @@ def generate(
         model: stacked, trained; it is not changed.
         data: (T, 1, N, *state); only its observed window is used.
         task: of the training: ``t``, ``observed`` and ``solver``.
-        seeds: in the block's order; samples depend on the seed and ``draw`` alone.
+        seeds: in the group's order; samples depend on the seed and ``draw`` alone.
         prior: ranges of p⁺.
         noise: standard deviation of the noise added to every point, the first one too.
         draw: number of the draw (sets, passes).

@@ -1,4 +1,4 @@
-"""Random numbers for a block of seeds: what a seed draws does not depend on the seeds beside it."""
+"""Random numbers for a group of seeds: what a seed draws does not depend on the seeds beside it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Noise:
     """One generator a seed, made from the seed and the integers ``key``.
 
     Arguments:
-        seeds: S of them, in the block's order.
+        seeds: S of them, in the group's order.
         key: what the numbers are for (a pass, a step, a stream's number): another key, other numbers.
         device: of the numbers.
     """

@@ -98,7 +98,7 @@ class Objective:
     """What the trainer minimises.  A subclass needs :meth:`loss` and may need the others.
 
     Arguments:
-        seeds: of the block, in its order.
+        seeds: of the group, in its order.
         choices: rows of the preset.
 
     A subclass's further arguments are options in the configuration; one called ``prior`` gets the ranges of p⁺.

@@ -14,7 +14,7 @@ from expertaug.trajectories import Trajectories
 
 @dataclass(frozen=True)
 class Batch:
-    """A batch for a block of S seeds: y (T, S, B, *state), z_e (S, B, P), supervised (S, B) in {0, 1}."""
+    """A batch for a group of S seeds: y (T, S, B, *state), z_e (S, B, P), supervised (S, B) in {0, 1}."""
 
     y: Tensor
     z_e: Tensor

@@ -1,4 +1,4 @@
-"""Training a block of seeds as one batched computation."""
+"""Training a group of seeds as one batched computation."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Trainer:
         task: of training.
         train: the training set, or a function from the pass's number to that pass's set of the same size.
         validation: sets and point ranges (first, last + 1) whose mean log-MSE selects each seed's best model.
-        seeds: in the block's order.
+        seeds: in the group's order.
         settings: how to train.
         name: for messages.
         keep: passes after which the model's state is kept in ``snapshots``.

@@ -149,7 +149,7 @@ def _make(part: str, settings: Mapping, **fixed: object) -> nn.Module:
 
 
 def stack(models: list[HybridModel]) -> HybridModel:
-    """One model that computes a block of seeds: every parameter and buffer gains a leading seed axis."""
+    """One model that computes a group of seeds: every parameter and buffer gains a leading seed axis."""
     stacked = models[0]
     tensors = [dict(m.named_parameters()) | dict(m.named_buffers()) for m in models]
     for name in list(tensors[0]):

@@ -21,7 +21,7 @@ from expertaug.models.mean import MeanModel
 
 @dataclass(frozen=True)
 class StoredModel:
-    """A model for a block of seeds and what is known about it.
+    """A model for a group of seeds and what is known about it.
 
     Attributes:
         model: stacked over the seeds of ``description["seeds"]``.

@@ -64,9 +64,9 @@ class ConvInteraction(Interaction):
         """F_a at states y (…, B, fields, H, W), the shape of y."""
         layers = zip(self.state_layer.seeds(), *(layer.seeds() for layer in self.rest), strict=True)
         stacked = y.dim() == 5
-        blocks = zip(y.unbind(0), context.unbind(0), strict=True) if stacked else [(y, context)]
+        groups = zip(y.unbind(0), context.unbind(0), strict=True) if stacked else [(y, context)]
         with torch.autocast(y.device.type, self.precision, enabled=self.precision is not None):
-            rates = [self._one(*block, *own) for block, own in zip(blocks, layers, strict=True)]
+            rates = [self._one(*group, *own) for group, own in zip(groups, layers, strict=True)]
         return (torch.stack(rates) if stacked else rates[0]).to(y.dtype)
 
     def _one(self, y: Tensor, context: Tensor, first: tuple, *rest: tuple) -> Tensor:

@@ -1,7 +1,7 @@
 """Convolutional networks for states that are fields on a periodic grid, (channels, height, width).
 
-Like the layers of :mod:`expertaug.models.networks.layers`, they compute one seed or a block of seeds alike: inputs are
-(S, B, C, H, W) for stacked parameters and (B, C, H, W) otherwise.  A block is a loop over its seeds: one grouped
+Like the layers of :mod:`expertaug.models.networks.layers`, they compute one seed or a group of seeds alike: inputs are
+(S, B, C, H, W) for stacked parameters and (B, C, H, W) otherwise.  A group is a loop over its seeds: one grouped
 convolution over all of them takes twice the time (benchmarks/reaction_diffusion_step.py).
 """
 

@@ -1,4 +1,4 @@
-"""Layers that compute one seed or a block of seeds alike.
+"""Layers that compute one seed or a group of seeds alike.
 
 Weights are stored (in, out) and biases (1, out).  With parameters stacked along a leading seed axis, (S, in, out) and
 (S, 1, out), the same line is one batched matrix product, faster than ``torch.vmap`` over ordinary layers

@@ -15,7 +15,7 @@ from expertaug.models.networks.layers import Linear
 class UNet(nn.Module):
     """Periodic U-Net (Ronneberger et al. 2015): every level halves the grid, every hidden layer has a bias by z_a.
 
-    It computes one seed or a block of seeds alike, as :mod:`expertaug.models.networks.convolutional` does.
+    It computes one seed or a group of seeds alike, as :mod:`expertaug.models.networks.convolutional` does.
 
     Arguments:
         fields: channels of input and output.
@@ -37,9 +37,9 @@ class UNet(nn.Module):
         """(…, B, fields, H, W) and (…, B, condition) → (…, B, fields, H, W)."""
         stacked = x.dim() == 5
         biases = self.biases(z)
-        blocks = zip(x.unbind(0), biases.unbind(0), strict=True) if stacked else [(x, biases)]
+        groups = zip(x.unbind(0), biases.unbind(0), strict=True) if stacked else [(x, biases)]
         layers = zip(*(layer.seeds() for layer in (*self.down, *self.up, self.out)), strict=True)
-        each = [self._one(*block, own) for block, own in zip(blocks, layers, strict=True)]
+        each = [self._one(*group, own) for group, own in zip(groups, layers, strict=True)]
         return torch.stack(each) if stacked else each[0]
 
     def _one(self, x: Tensor, biases: Tensor, parameters: Sequence[tuple]) -> Tensor:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.recordings.markers.appearance import SATURATION, STYLES, Colour, Look
+from expertaug.recordings.markers.appearance import SATURATION, STYLES, Appearance, Colour
 from expertaug.recordings.markers.geometry import DIAMETERS, LARGEST, centre_of_circle
 from expertaug.recordings.markers.plain_disks import fitter, mask_of
 from expertaug.recordings.markers.quadrant_disks import Disks
@@ -106,7 +106,7 @@ def _quadrants(number: int, frame: np.ndarray) -> list[Spot]:
     smallest, step = DIAMETERS
     largest, diameter, spots = LARGEST * min(frame.shape[:2]), smallest, []
     while diameter <= largest:
-        finder = fitter(diameter, MIN_LEVEL, _tolerance(diameter), Look("quadrant", *THIRDS))
+        finder = fitter(diameter, MIN_LEVEL, _tolerance(diameter), Appearance("quadrant", *THIRDS))
         places = finder.candidates(frame)
         if len(places):
             spots += _spots(number, finder.fit(frame, places), diameter)
@@ -134,7 +134,7 @@ def _plain(number: int, frame: np.ndarray) -> list[Spot]:
             diameter = float(np.sqrt(4 * area / np.pi) * scales.mean())
             round_enough = 0.75 < width / height < 1.34 and 0.6 < area / (width * height) < 0.92
             if round_enough and DIAMETERS[0] <= diameter <= LARGEST * min(frame.shape[:2]):
-                finder = fitter(diameter, MIN_LEVEL, _tolerance(diameter), Look("disk", *THIRDS))
+                finder = fitter(diameter, MIN_LEVEL, _tolerance(diameter), Appearance("disk", *THIRDS))
                 spots += _spots(number, finder.fit(frame, ((place + 0.5) * scales - 0.5)[None]), diameter)
     return spots
 

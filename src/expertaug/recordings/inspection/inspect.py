@@ -45,7 +45,7 @@ class Footage:
 
 
 def inspect(video: str | Path, sheet: str | Path, base: Mapping | None = None, rate_hz: float | None = None) -> str:
-    """Look for a pendulum's markers in a video and propose the configuration that tracks them.
+    """Appearance for a pendulum's markers in a video and propose the configuration that tracks them.
 
     Arguments:
         video: a file as :class:`~expertaug.recordings.video.reader.Video` takes.
@@ -122,12 +122,12 @@ def _missing(spots: Mapping[str, Sequence[Spot]], frames: int) -> str:
 
 
 def _caption(settings: TrackSettings, geometry: Geometry | None) -> str:
-    look = settings.markers
-    named = [f"{role} {name}" if name != role else role for role, name in zip(ROLES, look.names, strict=True)]
-    if look.pivot is None:
+    appearance = settings.markers
+    named = [f"{role} {name}" if name != role else role for role, name in zip(ROLES, appearance.names, strict=True)]
+    if appearance.pivot is None:
         named[0] = "pivot unmarked"
     lengths = "" if geometry is None else f"; arms {geometry.arm1:.1f} and {geometry.arm2:.1f} px"
-    return f"{look.style}s of {settings.marker_diameter_px:g} px: {', '.join(named)}{lengths}"
+    return f"{appearance.style}s of {settings.marker_diameter_px:g} px: {', '.join(named)}{lengths}"
 
 
 def _block(
@@ -165,16 +165,16 @@ def _block(
 
 def _with_pendulum(frame: np.ndarray, settings: TrackSettings, geometry: Geometry | None) -> np.ndarray:
     image, factor = _small(frame)
-    look = settings.markers
-    finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance_px, look)
+    appearance = settings.markers
+    finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance_px, appearance)
     places = finder.candidates(frame)
     place = np.full((3, 2), np.nan)
     if len(places):
         disks = finder.fit(frame, places)
-        for k in range(look.first, 3):
+        for k in range(appearance.first, 3):
             chosen = best(disks, k, settings)
             place[k] = np.nan if chosen is None else disks.centre[chosen]
-    if look.pivot is None and geometry is not None:
+    if appearance.pivot is None and geometry is not None:
         place[0] = geometry.pivot
     drawing.pendulum(image, place * factor, 0.5 * settings.marker_diameter_px * factor + 2)
     for k, role in enumerate(ROLES):

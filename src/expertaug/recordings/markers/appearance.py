@@ -52,7 +52,7 @@ class Colour:
 
 
 @dataclass(frozen=True)
-class Look:
+class Appearance:
     """The three markers.
 
     Attributes:
@@ -82,7 +82,7 @@ class Look:
         return 0 if self.pivot is not None else 1
 
     @classmethod
-    def from_mapping(cls, mapping: Mapping[str, object] | None) -> Look:
+    def from_mapping(cls, mapping: Mapping[str, object] | None) -> Appearance:
         """Read and check a mapping; what is left out keeps its default.
 
         Raises:
@@ -98,21 +98,21 @@ class Look:
         for role in ROLES:
             if role in given and not (role == "pivot" and given[role] is None):
                 given[role] = _colour(role, given[role])
-        look = cls(**given)
-        if look.pivot_px is not None:
-            if look.pivot is not None:
+        appearance = cls(**given)
+        if appearance.pivot_px is not None:
+            if appearance.pivot is not None:
                 remedy = "it is measured: say pivot: null where it bears no marker"
-                raise InputError(f"{WHERE}.pivot_px", f"given for a {look.pivot.name} pivot", remedy)
-            point = _numbers(f"{WHERE}.pivot_px", look.pivot_px, -1e6, 1e6, "give x and y in px")
-            look = cls(**{**given, "pivot_px": point})
+                raise InputError(f"{WHERE}.pivot_px", f"given for a {appearance.pivot.name} pivot", remedy)
+            point = _numbers(f"{WHERE}.pivot_px", appearance.pivot_px, -1e6, 1e6, "give x and y in px")
+            appearance = cls(**{**given, "pivot_px": point})
         seen: dict[tuple[float, float], str] = {}
-        for role, colour in zip(ROLES, look.colours, strict=True):
+        for role, colour in zip(ROLES, appearance.colours, strict=True):
             if colour is not None and colour.hue in seen:
                 found = f"has the colour of the {seen[colour.hue]}, {colour.name}"
                 raise InputError(f"{WHERE}.{role}", found, "give each marker a colour of its own")
             if colour is not None:
                 seen[colour.hue] = role
-        return look
+        return appearance
 
 
 def _colour(role: str, value: object) -> Colour:

@@ -45,8 +45,8 @@ def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackSettings) -> 
     Raises:
         InputError: the pivot bears no marker and the joint's way does not tell where it is.
     """
-    look = settings.markers
-    finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance_px, look)
+    appearance = settings.markers
+    finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance_px, appearance)
     centres, diameters, found = [], [], Counter()
     for frame in frames:
         found["frames"] += 1
@@ -54,8 +54,10 @@ def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackSettings) -> 
         if not len(places):
             continue
         disks = finder.fit(frame, places)
-        chosen = [best(disks, k, settings) for k in range(look.first, 3)]
-        found.update(name for name, place in zip(look.names[look.first :], chosen, strict=True) if place is not None)
+        chosen = [best(disks, k, settings) for k in range(appearance.first, 3)]
+        found.update(
+            name for name, place in zip(appearance.names[appearance.first :], chosen, strict=True) if place is not None
+        )
         if None not in chosen:
             found["all"] += 1
             centres.append(disks.centre[chosen])
@@ -64,8 +66,8 @@ def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackSettings) -> 
         return None, found
     centre = np.array(centres, np.float64)
     pivot = None
-    if look.pivot is None:
-        pivot = look.pivot_px or centre_of_circle(centre[:, 0])
+    if appearance.pivot is None:
+        pivot = appearance.pivot_px or centre_of_circle(centre[:, 0])
         centre = np.concatenate((np.broadcast_to(pivot, (len(centre), 1, 2)), centre), axis=1)
     arm1, arm2 = np.median(np.linalg.norm(np.diff(centre, axis=1), axis=2), axis=0).tolist()
     return Geometry(arm1, arm2, float(np.median(diameters)), pivot), found

@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from expertaug.recordings.markers.appearance import Colour, Look
+from expertaug.recordings.markers.appearance import Appearance, Colour
 from expertaug.recordings.markers.quadrant_disks import INNER, LUMA, DiskFitter, hsv
 
 OUTSIDE = 3  # samples at the end of a ray that tell what lies beyond the rim
@@ -70,7 +70,7 @@ class PlainFitter(DiskFitter):
         picture = cv2.cvtColor(small, cv2.COLOR_BGR2HSV)
         largest = (self.radius * self._shrink * 3) ** 2
         parts = []
-        for colour in self.look.colours[self.look.first :]:
+        for colour in self.appearance.colours[self.appearance.first :]:
             whole = cv2.morphologyEx(
                 mask_of(picture, colour), cv2.MORPH_CLOSE, self._kernel
             )  # a hub or a screw is filled
@@ -84,10 +84,12 @@ def _median(values: np.ndarray) -> np.ndarray:
     return np.partition(values, middle, axis=1)[:, middle]
 
 
-def fitter(diameter: float, min_level: float, rim_tolerance: float, look: Look, stiffness: float = 0.0) -> DiskFitter:
-    """The fitter of a look's style."""
-    kind = DiskFitter if look.style == "quadrant" else PlainFitter
-    return kind(diameter, min_level, rim_tolerance, stiffness, look)
+def fitter(
+    diameter: float, min_level: float, rim_tolerance: float, appearance: Appearance, stiffness: float = 0.0
+) -> DiskFitter:
+    """The fitter of a style of markers."""
+    kind = DiskFitter if appearance.style == "quadrant" else PlainFitter
+    return kind(diameter, min_level, rim_tolerance, stiffness, appearance)
 
 
 def mask_of(picture: np.ndarray, colour: Colour) -> np.ndarray:

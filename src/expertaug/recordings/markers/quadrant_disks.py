@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from expertaug.recordings.markers.appearance import Colour, Look
+from expertaug.recordings.markers.appearance import Appearance, Colour
 
 MIN_QUADRANT = 0.4  # share of the brightness' variance round the disk at two periods a turn; .81 for ideal quadrants
 
@@ -61,18 +61,23 @@ class DiskFitter:
         rim_tolerance: distance in px from the circle within which a ray's rim point counts as on it.
         stiffness: how strongly the fitted diameter is drawn to ``diameter``, 0 for not at all; where the diameter is
             known well, this keeps a partly covered disk from being taken for a smaller one beside it.
-        look: colours of the markers.
+        appearance: colours of the markers.
     """
 
     inside_weight = CROSS_WEIGHT
 
     def __init__(
-        self, diameter: float, min_level: float, rim_tolerance: float, stiffness: float = 0.0, look: Look | None = None
+        self,
+        diameter: float,
+        min_level: float,
+        rim_tolerance: float,
+        stiffness: float = 0.0,
+        appearance: Appearance | None = None,
     ) -> None:
         diameter = float(diameter)  # a number of NumPy's would make double precision of what follows
         self.radius = diameter / 2
-        self.look = look or Look()
-        self._palette = Palette(self.look)
+        self.appearance = appearance or Appearance()
+        self._palette = Palette(self.appearance)
         self.min_level = min_level
         self.rim_tolerance = rim_tolerance
         self.stiffness = stiffness
@@ -239,8 +244,8 @@ def hsv(bgr: np.ndarray) -> np.ndarray:
 class Palette:
     """Tells markers by hue, saturation and value."""
 
-    def __init__(self, look: Look) -> None:
-        seen = [c or Colour("none", (0, 0), (2, 2)) for c in look.colours]  # no saturation exceeds 1
+    def __init__(self, appearance: Appearance) -> None:
+        seen = [c or Colour("none", (0, 0), (2, 2)) for c in appearance.colours]  # no saturation exceeds 1
         self._middle, self._reach = np.array([c.middle for c in seen]), np.array([c.reach for c in seen])
         self._low, self._high = np.array([[(c.saturation[end], c.value[end]) for c in seen] for end in (0, 1)])
 

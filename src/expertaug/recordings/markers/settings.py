@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from expertaug.errors import InputError
-from expertaug.recordings.markers.appearance import Look
+from expertaug.recordings.markers.appearance import Appearance
 from expertaug.recordings.options import read_settings
 
 OPEN = ("marker_diameter_px", "arm1_px", "arm2_px")  # measured where they are null
@@ -33,7 +33,7 @@ class TrackSettings:
         max_lost_share: share of unusable frames above which the video is refused.
     """
 
-    markers: Look = field(default_factory=Look)
+    markers: Appearance = field(default_factory=Appearance)
     marker_diameter_px: float | None = 25.0
     arm1_px: float | None = None
     arm2_px: float | None = None
@@ -56,8 +56,8 @@ class TrackSettings:
         """
         where = "track_markers settings"
         made = read_settings(cls, settings, "track_markers")
-        if not isinstance(made.markers, Look):
-            made = replace(made, markers=Look.from_mapping(made.markers))
+        if not isinstance(made.markers, Appearance):
+            made = replace(made, markers=Appearance.from_mapping(made.markers))
         for name, value in vars(made).items():
             if name == "markers" or (value is None and name in OPEN):
                 continue

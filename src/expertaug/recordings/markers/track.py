@@ -63,9 +63,9 @@ def _calibrate(store: str | Path, frames: FrameStore, settings: TrackSettings) -
     except InputError as error:
         raise InputError(store, str(error)) from error
     if geometry is None:
-        look = settings.markers
-        seen = ", ".join(f"{name} in {found[name]}" for name in look.names[look.first :])
-        whole = f"of {found['frames']} frames looked at, {found['all']} show all {3 - look.first} ({seen})"
+        appearance = settings.markers
+        seen = ", ".join(f"{name} in {found[name]}" for name in appearance.names[appearance.first :])
+        whole = f"of {found['frames']} frames looked at, {found['all']} show all {3 - appearance.first} ({seen})"
         raise _no_markers(store, whole.replace("all 3", "all three").replace("all 2", "both"), settings)
     given = (settings.arm1_px, settings.arm2_px)
     arms = [own if own is not None else seen for own, seen in zip(given, (geometry.arm1, geometry.arm2), strict=True)]
@@ -77,10 +77,10 @@ def _spread(count: int, wanted: float) -> np.ndarray:
 
 
 def _no_markers(store: str | Path, found: str, settings: TrackSettings) -> InputError:
-    look = settings.markers
+    appearance = settings.markers
     size = "" if settings.marker_diameter_px is None else f" of {settings.marker_diameter_px:g} px (marker_diameter_px)"
-    colours = ", ".join(look.names[look.first : -1]) + " and " + look.names[-1]
-    kind = "quadrant disks" if look.style == "quadrant" else "disks"
+    colours = ", ".join(appearance.names[appearance.first : -1]) + " and " + appearance.names[-1]
+    kind = "quadrant disks" if appearance.style == "quadrant" else "disks"
     remedy = f"show {colours} {kind}{size}, or say how yours look (recordings.tracking.markers; expertaug inspect)"
     return InputError(store, f"no markers: {found}", remedy)
 

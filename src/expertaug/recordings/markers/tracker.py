@@ -64,14 +64,16 @@ class Tracker:
     def __init__(self, geometry: Geometry, settings: TrackSettings) -> None:
         self.arms = (geometry.arm1, geometry.arm2)
         self.settings = settings
-        self.look = settings.markers
-        self.fitter = fitter(geometry.diameter, settings.min_level, settings.rim_tolerance_px, self.look, STIFFNESS)
+        self.appearance = settings.markers
+        self.fitter = fitter(
+            geometry.diameter, settings.min_level, settings.rim_tolerance_px, self.appearance, STIFFNESS
+        )
         self.pivot = None if geometry.pivot is None else np.array(geometry.pivot)
         self.angles: tuple[list[float], list[float]] = ([], [])  # of both arms in the last frames without a gap
 
     def step(self, frame: np.ndarray) -> tuple[np.ndarray, float, str]:
         """Positions (3, 2), quality and reason of the next frame."""
-        first = self.look.first
+        first = self.appearance.first
         centre = np.full((3, 2), np.nan)
         if first:
             centre[PIVOT] = self.pivot
@@ -107,7 +109,7 @@ class Tracker:
         return abs(math.dist(place, centre[k - 1]) - self.arms[k - 1]) < self.settings.arm_tolerance_px
 
     def _search(self, frame: np.ndarray, k: int, centre: np.ndarray) -> tuple[Disks | None, int | None]:
-        """Look for marker k where its arm allows it, or everywhere if its parent is missing."""
+        """Appearance for marker k where its arm allows it, or everywhere if its parent is missing."""
         window, origin, ring = frame, np.zeros(2), None
         if k != PIVOT and not math.isnan(centre[k - 1, 0]):
             ring = self.arms[k - 1]
@@ -143,14 +145,14 @@ class Tracker:
         self, frame: np.ndarray, centre: np.ndarray, share: np.ndarray, residual: np.ndarray
     ) -> tuple[float, str]:
         """Quality and reason of a frame."""
-        lost = [name for name, x in zip(self.look.names, centre[:, 0], strict=True) if math.isnan(x)]
+        lost = [name for name, x in zip(self.appearance.names, centre[:, 0], strict=True) if math.isnan(x)]
         if lost:
             return UNUSABLE, "lost:" + "+".join(lost)
         if not all(self._fits_arm(k, centre[k], centre) for k in (JOINT, TIP)):
             return UNUSABLE, "arm_length"
         if residual.max() > self.settings.max_residual_px:
             return UNUSABLE, "residual"
-        first = self.look.first
+        first = self.appearance.first
         quality = float(share[first:].min())
         height, width = frame.shape[:2]
         margin, seen = self.fitter.radius, centre[first:]

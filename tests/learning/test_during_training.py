@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 import torch
 
-from expertaug.evaluation.during_training import along
-from expertaug.learning import during_training as learning_along
+from expertaug.evaluation.during_training import during_training
+from expertaug.learning import during_training as learning_during_training
 from expertaug.learning import snapshots
 from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer
@@ -76,7 +76,7 @@ def study_settings(settings):
 def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, settings, monkeypatch):
     run(data, tmp_path, settings | {"snapshots": [1, 3]})
     options = study_settings(settings)
-    finetune, trained = learning_along.finetune, []
+    finetune, trained = learning_during_training.finetune, []
 
     def dying(*arguments):
         if len(trained) == 2:
@@ -84,15 +84,17 @@ def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, s
         trained.append(arguments[5]["training"]["epochs"])
         finetune(*arguments)
 
-    files = tmp_path / snapshots.NAME, data, tmp_path / "along.csv", tmp_path / "work_along"
-    monkeypatch.setattr(learning_along, "finetune", dying)
+    files = tmp_path / snapshots.NAME, data, tmp_path / "during_training.csv", tmp_path / "work_during_training"
+    monkeypatch.setattr(learning_during_training, "finetune", dying)
     with pytest.raises(KeyboardInterrupt):
-        along(*files, copy.deepcopy(options), None)
+        during_training(*files, copy.deepcopy(options), None)
     assert trained == [1, 2] and not files[2].exists()
-    assert read_log(tmp_path / "along.jsonl").lines[-1]["status"] == "KILLED"
+    assert read_log(tmp_path / "during_training.jsonl").lines[-1]["status"] == "KILLED"
     calls = []
-    monkeypatch.setattr(learning_along, "finetune", lambda *a: (calls.append(a[5]["training"]["epochs"]), finetune(*a)))
-    along(*files, options, None)
+    monkeypatch.setattr(
+        learning_during_training, "finetune", lambda *a: (calls.append(a[5]["training"]["epochs"]), finetune(*a))
+    )
+    during_training(*files, options, None)
     assert calls == [1, 2], "those of the first snapshot were there already"
     assert not files[3].exists()
     table = pd.read_csv(files[2])
@@ -110,19 +112,26 @@ def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings
     initialise(tracking["uri"], tracking["experiment"], tmp_path / "tracking.json")
     train(data, tmp_path / "model.safetensors", tmp_path / "work", settings | {"snapshots": [1, 3]}, tracking)
     options = study_settings(settings) | {"finetune_epochs": [1, 2]}
-    along(tmp_path / snapshots.NAME, data, tmp_path / "along.csv", tmp_path / "along", options, tracking)
+    during_training(
+        tmp_path / snapshots.NAME,
+        data,
+        tmp_path / "during_training.csv",
+        tmp_path / "during_training",
+        options,
+        tracking,
+    )
     client = MlflowClient(tracking_uri=tracking["uri"])
     runs = client.search_runs([client.get_experiment_by_name("trial").experiment_id])
     parents = {run.data.tags["mlflow.parentRunId"] for run in runs if "seed" in run.data.tags}
     assert len(parents) == 1, "the method's training and its study have one parent"
-    found = {int(run.data.tags["seed"]): run for run in runs if run.data.tags.get("stage") == "along"}
+    found = {int(run.data.tags["seed"]): run for run in runs if run.data.tags.get("stage") == "during_training"}
     assert set(found) == {0, 1} and {run.info.status for run in found.values()} == {"FINISHED"}
     keys = ["seed", "set", "metric", "finetune_epochs", "epoch"]
-    table = pd.read_csv(tmp_path / "along.csv").set_index(keys)["value"].sort_index()
+    table = pd.read_csv(tmp_path / "during_training.csv").set_index(keys)["value"].sort_index()
     for seed, run in found.items():
         assert run.data.params["epochs"] == "[1, 3]" and run.data.params["finetune_epochs"] == "[1, 2]"
         assert {d.dataset.name for d in run.inputs.dataset_inputs} == {"train", "validation", "test"}
-        assert [item.path for item in client.list_artifacts(run.info.run_id)] == ["along.csv"]
+        assert [item.path for item in client.list_artifacts(run.info.run_id)] == ["during_training.csv"]
         for name in ("train", "validation", "test"):
             for count, end in {0: "", 1: "_finetuned_1", 2: "_finetuned_2"}.items():
                 history = client.get_metric_history(run.info.run_id, f"{name}/log_mse_sum{end}")

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.markers.appearance import COLOURS, Look
+from expertaug.recordings.markers.appearance import COLOURS, Appearance
 from expertaug.recordings.markers.quadrant_disks import Palette, hsv
 
 
 def test_defaults_are_the_quadrants_of_the_dataset():
-    look = Look.from_mapping(None)
-    assert look == Look()
+    look = Appearance.from_mapping(None)
+    assert look == Appearance()
     assert (look.style, look.names, look.first) == ("quadrant", ("red", "green", "blue"), 0)
 
 
 def test_an_unmarked_pivot_is_called_by_its_role():
-    look = Look.from_mapping({"pivot": None, "pivot_px": [10, 20.5], "joint": {"hue": [340, 20]}})
+    look = Appearance.from_mapping({"pivot": None, "pivot_px": [10, 20.5], "joint": {"hue": [340, 20]}})
     assert look.names == ("pivot", "joint", "blue")
     assert (look.first, look.pivot_px) == (1, (10.0, 20.5))
     assert (look.joint.middle, look.joint.reach) == (0, 20)
@@ -42,7 +42,7 @@ def test_an_unmarked_pivot_is_called_by_its_role():
 )
 def test_refusals(markers, message):
     with pytest.raises(InputError, match=message) as error:
-        Look.from_mapping(markers)
+        Appearance.from_mapping(markers)
     assert "\n" not in str(error.value)
 
 
@@ -55,7 +55,7 @@ def test_hue_saturation_and_value():
 
 
 def test_colours_are_told_apart_also_where_their_ranges_overlap():
-    palette = Palette(Look.from_mapping({"pivot": "green", "joint": "cyan", "tip": "red"}))
+    palette = Palette(Appearance.from_mapping({"pivot": "green", "joint": "cyan", "tip": "red"}))
     hue = np.array([130, 185, 170, 195, 350, 10, 60, 250])
     colour = np.stack((hue, np.full(8, 0.6), np.full(8, 0.7)), axis=1)
     assert palette.identify(colour).tolist() == [0, 1, 1, 1, 2, 2, -1, -1]
@@ -65,5 +65,7 @@ def test_colours_are_told_apart_also_where_their_ranges_overlap():
 
 def test_each_named_colour_is_nearest_to_its_own_middle():
     for name, hue in COLOURS.items():
-        colour = Look.from_mapping({"pivot": None, "joint": name, "tip": "green" if name != "green" else "red"}).joint
+        colour = Appearance.from_mapping(
+            {"pivot": None, "joint": name, "tip": "green" if name != "green" else "red"}
+        ).joint
         assert 0 < colour.reach <= 60 and (colour.middle - hue[0]) % 360 == pytest.approx(colour.reach)
