@@ -1,0 +1,93 @@
+"""The house: every folder and module in its place, imports one way and without a circle, also those named by strings."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "src" / "expertaug"
+# From the ground up: a module may import from its own floor and from those below.
+FLOORS = (
+    ("errors", "files", "trajectories", "labels", "plotting", "registry", "settings"),
+    ("systems",),
+    ("models",),
+    ("tracking",),
+    ("learning",),
+    ("evaluation",),
+    ("recordings",),
+    ("config",),
+    ("commands",),
+    ("cli", "__init__", "api"),
+)
+LONGEST = 300  # lines of a module
+NAMED = re.compile(r"expertaug(?:\.\w+)+(?::\w+)?")
+
+
+def modules() -> dict[str, Path]:
+    """Path of each module by its dotted name."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+@cache
+def imported(name: str) -> frozenset[str]:
+    """Modules of the package that a module imports, at its top or inside functions, or names in a text that is no docstring."""
+    known, path = modules(), modules()[name]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    texts = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)}
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: relative imports hide where a name comes from"
+            found |= {node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in texts:
+            found |= {text.partition(":")[0] for text in NAMED.findall(node.value)}
+    return frozenset(found & set(known)) - {name, "expertaug"}
+
+
+def floor(name: str) -> int:
+    room = (name.split(".") + ["__init__"])[1]
+    return next((k for k, rooms in enumerate(FLOORS) if room in rooms), -1)
+
+
+@pytest.mark.parametrize("name", modules())
+def test_each_module_has_a_floor_and_imports_nothing_from_above(name):
+    assert floor(name) >= 0, "no module lies loose beyond those that FLOORS lists"
+    above = {other for other in imported(name) if floor(other) > floor(name)}
+    assert not above, f"{name} imports from above: {sorted(above)}"
+
+
+def test_no_circle():
+    done: set[str] = set()
+
+    def visit(name: str, after: tuple[str, ...]) -> None:
+        assert name not in after, " → ".join((*after[after.index(name) :], name))
+        if name not in done:
+            for other in imported(name):
+                visit(other, (*after, name))
+            done.add(name)
+
+    for name in modules():
+        visit(name, ())
+
+
+@pytest.mark.parametrize("path", modules().values(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_each_module_is_short_and_says_what_it_is(path):
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < LONGEST, "one concept a module"
+    assert not text.strip() or ast.get_docstring(ast.parse(text)), "a module begins with what it is"
+
+
+def test_every_folder_is_a_subject_with_a_line_of_its_own():
+    for folder in {path.parent for path in modules().values()} - {PACKAGE}:
+        text = (folder / "__init__.py").read_text(encoding="utf-8")
+        assert ast.get_docstring(ast.parse(text)), f"{folder.name}/__init__.py says what the folder holds"
