@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from expertaug import cli, commands
+from expertaug.commands import options
 from expertaug.config import stage_code
 from expertaug.errors import SolveError
 from expertaug.systems import simulate
@@ -120,7 +121,7 @@ def test_tracking_store_is_prepared_or_switched_off(tmp_path, monkeypatch):
     settings = {"enabled": True, "uri": "sqlite:///x.db", "experiment": "e"}
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings)) == 0
     files = [f"--{name}={name}" for name in ("data", "output", "work", "settings")]
-    found = commands._tracking(commands.parser().parse_args(["train", *files, f"--tracking={output}"]))
+    found = options.tracking_of(commands.parser().parse_args(["train", *files, f"--tracking={output}"]))
     assert found == settings | {"tags": {"rule": "train"}}
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings | {"enabled": False})) == 0
     assert json.loads(output.read_text()) == {"enabled": False}
