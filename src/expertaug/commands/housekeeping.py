@@ -31,15 +31,9 @@ def add_to(commands: Commands) -> None:
 
 
 def _init_tracking(a: argparse.Namespace) -> None:
-    from expertaug.files import read_json, write_json
     from expertaug.tracking.mlflow_store import initialise
 
-    settings = read_settings(a.settings)
-    if not settings["enabled"]:
-        write_json(a.output, {"enabled": False})
-        return
-    initialise(settings["uri"], settings["experiment"], a.output)
-    write_json(a.output, {"enabled": True, **read_json(a.output)})
+    initialise(read_settings(a.settings), a.output)
 
 
 def _rebuild_tracking(a: argparse.Namespace) -> None:
