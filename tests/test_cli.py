@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from expertaug import cli, commands
+from expertaug.commands import options
 from expertaug.config import stage_code
 from expertaug.errors import SolveError
 from expertaug.systems import simulate
@@ -112,18 +113,16 @@ def test_validate(tmp_path, capsys, monkeypatch):
 
 
 def test_tracking_store_is_prepared_or_switched_off(tmp_path, monkeypatch):
-    def prepare(uri, experiment, marker):
-        Path(marker).write_text(json.dumps({"uri": uri, "experiment": experiment}))
-
-    monkeypatch.setattr(mlflow_store, "initialise", prepare)
+    monkeypatch.setattr(mlflow_store, "connect", lambda uri, experiment, prepare: (None, f"id of {experiment}"))
     output = tmp_path / "tracking.json"
     settings = {"enabled": True, "uri": "sqlite:///x.db", "experiment": "e"}
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings)) == 0
     files = [f"--{name}={name}" for name in ("data", "output", "work", "settings")]
-    found = commands._tracking(commands.parser().parse_args(["train", *files, f"--tracking={output}"]))
-    assert found == settings | {"tags": {"rule": "train"}}
+    arguments = commands.parser().parse_args(["train", *files, f"--tracking={output}"])
+    assert options.tracking_of(arguments) == settings | {"experiment_id": "id of e", "tags": {"rule": "train"}}
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings | {"enabled": False})) == 0
     assert json.loads(output.read_text()) == {"enabled": False}
+    assert options.tracking_of(arguments) is None
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["validate", "config/config.yaml", "config/smoke.yaml"]])

@@ -32,18 +32,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SolveError as error:
         return _fail(stage, error, FAILED)
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM):
-            raise
-        where = error.filename or "output"
-        return _fail(
-            stage, InputError(where, f"{error.strerror}", "free some space or choose a writable folder"), BAD_INPUT
-        )
+        refused = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)
+        if not refused and error.filename is None:
+            return _bug(stage)
+        remedy = "free some space or choose a writable folder" if refused else "correct the path, or what lies there"
+        found = InputError(error.filename or "output", error.strerror or str(error), remedy)
+        return _fail(stage, found, BAD_INPUT)
     except KeyboardInterrupt:
         return _fail(stage, "interrupted", INTERRUPTED)
     except Exception:
-        logger.exception("expertaug %s: failed", stage)
-        return 1
+        return _bug(stage)
     return 0
+
+
+def _bug(stage: str) -> int:
+    logger.exception("expertaug %s: failed", stage)
+    return 1
 
 
 def _fail(stage: str, error: object, status: int) -> int:
@@ -53,6 +57,7 @@ def _fail(stage: str, error: object, status: int) -> int:
 
 def _log_to(path: Path | None) -> None:
     """Progress and warnings to standard error, and to a file as well where one is named."""
+    logging.raiseExceptions = False  # a full disk is told by what could not be written, not by every line of the log
     handlers: list[logging.Handler] = [logging.StreamHandler(sys.stderr)]
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=handlers, force=True)
     for noisy in ("mlflow", "alembic", "matplotlib", "sqlalchemy", "fontTools"):

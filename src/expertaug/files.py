@@ -1,23 +1,35 @@
-"""Writing files so that a reader never sees half of one."""
+"""Files that a reader never sees half of, and readers that believe nothing of what a file claims."""
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
+import math
 import os
+import re
+import shutil
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import zipfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO, TYPE_CHECKING
 
 from expertaug.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+RATIO, UNSUSPECTED = 200, 2**26  # what measured data is never compressed by, and the bytes from which that is asked
 
 
 @contextmanager
 def atomic(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` and move it there when the block ends well; remove it otherwise.
+    """Yield a temporary path and move it to ``path`` when the block ends well; remove it otherwise.
 
-    The temporary name keeps the suffix of ``path``, so that libraries which look at it write the same format.
+    The temporary file has the name of ``path``, in a hidden folder beside it: libraries that look at the suffix write
+    the same format.  What writers of the same file left behind when they were killed is removed first.
 
     Raises:
         InputError: the folder is read-only or the disk is full.
@@ -25,24 +37,74 @@ def atomic(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
+        _sweep(path)
+        folder, lock = _workplace(path)
     except OSError as error:
         raise InputError(path, f"cannot be written ({error.strerror})", "choose a writable results folder") from error
-    temporary = Path(name)
+    temporary = folder / path.name
     try:
         yield temporary
         with temporary.open("rb") as stream:
             os.fsync(stream.fileno())
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
-    except OSError as error:
-        if error.errno is None:
+    except Exception as error:
+        reason = _reason(error)
+        if reason is None:
             raise
         remedy = "free some space or choose another results folder"
-        raise InputError(path, f"cannot be written ({error.strerror})", remedy) from error
+        raise InputError(path, f"cannot be written ({reason})", remedy) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
+        lock.close()
+
+
+def _workplace(path: Path) -> tuple[Path, IO[str]]:
+    """A new folder for one writer of ``path``, and the lock in it that lasts as long as the writer lives."""
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.tmp-", dir=path.parent))
+        try:
+            lock = (folder / "lock").open("w")
+        except FileNotFoundError:  # swept as it was not locked yet
+            continue
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if (folder / "lock").exists():
+                return folder, lock
+        except BlockingIOError:
+            pass
+        except OSError:  # a file system without locks: nobody sweeps there
+            return folder, lock
+        lock.close()
+
+
+def _sweep(path: Path) -> None:
+    """Remove the folders of writers of ``path`` that are gone."""
+    for folder in path.parent.glob(f".{_escaped(path.name)}.tmp-*"):
+        try:
+            with (folder / "lock").open("r+") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+        except FileNotFoundError:
+            with suppress(OSError):
+                folder.rmdir()  # only where it is empty
+        except OSError:  # its writer lives
+            continue
+
+
+def _escaped(name: str) -> str:
+    """A name as a glob pattern that matches it alone."""
+    return re.sub(r"([*?[])", r"[\1]", name)
+
+
+def _reason(error: Exception) -> str | None:
+    """Why the system refused to write, where that is what ``error`` says; safetensors tells it in words alone."""
+    if isinstance(error, InputError):
+        return None
+    if isinstance(error, OSError):
+        return None if error.errno is None else error.strerror
+    code = re.search(r"\(os error (\d+)\)", str(error))
+    return None if code is None else os.strerror(int(code[1]))
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -60,14 +122,87 @@ def read_json(path: str | Path) -> object:
     """Read a JSON file.
 
     Raises:
-        InputError: the file is missing or not JSON.
+        InputError: the file cannot be read or is not JSON.
     """
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise InputError(path, "no such file", "run the stage that makes it") from error
-    except ValueError as error:
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "give the path of a JSON file") from error
+    except (ValueError, RecursionError) as error:
         raise InputError(path, f"not JSON ({error})", "make it again") from error
+
+
+def read_npz(
+    path: str | Path, kind: str, remedy: str, names: Collection[str] | None = None, optional: Collection[str] = ()
+) -> dict[str, np.ndarray]:
+    """Read arrays of numbers and texts from an npz.
+
+    What the file claims is checked before memory is taken for it: an array of zeros of any size fits into a few bytes.
+
+    Arguments:
+        kind: what the file should be, for messages.
+        remedy: the stage to run where the file is missing or damaged, for messages.
+        names: the arrays to read; None: all.
+        optional: those to read besides where the file has them.
+
+    Raises:
+        InputError: the file is missing, is no npz or lacks an array; an array holds neither numbers nor texts, has
+            another size than it claims, or is larger than memory.
+    """
+    import numpy as np
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            wanted = list(members if names is None else names)
+            if missing := [name for name in wanted if name not in members]:
+                raise InputError(path, f"no array {missing[0]!r}", remedy)
+            wanted += [name for name in optional if name in members and name not in wanted]
+            left = _memory()
+            for name in wanted:
+                left -= members[name].file_size
+                _check_array(archive, members[name], left)
+            arrays = {}
+            for name in wanted:
+                with archive.open(members[name]) as stream:
+                    arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+    except InputError:
+        raise
+    except FileNotFoundError as error:
+        raise InputError(path, "no such file", remedy) from error
+    except Exception as error:  # zipfile, zlib and numpy raise a dozen kinds; what the file lacks is the same
+        raise InputError(path, f"not a {kind} ({error})", remedy) from error
+    return arrays
+
+
+def _check_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, left: int) -> None:
+    """Compare what an array's header claims with the member's size, and that with what the machine has.
+
+    Raises:
+        ValueError: they do not fit, or the array holds neither numbers nor texts.
+    """
+    from numpy.lib import format as npy
+
+    with archive.open(member) as stream:
+        read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(stream)]
+        shape, _, dtype = read(stream)
+        size = stream.tell() + math.prod(shape) * dtype.itemsize
+    name = member.filename
+    if dtype.kind not in "biufUS":
+        raise ValueError(f"{name} holds {dtype}")
+    if size != member.file_size or any(length < 0 for length in shape):
+        raise ValueError(f"{name} has {member.file_size} bytes, and claims {size}")
+    if size > UNSUSPECTED and size > RATIO * member.compress_size:
+        raise ValueError(f"{name} claims {size / 1e9:.1f} GB in {member.compress_size / 1e6:.1f} MB")
+    if left < 0:
+        raise ValueError(f"{name} and what is read with it need more memory than there is")
+
+
+def _memory() -> int:
+    """Half of the machine's memory in bytes: what is read is converted, which takes as much again."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
 
 
 def sha256(path: str | Path) -> str:

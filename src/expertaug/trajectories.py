@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.files import atomic
+from expertaug.files import atomic, read_npz
 
 
 @dataclass(frozen=True)
@@ -79,15 +77,14 @@ class Trajectories:
         """Read what :meth:`save` wrote.
 
         Raises:
-            InputError: the file is missing, is no npz or lacks an array.
+            InputError: the file is missing, is no npz, lacks an array or holds no trajectories.
         """
+        remedy = "make it again with its stage"
+        arrays = read_npz(path, "trajectory file", remedy, ("t", "y", "z_e", "z_a"))
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                return cls(**{name: archive[name] for name in ("t", "y", "z_e", "z_a")})
-        except FileNotFoundError as error:
-            raise InputError(path, "no such file", "run the stage that makes it") from error
-        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise InputError(path, f"not a trajectory file ({error})", "make it again with its stage") from error
+            return cls(**arrays)
+        except (InputError, TypeError, ValueError) as error:
+            raise InputError(path, f"not a trajectory file ({error})", remedy) from error
 
 
 def points_until(t: Iterable[float], end: float) -> int:

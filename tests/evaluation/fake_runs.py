@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 
 SETS = ("train", "validation", "test")
@@ -134,7 +135,7 @@ def write_logs(folder: Path, experiment="swing", labels=("ML only", "Hybrid", "H
         path = folder / experiment / method_of(label) / "seeds_0_1_2" / "log.jsonl"
         stage = "finetune" if label.endswith("+") else "train"
         identity = {"experiment": experiment, "method": method_of(label), "label": label, "system": "pendulum"}
-        log = RunLog(path, None, **identity, preset="corrected", stage=stage, seeds=[0, 1, 2], params={})
+        log = RunLog(path, Run(**identity, preset="corrected", stage=stage, seeds=[0, 1, 2], params={}))
         for step in range(1, steps + 1):
             level = 3.0 * np.exp(-step / 150) + 0.05 / (number + 1)
             values = {"loss": level * np.exp(0.25 * rng.normal(size=3)), "learning_rate": 1e-3}

@@ -53,6 +53,8 @@ WITHOUT_EFFECT = {
     "expertaug.tracking.mlflow_mirror",
     "expertaug.tracking.mlflow_store",
     "expertaug.tracking.rebuild",
+    "expertaug.tracking.store_link",
+    "expertaug.tracking.store_lock",
     "expertaug.recordings.intake",
 }
 

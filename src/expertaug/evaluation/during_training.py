@@ -15,6 +15,7 @@ from expertaug.learning.during_training import BASE, stages
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.tracking.log_file import COLUMNS
+from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 from expertaug.trajectories import Trajectories
 
@@ -44,17 +45,11 @@ def during_training(
     identity = {k: settings[k] for k in ("experiment", "method", "label", "preset")}
     identity["system"] = description["system"]["name"]
     params = {k: settings[k] for k in ("finetune_epochs", "augment", "finetune", "evaluation", "choices")}
+    run = Run(**identity, stage="during_training", seeds=description["seeds"], params={"epochs": epochs} | params)
     rows = []
     with (
         locked(work),  # an orphan may still be writing the log
-        RunLog(
-            Path(output).with_name("during_training.jsonl"),
-            tracking,
-            **identity,
-            stage="during_training",
-            seeds=description["seeds"],
-            params={"epochs": epochs} | params,
-        ) as log,
+        RunLog(Path(output).with_name("during_training.jsonl"), run, tracking) as log,
     ):
         for name in MAIN_SETS:
             log.dataset(name, Path(data) / f"{name}.npz")

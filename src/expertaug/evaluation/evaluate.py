@@ -18,6 +18,7 @@ from expertaug.files import atomic
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.systems.solver import Solver, check_finite
+from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 from expertaug.trajectories import Trajectories
 
@@ -193,14 +194,9 @@ def _log(
     settings: Mapping,
     tracking: Mapping | None,
 ) -> None:
-    with RunLog(
-        Path(metrics).with_name("evaluation.jsonl"),
-        tracking,
-        **identity,
-        stage="evaluate",
-        seeds=stored.seeds,
-        params={"evaluation": settings["evaluation"], "choices": settings["choices"]},
-    ) as log:
+    params = {"evaluation": settings["evaluation"], "choices": settings["choices"]}
+    run = Run(**identity, stage="evaluate", seeds=stored.seeds, params=params)
+    with RunLog(Path(metrics).with_name("evaluation.jsonl"), run, tracking) as log:
         log.table(Path(metrics))
         log.artifact(Path(metrics))
         for path in drawn:

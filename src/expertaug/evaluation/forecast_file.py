@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from expertaug.errors import InputError
+from expertaug.files import read_npz
 
 ALWAYS = ("t", "observed", "seeds", "state_names", "state_units", "parameter_names", "parameter_units")
 
@@ -49,13 +49,14 @@ class Forecasts:
         Raises:
             InputError: the file is missing, is no npz, lacks an array, or shapes disagree.
         """
+        arrays = read_npz(path, "forecast file", "make it again with evaluate")
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                arrays = dict(archive)
-        except FileNotFoundError as error:
-            raise InputError(path, "no such file", "run evaluate") from error
-        except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            return cls._of(path, arrays)
+        except (TypeError, ValueError, IndexError) as error:
             raise InputError(path, f"not a forecast file ({error})", "make it again with evaluate") from error
+
+    @classmethod
+    def _of(cls, path: str | Path, arrays: Mapping[str, np.ndarray]) -> Forecasts:
         sets = [name.removesuffix("_truth") for name in arrays if name.endswith("_truth")]
         wanted = [*ALWAYS, *(f"{s}_{end}" for s in sets for end in ("index", "prediction", "z_e"))]
         if missing := [name for name in wanted if name not in arrays]:

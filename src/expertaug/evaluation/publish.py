@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -14,10 +15,12 @@ from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.evaluation.plot import NAMES
 from expertaug.evaluation.studies import KINDS
-from expertaug.files import write_json, write_text
+from expertaug.files import read_json, write_json, write_text
 from expertaug.tracking import provenance
 from expertaug.tracking.log_file import read_log
 
+REPOSITORY = Path(__file__).parents[3]
+RECORD = "provenance.json"
 KEPT = ["tables/{0}.csv", "tables/{0}_long.csv", "tables/{0}.md", "tables/{0}.tex"]
 KEPT += [f"figures/{{0}}_{name}.png" for name in (*NAMES, "splits")]
 KEPT += [f"tables/{{0}}_{name}.{end}" for name in (*KINDS, "published") for end in ("csv", "md", "tex")]
@@ -32,47 +35,89 @@ def publish(configs: Sequence[Path], folder: Path, command: str) -> None:
     """Replace ``folder`` by the tables and figures of the finished run of a configuration.
 
     Besides them it holds config.yaml (the completed configuration), costs.csv (seconds and peak memory of every job)
-    and provenance.json (command, git revisions, package versions, machine, jobs' seconds in sum, peak memory).
+    and provenance.json (command, git revisions, package versions, machine, jobs' seconds in sum, peak memory, files).
 
     Arguments:
         configs: YAML files, later ones win: those of the run.
-        folder: target.
+        folder: the target, which does not exist, is empty or was published before.
         command: how the run was started, for the record.
 
     Raises:
-        InputError: a figure or table of the run is missing.
+        InputError: a figure or table of the run is missing, or the folder holds anything that was not published.
     """
     settings = config.validate(config.load(configs))
-    results, folder = Path(settings["results"]), Path(folder)
+    results = Path(settings["results"])
+    folder = Path(os.path.realpath(folder))  # a link stays, and what it leads to is replaced
     for experiment in settings["run"]:
         for needed in (results / f"tables/{experiment}.md", results / f"figures/{experiment}_log_mse.png"):
             if not needed.exists():
                 raise InputError(needed, "no such file", "run the workflow to its end first")
+    _check_replaceable(folder, results)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent) as name:
-        new = Path(name) / folder.name
-        files = [pattern.format(experiment) for pattern in KEPT for experiment in settings["run"]]
-        for file in (*files, *OVERALL):
-            if (results / file).exists():
-                (new / file).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(results / file, new / file)
-        costs = _costs(results / "benchmarks")
-        lines = ["job,seconds,peak_memory_mb", *(f"{job},{seconds:.1f},{memory:.0f}" for job, seconds, memory in costs)]
-        write_text(new / "costs.csv", "\n".join(lines) + "\n")
-        settings["tracking"]["uri"] = None
-        write_text(new / "config.yaml", yaml.safe_dump(settings, sort_keys=False, allow_unicode=True))
-        record = {
-            "command": command,
-            "git_revisions": _revisions(results),
-            "versions": provenance.versions(),
-            "machine": provenance.machine(),
-            "job_seconds": round(sum(seconds for _, seconds, _ in costs)),
-            "peak_memory_mb": round(max((memory for *_, memory in costs), default=0)),
-        }
-        write_json(new / "provenance.json", record)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent, ignore_cleanup_errors=True) as name:
+        new, old = Path(name) / "new", Path(name) / "old"
+        _fill(new, results, settings, command)
         if folder.exists():
-            shutil.rmtree(folder)
-        new.replace(folder)
+            folder.rename(old)
+        try:
+            new.rename(folder)
+        except BaseException:
+            if old.exists():
+                old.rename(folder)
+            raise
+
+
+def _check_replaceable(folder: Path, results: Path) -> None:
+    """Look whether replacing a folder destroys nothing but what an earlier publishing made.
+
+    Raises:
+        InputError: it is, holds or lies in something else.
+    """
+    remedy = "choose a folder that does not exist yet, or one that publish made"
+    for kept, name in ((Path.cwd(), "working directory"), (results, "results folder"), (REPOSITORY, "package")):
+        if Path(os.path.realpath(kept)).is_relative_to(folder):
+            raise InputError(folder, f"is or contains the {name}", remedy)
+    if ".git" in folder.parts:
+        raise InputError(folder, "lies in a repository's .git", remedy)
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise InputError(folder, "is no folder", remedy)
+    record = read_json(folder / RECORD) if (folder / RECORD).is_file() else None
+    if not isinstance(record, dict) or not record.keys() >= {"command", "git_revisions"}:
+        if any(folder.iterdir()):
+            raise InputError(folder, f"has no {RECORD} of a published run, so it is somebody's own", remedy)
+        return
+    found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()}
+    if any(".git" in Path(path).parts for path in found):
+        raise InputError(folder, "is or contains a repository", remedy)
+    strangers = sorted(found - set(record.get("files", found)))  # records of before have no list
+    if strangers:
+        raise InputError(folder / strangers[0], "publish did not write this file and would delete it", "move it")
+
+
+def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
+    """Copy the kept files of a run to a new folder and write its record."""
+    files = [pattern.format(experiment) for pattern in KEPT for experiment in settings["run"]]
+    for file in (*files, *OVERALL):
+        if (results / file).exists():
+            (new / file).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(results / file, new / file)
+    costs = _costs(results / "benchmarks")
+    lines = ["job,seconds,peak_memory_mb", *(f"{job},{seconds:.1f},{memory:.0f}" for job, seconds, memory in costs)]
+    write_text(new / "costs.csv", "\n".join(lines) + "\n")
+    settings["tracking"]["uri"] = None
+    write_text(new / "config.yaml", yaml.safe_dump(settings, sort_keys=False, allow_unicode=True))
+    record = {
+        "command": command,
+        "git_revisions": _revisions(results),
+        "versions": provenance.versions(),
+        "machine": provenance.machine(),
+        "job_seconds": round(sum(seconds for _, seconds, _ in costs)),
+        "peak_memory_mb": round(max((memory for *_, memory in costs), default=0)),
+        "files": sorted([RECORD, *(str(path.relative_to(new)) for path in new.rglob("*") if path.is_file())]),
+    }
+    write_json(new / RECORD, record)
 
 
 def _revisions(results: Path) -> list[str]:

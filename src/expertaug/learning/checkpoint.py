@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import io
 import json
+import logging
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,6 +17,9 @@ import torch
 from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
 
+logger = logging.getLogger(__name__)
+
+MAGIC = b"expertaug-checkpoint-2"
 PACKAGE = Path(__file__).parents[1]
 CODE = ("learning", "models", "systems", "trajectories.py", "config/presets.py")
 
@@ -44,23 +49,42 @@ class Checkpoint:
         self.file = self.work / "checkpoint.pt"
 
     def save(self, state: dict) -> None:
-        """Write ``state`` (tensors, numbers, text, and lists and dicts of them)."""
-        with atomic(self.file) as temporary:
-            torch.save({"fingerprint": self.fingerprint, "state": state}, temporary)
+        """Write ``state`` (tensors, numbers, text, and lists and dicts of them) and a digest of it."""
+        buffer = io.BytesIO()  # torch.save hides what the system says about a full disk
+        torch.save(state, buffer)
+        with atomic(self.file) as temporary, temporary.open("wb") as stream:
+            fingerprint = self.fingerprint.encode()
+            stream.write(b" ".join((MAGIC, fingerprint, _digest(fingerprint, buffer.getbuffer()))) + b"\n")
+            stream.write(buffer.getbuffer())
 
     def load(self) -> dict | None:
-        """The state of an earlier, killed run of the same job; None where there is none that fits."""
-        if not self.file.exists():
-            return None
+        """The state of an earlier, killed run of the same job; None where there is none that fits.
+
+        A damaged file is a warning: the job starts afresh.
+        """
         try:
-            found = torch.load(self.file, weights_only=True)
-        except Exception:  # torch raises many kinds for a damaged file; the remedy is the same: start afresh
+            head, _, payload = self.file.read_bytes().partition(b"\n")
+            magic, fingerprint, digest = head.split(b" ")
+            if magic != MAGIC or digest != _digest(fingerprint, payload):
+                raise ValueError(head)
+            if fingerprint != self.fingerprint.encode():
+                return None
+            return torch.load(io.BytesIO(payload), weights_only=True)
+        except FileNotFoundError:
             return None
-        return found["state"] if found.get("fingerprint") == self.fingerprint else None
+        except Exception:  # torch raises many kinds for a damaged file; the remedy is the same
+            logger.warning("%s: damaged, so it is not used: the training starts afresh", self.file)
+            return None
 
     def remove(self) -> None:
         """The job's output is written: nothing to resume."""
         shutil.rmtree(self.work, ignore_errors=True)
+
+
+def _digest(fingerprint: bytes, payload: bytes | memoryview) -> bytes:
+    digest = hashlib.sha256(fingerprint)
+    digest.update(payload)
+    return digest.hexdigest().encode()
 
 
 @contextmanager

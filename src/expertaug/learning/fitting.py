@@ -16,6 +16,7 @@ from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
 from expertaug.models.hybrid import HybridModel
 from expertaug.registry import find
+from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 
 
@@ -48,16 +49,15 @@ def fit(
         state = checkpoint.load()
         if state is not None:
             trainer.restore(state)
-        with RunLog(
-            output.with_name("log.jsonl"),
-            tracking,
+        run = Run(
             **{k: description[k] for k in ("experiment", "method", "label", "preset", "stage")},
             system=description["system"]["name"],
             seeds=seeds,
             params={k: v for k, v in settings.items() if k not in ("seeds", "label")},
             tags={"fingerprint": checkpoint.fingerprint},
-            resume=state["log"] if state is not None else None,
-        ) as log:
+        )
+        resume = state["log"] if state is not None else None
+        with RunLog(output.with_name("log.jsonl"), run, tracking, resume) as log:
             if state is None:
                 for path in inputs:
                     log.dataset(path.stem, path)

@@ -6,12 +6,14 @@ import hashlib
 import json
 import logging
 import os
+import platform
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from expertaug.tracking.mlflow_store import connect, locked
+from expertaug.tracking.mlflow_store import check_present, connect, database
+from expertaug.tracking.store_lock import locked
 
 logger = logging.getLogger(__name__)
 
@@ -23,34 +25,58 @@ PARAM_LENGTH = 6000
 TAG_LENGTH = 8000
 DIGEST_LENGTH = 36
 
+SUPERSEDED, SUFFIX = "expertaug.superseded", " (superseded)"
+
 
 class Mirror:
     """The MLflow runs of one run log.
 
     Every method may raise whatever mlflow raises; the caller decides what a failure costs.
 
+    The runs of an earlier log at the same path, which this one replaces, are marked: their tag ``expertaug.superseded``
+    is "true", their name says so, and those that a kill left running end as killed.
+
     Arguments:
-        uri, experiment: of the tracking store.
-        header: first line of the run log.
-        folder: of the run log; its paths are relative to it.
+        uri, experiment: the address of the tracking store and the name of the MLflow experiment.
+        header: the first line of the run log.
+        path: the path of the run log; the paths in it are relative to its folder.
         runs: run ids by seed, as an earlier process stored them. A run is found again by its id, else by the log's own
             key (a rebuilt store has other ids), else made.
+        replaced: the id of the log that was at this path before, where it is known.
     """
 
     def __init__(
-        self, uri: str, experiment: str, header: Mapping[str, Any], folder: Path, runs: Mapping[str, str] | None
+        self,
+        uri: str,
+        experiment: str,
+        header: Mapping[str, Any],
+        path: Path,
+        runs: Mapping[str, str] | None = None,
+        replaced: str | None = None,
     ) -> None:
+        self._uri = uri
         self._client, self._experiment_id = connect(uri, experiment)
-        self._header, self._folder = header, folder
+        self._header, self._folder = header, path.parent
         self._seeds: list[Any] = list(header["seeds"]) or [None]
         self._stored: dict[str, dict[str, set[int]]] = {}
         self._datasets: set[tuple[str, str]] = set()
-        with locked(uri):  # two jobs of one method must not make two parents
+        # On a server, another machine may have a results folder of the same name.
+        place = (str(path.resolve()),) if database(uri) is not None else (platform.node(), str(path.resolve()))
+        self._place = hashlib.sha256(json.dumps(place).encode()).hexdigest()[:32]
+        with locked(uri, database(uri)):  # two jobs of one method must not make two parents
             self.parent = self._find_parent()
+        self._supersede(f"tags.log_place = '{self._place}'")
+        if replaced is not None:
+            self._supersede(f"tags.log_key LIKE '{replaced}/%'")
         self.runs = {str(seed): self._open(seed, (runs or {}).get(str(seed))) for seed in self._seeds}
 
     def write(self, lines: Iterable[Mapping[str, Any]]) -> None:
-        """Store what the lines of a run log say; steps and datasets that the store has already are left out."""
+        """Store what the lines of a run log say; steps and datasets that the store has already are left out.
+
+        Raises:
+            StoreGone: the database was removed or replaced.
+        """
+        check_present(self._uri)
         steps = []
         for line in lines:
             event = line.get("event")
@@ -68,15 +94,20 @@ class Mirror:
                 self._end_parent(_milliseconds(line["time"]))
         self._log_metrics(steps)
 
-    def abandon(self, runs: Mapping[str, str]) -> None:
-        """Mark runs as killed that a training left open and that nobody will resume."""
-        for run in runs.values():
-            try:
-                if self._client.get_run(run).info.status == "RUNNING":
-                    self._client.set_terminated(run, "KILLED")
-            except Exception as error:
-                if getattr(error, "error_code", "") != "RESOURCE_DOES_NOT_EXIST":
-                    raise
+    def _supersede(self, condition: str) -> None:
+        """Mark the runs for which a condition holds, unless they are this log's own."""
+        page = None
+        while page is None or page.token:
+            page = self._client.search_runs([self._experiment_id], condition, page_token=page and page.token)
+            for run in page:
+                own = run.data.tags.get("log_key", "").startswith(f"{self._header['id']}/")
+                if own or run.data.tags.get(SUPERSEDED) == "true":
+                    continue
+                if run.info.status == "RUNNING":
+                    self._client.set_terminated(run.info.run_id, "KILLED")
+                name = f"{run.info.run_name.removesuffix(SUFFIX)}{SUFFIX}"
+                self._client.update_run(run.info.run_id, name=name)
+                self._client.set_tag(run.info.run_id, SUPERSEDED, "true")
 
     def _log_metrics(self, lines: list[Mapping[str, Any]]) -> None:
         from mlflow.entities import Metric
@@ -142,7 +173,7 @@ class Mirror:
             if "git_revision" in tags:
                 tags["mlflow.source.git.commit"] = tags["git_revision"].removesuffix("-dirty")
             tags |= {"mlflow.source.type": "LOCAL", "mlflow.source.name": f"expertaug {header['stage']}"}
-            tags |= {"mlflow.parentRunId": self.parent, "log_key": self._log_key(seed)}
+            tags |= {"mlflow.parentRunId": self.parent, "log_key": self._log_key(seed), "log_place": self._place}
             run = self._client.get_run(self._create(name, tags))
         elif run.info.status != "RUNNING":
             self._client.update_run(run.info.run_id, status="RUNNING")
@@ -208,4 +239,5 @@ def _key(name: str) -> str:
 
 
 def _milliseconds(seconds: float) -> int:
-    return round(seconds * 1000)
+    """A time as MLflow holds it, which refuses one before 1970 and takes 0 for none."""
+    return max(round(seconds * 1000), 1)

@@ -5,21 +5,20 @@ mlflow takes more than a second to import, so it is imported only inside the fun
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import logging
 import os
 import re
+import shlex
 import sqlite3
 import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from expertaug import files
+from expertaug.errors import InputError
+from expertaug.tracking.store_lock import locked
 
 logger = logging.getLogger(__name__)
 
@@ -36,27 +35,40 @@ _ENVIRONMENT = {
 _NETWORK_FILE_SYSTEMS = re.compile(r"nfs|cifs|smb|lustre|gpfs|beegfs|ceph|gluster|afs|9p|fuse|orangefs|pvfs|drvfs")
 
 
-def initialise(uri: str, experiment: str, marker: Path) -> None:
+# The database file that this process opened first, by path: MLflow keeps it open, even when another takes its name.
+_opened: dict[Path, tuple[int, int]] = {}
+
+
+class StoreGone(Exception):
+    """The database of a store was removed or replaced since this process opened it: what is written is lost."""
+
+
+def initialise(settings: Mapping[str, Any], marker: Path) -> None:
     """Create or upgrade the store and the experiment, once, before any process logs to it.
 
     A store that cannot be used is a warning: trainings then write their JSON lines only.
 
     Arguments:
-        uri: of the tracking store: ``sqlite:///results/mlflow/mlflow.db`` or ``http://…``.
-        experiment: name of the MLflow experiment. A local store's artifacts lie in ``artifacts`` beside the database.
-        marker: JSON file written at the end, the stage's output.
+        settings: ``{"enabled", "uri", "experiment"}``: whether to track at all; the tracking store,
+            ``sqlite:///results/mlflow/mlflow.db`` or ``http://…``; the name of the MLflow experiment. A local store's
+            artifacts lie in ``artifacts`` beside the database.
+        marker: the path of the JSON file that logging stages read, written at the end.
 
     Raises:
         InputError: the marker cannot be written.
     """
-    found = None
+    if not settings["enabled"]:
+        files.write_json(marker, {"enabled": False})
+        return
+    uri, experiment, found = settings["uri"], settings["experiment"], None
     try:
         found = connect(uri, experiment, prepare=True)[1]
     except Exception as error:
         logger.warning(
             "tracking store %s cannot be used (%s); runs are logged to their JSON lines only", uri, brief(error)
         )
-    files.write_json(marker, {"uri": uri, "experiment": experiment, "experiment_id": found})
+    record = {"enabled": True, "uri": uri, "experiment": experiment, "experiment_id": found}
+    files.write_json(marker, record)
 
 
 def connect(uri: str, experiment: str, prepare: bool = False) -> tuple[Any, str]:
@@ -64,15 +76,21 @@ def connect(uri: str, experiment: str, prepare: bool = False) -> tuple[Any, str]
 
     Arguments:
         prepare: also upgrade the schema of an older sqlite store and set its journal mode.
+
+    Raises:
+        InputError: another process holds the store's lock.
+        StoreGone: this process has another database open under this name.
     """
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     for name in ("urllib3.connectionpool", "alembic"):  # one warning is ours; theirs would come on top, per retry
         logging.getLogger(name).setLevel(logging.ERROR)
+    logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)  # a traceback for every locked database
     from mlflow.tracking import MlflowClient
 
     path = database(uri)
-    with locked(uri):
+    with locked(uri, path):
+        check_present(uri)
         new = path is not None and not path.exists()
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -92,35 +110,52 @@ def connect(uri: str, experiment: str, prepare: bool = False) -> tuple[Any, str]
         if found is None:
             # Only a local store may be told where; a server decides for itself.
             location = None if path is None else str((path.parent / "artifacts").resolve())
-            return client, client.create_experiment(experiment, artifact_location=location)
-    return client, found.experiment_id
+            made = client.create_experiment(experiment, artifact_location=location)
+        if path is not None:
+            _opened.setdefault(path.resolve(), _identity(path))
+    return client, made if found is None else found.experiment_id
+
+
+def check_present(uri: str) -> None:
+    """Look whether a sqlite store's file is still the one that this process opened.
+
+    Raises:
+        StoreGone: it is not.
+    """
+    path = database(uri)
+    known = None if path is None else _opened.get(path.resolve())
+    if known is not None and (not path.exists() or _identity(path) != known):
+        raise StoreGone("the database was removed or replaced")
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_dev, found.st_ino
 
 
 def database(uri: str) -> Path | None:
-    """The file of a sqlite store, None for any other."""
+    """The path of a sqlite store's file, None for any other store."""
     return Path(uri.removeprefix("sqlite:///").split("?")[0]) if uri.startswith("sqlite:///") else None
-
-
-@contextmanager
-def locked(uri: str) -> Iterator[None]:
-    """Hold the lock of a store: a file beside a sqlite database, else one in the folder for temporary files."""
-    path = database(uri)
-    if path is None:
-        name = hashlib.sha256(uri.encode()).hexdigest()[:16]
-        lock = Path(tempfile.gettempdir()) / f"expertaug-{os.getuid()}-{name}.lock"
-    else:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lock = path.with_name(f"{path.name}.lock")
-    with lock.open("a") as stream:
-        fcntl.flock(stream, fcntl.LOCK_EX)
-        yield
 
 
 def brief(error: BaseException) -> str:
     """An exception as one short line."""
     text = " ".join(str(error).split())
-    refused = re.search(r"Connection refused|timed out|Name or service not known|No route to host", text)
-    return refused[0].lower() if refused else f"{type(error).__name__}: {text[:200]}"
+    known = "Connection refused|timed out|Name or service not known|No route to host|database is locked"
+    if found := re.search(known, text):
+        return found[0].lower()
+    return text if isinstance(error, InputError | StoreGone) else f"{type(error).__name__}: {text[:200]}"
+
+
+def rebuild_command(uri: str, experiment: str, log: Path) -> str:
+    """The command that makes the store again from the logs, of which ``log`` is one."""
+    path = database(uri)
+    results = None if path is None else path.resolve().parent.parent
+    if results is not None and path.resolve() == results / "mlflow/mlflow.db" and results in log.resolve().parents:
+        command = ["expertaug", "rebuild-tracking", os.path.relpath(results)]
+    else:
+        command = ["expertaug", "rebuild-tracking", "RESULTS", "--uri", uri]
+    return shlex.join(command + ([] if experiment == "expertaug" else ["--experiment", experiment]))
 
 
 def _is_local(path: Path) -> bool:

@@ -19,18 +19,21 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
     an earlier rebuild left there); on a server only what it lacks is added. Runs get new ids.
 
     Returns:
-        the number of logs and tables that were stored.
+        The number of logs and tables that were stored.
 
     Raises:
-        InputError: a log cannot be read or the store cannot be used; the old store is then back in its place.
+        InputError: there is nothing to store, a log cannot be read or the store cannot be used; the old store is then
+            in its place.
     """
     database = mlflow_store.database(uri)
     logs = sorted(_find_logs(Path(results), database), key=lambda found: found[1].header["time"])
+    if not logs:
+        raise InputError(results, "no run log and no metrics.csv below it", "give the results folder of a run")
     moved = _move_aside(database) if database is not None else []
     try:
         mlflow_store.connect(uri, experiment, prepare=True)
-        for folder, log in logs:
-            Mirror(uri, experiment, log.header, folder, None).write(log.lines)
+        for path, log in logs:
+            Mirror(uri, experiment, log.header, path).write(log.lines)
     except Exception as error:
         if moved:
             _move_back(database, moved)
@@ -43,25 +46,26 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
 
 
 def _find_logs(results: Path, database: Path | None) -> Iterator[tuple[Path, Log]]:
+    """Every log with its path; a table that has none, with the one that the evaluation would have written."""
     evaluated = set()
     for path in _find(results, "*.jsonl", database):
         log = read_log(path)
         if log.header["stage"] == "evaluate":
             evaluated.add(path.parent)
-        yield path.parent, log
+        yield path, log
     for path in _find(results, "metrics.csv", database):
         if path.parent not in evaluated:
-            yield path.parent, log_of_table(path)
+            yield path.with_name("evaluation.jsonl"), log_of_table(path)
 
 
 def _find(results: Path, pattern: str, database: Path | None) -> list[Path]:
-    """Files below ``results`` but for work in progress (hidden folders), published copies and the store itself."""
-    store = None if database is None else database.parent.resolve()
+    """Files below ``results`` but for work in progress (hidden folders), published copies and the store's own."""
+    own = set() if database is None else {database.parent.resolve() / name for name in ("artifacts", "previous")}
     found = []
     for path in sorted(results.rglob(pattern)):
         parts = path.relative_to(results).parts
         hidden = parts[0] == "published" or any(part.startswith(".") for part in parts)
-        if not hidden and store not in path.resolve().parents:
+        if not hidden and own.isdisjoint(path.resolve().parents):
             found.append(path)
     return found
 

@@ -8,12 +8,12 @@ values as the texts "nan", "inf", "-inf"), or an event (a dataset, an artifact, 
 from __future__ import annotations
 
 import json
-import logging
 import os
 import time
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,14 +21,9 @@ from typing import Any
 from expertaug import files
 from expertaug.errors import InputError
 from expertaug.tracking.log_file import Log, number, read_log, table_metrics
-from expertaug.tracking.mlflow_mirror import Mirror
-from expertaug.tracking.mlflow_store import brief, initialise
 from expertaug.tracking.provenance import revision
-from expertaug.tracking.rebuild import rebuild
-
-__all__ = ["Log", "RunLog", "initialise", "read_log", "rebuild"]
-
-logger = logging.getLogger(__name__)
+from expertaug.tracking.run import Run
+from expertaug.tracking.store_link import StoreLink
 
 RESERVED = {"step", "time", "event"}
 
@@ -37,12 +32,9 @@ class RunLog:
     """Writes one job's log; a context manager that closes it as finished, failed or killed.
 
     Arguments:
-        path: of the JSON lines; overwritten unless ``resume`` is given.
+        path: the path of the JSON lines; overwritten unless ``resume`` is given.
+        run: what runs.
         tracking: ``{"enabled", "uri", "experiment", "tags"}``; None or not enabled: mlflow is not even imported.
-        experiment, method, label, system, preset, stage: what runs.
-        seeds: that are trained together; the order of every metric's values. Empty: one run without a seed.
-        params: the settings, any nesting that JSON holds.
-        tags: further texts for the store.
         resume: what :meth:`state` returned before the job was killed.
 
     Raises:
@@ -52,59 +44,32 @@ class RunLog:
     def __init__(
         self,
         path: str | Path,
-        tracking: Mapping[str, Any] | None,
-        *,
-        experiment: str,
-        method: str,
-        label: str,
-        system: str,
-        preset: str,
-        stage: str,
-        seeds: Sequence[int],
-        params: Mapping[str, Any],
-        tags: Mapping[str, str] | None = None,
+        run: Run,
+        tracking: Mapping[str, Any] | None = None,
         resume: Mapping[str, Any] | None = None,
     ) -> None:
         self.path = Path(path)
-        self._tracking = tracking if tracking is not None and tracking.get("enabled", True) else None
-        self._mirror: Any = None
         self._pending: list[dict[str, Any]] = []
         self._closed = False
-        tags = {**((tracking or {}).get("tags") or {}), **(tags or {})}
+        tags = {**((tracking or {}).get("tags") or {}), **run.tags}
         if "git_revision" not in tags and (commit := revision()):
             tags["git_revision"] = commit
-        header = {
-            "id": resume["id"] if resume else uuid.uuid4().hex,
-            "time": time.time(),
-            "experiment": experiment,
-            "method": method,
-            "label": label,
-            "system": system,
-            "preset": preset,
-            "stage": stage,
-            "seeds": [int(seed) for seed in seeds],
-            "params": json.loads(json.dumps(params, default=str), parse_constant=str),
-            "tags": {key: str(value) for key, value in tags.items()},
-        }
         old = _read_if_any(self.path)
         kept = self._keep(old, resume)
+        header = replace(run, tags=tags).header(resume["id"] if resume else uuid.uuid4().hex)
         self._header = old.header if kept else header
-        self._runs = dict((resume or {}).get("runs") or {})
-        self._parent = (resume or {}).get("parent")
-        known = dict(self._runs)
-        with self._tolerated():
-            self._start_mirror()
-            if self._mirror and not resume and old is not None:
-                self._mirror.abandon(old.header.get("runs") or {})
+        self._runs, self._parent = dict((resume or {}).get("runs") or {}), (resume or {}).get("parent")
         with self._written():
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self.path.open("ab" if kept else "wb")
+        self._link = None
         if not kept:
-            self._write({**self._header, "runs": self._runs, "parent": self._parent}, mirrored=False)
-        else:
-            self._pending = list(_read_if_any(self.path).lines)
-            if self._runs != known:  # the store was out of reach, or another one, when the header was written
-                self._write({"event": "runs", "runs": self._runs, "parent": self._parent}, mirrored=False)
+            self._write(self._header)
+        self._to_disk()  # with the id by which its runs are found again, before there are any
+        self._pending = []
+        if tracking is not None and tracking.get("enabled", True):
+            replaced = None if old is None or old.header["id"] == self._header["id"] else old.header["id"]
+            self._link = StoreLink(tracking, self.path, self._header, self._runs, self._parent, replaced)
         self.flush()
 
     def metrics(self, step: int, values: Mapping[str, Any]) -> None:
@@ -147,13 +112,8 @@ class RunLog:
         Raises:
             InputError: the disk is full.
         """
-        with self._written():
-            self._file.flush()
-            os.fsync(self._file.fileno())
-        pending, self._pending = self._pending, []
-        if self._mirror is not None and pending:
-            with self._tolerated():
-                self._mirror.write(pending)
+        self._to_disk()
+        self._to_store(now=False)
 
     def state(self) -> dict[str, Any]:
         """What a checkpoint keeps so that the job can go on in this log; flushes first."""
@@ -165,9 +125,12 @@ class RunLog:
         if self._closed:
             return
         self._closed = True
-        self._write({"event": "end", "time": time.time(), "status": status})
         try:
-            self.flush()
+            self._write({"event": "end", "time": time.time(), "status": status})
+            self._to_disk()
+            self._to_store(now=status != "KILLED")  # who interrupts a job is not to wait for a store
+            if self._link is not None:
+                self._link.end()
         finally:
             self._file.close()
 
@@ -188,37 +151,29 @@ class RunLog:
             os.truncate(self.path, resume["offset"])
         return True
 
-    def _start_mirror(self) -> None:
-        if self._tracking is None:
-            return
-        uri, experiment = self._tracking["uri"], self._tracking["experiment"]
-        self._mirror = Mirror(uri, experiment, self._header, self.path.parent, self._runs)
-        self._runs, self._parent = dict(self._mirror.runs), self._mirror.parent
-
-    def _write(self, line: Mapping[str, Any], mirrored: bool = True) -> None:
+    def _write(self, line: Mapping[str, Any]) -> None:
         with self._written():
             self._file.write(json.dumps(line, allow_nan=False, ensure_ascii=False).encode() + b"\n")
-        if mirrored and self._mirror is not None:
-            self._pending.append(dict(line))
+        self._pending.append(dict(line))
+
+    def _to_disk(self) -> None:
+        with self._written():
+            self._file.flush()
+            os.fsync(self._file.fileno())
+
+    def _to_store(self, now: bool) -> None:
+        pending, self._pending = self._pending, []
+        if self._link is None:
+            return
+        self._link.send(pending, now)
+        if self._link.runs != self._runs and not self._closed:
+            self._runs, self._parent = dict(self._link.runs), self._link.parent
+            self._write({"event": "runs", "runs": self._runs, "parent": self._parent})
+            self._to_disk()
 
     def _relative(self, path: str | Path) -> str:
         """Relative to the log, so that the results folder can be moved."""
         return os.path.relpath(path, self.path.parent)
-
-    @contextmanager
-    def _tolerated(self) -> Iterator[None]:
-        """A store that fails costs one warning, and the mirror of the rest of this process."""
-        try:
-            yield
-        except Exception as error:
-            self._mirror = None
-            uri = (self._tracking or {}).get("uri")
-            logger.warning(
-                "tracking store %s failed (%s); the run goes on and is logged in %s",
-                uri,
-                brief(error),
-                self.path,
-            )
 
     @contextmanager
     def _written(self) -> Iterator[None]:

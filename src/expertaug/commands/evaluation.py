@@ -1,0 +1,92 @@
+"""Subcommands that score models and make tables and figures of the scores."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from expertaug.commands.options import Commands, add_outputs, add_paths, add_tracking, read_settings, tracking_of
+
+METRICS = "metrics.csv of every method and group of seeds"
+
+
+def add_to(commands: Commands) -> None:
+    """Add this module's subcommands."""
+    p = commands.add("evaluate", _evaluate, "score a model's forecasts on every set")
+    add_paths(p, model="model file", data="folder of the sets", output="CSV of the metrics")
+    add_paths(p, forecasts="npz of forecasts")
+    add_tracking(p)
+
+    text = "augment and fine-tune a model at several stages of its training"
+    p = commands.add("during-training", _during_training, text)
+    add_paths(p, snapshots="states along the training", data="folder of the sets", output="CSV of the metrics")
+    add_paths(p, work="folder for checkpoints")
+    add_tracking(p)
+
+    p = commands.add("tabulate", _tabulate, "make the tables of an experiment")
+    p.add_argument("metrics", type=Path, nargs="+", help=METRICS)
+    p.add_argument("--forecasts", type=Path, nargs="+", default=[], help="forecasts.npz, which know the units")
+    add_outputs(p, "tables, .csv, .md or .tex")
+
+    p = commands.add("plot", _plot, "draw the figures of an experiment")
+    p.add_argument("metrics", type=Path, nargs="+", help=METRICS)
+    text = "forecasts.npz of one group of seeds per method"
+    p.add_argument("--forecasts", type=Path, nargs="+", required=True, help=text)
+    text = "log.jsonl of every trained method and group of seeds"
+    p.add_argument("--logs", type=Path, nargs="+", required=True, help=text)
+    add_paths(p, output="path of the figures, to which _NAME.png and _NAME.pdf are added")
+
+    p = commands.add("study", _study, "make the table and the figure of a study")
+    text = "metrics.csv (during_training.csv) of every variant and group of seeds"
+    p.add_argument("metrics", type=Path, nargs="+", help=text)
+    add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
+
+    p = commands.add("compare", _compare, "compare experiments with the published numbers")
+    p.add_argument("metrics", type=Path, nargs="+", help=METRICS)
+    add_outputs(p, "tables, .csv, .md or .tex")
+
+    p = commands.add("overview", _overview, "draw the figures over several experiments")
+    p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every experiment, method and group of seeds")
+    add_paths(p, output="folder of the figures")
+
+
+def _evaluate(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.evaluate import evaluate
+
+    evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings), tracking_of(a))
+
+
+def _during_training(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.during_training import during_training
+
+    during_training(a.snapshots, a.data, a.output, a.work, read_settings(a.settings), tracking_of(a))
+
+
+def _tabulate(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.tables import tabulate
+
+    tabulate(a.metrics, a.output, read_settings(a.settings), a.forecasts)
+
+
+def _plot(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.plot import plot
+
+    plot(a.metrics, a.forecasts, a.logs, a.output, read_settings(a.settings))
+
+
+def _study(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.studies import study
+
+    study(a.metrics, a.output, read_settings(a.settings))
+
+
+def _compare(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.published import compare
+
+    compare(a.metrics, a.output, read_settings(a.settings))
+
+
+def _overview(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.overview import overview
+
+    overview(a.metrics, a.output, read_settings(a.settings))

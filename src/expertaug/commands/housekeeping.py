@@ -1,0 +1,58 @@
+"""Subcommands about the configuration, the tracking store and finished runs."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from pathlib import Path
+
+from expertaug.commands.options import Commands, add_paths, read_settings
+
+logger = logging.getLogger(__name__)
+
+
+def add_to(commands: Commands) -> None:
+    """Add this module's subcommands."""
+    p = commands.add("validate", _validate, "check configuration files", settings=False)
+    p.add_argument("config", type=Path, nargs="+", help="YAML files, later ones win")
+
+    p = commands.add("init-tracking", _init_tracking, "create or upgrade the MLflow store")
+    add_paths(p, output="JSON that logging stages read")
+
+    p = commands.add("rebuild-tracking", _rebuild_tracking, "make the MLflow store again from the logs", settings=False)
+    p.add_argument("results", type=Path, help="results folder")
+    p.add_argument("--uri", help="of the store (default: sqlite in RESULTS/mlflow)")
+    p.add_argument("--experiment", default="expertaug", help="name of the MLflow experiment")
+
+    p = commands.add("publish", _publish, "keep the tables and figures of a finished run", settings=False)
+    p.add_argument("config", type=Path, nargs="+", help="YAML files of the run, later ones win")
+    p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder, which is replaced")
+    p.add_argument("--command", required=True, help="how the run was started, for the record")
+
+
+def _init_tracking(a: argparse.Namespace) -> None:
+    from expertaug.tracking.mlflow_store import initialise
+
+    initialise(read_settings(a.settings), a.output)
+
+
+def _rebuild_tracking(a: argparse.Namespace) -> None:
+    from expertaug.tracking.rebuild import rebuild
+
+    uri = a.uri or f"sqlite:///{a.results}/mlflow/mlflow.db"
+    count = rebuild(a.results, uri, a.experiment)
+    logger.info("%s: %d logs stored", uri, count)
+
+
+def _validate(a: argparse.Namespace) -> None:
+    from expertaug.config import load as config
+
+    config.validate(config.load(a.config))
+    logger.info("%s: valid", ", ".join(map(str, a.config)))
+
+
+def _publish(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.publish import publish
+
+    publish(a.config, a.to, a.command)
+    logger.info("%s: published", a.to)

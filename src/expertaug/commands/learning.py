@@ -1,0 +1,62 @@
+"""Subcommands that make data sets and models."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from expertaug.commands.options import Commands, add_paths, add_tracking, read_settings, tracking_of
+
+
+def add_to(commands: Commands) -> None:
+    """Add this module's subcommands."""
+    p = commands.add("simulate", _simulate, "simulate one set of a system")
+    p.add_argument("set", help="name of the set")
+    add_paths(p, output="npz of the trajectories")
+
+    p = commands.add("calibrate", _calibrate, "fit the expert's constants on training chunks")
+    p.add_argument("train", type=Path, help="train.npz")
+    add_paths(p, output="JSON of the constants")
+
+    p = commands.add("train", _train, "train a method on a group of seeds")
+    add_paths(p, data="folder of the sets", output="model file", work="folder for checkpoints")
+    p.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
+    add_tracking(p)
+
+    p = commands.add("augment", _augment, "draw augmented samples from a trained model")
+    add_paths(p, model="model file", data="folder of the sets", output="augmented samples")
+
+    p = commands.add("finetune", _finetune, "fine-tune a model on real and augmented samples")
+    add_paths(p, model="model file", augmented="augmented samples", data="folder of the sets")
+    add_paths(p, output="model file", work="folder for checkpoints")
+    add_tracking(p)
+
+
+def _calibrate(a: argparse.Namespace) -> None:
+    from expertaug.recordings.angles.calibration import calibrate
+
+    calibrate(a.train, a.output, read_settings(a.settings))
+
+
+def _simulate(a: argparse.Namespace) -> None:
+    from expertaug.systems.simulate import simulate
+
+    simulate(a.set, a.output, read_settings(a.settings))
+
+
+def _train(a: argparse.Namespace) -> None:
+    from expertaug.learning.train import train
+
+    train(a.data, a.output, a.work, read_settings(a.settings), tracking_of(a), a.calibration)
+
+
+def _augment(a: argparse.Namespace) -> None:
+    from expertaug.learning.augment import augment
+
+    augment(a.model, a.data, a.output, read_settings(a.settings))
+
+
+def _finetune(a: argparse.Namespace) -> None:
+    from expertaug.learning.finetune import finetune
+
+    finetune(a.model, a.augmented, a.data, a.output, a.work, read_settings(a.settings), tracking_of(a))

@@ -1,0 +1,77 @@
+"""What several subcommands share: their parsers, their options, and how these are read."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from expertaug.errors import InputError
+
+
+class Commands:
+    """The subcommands' parsers, each with what all of them take."""
+
+    def __init__(self, parser: argparse.ArgumentParser) -> None:
+        self._subparsers = parser.add_subparsers(dest="stage", required=True, metavar="STAGE")
+
+    def add(
+        self, name: str, run: Callable[[argparse.Namespace], None], text: str, settings: bool = True
+    ) -> argparse.ArgumentParser:
+        """A subcommand; ``settings`` says whether it takes any."""
+        parser = self._subparsers.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        parser.set_defaults(run=run)
+        parser.add_argument("--log", type=Path, metavar="FILE", help="also write progress and errors to this file")
+        if settings:
+            parser.add_argument("--settings", required=True, metavar="JSON", help="JSON text, or a JSON or YAML file")
+        return parser
+
+
+def add_paths(parser: argparse.ArgumentParser, **options: str) -> None:
+    """Required options that are paths, each with its help text."""
+    for name, text in options.items():
+        parser.add_argument(f"--{name}", type=Path, required=True, metavar="PATH", help=text)
+
+
+def add_outputs(parser: argparse.ArgumentParser, text: str) -> None:
+    """The option ``--output`` of a stage that writes the same in several formats."""
+    parser.add_argument("--output", type=Path, nargs="+", required=True, help=text)
+
+
+def add_tracking(parser: argparse.ArgumentParser) -> None:
+    """The option that :func:`tracking_of` reads."""
+    parser.add_argument("--tracking", type=Path, metavar="FILE", help="what init-tracking wrote; none: do not track")
+
+
+def read_settings(text: str) -> dict:
+    """A stage's settings: JSON text, or the path of a JSON or YAML file.
+
+    Raises:
+        InputError: neither, or no mapping.
+    """
+    import yaml
+
+    try:
+        if not text.lstrip().startswith("{"):
+            text = Path(text).read_text(encoding="utf-8")
+        value = yaml.safe_load(text) if not text.lstrip().startswith("{") else json.loads(text)
+    except OSError as error:
+        raise InputError("--settings", f"{text}: {error.strerror}", "give JSON text or the path of a file") from error
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        raise InputError("--settings", f"neither JSON nor YAML ({error})", "give a JSON object") from error
+    if not isinstance(value, dict):
+        raise InputError("--settings", f"holds {type(value).__name__}", "give a JSON object")
+    return value
+
+
+def tracking_of(arguments: argparse.Namespace) -> Mapping | None:
+    """The tracking store that ``init-tracking`` prepared, for a stage that logs; None where it is switched off."""
+    if arguments.tracking is None:
+        return None
+    from expertaug.files import read_json
+
+    found = read_json(arguments.tracking)
+    if not isinstance(found, dict) or "enabled" not in found:
+        raise InputError(arguments.tracking, "does not say which tracking store", "make it again with init-tracking")
+    return {**found, "tags": {"rule": arguments.stage}} if found["enabled"] else None

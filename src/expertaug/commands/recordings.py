@@ -1,0 +1,184 @@
+"""Subcommands from a video or a file of markers to chunks of angles."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from expertaug.commands.options import Commands, add_outputs, add_paths, read_settings
+from expertaug.errors import InputError
+
+logger = logging.getLogger(__name__)
+
+
+def add_to(commands: Commands) -> None:
+    """Add this module's subcommands."""
+    p = commands.add("render-video", _render_video, "simulate a recording and render it as video")
+    p.add_argument("--index", type=int, required=True, help="number of the recording, from 0")
+    add_paths(p, output="video", truth="CSV of the true motion")
+
+    p = commands.add("extract-frames", _extract_frames, "decode a video into a frame store")
+    p.add_argument("video", type=Path)
+    add_paths(p, output="frame store")
+    _add_intake(p, checksum=True)
+
+    p = commands.add("track-markers", _track_markers, "find the markers in every frame")
+    p.add_argument("frames", type=Path)
+    add_paths(p, output="CSV of the marker positions")
+    _add_intake(p)
+
+    p = commands.add("unpack-markers", _unpack_markers, "unpack an archive of marker CSVs")
+    p.add_argument("archive", type=Path)
+    add_paths(p, output="folder")
+
+    p = commands.add("import-markers", _import_markers, "convert a marker CSV of the IBM layout")
+    p.add_argument("csv", type=Path)
+    add_paths(p, output="CSV of the marker positions")
+    _add_intake(p, checksum=True)
+
+    p = commands.add("measure-angles", _measure_angles, "measure arm angles, speeds and energy")
+    p.add_argument("markers", type=Path)
+    add_paths(p, output="CSV of the angles", summary="JSON of the recording's calibration")
+    _add_intake(p)
+
+    p = commands.add("summarise-recordings", _summarise_recordings, "make the table of recordings", settings=False)
+    p.add_argument("summaries", type=Path, nargs="+", help="angles.json of each recording")
+    add_paths(p, output="CSV", markdown="Markdown")
+
+    p = commands.add("plot-recording", _plot_recording, "draw a recording's page of the report", settings=False)
+    add_paths(p, markers="CSV of the marker positions", angles="CSV of the angles", summary="JSON of the calibration")
+    add_paths(p, output="figure, .png or .pdf")
+
+    p = commands.add("overlay", _overlay, "draw markers, arms, angles and forecasts over a recording's video")
+    p.add_argument("video", type=Path)
+    add_paths(p, markers="CSV of the marker positions", angles="CSV of the angles", output="video, .mp4")
+    p.add_argument("--forecasts", nargs="*", default=[], metavar="LABEL=PATH", help="forecasts.npz to draw")
+    p.add_argument("--chunks", type=Path, metavar="PATH", help="chunks.csv of the sets that they forecast")
+
+    p = commands.add("inspect", _inspect, "show what a video shows and propose its configuration", settings=False)
+    p.add_argument("video", type=Path)
+    text = "contact sheet, .png or .jpg"
+    p.add_argument("--output", type=Path, default=Path("contact.png"), metavar="PATH", help=text)
+    p.add_argument("--rate", type=float, metavar="HZ", help="frame rate (default: the video's own)")
+    text = "YAML files to which the proposal is to be added (default: config/config.yaml where it is)"
+    p.add_argument("--config", type=Path, nargs="+", metavar="YAML", help=text)
+
+    p = commands.add("split-chunks", _split_chunks, "cut recordings into chunks and split them")
+    p.add_argument("angles", type=Path, nargs="+", help="angles.csv of each recording")
+    add_paths(p, output="folder of the sets")
+
+    p = commands.add("plot-splits", _plot_splits, "draw the distributions of the splits", settings=False)
+    p.add_argument("data", type=Path, help="folder of the sets")
+    add_outputs(p, "figure files, .png or .pdf")
+
+
+def _add_intake(parser: argparse.ArgumentParser, checksum: bool = False) -> None:
+    text = "a recording that is refused: stop, or skip it and write why into the outputs"
+    parser.add_argument("--on-bad-recording", choices=("stop", "skip"), default="stop", help=text)
+    if checksum:
+        parser.add_argument("--sha256", metavar="HEX", help="checksum that the file must have")
+
+
+def _take(a: argparse.Namespace, task: Callable[[], None], source: Path, outputs: list[Path]) -> None:
+    """Run a stage on one recording, which may be left out."""
+    from expertaug.recordings.intake import take
+
+    take(task, source, outputs, a.on_bad_recording, getattr(a, "sha256", None))
+
+
+def _render_video(a: argparse.Namespace) -> None:
+    from expertaug.recordings.rendering.render import render_recording
+
+    render_recording(a.index, a.output, a.truth, read_settings(a.settings))
+
+
+def _extract_frames(a: argparse.Namespace) -> None:
+    from expertaug.recordings.video.frame_store import extract_frames
+
+    _take(a, lambda: extract_frames(a.video, a.output, read_settings(a.settings)), a.video, [a.output])
+
+
+def _track_markers(a: argparse.Namespace) -> None:
+    from expertaug.recordings.markers.track import track_markers
+
+    _take(a, lambda: track_markers(a.frames, a.output, read_settings(a.settings)), a.frames, [a.output])
+
+
+def _unpack_markers(a: argparse.Namespace) -> None:
+    from expertaug.recordings.imports.ibm import unpack_archive
+
+    unpack_archive(a.archive, a.output, read_settings(a.settings))
+
+
+def _import_markers(a: argparse.Namespace) -> None:
+    from expertaug.recordings.imports.ibm import import_markers
+
+    _take(a, lambda: import_markers(a.csv, a.output, read_settings(a.settings)), a.csv, [a.output])
+
+
+def _measure_angles(a: argparse.Namespace) -> None:
+    from expertaug.recordings.angles.measure import measure_angles
+
+    outputs = [a.output, a.summary]
+    _take(a, lambda: measure_angles(a.markers, *outputs, read_settings(a.settings)), a.markers, outputs)
+
+
+def _summarise_recordings(a: argparse.Namespace) -> None:
+    from expertaug.recordings.intake import divide
+    from expertaug.recordings.reports.summary import summarise
+
+    kept, refused = divide(a.summaries)
+    summarise(kept, a.output, a.markdown, refused)
+
+
+def _plot_recording(a: argparse.Namespace) -> None:
+    from expertaug.recordings.intake import refusal
+    from expertaug.recordings.reports.page import plot_recording, plot_refused
+
+    reason = refusal(a.summary)
+    if reason is None:
+        plot_recording(a.markers, a.angles, a.summary, a.output)
+    else:
+        plot_refused(a.summary.parent.name, reason, a.output)
+
+
+def _overlay(a: argparse.Namespace) -> None:
+    from expertaug.recordings.intake import refusal
+    from expertaug.recordings.reports.overlay import note, overlay
+
+    forecasts = dict(text.partition("=")[::2] for text in a.forecasts)
+    for label, path in forecasts.items():
+        if not (label and path):
+            raise InputError("--forecasts", f"found '{label or path}'", "give LABEL=PATH")
+    reason = refusal(a.angles)
+    if reason is None:
+        overlay(a.video, a.markers, a.angles, a.output, read_settings(a.settings), forecasts, a.chunks)
+    else:
+        note(f"left out: {reason}", a.output)
+
+
+def _inspect(a: argparse.Namespace) -> None:
+    from expertaug.config import load as config
+    from expertaug.recordings.inspection.inspect import inspect
+
+    default = Path("config", "config.yaml")
+    files = a.config or ([default] if default.is_file() else [])
+    base = config.validate(config.load(files)) if files else None
+    text = inspect(a.video, a.output, base, a.rate)
+    logger.info("%s: contact sheet", a.output)
+    print(text, end="")
+
+
+def _split_chunks(a: argparse.Namespace) -> None:
+    from expertaug.recordings.chunks.cut import split_chunks
+    from expertaug.recordings.intake import divide
+
+    split_chunks(divide(a.angles)[0], a.output, read_settings(a.settings))
+
+
+def _plot_splits(a: argparse.Namespace) -> None:
+    from expertaug.recordings.reports.splits import plot_splits
+
+    plot_splits(a.data, a.output)

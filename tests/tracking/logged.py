@@ -1,0 +1,98 @@
+"""A run that logs, in this process or in one of its own, and what a store holds of it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+from expertaug.tracking.run import Run
+
+FIELDS = {
+    "experiment": "swing",
+    "method": "hybrid+",
+    "label": "Hybrid+",
+    "system": "pendulum",
+    "preset": "corrected",
+    "stage": "train",
+    "seeds": [0, 1],
+    "params": {"training": {"epochs": 3, "rate": 0.001}, "widths": [50, 50], "nothing": None},
+}
+RUN = Run(**FIELDS)
+
+
+def settings(folder: Path) -> dict:
+    return {
+        "enabled": True,
+        "uri": f"sqlite:///{folder}/mlflow/mlflow.db",
+        "experiment": "trial",
+        "tags": {"rule": "train"},
+    }
+
+
+def runs_of(tracking: dict) -> list:
+    from mlflow.tracking import MlflowClient
+
+    client = MlflowClient(tracking_uri=tracking["uri"])
+    experiment = client.get_experiment_by_name(tracking["experiment"])
+    return client.search_runs([experiment.experiment_id], max_results=1000)
+
+
+def history(tracking: dict, run, key: str) -> list[tuple[int, float, int]]:
+    from mlflow.tracking import MlflowClient
+
+    found = MlflowClient(tracking_uri=tracking["uri"]).get_metric_history(run.info.run_id, key)
+    return sorted((metric.step, metric.value, metric.timestamp) for metric in found)
+
+
+def contents(tracking: dict) -> list:
+    """All that a store holds, without the ids that every store makes for itself."""
+    from mlflow.tracking import MlflowClient
+
+    client = MlflowClient(tracking_uri=tracking["uri"])
+    found = []
+    for run in runs_of(tracking):
+        tags = {k: v for k, v in run.data.tags.items() if k not in ("mlflow.parentRunId",)}
+        parent = run.data.tags.get("mlflow.parentRunId")
+        found.append(
+            (
+                run.info.run_name,
+                (run.info.status, run.info.start_time, run.info.end_time),
+                tags,
+                client.get_run(parent).info.run_name if parent else "",
+                run.data.params,
+                {key: history(tracking, run, key) for key in run.data.metrics},
+                sorted((i.dataset.name, i.dataset.digest, i.dataset.source) for i in run.inputs.dataset_inputs),
+                sorted(item.path for item in client.list_artifacts(run.info.run_id)),
+            )
+        )
+    return sorted(found, key=repr)
+
+
+WORKER = """
+    import sys, time
+    from pathlib import Path
+    from expertaug.tracking.run import Run
+    from expertaug.tracking.runlog import RunLog
+    path, tracking, fields, start = eval(sys.argv[1])
+    while time.time() < start: pass
+    log = RunLog(path, Run(**fields), tracking)
+    for step in range(300):
+        log.metrics(step, {"loss": [step] * len(fields["seeds"])})
+        if step % 10 == 0: log.flush()
+        if step == 155:
+            print(repr(log.state()), flush=True)
+            if fields["stage"] == "stuck":
+                for late in range(156, 190): log.metrics(late, {"loss": [-1] * len(fields["seeds"])})
+                log.flush()
+                log.metrics(190, {"loss": [-1] * len(fields["seeds"])})
+                print("ready", flush=True)
+                time.sleep(60)
+    log.close()
+"""
+
+
+def start(*arguments, code: str = WORKER) -> subprocess.Popen:
+    command = [sys.executable, "-c", textwrap.dedent(code), repr(arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

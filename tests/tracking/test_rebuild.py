@@ -1,0 +1,79 @@
+"""The store made again from the logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from logged import FIELDS, RUN, contents, runs_of, settings, start
+
+from expertaug.errors import InputError
+from expertaug.tracking.rebuild import rebuild
+from expertaug.tracking.runlog import RunLog
+
+
+def test_rebuild_equals_the_original(tmp_path, tracking):
+    results = tmp_path / "results"
+    folder = results / "swing" / "hybrid+" / "seeds_0_1"
+    folder.mkdir(parents=True)
+    (folder / "model.bin").write_bytes(b"model")
+    with RunLog(folder / "log.jsonl", RUN, tracking) as log:
+        log.dataset("train", folder / "model.bin")
+        log.metrics(0, {"loss": [1, np.nan]})
+        log.metrics(2, {"loss": [1.25, 3], "rate": 0.1})
+        log.artifact(folder / "model.bin")
+    rows = ["experiment,system,method,label,preset,seed,set,metric,value"]
+    rows += [f"swing,pendulum,hybrid+,Hybrid+,corrected,{seed},test,log_mse_sum,{-seed - 0.5}" for seed in (0, 1)]
+    (folder / "metrics.csv").write_text("\n".join(rows) + "\n")
+    with RunLog(folder / "evaluate.jsonl", replace(RUN, stage="evaluate"), tracking) as log:
+        log.table(folder / "metrics.csv")
+    again = tracking | {"experiment": "again"}
+    again["uri"] = f"sqlite:///{tmp_path}/again/mlflow.db"
+    assert rebuild(results, again["uri"], again["experiment"]) == 2
+    assert repr(contents(again)) == repr(contents(tracking))
+    (folder / "evaluate.jsonl").unlink()
+    third = tracking | {"uri": f"sqlite:///{tmp_path}/third/mlflow.db"}
+    assert rebuild(results, third["uri"], third["experiment"]) == 2
+    evaluated = [run for run in runs_of(third) if run.data.tags.get("stage") == "evaluate"]
+    assert sorted(run.data.metrics["test/log_mse_sum"] for run in evaluated) == [-1.5, -0.5]
+
+
+def test_rebuild_keeps_the_old_store_aside(tmp_path):
+    """The first store is made in a process of its own: MLflow keeps a store open as long as the process lives."""
+    results, tracking = tmp_path / "results", settings(tmp_path / "results")
+    job = start(str(results / "a" / "log.jsonl"), tracking, FIELDS, 0)
+    assert job.communicate(timeout=60)[1] == ""
+    assert rebuild(results, tracking["uri"], "trial") == 1
+    assert (results / "mlflow" / "previous" / "mlflow.db").is_file()
+    assert len(runs_of(tracking)) == 3
+
+
+def test_rebuild_leaves_the_store_alone_when_it_fails(tmp_path, monkeypatch):
+    folder = tmp_path / "mlflow"
+    (folder / "artifacts").mkdir(parents=True)
+    (folder / "mlflow.db").write_text("old")
+    uri = f"sqlite:///{folder}/mlflow.db"
+    RunLog(tmp_path / "a.jsonl", RUN).close()
+
+    def broken(*_, **__):
+        (folder / "mlflow.db-wal").write_text("of the new one")
+        raise OSError("disk gone")
+
+    monkeypatch.setattr("expertaug.tracking.mlflow_store.connect", broken)
+    with pytest.raises(InputError, match="disk gone"):
+        rebuild(tmp_path, uri, "trial")
+    assert (folder / "mlflow.db").read_text() == "old"
+    assert not (folder / "mlflow.db-wal").exists()
+    (tmp_path / "log.jsonl").write_text("oops\n")
+    with pytest.raises(InputError, match="line 1 is not JSON"):
+        rebuild(tmp_path, uri, "trial")
+
+
+@pytest.mark.parametrize("name", ["mistyped", "empty"])
+def test_a_folder_without_logs_is_refused_and_gets_no_store(tmp_path, name):
+    (tmp_path / "empty").mkdir()
+    uri = f"sqlite:///{tmp_path}/{name}/mlflow/mlflow.db"
+    with pytest.raises(InputError, match=f"{name}: no run log and no metrics.csv below it; give the results folder"):
+        rebuild(tmp_path / name, uri, "trial")
+    assert list(tmp_path.rglob("*")) == [tmp_path / "empty"]

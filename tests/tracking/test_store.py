@@ -1,0 +1,202 @@
+"""A store that fails, comes back or is shared: no value is lost or doubled, and no run left open."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import logging
+import shutil
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from logged import RUN, history, runs_of, settings, start
+
+from expertaug.errors import InputError
+from expertaug.tracking import mlflow_mirror, store_link, store_lock
+from expertaug.tracking.log_file import read_log
+from expertaug.tracking.mlflow_store import rebuild_command
+from expertaug.tracking.rebuild import rebuild
+from expertaug.tracking.runlog import RunLog
+
+DIES = """
+    import os, signal, sys
+    from expertaug.tracking.mlflow_mirror import Mirror
+    from expertaug.tracking.run import Run
+    from expertaug.tracking.runlog import RunLog
+    path, tracking, fields, start = eval(sys.argv[1])
+    Mirror._log_params = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+    RunLog(path, Run(**fields), tracking)
+"""
+
+
+def children_of(tracking: dict) -> list:
+    return [run for run in runs_of(tracking) if "seed" in run.data.tags]
+
+
+def superseded(run) -> bool:
+    return run.data.tags.get("expertaug.superseded") == "true"
+
+
+def test_a_kill_while_runs_are_made_leaves_none_open(tmp_path, tracking):
+    path = tmp_path / "results" / "log.jsonl"
+    job = start(str(path), tracking, vars(RUN), 0, code=DIES)
+    assert job.wait(60) == -signal.SIGKILL
+    assert read_log(path).header["id"]  # written before any run was made
+    assert [run.info.status for run in children_of(tracking)] == ["RUNNING"]
+    RunLog(path, RUN, tracking).close()
+    found = sorted((superseded(run), run.info.status) for run in children_of(tracking))
+    assert found == [(False, "FINISHED"), (False, "FINISHED"), (True, "KILLED")]
+
+
+def test_a_rerun_marks_the_runs_that_it_replaces(tmp_path, tracking):
+    path = tmp_path / "results" / "seeds_0_1" / "log.jsonl"
+    elsewhere = tmp_path / "results" / "seeds_2" / "log.jsonl"
+    RunLog(elsewhere, replace(RUN, seeds=[2]), tracking).close()
+    for value in (1, 2, 3):
+        with RunLog(path, RUN, tracking) as log:
+            log.metrics(0, {"loss": [value, value]})
+        if value < 3:
+            path.unlink()  # as the workflow does with the outputs of a job that it runs again
+    found = children_of(tracking)
+    assert {run.info.status for run in found} == {"FINISHED"}
+    valid = {run.data.tags["seed"]: run.data.metrics.get("loss") for run in found if not superseded(run)}
+    assert valid == {"0": 3, "1": 3, "2": None}
+    names = {run.info.run_name for run in found if superseded(run)}
+    assert names == {"swing/Hybrid+/seed0 (superseded)", "swing/Hybrid+/seed1 (superseded)"}
+    assert len(found) == 7
+    again = {"uri": f"sqlite:///{tmp_path}/again/mlflow.db", "experiment": "again"}
+    rebuild(tmp_path / "results", again["uri"], again["experiment"])
+    assert sorted(run.data.tags["seed"] for run in children_of(again)) == ["0", "1", "2"]
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Say how often the store fails from now on, each time with half of the values stored."""
+    left = [0]
+    stored = mlflow_mirror.Mirror._log_metrics
+
+    def half(mirror, lines):
+        stored(mirror, lines[: len(lines) // 2] if left[0] else lines)
+        if left[0]:
+            left[0] -= 1
+            raise OSError("database is locked")
+
+    monkeypatch.setattr(mlflow_mirror.Mirror, "_log_metrics", half)
+    return lambda times: left.__setitem__(0, times)
+
+
+@pytest.mark.parametrize("later", [True, False], ids=["on the way", "at the end"])
+def test_what_a_failing_store_missed_is_stored_later(tmp_path, tracking, failing, later, monkeypatch, caplog):
+    monkeypatch.setattr(store_link, "FIRST_WAIT_S", 0.0 if later else 1e9)
+    log = RunLog(tmp_path / "log.jsonl", RUN, tracking)
+    for step in range(40):
+        log.metrics(step, {"loss": [step, -step]})
+        if step == 20:
+            failing(2)
+        if step % 4 == 0:
+            log.flush()
+    failing(0)
+    log.close()
+    for run in children_of(tracking):
+        sign = 1 - 2 * int(run.data.tags["seed"])
+        assert [row[:2] for row in history(tracking, run, "loss")] == [(k, sign * k) for k in range(40)]
+        assert run.info.status == "FINISHED"
+    assert [m for m in caplog.messages if "failed (database is locked)" in m] == caplog.messages
+    assert len(caplog.messages) == 1
+
+
+def test_a_store_that_fails_in_the_last_moment_is_tried_once_more(tmp_path, tracking, failing):
+    log = RunLog(tmp_path / "log.jsonl", RUN, tracking)
+    log.metrics(0, {"loss": [1, 2]})
+    failing(1)
+    log.close()
+    assert [run.info.status for run in children_of(tracking)] == ["FINISHED", "FINISHED"]
+    assert [len(history(tracking, run, "loss")) for run in children_of(tracking)] == [1, 1]
+
+
+def test_a_store_that_never_comes_back_names_the_remedy(tmp_path, tracking, failing, caplog):
+    with RunLog(tmp_path / "log.jsonl", RUN, tracking) as log:
+        failing(1000)
+        for step in range(3):
+            log.metrics(step, {"loss": [1, 2]})
+            log.flush()
+    first, last = caplog.messages
+    assert "the run goes on" in first
+    assert "log.jsonl" in last and "expertaug rebuild-tracking RESULTS --uri" in last
+    assert len(read_log(tmp_path / "log.jsonl").steps) == 3
+
+
+def test_the_remedy_names_the_results_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = Path("my results/a/log.jsonl")
+    command = rebuild_command("sqlite:///my results/mlflow/mlflow.db", "expertaug", log)
+    assert command == "expertaug rebuild-tracking 'my results'"
+    command = rebuild_command("sqlite:///elsewhere/mlflow/mlflow.db", "mine", log)
+    assert command == "expertaug rebuild-tracking RESULTS --uri sqlite:///elsewhere/mlflow/mlflow.db --experiment mine"
+
+
+@pytest.mark.parametrize("replaced", [False, True], ids=["removed", "rebuilt"])
+def test_a_database_that_goes_in_mid_training_is_told(tmp_path, replaced, caplog):
+    tracking = settings(tmp_path / "results")
+    log = RunLog(tmp_path / "results" / "a" / "log.jsonl", RUN, tracking)
+    shutil.move(tmp_path / "results" / "mlflow", tmp_path / "away")
+    if replaced:
+        (tmp_path / "results" / "mlflow").mkdir()
+        (tmp_path / "results" / "mlflow" / "mlflow.db").write_bytes(b"")
+    with caplog.at_level(logging.WARNING):
+        log.metrics(0, {"loss": [1, 2]})
+        log.close()
+    first, last = caplog.messages
+    assert "the database was removed or replaced" in first
+    assert "rebuild-tracking" in last and str(tmp_path / "results") in str(Path(last.split()[-3]).resolve())
+
+
+def test_a_clock_before_1970_stops_neither_mirror_nor_rebuild(tmp_path, tracking, monkeypatch, caplog):
+    with monkeypatch.context() as patch:
+        patch.setattr(time, "time", lambda: -86400.0)
+        with RunLog(tmp_path / "a" / "log.jsonl", RUN, tracking) as log:
+            log.metrics(0, {"loss": [1, 2]})
+    assert caplog.messages == []
+    assert read_log(tmp_path / "a" / "log.jsonl").steps[0]["time"] == -86400.0
+    again = {"uri": f"sqlite:///{tmp_path}/again/mlflow.db", "experiment": "again"}
+    assert rebuild(tmp_path / "a", again["uri"], again["experiment"]) == 1
+    for found in (tracking, again):
+        assert [(run.info.status, run.info.end_time) for run in children_of(found)] == [("FINISHED", 1)] * 2
+
+
+def test_a_lock_that_another_holds_is_told_and_waited_for_to_a_limit(tmp_path, monkeypatch, caplog):
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr(store_lock, "TOLD_S", 0.0)
+    monkeypatch.setattr(store_lock, "LIMIT_S", 0.3)
+    database = tmp_path / "mlflow.db"
+    with (tmp_path / "mlflow.db.lock").open("a") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        found = r"mlflow\.db\.lock: another process has held"
+        with pytest.raises(InputError, match=found), store_lock.locked(f"sqlite:///{database}", database):
+            pass
+        (tmp_path / "log.jsonl").write_text(json.dumps(RUN.header("x")) + "\n")
+        with pytest.raises(InputError, match="another process has held this lock"):
+            rebuild(tmp_path, f"sqlite:///{database}", "trial")
+    assert "waiting for it" in caplog.messages[0]
+    with store_lock.locked(f"sqlite:///{database}", database):
+        pass
+
+
+def test_the_lock_of_a_server_is_in_a_folder_of_the_users_own(tmp_path, monkeypatch):
+    cache, shared = tmp_path / "cache", tmp_path / "tmp"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    monkeypatch.setattr(store_lock.tempfile, "gettempdir", lambda: str(shared))
+    with store_lock.locked("http://server", None):
+        assert len(list((cache / "expertaug").glob("*.lock"))) == 1
+    assert (cache / "expertaug").stat().st_mode & 0o777 == 0o700
+    (cache / "expertaug").chmod(0o777)
+    assert store_lock.private_folder().parent == shared
+    shutil.rmtree(shared)
+    shared.mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (shared / f"expertaug-{store_lock.os.getuid()}").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="cannot be used for locks"):
+        store_lock.private_folder()
