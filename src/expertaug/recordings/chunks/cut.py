@@ -14,7 +14,7 @@ from expertaug.files import atomic, write_json
 from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants
 from expertaug.recordings.angles.smoothing import stretches
 from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, label_by_energy, label_by_time
-from expertaug.recordings.imports.ibm import natural_key
+from expertaug.recordings.names import natural_key
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
