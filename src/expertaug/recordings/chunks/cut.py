@@ -160,7 +160,7 @@ def chunk_starts(member: np.ndarray, step: int, options: ChunkSettings, stride: 
 
 
 def _pooled_fit(recordings: list[Recording], steps: list[int], options: ChunkSettings) -> Fit:
-    """Constants fitted on all recordings together; they only rank blocks by energy, no model sees them."""
+    """Constants fitted on all recordings together; they only rank segments by energy, no model sees them."""
     series = [np.where(r.measured[:, None], r.y, np.nan) for r in recordings]
     # Each phase of each recording is a series at the chunks' rate; they are padded with NaN to one length.
     phases = [y[k::step] for y, step in zip(series, steps, strict=True) for k in range(step)]
