@@ -26,13 +26,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from clips import recordings_folder
+from expertaug import plotting
 from expertaug.files import atomic
 from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.markers.tracker import track_frames
 from expertaug.recordings.rendering.render import RenderSettings
 from expertaug.recordings.rendering.scene import Pose, Scene
-from expertaug.recordings.reports.splits import STYLE
 from expertaug.recordings.video.writer import encode
 
 CHANNELS = (("blue", "#0072B2"), ("green", "#009E73"), ("red", "#D55E00"))
@@ -131,7 +131,7 @@ def noise(image: np.ndarray, centre: np.ndarray) -> float:
 def plot(real: np.ndarray, rendered: np.ndarray, centres: np.ndarray, output: Path) -> None:
     """Both frames, their histograms, rims and tints."""
     images = {"real": real, "rendered": rendered}
-    with mpl.rc_context(STYLE):
+    with plotting.styled():
         figure = Figure(figsize=(11, 6.6), layout="constrained")
         FigureCanvasAgg(figure)
         above, below = figure.subfigures(2, 1, height_ratios=(1.1, 1))

@@ -179,9 +179,24 @@ def test_figure(tmp_path):
     split_chunks(angles, tmp_path / "data", SMALL)
     plot_splits(tmp_path / "data", [tmp_path / "splits.png", tmp_path / "splits.pdf"])
     assert (tmp_path / "splits.png").stat().st_size > 20_000 and (tmp_path / "splits.pdf").stat().st_size > 5_000
-    (tmp_path / "data" / "chunks.csv").unlink()
+    chunks, figure = tmp_path / "data" / "chunks.csv", tmp_path / "again.png"
+    lines = chunks.read_text().splitlines(keepends=True)
+    for text, message in (
+        ("".join(lines[:2]), r"energies of 1 train chunks, train\.npz has"),
+        ("".join(line.rpartition(",")[0] + "\n" for line in lines), "not a table of chunks"),
+        ("".join([*lines[:5], lines[5].rpartition(",")[0], ",much\n", *lines[6:]]), "not a table of chunks"),
+        ("", "not a table of chunks"),
+    ):
+        chunks.write_text(text)
+        with pytest.raises(InputError, match=message):
+            plot_splits(tmp_path / "data", figure)
+    chunks.unlink()
     with pytest.raises(InputError, match="no such file"):
-        plot_splits(tmp_path / "data", tmp_path / "splits.png")
+        plot_splits(tmp_path / "data", figure)
+    Trajectories(np.arange(3) / 10, np.zeros((4, 3, 2)), np.zeros((4, 2))).save(tmp_path / "data" / "test.npz")
+    with pytest.raises(InputError, match=r"test\.npz: y has shape \(4, 3, 2\); chunks of a double pendulum"):
+        plot_splits(tmp_path / "data", figure)
+    assert not figure.exists()
 
 
 def test_real_recordings_by_energy(tmp_path):
