@@ -26,13 +26,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from clips import recordings_folder
+from expertaug import plotting
 from expertaug.files import atomic
 from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.markers.tracker import track_frames
-from expertaug.recordings.rendering.render import RenderSettings, encode
+from expertaug.recordings.rendering.render import RenderSettings
 from expertaug.recordings.rendering.scene import Pose, Scene
-from expertaug.recordings.reports.splits import STYLE
+from expertaug.recordings.video.writer import encode
 
 CHANNELS = (("blue", "#0072B2"), ("green", "#009E73"), ("red", "#D55E00"))
 MARKERS = ("red", "green", "blue")
@@ -69,10 +70,10 @@ def render(centres: np.ndarray, geometry: Geometry) -> np.ndarray:
     known = RenderSettings()
     angles = [math.atan2(*(centres[k + 1] - centres[k])) for k in (0, 1)]
     pose = Pose(*(tuple(map(float, centre)) for centre in centres), *angles)
-    scene = Scene(SIDE, pose.red, (geometry.arm1, geometry.arm2), known.noise, np.random.default_rng(0))
+    scene = Scene(SIDE, pose.pivot, (geometry.arm1, geometry.arm2), known.noise, np.random.default_rng(0))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "clip.mp4"
-        encode(path, (scene.frame([pose]) for _ in range(2 * FRAMES)), SIDE, 400, crf=known.crf, preset=known.preset)
+        encode(path, (scene.frame([pose]) for _ in range(2 * FRAMES)), SIDE, 400, crf=known.crf, speed=known.preset)
         video = cv2.VideoCapture(str(path))
         return [video.read()[1] for _ in range(2 * FRAMES)][FRAMES]
 
@@ -130,7 +131,7 @@ def noise(image: np.ndarray, centre: np.ndarray) -> float:
 def plot(real: np.ndarray, rendered: np.ndarray, centres: np.ndarray, output: Path) -> None:
     """Both frames, their histograms, rims and tints."""
     images = {"real": real, "rendered": rendered}
-    with mpl.rc_context(STYLE):
+    with plotting.styled():
         figure = Figure(figsize=(11, 6.6), layout="constrained")
         FigureCanvasAgg(figure)
         above, below = figure.subfigures(2, 1, height_ratios=(1.1, 1))

@@ -28,9 +28,10 @@ from expertaug.recordings.markers.geometry import estimate_geometry
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.markers.track import track_markers
 from expertaug.recordings.markers.tracker import Track, track_frames
-from expertaug.recordings.rendering.render import RenderSettings, encode, markers, motion, poses
+from expertaug.recordings.rendering.render import RenderSettings, markers, motion, poses
 from expertaug.recordings.rendering.scene import HALF, RADIUS, Scene
 from expertaug.recordings.video.frame_store import FrameStore, extract_frames
+from expertaug.recordings.video.writer import encode
 
 SECONDS = 10  # of each recording: launches are fastest at first
 RECORDINGS = 8
@@ -63,7 +64,7 @@ def render(
     if centres is not None:
         rng = np.random.default_rng(0)
         drawn = (paint(frame, places, rng) for frame, places in zip(drawn, centres, strict=True))
-    encode(path, drawn, size, settings.rate_hz, crf=settings.crf, preset=settings.preset)
+    encode(path, drawn, size, settings.rate_hz, crf=settings.crf, speed=settings.preset)
 
 
 def paint(frame: np.ndarray, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -27,11 +27,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from clips import Motion, film, recorded, recordings_folder, simulated
+from expertaug import plotting
 from expertaug.files import atomic
 from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.markers.tracker import Track, track_frames
-from expertaug.recordings.reports.splits import STYLE
 
 TARGETS = {"median_px": 0.08, "p99_px": 0.25, "angle_deg": 0.05, "swaps": 0, "lost": 0}
 RADIUS_PX = 12.5  # a marker found further than this from where it is, is another one
@@ -218,7 +218,7 @@ def turning_point(rows: pd.DataFrame) -> float | None:
 
 def plot(faults: pd.DataFrame, output: Path) -> None:
     """Error of the frames that are used, and the share of frames that are not, against the level of each fault."""
-    with mpl.rc_context(STYLE):
+    with plotting.styled():
         figure = Figure(figsize=(9.0, 5.2), layout="constrained")
         FigureCanvasAgg(figure)
         for axis, (fault, (unit, _, _)) in zip(figure.subplots(2, 3).flat, FAULTS.items(), strict=True):

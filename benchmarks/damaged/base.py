@@ -13,8 +13,9 @@ from pathlib import Path
 import av
 import numpy as np
 
-from expertaug.recordings.rendering.render import encode, poses
+from expertaug.recordings.rendering.render import poses
 from expertaug.recordings.rendering.scene import Scene
+from expertaug.recordings.video.writer import encode
 
 REFUSED, EITHER = "refused", "either"  # EITHER: read as it was, or refused
 FRAMES, SIZE, RATE = 24, 96, 400

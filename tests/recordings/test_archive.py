@@ -123,6 +123,34 @@ def test_link_in_a_zip(tmp_path):
         unpack_archive(tmp_path / "a.zip", tmp_path / "out")
 
 
+def test_a_zip_of_too_many_members(tmp_path, monkeypatch):
+    monkeypatch.setattr("expertaug.recordings.imports.unpacking.MAX_MEMBERS", 10)
+    archive = make_zip(tmp_path / "a.zip", [f"{k}.csv" for k in range(11)])
+    with pytest.raises(InputError, match="holds more than 10 members"):
+        unpack_archive(archive, tmp_path / "out")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.zip"]
+
+
+def test_members_in_deep_folders(tmp_path):
+    with pytest.raises(InputError, match="lies 41 folders deep; at most 32 can be used"):
+        unpack_archive(make_zip(tmp_path / "a.zip", ["a/" * 40 + "1.csv"]), tmp_path / "out")
+
+
+def test_what_a_killed_job_left_goes_with_the_next(tmp_path, monkeypatch):
+    def kill(*_):
+        raise SystemExit
+
+    archive = make_zip(tmp_path / "a.zip", ["1.csv"])
+    with monkeypatch.context() as patch:
+        patch.setattr("expertaug.recordings.imports.ibm.unpack", kill)
+        patch.setattr("shutil.rmtree", lambda *_, **__: None)
+        with pytest.raises(SystemExit):
+            unpack_archive(archive, tmp_path / "out")
+    assert len(list(tmp_path.iterdir())) == 2
+    unpack_archive(archive, tmp_path / "out")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.zip", "out"]
+
+
 def test_wrong_checksum(tmp_path):
     with pytest.raises(InputError, match="SHA-256"):
         unpack_archive(make_tar(tmp_path / "a.tar.gz", ["1.csv"]), tmp_path / "out", {"sha256": "0" * 64})

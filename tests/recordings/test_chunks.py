@@ -8,7 +8,7 @@ from pendulum_motion import CONSTANTS, real_recordings, truth
 from expertaug.errors import InputError
 from expertaug.recordings.angles.measure import measure_angles
 from expertaug.recordings.chunks.cut import split_chunks
-from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, label_blocks
+from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, number_segments
 from expertaug.recordings.imports.ibm import import_markers, list_marker_files
 from expertaug.recordings.reports.splits import plot_splits
 from expertaug.systems.double_pendulum import energy
@@ -96,7 +96,7 @@ def test_energy_rule_orders_the_splits(tmp_path):
     table = pd.read_csv(tmp_path / "data" / "chunks.csv").groupby("split")["energy"]
     report = json.loads((tmp_path / "data" / "splits.json").read_text())
     low, high = report["thresholds"]["train_below"], report["thresholds"]["test_above"]
-    # A chunk's mean energy may differ a little from that of the block that it was cut from.
+    # A chunk's mean energy may differ a little from that of the segment that it was cut from.
     assert table.max()["train"] < low * 1.02 and table.min()["test"] > high * 0.98
     assert low * 0.98 < table.min()["validation"] and table.max()["validation"] < high * 1.02
     counts = np.array([report["chunks"][name] for name in SPLITS])
@@ -134,9 +134,9 @@ def test_max_chunks_is_an_even_and_repeatable_subset(tmp_path):
     assert (tmp_path / "a" / "train.npz").read_bytes() == (tmp_path / "b" / "train.npz").read_bytes()
 
 
-def test_blocks_and_guard():
+def test_segments_and_guard():
     measured = np.array([1, 1, 1, 1, 1, 0, 1, 1, 0, 1, 1, 1, 1], dtype=bool)
-    assert label_blocks(measured, 2).tolist() == [0, 0, 1, 1, 1, -1, 2, 2, -1, 3, 3, 4, 4]
+    assert number_segments(measured, 2).tolist() == [0, 0, 1, 1, 1, -1, 2, 2, -1, 3, 3, 4, 4]
     assert keep_apart(np.array([2, 2, 2, 1, 1, -1, 0, 0]), 1).tolist() == [2, 2, -1, -1, -1, -1, -1, 0]
 
 
@@ -179,9 +179,24 @@ def test_figure(tmp_path):
     split_chunks(angles, tmp_path / "data", SMALL)
     plot_splits(tmp_path / "data", [tmp_path / "splits.png", tmp_path / "splits.pdf"])
     assert (tmp_path / "splits.png").stat().st_size > 20_000 and (tmp_path / "splits.pdf").stat().st_size > 5_000
-    (tmp_path / "data" / "chunks.csv").unlink()
+    chunks, figure = tmp_path / "data" / "chunks.csv", tmp_path / "again.png"
+    lines = chunks.read_text().splitlines(keepends=True)
+    for text, message in (
+        ("".join(lines[:2]), r"energies of 1 train chunks, train\.npz has"),
+        ("".join(line.rpartition(",")[0] + "\n" for line in lines), "not a table of chunks"),
+        ("".join([*lines[:5], lines[5].rpartition(",")[0], ",much\n", *lines[6:]]), "not a table of chunks"),
+        ("", "not a table of chunks"),
+    ):
+        chunks.write_text(text)
+        with pytest.raises(InputError, match=message):
+            plot_splits(tmp_path / "data", figure)
+    chunks.unlink()
     with pytest.raises(InputError, match="no such file"):
-        plot_splits(tmp_path / "data", tmp_path / "splits.png")
+        plot_splits(tmp_path / "data", figure)
+    Trajectories(np.arange(3) / 10, np.zeros((4, 3, 2)), np.zeros((4, 2))).save(tmp_path / "data" / "test.npz")
+    with pytest.raises(InputError, match=r"test\.npz: y has shape \(4, 3, 2\); chunks of a double pendulum"):
+        plot_splits(tmp_path / "data", figure)
+    assert not figure.exists()
 
 
 def test_real_recordings_by_energy(tmp_path):

@@ -1,5 +1,6 @@
 """What inspect proposes for videos of several looks tracks them, and is a valid configuration."""
 
+import glob
 from pathlib import Path
 
 import cv2
@@ -86,6 +87,17 @@ def test_markers_of_one_colour_are_refused(tmp_path):
 def test_a_sheet_must_be_a_picture(tmp_path):
     with pytest.raises(InputError, match=r"contact\.mp4: suffix '\.mp4'; a contact sheet is \.png or \.jpg"):
         inspect(tmp_path / "none.mp4", tmp_path / "contact.mp4")
+
+
+def test_a_name_can_neither_add_keys_nor_match_other_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    frames = draw(markers_of(swinging(60)[:, :2], PIVOT, ARMS), SIZE, [PAINT[n] for n in ("red", "green", "blue")])
+    name = "[x]*\nresults: elsewhere\n#.mp4"
+    write_video(frames, tmp_path / "plain.mp4", 100).rename(tmp_path / name)
+    Path("x, another one.mp4").write_text("")
+    proposed = yaml.safe_load(inspect(name, "contact.png"))
+    assert list(proposed) == ["recordings"]
+    assert glob.glob(proposed["recordings"]["videos"]["path"]) == [name]  # noqa: PTH207
 
 
 def test_the_command_prints_yaml_and_refuses_in_one_line(tmp_path, monkeypatch, capsys):

@@ -49,7 +49,7 @@ def test_marker_centres_are_exact_before_the_sensor(monkeypatch):
         scale = 480 / drawn.sensor
         light = drawn.clean([pose]).sum(axis=-1).astype(float)
         seen = drawn.frame([pose]).sum(axis=-1).astype(float)
-        for centre in (pose.red, pose.green, pose.blue):
+        for centre in (pose.pivot, pose.joint, pose.tip):
             on_sensor = (np.array(centre) + 0.5) / scale - 0.5
             np.testing.assert_allclose(centroid(light, on_sensor, 17 / scale) * scale, on_sensor * scale, atol=0.01)
             np.testing.assert_allclose(centroid(seen, centre, 17), centre, atol=0.05)
@@ -59,8 +59,8 @@ def test_motion_blur_is_the_mean_of_the_exposure():
     state = np.array([2.0, 1.0, 25.0, 60.0])
     still, moving = (poses(state, (240, 240), ARMS, exposure) for exposure in (1e-6, 90e-6))
     assert (len(still), len(moving)) == (1, 2)
-    np.testing.assert_allclose(np.mean([p.blue for p in moving], axis=0), still[0].blue, atol=0.01)
-    spread = np.linalg.norm(np.subtract(moving[1].blue, moving[0].blue)) / 2
+    np.testing.assert_allclose(np.mean([p.tip for p in moving], axis=0), still[0].tip, atol=0.01)
+    spread = np.linalg.norm(np.subtract(moving[1].tip, moving[0].tip)) / 2
     speed = np.linalg.norm(
         ARMS[0] * 25 * np.array([math.cos(2), -math.sin(2)]) + ARMS[1] * 60 * np.array([math.cos(1), -math.sin(1)])
     )

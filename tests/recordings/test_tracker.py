@@ -8,8 +8,9 @@ from expertaug.errors import InputError
 from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.markers.tracker import track_frames
-from expertaug.recordings.rendering.render import encode, markers, poses
+from expertaug.recordings.rendering.render import markers, poses
 from expertaug.recordings.rendering.scene import Scene
+from expertaug.recordings.video.writer import encode
 
 ARMS, PIVOT, RATE = (117.8, 90.1), (238.3, 239.6), 400.0
 GEOMETRY = Geometry(*ARMS, 25.5)

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.rendering.render import encode, render_recording
+from expertaug.recordings.rendering.render import render_recording
 from expertaug.recordings.video.reader import Video
+from expertaug.recordings.video.writer import encode
 
 FRAMES = 60
 

@@ -12,6 +12,7 @@ from expertaug.config import signatures, stage_code, study_checks
 from expertaug.config.names import require, require_all, require_keys, require_parameters, suggest
 from expertaug.errors import InputError
 from expertaug.recordings.markers.appearance import Appearance
+from expertaug.recordings.names import by_name
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
@@ -313,7 +314,7 @@ def list_videos(path: str) -> dict[str, Path]:
     """Videos by name (the file's stem): of a folder, of a glob, or one file.
 
     Raises:
-        InputError: there is none, or there are two of one name.
+        InputError: there is none, there are two of one name, or one is called what no recording can be.
     """
     where = "recordings.videos.path"
     if Path(path).is_dir():
@@ -322,13 +323,7 @@ def list_videos(path: str) -> dict[str, Path]:
         found = [Path(p) for p in sorted(glob.glob(path, recursive=True)) if Path(p).is_file()]  # noqa: PTH207
     if not found:
         raise InputError(where, f"no video at '{path}'", f"relative paths start at {Path.cwd()}")
-    names: dict[str, Path] = {}
-    for video in sorted(found):
-        other = next((p for name, p in names.items() if name.lower() == video.stem.lower()), None)
-        if other is not None:
-            raise InputError(where, f"two files of one name: {other} and {video}", "rename or remove one")
-        names[video.stem] = video
-    return names
+    return by_name(where, found)
 
 
 def _is_multiple(value: float, step: float) -> bool:

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.files import write_json
+from expertaug.recordings import runge_kutta
 from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants, implied_rate
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import Constants, accelerations
@@ -68,11 +69,7 @@ def forecast(
     y, points = y0, [y0]
     for _ in range(times - 1):
         for _ in range(substeps):
-            k1 = slope(y)
-            k2 = slope(y + h / 2 * k1)
-            k3 = slope(y + h / 2 * k2)
-            k4 = slope(y + h * k3)
-            y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            y = runge_kutta.step(slope, y, h)
         points.append(y)
     return torch.stack(points, dim=1)
 

@@ -14,7 +14,7 @@ from expertaug.files import atomic, write_json
 from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants
 from expertaug.recordings.angles.smoothing import stretches
 from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, label_by_energy, label_by_time
-from expertaug.recordings.imports.ibm import natural_key
+from expertaug.recordings.names import natural_key
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
@@ -160,7 +160,7 @@ def chunk_starts(member: np.ndarray, step: int, options: ChunkSettings, stride: 
 
 
 def _pooled_fit(recordings: list[Recording], steps: list[int], options: ChunkSettings) -> Fit:
-    """Constants fitted on all recordings together; they only rank blocks by energy, no model sees them."""
+    """Constants fitted on all recordings together; they only rank segments by energy, no model sees them."""
     series = [np.where(r.measured[:, None], r.y, np.nan) for r in recordings]
     # Each phase of each recording is a series at the chunks' rate; they are padded with NaN to one length.
     phases = [y[k::step] for y, step in zip(series, steps, strict=True) for k in range(step)]

@@ -26,42 +26,46 @@ def label_by_time(measured: np.ndarray, shares: Shares) -> np.ndarray:
     return label
 
 
-def label_blocks(measured: np.ndarray, size: int) -> np.ndarray:
-    """Number of each frame's block, (n,), -1 where there is none: stretches of measured frames cut into blocks.
+def number_segments(measured: np.ndarray, size: int) -> np.ndarray:
+    """Number of each frame's segment, (n,), -1 where there is none: stretches of measured frames cut into segments.
 
-    The frames that are left over at a stretch's end belong to its last block.
+    The frames that are left over at a stretch's end belong to its last segment.
+
+    Arguments:
+        measured: (n,), frames that may be used.
+        size: frames of a segment.
     """
-    block, count = np.full(len(measured), -1), 0
+    number, count = np.full(len(measured), -1), 0
     for start, stop in stretches(measured):
-        blocks = (stop - start) // size
-        if blocks:
-            block[start:stop] = count + np.minimum(np.arange(stop - start) // size, blocks - 1)
-            count += blocks
-    return block
+        segments = (stop - start) // size
+        if segments:
+            number[start:stop] = count + np.minimum(np.arange(stop - start) // size, segments - 1)
+            count += segments
+    return number
 
 
 def label_by_energy(
     measured: list[np.ndarray], energies: list[np.ndarray], sizes: list[int], shares: Shares
 ) -> tuple[list[np.ndarray], dict[str, float]]:
-    """Split of each frame by the mean energy of its block: low train, high test.
+    """Split of each frame by the mean energy of its segment: low train, high test.
 
     Arguments:
         measured: per recording, (n,), frames that may be used.
         energies: per recording, (n,), in s⁻².
-        sizes: per recording, frames of a block.
-        shares: of the blocks of all recordings.
+        sizes: per recording, frames of a segment.
+        shares: of the segments of all recordings.
 
     Returns:
         per recording the labels (n,), and the two thresholds in s⁻².
 
     Raises:
-        InputError: fewer than three blocks.
+        InputError: fewer than three segments.
     """
-    blocks = [label_blocks(m, size) for m, size in zip(measured, sizes, strict=True)]
+    numbers = [number_segments(m, size) for m, size in zip(measured, sizes, strict=True)]
     means = []
-    for block, level in zip(blocks, energies, strict=True):
-        inside = block >= 0
-        means.append(np.bincount(block[inside], weights=level[inside]) / np.bincount(block[inside]))
+    for number, level in zip(numbers, energies, strict=True):
+        inside = number >= 0
+        means.append(np.bincount(number[inside], weights=level[inside]) / np.bincount(number[inside]))
     pooled = np.concatenate(means)
     if len(pooled) < 3:
         raise InputError(
@@ -69,10 +73,10 @@ def label_by_energy(
         )
     low, high = np.quantile(pooled, [shares[0], shares[0] + shares[1]])
     labels = []
-    for block, mean in zip(blocks, means, strict=True):
-        label = np.full(len(block), -1, dtype=np.int8)
-        inside = block >= 0
-        label[inside] = ((mean > low).astype(np.int8) + (mean > high))[block[inside]]
+    for number, mean in zip(numbers, means, strict=True):
+        label = np.full(len(number), -1, dtype=np.int8)
+        inside = number >= 0
+        label[inside] = ((mean > low).astype(np.int8) + (mean > high))[number[inside]]
         labels.append(label)
     return labels, {"train_below": float(low), "test_above": float(high)}
 

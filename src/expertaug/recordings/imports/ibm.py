@@ -6,7 +6,6 @@ import csv as csv_format
 import io
 import re
 import shutil
-import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -18,6 +17,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
 from expertaug.recordings.columns import PLACES
 from expertaug.recordings.imports.unpacking import unpack
+from expertaug.recordings.names import P, by_name
 from expertaug.recordings.options import read_settings
 
 IBM_FOLDER = "dpc_dataset_csv"  # the dataset's archive keeps its marker CSVs in original/dpc_dataset_csv/
@@ -91,9 +91,10 @@ def unpack_archive(
         raise InputError(archive, "no such file", "give the dataset's .tar.gz or .zip")
     if options.sha256 is not None and (found := sha256(archive)) != options.sha256.lower():
         raise InputError(archive, f"SHA-256 is {found}", f"expected {options.sha256}: get the archive again")
+    temporary = folder.with_name(f".{folder.name}.unpacking")  # one name: what a killed job left goes with the next
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
     except OSError as error:
         raise InputError(folder, f"cannot be written ({error.strerror})", "choose a writable results folder") from error
     try:
@@ -140,26 +141,13 @@ def _is_marker_file(path: PurePosixPath | Path) -> bool:
     return path.suffix.lower() == ".csv" and not hidden
 
 
-def _by_name(where: Path, paths: Iterable[Path | PurePosixPath]) -> dict[str, Path]:
-    """Name → path in natural order; the IBM folder wins over anything beside it."""
-    paths = sorted(paths)
+def _by_name(where: Path, paths: Iterable[P]) -> dict[str, P]:
+    """Marker files by name; the IBM folder wins over anything beside it."""
+    paths = list(paths)
     paths = [p for p in paths if IBM_FOLDER in p.parts] or paths
     if not paths:
         raise InputError(where, "no marker CSV in it", "expected files like 0.csv")
-    names: dict[str, Path] = {}
-    for path in paths:
-        if not path.stem.isprintable():
-            raise InputError(where, f"a file is called {path.name!r}", "rename it: a recording is called after it")
-        other = next((p for name, p in names.items() if name.lower() == path.stem.lower()), None)
-        if other is not None:
-            raise InputError(where, f"two files of one name: {other} and {path}", "rename or remove one")
-        names[path.stem] = path
-    return dict(sorted(names.items(), key=lambda item: natural_key(item[0])))
-
-
-def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Sorting key that puts 2 before 10."""
-    return [(0, int(p), "") if p.isdecimal() else (1, 0, p) for p in re.split(r"(\d+)", name.lower()) if p]
+    return by_name(where, paths)
 
 
 def _read_ibm(path: Path) -> np.ndarray:

@@ -20,6 +20,7 @@ MAX_RATIO = 50  # of unpacked to packed bytes, in archives that hold more than t
 MAX_MEMBERS = 100_000
 MAX_HEADER_BYTES = 2**20
 LONGEST_NAME = 250
+DEEPEST = 32  # folders in folders
 EXTENDED = (
     tarfile.XHDTYPE,
     tarfile.XGLTYPE,
@@ -45,14 +46,15 @@ DAMAGE = (  # what the standard library raises on archives that are not what the
 
 
 def unpack(archive: Path, folder: Path, choose: Callable[[list[PurePosixPath]], Iterable[PurePosixPath]]) -> None:
-    """Unpack some members of a .tar (plain or packed) or .zip into ``folder``.
+    """Unpack some members of a .tar (plain or packed) or .zip into ``folder``; time grows with their number alone.
 
     Arguments:
+        archive, folder: from where and to where.
         choose: of the files in the archive those that are wanted.
 
     Raises:
-        InputError: a damaged archive, a member that would land outside of ``folder`` (``..``, an absolute path, a
-            link), two members of one name, or one that unpacks without end.
+        InputError: a damaged archive, one of too many members, a member that would land outside of ``folder`` (``..``,
+            an absolute path, a link), two members of one name, or one that unpacks without end.
         OSError: the folder cannot be written.
     """
     try:
@@ -68,6 +70,8 @@ def unpack(archive: Path, folder: Path, choose: Callable[[list[PurePosixPath]], 
         elif zipfile.is_zipfile(archive):
             with zipfile.ZipFile(archive) as pack:
                 infos = pack.infolist()
+                if len(infos) > MAX_MEMBERS:
+                    raise _too_many(archive)
                 odd = [i.filename for i in infos if stat.S_ISLNK(i.external_attr >> 16)]
                 names = [(i.filename, i.file_size, not i.is_dir()) for i in infos]
                 _extract(archive, folder, names, odd, pack.open, choose)
@@ -109,10 +113,15 @@ def _members(archive: Path, tar: tarfile.TarFile) -> list[tarfile.TarInfo]:
     for member in tar:
         members.append(member)
         size += member.size
-        if size > limit or len(members) > MAX_MEMBERS:
-            found = f"holds more than {limit >> 20} MiB" if size > limit else f"holds more than {MAX_MEMBERS} members"
-            raise InputError(archive, found, "do not trust this archive")
+        if size > limit:
+            raise InputError(archive, f"holds more than {limit >> 20} MiB", "do not trust this archive")
+        if len(members) > MAX_MEMBERS:
+            raise _too_many(archive)
     return members
+
+
+def _too_many(archive: Path) -> InputError:
+    return InputError(archive, f"holds more than {MAX_MEMBERS} members", "do not trust this archive")
 
 
 def _extract(
@@ -132,6 +141,10 @@ def _extract(
         if max(len(part.encode(errors="surrogateescape")) for part in path.parts or ("",)) > LONGEST_NAME:
             raise InputError(
                 archive, f"member '{name}' has too long a name", f"at most {LONGEST_NAME} bytes can be used"
+            )
+        if len(path.parts) > DEEPEST:
+            raise InputError(
+                archive, f"member '{name}' lies {len(path.parts)} folders deep", f"at most {DEEPEST} can be used"
             )
     files: dict[PurePosixPath, tuple[str, int]] = {}
     for name, size, is_file in members:

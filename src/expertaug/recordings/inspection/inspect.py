@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from expertaug.recordings.markers.appearance import ROLES
 from expertaug.recordings.markers.geometry import Geometry, best, estimate_geometry
 from expertaug.recordings.markers.plain_disks import fitter
 from expertaug.recordings.markers.settings import TrackSettings
+from expertaug.recordings.names import printable
 from expertaug.recordings.reports import drawing
 from expertaug.recordings.video.reader import Video
 
@@ -45,7 +47,7 @@ class Footage:
 
 
 def inspect(video: str | Path, sheet: str | Path, base: Mapping | None = None, rate_hz: float | None = None) -> str:
-    """Appearance for a pendulum's markers in a video and propose the configuration that tracks them.
+    """Look for a pendulum's markers in a video and propose the configuration that tracks them.
 
     Arguments:
         video: a file as :class:`~expertaug.recordings.video.reader.Video` takes.
@@ -80,7 +82,7 @@ def inspect(video: str | Path, sheet: str | Path, base: Mapping | None = None, r
         raise InputError(
             video, f"its markers are all found in {counts['all']} of {counts['frames']} frames only", f"see {sheet}"
         )
-    return _block(footage, proposed, proposal.rotation(found), counts, caption, base, rate_hz)
+    return _yaml(footage, proposed, proposal.rotation(found), counts, caption, base, rate_hz)
 
 
 def _read(path: Path, rate_hz: float | None) -> Footage:
@@ -130,7 +132,7 @@ def _caption(settings: TrackSettings, geometry: Geometry | None) -> str:
     return f"{appearance.style}s of {settings.marker_diameter_px:g} px: {', '.join(named)}{lengths}"
 
 
-def _block(
+def _yaml(
     footage: Footage,
     tracking: Mapping,
     rotation: float,
@@ -139,7 +141,7 @@ def _block(
     base: Mapping | None,
     rate_hz: float | None,
 ) -> str:
-    videos: dict[str, object] = {"path": str(footage.path)}
+    videos: dict[str, object] = {"path": glob.escape(str(footage.path))}
     if rate_hz is not None:
         videos |= {"rate_hz": float(rate_hz)}
     recordings = {
@@ -150,17 +152,19 @@ def _block(
         "tracking": dict(tracking),
         "angles": {"rotation_deg": rotation},
     }
-    block: dict[str, object] = {"recordings": recordings}
+    proposed: dict[str, object] = {"recordings": recordings}
     splits = {} if base is None else proposal.splits(base, recordings["analysis_rate_hz"])
     if splits:
-        block["experiments"] = {name: {"data": {"split": split}} for name, split in splits.items()}
+        proposed["experiments"] = {name: {"data": {"split": split}} for name, split in splits.items()}
     lines = [
-        f"# {footage.path.name}: {footage.facts}",
+        f"# {printable(footage.path.name)}: {footage.facts}",
         f"# {caption}; all found in {counts['all']} of {counts['frames']} frames",
         "# arms_m: lengths of the arms in m, if you know them; they give the frame rate that the motion implies",
         "# rotation_deg: where gravity points in the image: 0 down, 90 right, -90 left, 180 up",
     ]
-    return "\n".join(lines) + "\n" + yaml.safe_dump(block, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    return (
+        "\n".join(lines) + "\n" + yaml.safe_dump(proposed, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    )
 
 
 def _with_pendulum(frame: np.ndarray, settings: TrackSettings, geometry: Geometry | None) -> np.ndarray:
@@ -215,7 +219,7 @@ def _write_sheet(sheet: str | Path, footage: Footage, images: Sequence[np.ndarra
     tiles += [np.full_like(tiles[0], 40)] * (-len(tiles) % columns)
     rows = [np.concatenate(tiles[k : k + columns], axis=1) for k in range(0, len(tiles), columns)]
     picture = cv2.copyMakeBorder(np.concatenate(rows), 52, 0, 6, 0, cv2.BORDER_CONSTANT, value=(40, 40, 40))
-    for line, y in ((f"{footage.path.name}: {footage.facts}", 20), (caption, 42)):
+    for line, y in ((f"{printable(footage.path.name)}: {footage.facts}", 20), (caption, 42)):
         drawing.text(picture, line.replace("°", " deg").encode("ascii", "replace").decode(), (8, y), size=0.5)
     with atomic(sheet) as temporary:
         if not cv2.imwrite(str(temporary), picture):

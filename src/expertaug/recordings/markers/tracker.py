@@ -109,7 +109,7 @@ class Tracker:
         return abs(math.dist(place, centre[k - 1]) - self.arms[k - 1]) < self.settings.arm_tolerance_px
 
     def _search(self, frame: np.ndarray, k: int, centre: np.ndarray) -> tuple[Disks | None, int | None]:
-        """Appearance for marker k where its arm allows it, or everywhere if its parent is missing."""
+        """Look for marker k where its arm allows it, or everywhere if its parent is missing."""
         window, origin, ring = frame, np.zeros(2), None
         if k != PIVOT and not math.isnan(centre[k - 1, 0]):
             ring = self.arms[k - 1]

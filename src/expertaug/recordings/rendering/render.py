@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 
@@ -22,6 +20,7 @@ from expertaug.files import atomic
 from expertaug.recordings.columns import PLACES
 from expertaug.recordings.rendering.motion import Launch, simulate
 from expertaug.recordings.rendering.scene import Pose, Scene
+from expertaug.recordings.video.writer import encode
 from expertaug.systems.double_pendulum import Constants
 
 TRUTH_COLUMNS = ",".join(("t", "theta1", "theta2", "omega1", "omega2", *PLACES))
@@ -169,9 +168,9 @@ def render_recording(index: int, video: Path, truth: Path, settings: Mapping | R
     scene = Scene(s.image_size_px, pivot, arms, s.noise, rng)
     with atomic(video) as temporary:
         frames = (scene.frame(poses(state, pivot, arms, s.exposure_s)) for state in states)
-        encode(temporary, frames, s.image_size_px, s.rate_hz, crf=s.crf, preset=s.preset)
-    green, blue = markers(states, pivot, arms)
-    table = np.column_stack([times, states, np.broadcast_to(pivot, green.shape), green, blue])
+        encode(temporary, frames, s.image_size_px, s.rate_hz, crf=s.crf, speed=s.preset)
+    joint, tip = markers(states, pivot, arms)
+    table = np.column_stack([times, states, np.broadcast_to(pivot, joint.shape), joint, tip])
     with atomic(truth) as temporary:
         np.savetxt(temporary, table, fmt="%.9g", delimiter=",", header=TRUTH_COLUMNS, comments="")
 
@@ -186,10 +185,10 @@ def motion(index: int, s: RenderSettings) -> tuple[np.ndarray, np.ndarray, tuple
 
 
 def markers(states: np.ndarray, pivot: tuple[float, float], arms: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of the green and blue markers in px, (..., 2) each, for states (..., 4)."""
+    """Centres of the joint's and the tip's markers in px, (..., 2) each, for states (..., 4)."""
     theta1, theta2 = states[..., 0], states[..., 1]
-    green = np.asarray(pivot) + arms[0] * np.stack([np.sin(theta1), np.cos(theta1)], axis=-1)
-    return green, green + arms[1] * np.stack([np.sin(theta2), np.cos(theta2)], axis=-1)
+    joint = np.asarray(pivot) + arms[0] * np.stack([np.sin(theta1), np.cos(theta1)], axis=-1)
+    return joint, joint + arms[1] * np.stack([np.sin(theta2), np.cos(theta2)], axis=-1)
 
 
 def poses(state: np.ndarray, pivot: tuple[float, float], arms: tuple[float, float], exposure: float) -> list[Pose]:
@@ -206,41 +205,6 @@ def poses(state: np.ndarray, pivot: tuple[float, float], arms: tuple[float, floa
     out = []
     for dt in offsets:
         a, b = theta1 + omega1 * dt, theta2 + omega2 * dt
-        green = (pivot[0] + arms[0] * math.sin(a), pivot[1] + arms[0] * math.cos(a))
-        out.append(Pose(pivot, green, (green[0] + arms[1] * math.sin(b), green[1] + arms[1] * math.cos(b)), a, b))
+        joint = (pivot[0] + arms[0] * math.sin(a), pivot[1] + arms[0] * math.cos(a))
+        out.append(Pose(pivot, joint, (joint[0] + arms[1] * math.sin(b), joint[1] + arms[1] * math.cos(b)), a, b))
     return out
-
-
-def encode(
-    path: Path,
-    frames: Iterator[np.ndarray],
-    size: int | tuple[int, int],
-    rate_hz: float,
-    crf: int = 18,
-    preset: str = "superfast",
-    flags: str = "",
-) -> None:
-    """Write BGR frames (height, width, 3) as H.264 on one thread; the same frames give the same bytes.
-
-    Arguments:
-        path: mp4 or mkv by its suffix.
-        frames: uint8.
-        size: side of square frames, or (width, height), even.
-        rate_hz: frames per second.
-        flags: of the mp4 container; ``+faststart`` lets a browser play it while it loads.
-    """
-    rate = Fraction(rate_hz).limit_denominator(1001)
-    width, height = (size, size) if isinstance(size, int) else size
-    options = {"fflags": "+bitexact"} | ({"movflags": flags} if flags else {})
-    with av.open(str(path), "w", options=options) as container:
-        stream = container.add_stream("libx264", rate=rate, options={"crf": str(crf), "preset": preset})
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.codec_context.thread_count = 1
-        stream.time_base = stream.codec_context.time_base = 1 / rate
-        for k, image in enumerate(frames):
-            frame = av.VideoFrame.from_ndarray(cv2.cvtColor(image, cv2.COLOR_BGR2YUV_I420), format="yuv420p")
-            frame.pts, frame.time_base = k, 1 / rate
-            for packet in stream.encode(frame):
-                container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)

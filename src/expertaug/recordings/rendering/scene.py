@@ -41,9 +41,9 @@ FIELDS, SPARE = 4, 64  # noise fields drawn per recording, and how much larger t
 class Pose:
     """Where the pendulum is: the three marker centres in px and the arms' angles in rad from the downward vertical."""
 
-    red: tuple[float, float]
-    green: tuple[float, float]
-    blue: tuple[float, float]
+    pivot: tuple[float, float]
+    joint: tuple[float, float]
+    tip: tuple[float, float]
     theta1: float
     theta2: float
 
@@ -53,7 +53,7 @@ class Scene:
 
     Arguments:
         size: side of the image in px; even.
-        pivot: of the red marker in px; it does not move within a recording.
+        pivot: of the fixed marker in px; it does not move within a recording.
         arms: lengths of the two arms in px.
         noise: standard deviation of the sensor noise in grey levels; 0 for none.
         rng: of the noise.
@@ -70,15 +70,15 @@ class Scene:
         self.arms = (_rods("arm1", arms[0]), _rods("arm2", arms[1]))
         full = _background(size, pivot)
         self.background = cv2.resize(full, (self.sensor, self.sensor), interpolation=cv2.INTER_AREA)
-        self.red = (self.markers["red"], self._part(pivot, 0.0), self._box([pivot], HALF))
+        self.fixed = (self.markers["red"], self._part(pivot, 0.0), self._box([pivot], HALF))
         still = self.background.copy()
-        _paste(still, (0, 0), *self.red)
+        _paste(still, (0, 0), *self.fixed)
         self.still = _mosaic(still)
 
     def clean(self, poses: list[Pose]) -> np.ndarray:
         """The light on each pixel of the sensor, averaged over the poses of one exposure; BGR (sensor, sensor, 3)."""
         frame = self.background.copy()
-        _paste(frame, (0, 0), *self.red)
+        _paste(frame, (0, 0), *self.fixed)
         x0, y0, x1, y1 = box = self._moving(poses)
         frame[y0:y1, x0:x1] = self._draw(poses, box)
         return frame
@@ -98,7 +98,7 @@ class Scene:
         return cv2.convertScaleAbs(image, alpha=1 / EXPOSURE)
 
     def _moving(self, poses: list[Pose]) -> tuple[int, int, int, int]:
-        points = [self.pivot] + [p.green for p in poses] + [p.blue for p in poses]
+        points = [self.pivot] + [p.joint for p in poses] + [p.tip for p in poses]
         return self._box(points, HALF)
 
     def _draw(self, poses: list[Pose], box: tuple[int, int, int, int]) -> np.ndarray:
@@ -110,11 +110,11 @@ class Scene:
     def _draw_one(self, pose: Pose, box: tuple[int, int, int, int]) -> np.ndarray:
         x0, y0, x1, y1 = box
         canvas = self.background[y0:y1, x0:x1].copy()
-        arms = (("arm1", pose.red, pose.green, pose.theta1), ("arm2", pose.green, pose.blue, pose.theta2))
+        arms = (("arm1", pose.pivot, pose.joint, pose.theta1), ("arm2", pose.joint, pose.tip, pose.theta2))
         for (_, start, end, theta), sprite in zip(arms, self.arms, strict=True):
             _glow(canvas, (x0, y0), sprite, self._part(start, theta), self._box([start, end], 11))
-        _paste(canvas, (x0, y0), *self.red)
-        for name, centre, theta in (("green", pose.green, pose.theta1 + GREEN_TWIST), ("blue", pose.blue, pose.theta2)):
+        _paste(canvas, (x0, y0), *self.fixed)
+        for name, centre, theta in (("green", pose.joint, pose.theta1 + GREEN_TWIST), ("blue", pose.tip, pose.theta2)):
             _paste(canvas, (x0, y0), self.markers[name], self._part(centre, theta), self._box([centre], HALF))
         return canvas
 
@@ -192,7 +192,7 @@ def _rods(name: str, length: float) -> np.ndarray:
 
 
 def _background(size: int, pivot: tuple[float, float]) -> np.ndarray:
-    """What does not move except the red marker: the dim stand, its foot and the base line, uint8 BGR."""
+    """What does not move except the pivot's marker: the dim stand, its foot and the base line, uint8 BGR."""
     x, y = np.meshgrid(np.arange(size, dtype=float), np.arange(size, dtype=float))
     image = np.zeros((size, size, 3))
     axis = pivot[0] + 1.7 * (y - pivot[1]) / 228  # the stand leans by half a degree

@@ -17,17 +17,17 @@ from expertaug.files import atomic
 from expertaug.recordings.angles.measure import INTERPOLATED, MEASURED
 from expertaug.recordings.columns import PLACES
 from expertaug.recordings.options import read_settings
-from expertaug.recordings.rendering.render import encode
 from expertaug.recordings.reports import drawing
 from expertaug.recordings.reports.forecasts import Forecast, read_forecasts
 from expertaug.recordings.video.reader import Video
+from expertaug.recordings.video.writer import encode
 
 HEIGHTS = (480, 1080)  # px of the frames in the overlay: smaller ones are enlarged, larger ones reduced
 PANEL, MARGIN = 170, 8  # px of the panel of angles below, and round it
 WINDOW_S, NOW = 3.0, 0.7  # seconds of angles that the panel shows, and where in it the present is
 AROUND_S = 0.5  # shown before and after a forecast outside of the chosen part
 HOLD_S = 1.0  # for which the end of a forecast is held
-CRF, PRESET = 23, "veryfast"
+CRF, SPEED = 23, "veryfast"
 THETA = ((255, 200, 90), (90, 170, 255))  # B, G, R of the angles
 SHADES = {MEASURED: (90, 200, 90), INTERPOLATED: (0, 170, 255), 0.0: (60, 60, 255)}
 STATES = {MEASURED: "measured", INTERPOLATED: "not used", 0.0: "unusable"}
@@ -123,7 +123,7 @@ def overlay(
                             yield image
 
         with atomic(output) as temporary:
-            encode(temporary, painted(), painter.size, fps, CRF, PRESET, flags="+faststart")
+            encode(temporary, painted(), painter.size, fps, CRF, SPEED, flags="+faststart")
 
 
 def note(words: str, output: str | Path) -> None:
@@ -132,7 +132,7 @@ def note(words: str, output: str | Path) -> None:
     for k, line in enumerate(textwrap.wrap(words, 110)[:4]):
         drawing.text(image, line, (MARGIN, 24 + 22 * k))
     with atomic(output) as temporary:
-        encode(temporary, iter([image] * 50), (960, 120), 25, CRF, PRESET, flags="+faststart")
+        encode(temporary, iter([image] * 50), (960, 120), 25, CRF, SPEED, flags="+faststart")
 
 
 def _read(markers: str | Path, angles: str | Path) -> Measured:

@@ -10,15 +10,13 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.files import atomic, read_json
+from expertaug.files import read_json
 from expertaug.recordings.angles.measure import INTERPOLATED, MEASURED, UNUSABLE
 from expertaug.recordings.columns import PLACES
-from expertaug.recordings.reports.splits import STYLE
 
 WRONG = "#B00020"
 FIRST, SECOND = "#0072B2", "#D55E00"  # of the two arms
@@ -55,11 +53,10 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
     lines, warned_lines = heading.count("\n") + 1, warned.count("\n") + 1 if warned else 0
     above = 0.35 + LINE * (lines + 1.3 * warned_lines)  # inches
     heights = [0.75, 0.75, 1.5, 1.2, 0.2, 0.1 + 0.2 * max(1, len(reasons))]
-    with mpl.rc_context(STYLE):
+    with plotting.styled():
         height = above + sum(heights) + 1.6
-        figure = Figure(figsize=(7.0, height), layout="constrained")
+        figure = plotting.new_figure(height)
         figure.get_layout_engine().set(rect=(0, 0, 1, 1 - above / height))
-        FigureCanvasAgg(figure)
         *over_time, band, bars = figure.subplots(len(heights), 1, gridspec_kw={"height_ratios": heights})
 
         def write(inches: float, text: str, **look: object) -> None:
@@ -79,22 +76,17 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
             axis.tick_params(labelbottom=False)
         band.set_xlim(t[0], t[-1])
         band.set_xlabel("time [s]")
-        with atomic(output) as temporary:
-            dateless = {"CreationDate": None} if temporary.suffix == ".pdf" else {"Software": None}
-            figure.savefig(temporary, dpi=160, metadata=dateless)
+        plotting.save(figure, output)
 
 
 def plot_refused(name: str, reason: str, output: str | Path) -> None:
     """Draw the page of a recording that was left out: it says why."""
-    with mpl.rc_context(STYLE):
+    with plotting.styled():
         text = textwrap.fill(f"Left out: {reason}", WIDTH - 14)
-        figure = Figure(figsize=(7.0, 0.6 + LINE * (text.count("\n") + 1)))
-        FigureCanvasAgg(figure)
+        figure = plotting.new_figure(0.6 + LINE * (text.count("\n") + 1))
         figure.text(0.02, 0.95, f"Recording {name}", ha="left", va="top", fontsize=11, fontweight="bold")
         figure.text(0.02, 0.05, text, ha="left", va="bottom", color=WRONG, linespacing=1.4)
-        with atomic(output) as temporary:
-            dateless = {"CreationDate": None} if temporary.suffix == ".pdf" else {"Software": None}
-            figure.savefig(temporary, dpi=160, metadata=dateless)
+        plotting.save(figure, output)
 
 
 def _read(path: str | Path, columns: tuple[str, ...]) -> pd.DataFrame:

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
+from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.files import atomic
 from expertaug.recordings.chunks.splitting import SPLITS
 from expertaug.trajectories import Trajectories
 
 COLOURS = {"train": "#0072B2", "validation": "#E69F00", "test": "#D55E00"}  # told apart by the colour-blind as well
-STYLE = {
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "pdf.fonttype": 42,
-    "legend.frameon": False,
-}
 PANELS = (r"$\theta_1$ [rad]", r"$\theta_2$ [rad]", r"$\dot\theta_1$ [rad/s]", r"$\dot\theta_2$ [rad/s]")
 
 
@@ -36,18 +26,13 @@ def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path
         outputs: one or more .png or .pdf files.
 
     Raises:
-        InputError: a file of the splits is missing.
+        InputError: a file of the splits is missing or does not fit the others.
     """
     data_dir = Path(data_dir)
-    outputs = [outputs] if isinstance(outputs, str | Path) else list(outputs)
-    first = {name: Trajectories.load(data_dir / f"{name}.npz").y[:, 0] for name in SPLITS}
-    try:
-        table = pd.read_csv(data_dir / "chunks.csv")
-    except FileNotFoundError as error:
-        raise InputError(data_dir / "chunks.csv", "no such file", "run split_chunks") from error
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.0, 3.9), layout="constrained")
-        FigureCanvasAgg(figure)
+    first = {name: _initial_states(data_dir / f"{name}.npz") for name in SPLITS}
+    energies = _energies(data_dir / "chunks.csv", {name: len(y) for name, y in first.items()})
+    with plotting.styled():
+        figure = plotting.new_figure(3.9)
         axes = figure.subplots(2, 3)
         places = (axes[0, 0], axes[0, 1], axes[1, 0], axes[1, 1])
         for k, (axis, label) in enumerate(zip(places, PANELS, strict=True)):
@@ -58,7 +43,6 @@ def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path
                 axis.set_xticks([-np.pi, 0, np.pi], [r"$-\pi$", "0", r"$\pi$"])
             else:
                 _histogram(axis, values, _symmetric(values), label)
-        energies = {name: table.loc[table["split"] == name, "energy"].to_numpy() for name in SPLITS}
         top = max(float(np.quantile(e, 0.999)) for e in energies.values())
         _histogram(axes[0, 2], energies, (0.0, top), r"energy [s$^{-2}$]")
         axes[1, 2].axis("off")
@@ -66,11 +50,31 @@ def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path
         axes[1, 2].legend(handles, [f"{n} ({len(first[n]):,} chunks)" for n in SPLITS], loc="center")
         for axis in (axes[0, 0], axes[1, 0]):
             axis.set_ylabel("density")
-        for output in outputs:
-            with atomic(output) as temporary:
-                # Without a date the same chunks give the same bytes.
-                dateless = {"CreationDate": None} if temporary.suffix == ".pdf" else None
-                figure.savefig(temporary, dpi=300, metadata=dateless)
+        plotting.save(figure, outputs)
+
+
+def _initial_states(path: Path) -> np.ndarray:
+    """First states (N, 4) of a set's chunks."""
+    y = Trajectories.load(path).y
+    if y.ndim != 3 or y.shape[2] != len(PANELS) or not len(y):
+        raise InputError(path, f"y has shape {y.shape}", "chunks of a double pendulum are (N, T, 4): run split_chunks")
+    return y[:, 0]
+
+
+def _energies(path: Path, counts: Mapping[str, int]) -> dict[str, np.ndarray]:
+    """Mean energies of each set's chunks in s⁻², (N,)."""
+    try:
+        table = pd.read_csv(path, usecols=["split", "energy"], dtype={"split": str, "energy": float})
+    except FileNotFoundError as error:
+        raise InputError(path, "no such file", "run split_chunks") from error
+    except (ValueError, OSError) as error:
+        raise InputError(path, f"not a table of chunks ({error})", "run split_chunks again") from error
+    found = {name: table.loc[table["split"] == name, "energy"].dropna().to_numpy() for name in SPLITS}
+    for name, count in counts.items():
+        if len(found[name]) != count:
+            listed = f"energies of {len(found[name])} {name} chunks, {name}.npz has {count}"
+            raise InputError(path, listed, "run split_chunks again")
+    return found
 
 
 def _histogram(axis: mpl.axes.Axes, values: dict[str, np.ndarray], limits: tuple[float, float], label: str) -> None:

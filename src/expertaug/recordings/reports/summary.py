@@ -9,7 +9,7 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_json, write_text
-from expertaug.recordings.imports.ibm import natural_key
+from expertaug.recordings.names import natural_key
 
 # Columns of the table: key in a recording's summary → heading and format of the Markdown table.
 HEADINGS = {

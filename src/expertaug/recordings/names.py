@@ -1,0 +1,61 @@
+"""Names of recordings: that of a file without its suffix, as it stands in results, tables and figures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import PurePath
+from typing import TypeVar
+
+from expertaug.errors import InputError
+
+P = TypeVar("P", bound=PurePath)
+MOST = 10_000  # recordings of a run
+MEANT_OTHERWISE = "{}<>"  # by Snakemake, in any path
+TAKEN = ("archive", "summary.csv", "summary.md", ".", "..")  # files and folders beside the recordings' in the results
+
+
+def by_name(where: object, paths: Iterable[P]) -> dict[str, P]:
+    """Files by the names of their recordings, in natural order.
+
+    Arguments:
+        where: the folder, archive or key that they come from, for messages.
+
+    Raises:
+        InputError: too many files, two of one name (capitals do not count: not every disk tells them apart), or a name
+            that cannot be a recording's.
+    """
+    paths = sorted(paths)
+    if len(paths) > MOST:
+        raise InputError(where, f"{len(paths)} files", f"at most {MOST} recordings can be used")
+    lowered: dict[str, P] = {}
+    for path in paths:
+        check_name(where, path)
+        other = lowered.setdefault(path.stem.lower(), path)
+        if other is not path:
+            raise InputError(where, f"two files of one name: {other} and {path}", "rename or remove one")
+    return {path.stem: path for path in sorted(paths, key=lambda path: natural_key(path.stem))}
+
+
+def check_name(where: object, path: PurePath) -> None:
+    """Refuse a file whose recording's name would be taken for something else on the way.
+
+    Raises:
+        InputError: it says how the file may be called.
+    """
+    name = path.stem
+    if name in TAKEN or not name.isprintable() or any(c in MEANT_OTHERWISE for c in name):
+        better = "".join("_" if c in MEANT_OTHERWISE or not c.isprintable() else c for c in name).strip(".")
+        better = f"recording_{better}".rstrip("_") if better in (*TAKEN, "") else better
+        remedy = f"a recording is called after its file: rename it, to {better + path.suffix!r} for instance"
+        raise InputError(where, f"a file is called {path.name!r}", remedy)
+
+
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Sorting key that puts 2 before 10."""
+    return [(0, int(p), "") if p.isdecimal() else (1, 0, p) for p in re.split(r"(\d+)", name.lower()) if p]
+
+
+def printable(text: str) -> str:
+    """The text with what is not printable escaped: a file's name may hold a newline."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
