@@ -203,3 +203,19 @@ def test_mlflow_takes_these_options(command):
 def test_tests_that_are_named_exist(command):
     for word in command.words[1:]:
         assert not word.startswith("tests") or (ROOT / word).exists(), word
+
+
+def test_the_graph_of_the_stages_is_the_workflows(reader):
+    """What the page draws is what Snakemake prints, rules of one stage taken together, but for arrows to the target."""
+    done = run(reader("docs/workflow.md"), "-m", "snakemake", "--rulegraph", "mermaid-js")
+    assert done.returncode == 0, done.stderr
+    ending = r"_(of_recording|of_experiment|experiment|seed_group(_with_snapshots)?|set|all)$"
+    other_words = {"plot_page": "plot_recording", "study": "studies"}
+    stages = {}
+    for number, rule in re.findall(r"(id\d+)\[(\w+)\]", done.stdout):
+        stage = re.sub(ending, "", rule)
+        stages[number] = other_words.get(stage, stage)
+    arrows = {(stages[a], stages[b]) for a, b in re.findall(r"(id\d+) --> (id\d+)", done.stdout)}
+    drawn = set(re.findall(r"(\w+) --> (\w+)", every("mermaid")[0].text))
+    assert drawn <= arrows
+    assert {(a, b) for a, b in arrows - drawn if b != "everything"} == set()
