@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import subprocess
 import tomllib
 from collections import defaultdict
 from pathlib import Path
@@ -14,9 +15,9 @@ from docs_pages import PAGES, ROOT, Block, Command, blocks, checkout, commands, 
 from expertaug import commands as command_line
 
 LANGUAGES = {"sh", "yaml", "python", "mermaid"}
-NOT_RUN = {"docs/python.md": 1}
-# Subcommands that are run as they are written: they need nothing and leave nothing.
-RUN_AS_WRITTEN = ("validate", "check-system", "config")
+NOT_RUN: dict[str, int] = {}
+# Subcommands that are run as they are written: they need nothing but what the page shows.
+RUN_AS_WRITTEN = ("validate", "check-system", "config", "forecast")
 ALL = list(commands())
 
 
@@ -85,17 +86,34 @@ def test_configurations_are_valid(block: Block, reader):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.fixture(scope="session")
+def executed(reader, tmp_path_factory):
+    """What the blocks of a page print: run once, in their order, as one script whose line numbers are the page's."""
+    done: dict[str, subprocess.CompletedProcess[str]] = {}
+
+    def of(page: str) -> subprocess.CompletedProcess[str]:
+        if page not in done:
+            lines: list[str] = []
+            for block in blocks(ROOT / page):
+                if block.language == "python" and not block.file and not block.skipped:
+                    lines += [""] * (block.line - 1 - len(lines)) + block.text.splitlines()
+            script = tmp_path_factory.mktemp("script") / Path(page).with_suffix(".py").name
+            script.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            done[page] = run(reader(page), str(script))
+        return done[page]
+
+    return of
+
+
 @pytest.mark.parametrize("page", sorted({block.page for block in every("python")}))
-def test_python_runs(page, reader, tmp_path):
-    """The blocks of a page in their order, as one script whose line numbers are the page's."""
-    lines: list[str] = []
-    for block in blocks(ROOT / page):
-        if block.language == "python" and not block.file and not block.skipped:
-            lines += [""] * (block.line - 1 - len(lines)) + block.text.splitlines()
-    script = tmp_path / Path(page).with_suffix(".py").name
-    script.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    done = run(reader(page), str(script))
+def test_python_runs(page, executed):
+    done = executed(page)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_first_example_shows_what_augmentation_gains(executed):
+    before, after = re.search(r"^relative_error +(\S+) +(\S+)$", executed("README.md").stdout, re.M).groups()
+    assert float(after) < float(before) / 2
 
 
 def of_program(*names: str) -> list[Command]:
@@ -120,7 +138,7 @@ def test_every_program_is_known():
 
 
 @pytest.mark.parametrize("command", of_program("expertaug"), ids=lambda c: c.where)
-def test_expertaug_takes_these_arguments(command, reader, capsys):
+def test_expertaug_takes_these_arguments(command, reader, executed, capsys):
     words = list(command.words[1:])
     if not command.whole and len(words) == 1 and not words[0].startswith("-"):
         words.append("--help")  # named, not called
@@ -129,7 +147,9 @@ def test_expertaug_takes_these_arguments(command, reader, capsys):
     except SystemExit as stop:
         assert stop.code == 0, capsys.readouterr().err
         return
-    if words[0] in RUN_AS_WRITTEN:
+    if command.whole and words[0] in RUN_AS_WRITTEN:
+        if any(block.page == command.page for block in every("python")):
+            executed(command.page)  # what it writes may be what the command reads
         done = run(reader(command.page), "-m", "expertaug.cli", *words)
         assert done.returncode == 0, done.stderr
 
