@@ -1,8 +1,9 @@
-"""Fills the README's tables from results/published: ``python benchmarks/readme_tables.py [--check] [--root CHECKOUT]``.
+"""Fills the tables of README.md and docs/*.md: ``python benchmarks/readme_tables.py [--check] [--root CHECKOUT]``.
 
-A comment names a table's source, ``<!-- table: FOLDER NAME -->``; the table below it is replaced.  NAME is a table of
-the paper (synth_log_mse, param_acc: ours, the published number in brackets) or an experiment (log-MSE of every method
-and set, per dimension).  With ``--check`` nothing is written, and the exit status says whether all are as published.
+They come from results/published.  A comment names a table's source, ``<!-- table: FOLDER NAME -->``; the table below it
+is replaced.  NAME is a table of the paper (synth_log_mse, param_acc: ours, the published number in brackets) or an
+experiment (log-MSE of every method and set, per dimension).  With ``--check`` nothing is written, and the exit status
+says whether all are as published.
 """
 
 from __future__ import annotations
@@ -65,13 +66,16 @@ def main() -> int:
         lines = of_paper(folder, name) if name in PAPER else of_experiment(folder, name)
         return match[1] + "\n".join(lines) + "\n"
 
-    readme = options.root / "README.md"
-    text = readme.read_text(encoding="utf-8")
-    new = MARK.sub(filled, text)
-    if options.check:
-        return int(new != text)
-    write_text(readme, new)
-    return 0
+    stale = 0
+    for page in (options.root / "README.md", *sorted((options.root / "docs").glob("*.md"))):
+        text = page.read_text(encoding="utf-8")
+        new = MARK.sub(filled, text)
+        if new == text:
+            continue
+        stale = 1
+        if not options.check:
+            write_text(page, new)
+    return stale if options.check else 0
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The README's tables hold the published numbers."""
+"""The tables of README and docs hold the published numbers."""
 
 from __future__ import annotations
 
@@ -14,17 +14,26 @@ def test_tables_are_as_published(tmp_path):
     for name in ("benchmarks", "results/published"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).symlink_to(ROOT / name)
-    readme = tmp_path / "README.md"
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len(re.findall("<!-- table: ", text)) == 5
+    pages = {page.relative_to(ROOT): page.read_text(encoding="utf-8") for page in ROOT.glob("docs/*.md")}
+    pages |= {Path("README.md"): (ROOT / "README.md").read_text(encoding="utf-8")}
+    assert sum(len(re.findall("<!-- table: ", text)) for text in pages.values()) == 6
+    (tmp_path / "docs").mkdir()
+
+    def write(texts: dict[Path, str]) -> None:
+        for page, text in texts.items():
+            (tmp_path / page).write_text(text, encoding="utf-8")
 
     def run(*options: str) -> int:
         script = tmp_path / "benchmarks" / "readme_tables.py"
         return subprocess.run([sys.executable, script, "--root", tmp_path, *options], check=False).returncode
 
-    readme.write_text(text, encoding="utf-8")
+    write(pages)
     assert run("--check") == 0, "python benchmarks/readme_tables.py"
-    wrong = re.sub(r"(\| pendulum \| validation \(IID\) \| −)\d", r"\g<1>0", text, count=1)
-    readme.write_text(wrong, encoding="utf-8")
-    assert wrong != text and run("--check") == 1
-    assert run() == 0 and readme.read_text(encoding="utf-8") == text
+    for page in (Path("README.md"), Path("docs/results.md")):
+        row = r"(\| pendulum \| validation \(IID\) \| −)\d"
+        wrong = re.sub(row, r"\g<1>0", pages[page], count=1)
+        assert wrong != pages[page]
+        write(pages | {page: wrong})
+        assert run("--check") == 1
+        assert run() == 0
+        assert {name: (tmp_path / name).read_text(encoding="utf-8") for name in pages} == pages

@@ -1,0 +1,241 @@
+"""No example of README or docs that does not pass as written."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import tomllib
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+from docs_pages import PAGES, ROOT, Block, Command, blocks, checkout, commands, every, name_of, run
+from expertaug import commands as command_line
+
+LANGUAGES = {"sh", "yaml", "python", "mermaid"}
+NOT_RUN: dict[str, int] = {}
+# Subcommands that are run as they are written: they need nothing but what the page shows.
+RUN_AS_WRITTEN = ("validate", "check-system", "config", "forecast")
+ALL = list(commands())
+
+
+@pytest.fixture(scope="session")
+def reader(tmp_path_factory):
+    """The checkout of a page's reader; pages without files of their own share one."""
+    made: dict[str, Path] = {}
+
+    def of(page: str) -> Path:
+        key = page if any(block.file for block in blocks(ROOT / page)) else ""
+        if key not in made:
+            made[key] = checkout(tmp_path_factory.mktemp("reader") / "project", page)
+        return made[key]
+
+    return of
+
+
+def test_the_first_page_is_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page):
+    text = page.read_text(encoding="utf-8")
+    for link in re.findall(r"!?\[[^\]]*\]\(([^)\s]+)\)", text):
+        if re.match(r"https?://", link):
+            continue
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path) if path else page
+        assert target.exists(), link
+        if anchor:
+            titles = re.findall(r"^#+ (.+)$", target.read_text(encoding="utf-8"), re.M)
+            assert anchor in {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}, link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_that_are_named_exist(page):
+    folders = "results/published|config|src|benchmarks|docs|tests|workflow|profiles"
+    for name in re.findall(rf"`((?:{folders})/[\w./+-]+)`", page.read_text(encoding="utf-8")):
+        assert (ROOT / name).exists(), name
+
+
+def test_every_block_is_of_a_language_that_is_tested():
+    assert [str(b) for page in PAGES for b in blocks(page) if b.language not in LANGUAGES] == []
+
+
+def test_few_blocks_are_not_run():
+    skipped = defaultdict(int)
+    for block in (b for page in PAGES for b in blocks(page) if b.skipped):
+        skipped[block.page] += 1
+    assert skipped == NOT_RUN
+
+
+def test_the_pages_hold_what_is_tested():
+    """A change of the marks or of the parser does not leave the tests below without anything to test."""
+    assert len(every("python")) >= 8 and len(every("yaml")) >= 5 and len(ALL) >= 60
+    assert {"snakemake", "expertaug", "mlflow", "python", "pip"} <= {command.words[0] for command in ALL}
+
+
+@pytest.mark.parametrize("block", every("yaml"), ids=str)
+def test_configurations_are_valid(block: Block, reader):
+    folder = reader(block.page)
+    name = block.file or f"block_{block.line}.yaml"
+    (folder / name).write_text(block.text, encoding="utf-8")
+    done = run(folder, "-m", "expertaug.cli", "validate", "config/config.yaml", *block.after, name)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="session")
+def executed(reader, tmp_path_factory):
+    """What the blocks of a page print: run once, in their order, as one script whose line numbers are the page's."""
+    done: dict[str, subprocess.CompletedProcess[str]] = {}
+
+    def of(page: str) -> subprocess.CompletedProcess[str]:
+        if page not in done:
+            lines: list[str] = []
+            for block in blocks(ROOT / page):
+                if block.language == "python" and not block.file and not block.skipped:
+                    lines += [""] * (block.line - 1 - len(lines)) + block.text.splitlines()
+            script = tmp_path_factory.mktemp("script") / Path(page).with_suffix(".py").name
+            script.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            done[page] = run(reader(page), str(script))
+        return done[page]
+
+    return of
+
+
+@pytest.mark.parametrize("page", sorted({block.page for block in every("python")}))
+def test_python_runs(page, executed):
+    done = executed(page)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_first_example_shows_what_augmentation_gains(executed):
+    before, after = re.search(r"^relative_error +(\S+) +(\S+)$", executed("README.md").stdout, re.M).groups()
+    assert float(after) < float(before) / 2
+
+
+def of_program(*names: str) -> list[Command]:
+    return [command for command in ALL if command.words[0] in names]
+
+
+def test_every_program_is_known():
+    known = {
+        "snakemake",
+        "expertaug",
+        "mlflow",
+        "python",
+        "python3",
+        "pip",
+        "pytest",
+        "pre-commit",
+        "uv",
+        "export",
+        ".",
+    }
+    assert {command.words[0] for command in ALL} <= known
+
+
+@pytest.mark.parametrize("command", of_program("expertaug"), ids=lambda c: c.where)
+def test_expertaug_takes_these_arguments(command, reader, executed, capsys):
+    words = list(command.words[1:])
+    if not command.whole and len(words) == 1 and not words[0].startswith("-"):
+        words.append("--help")  # named, not called
+    try:
+        command_line.parser().parse_args(words)
+    except SystemExit as stop:
+        assert stop.code == 0, capsys.readouterr().err
+        return
+    if command.whole and words[0] in RUN_AS_WRITTEN:
+        if any(block.page == command.page for block in every("python")):
+            executed(command.page)  # what it writes may be what the command reads
+        done = run(reader(command.page), "-m", "expertaug.cli", *words)
+        assert done.returncode == 0, done.stderr
+
+
+def planned() -> dict[tuple[str, tuple[str, ...]], set[str]]:
+    """Targets by page and configuration files; those of pages without files of their own are taken together."""
+    from snakemake.cli import get_argument_parser
+
+    found: dict[tuple[str, tuple[str, ...]], set[str]] = defaultdict(set)
+    for command in of_program("snakemake"):
+        options = get_argument_parser().parse_args(command.words[1:])
+        files = tuple(map(str, options.configfile or ()))
+        own = any(block.file in files for block in blocks(ROOT / command.page) if block.file)
+        found[command.page if own else "README.md", files] |= set(options.targets)
+    return found
+
+
+PLANNED = planned()
+
+
+@pytest.mark.parametrize(
+    ("page", "files"), PLANNED, ids=lambda value: value if isinstance(value, str) else "+".join(value) or "default"
+)
+def test_snakemake_makes_what_is_asked_for(page, files, reader):
+    folder, targets = reader(page), sorted(PLANNED[page, files])
+    chosen = ["--configfile", *files] if files else []
+    if files == ("config/ibm.yaml",):  # the reader is told to say where the recordings are
+        (folder / "where.yaml").write_text(
+            f"recordings: {{markers: {{path: {folder / 'data/double_pendulum_chaotic'}}}}}"
+        )
+        files += ("where.yaml",)
+    targets = sorted(PLANNED[page, files[:1] if files[-1:] == ("where.yaml",) else files])
+    chosen = ["--configfile", *files] if files else []
+    done = run(folder, "-m", "snakemake", "--quiet", "all", "--dry-run", *targets, *chosen)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("command", of_program("python"), ids=lambda c: c.where)
+def test_python_commands_exist(command):
+    first, *rest = command.words[1:]
+    if first == "-m":
+        assert importlib.util.find_spec(rest[0]), rest[0]
+        return
+    text = (ROOT / first).read_text(encoding="utf-8")
+    for option in (word for word in rest if word.startswith("--")):
+        assert f'"{option}"' in text, option
+
+
+@pytest.mark.parametrize("command", of_program("pip", "uv"), ids=lambda c: c.where)
+def test_what_is_installed_exists(command):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    words = list(command.words)
+    if "-c" in words:
+        assert (ROOT / words[words.index("-c") + 1]).is_file()
+    if "-e" in words:
+        extras = re.fullmatch(r"\.(?:\[(.+)\])?", words[words.index("-e") + 1])
+        assert extras and set((extras[1] or "test").split(",")) <= set(project["optional-dependencies"])
+    for name, _, version in (word.partition("==") for word in words if "==" in word):
+        assert f"{name}=={version}" in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+
+
+@pytest.mark.parametrize("command", of_program("mlflow"), ids=lambda c: c.where)
+def test_mlflow_takes_these_options(command):
+    from mlflow.cli import cli
+
+    name, *rest = command.words[1:]
+    assert cli.commands[name].make_context(name, rest)
+
+
+@pytest.mark.parametrize("command", of_program("pytest"), ids=lambda c: c.where)
+def test_tests_that_are_named_exist(command):
+    for word in command.words[1:]:
+        assert not word.startswith("tests") or (ROOT / word).exists(), word
+
+
+def test_the_graph_of_the_stages_is_the_workflows(reader):
+    """What the page draws is what Snakemake prints, rules of one stage taken together, but for arrows to the target."""
+    done = run(reader("docs/workflow.md"), "-m", "snakemake", "--rulegraph", "mermaid-js")
+    assert done.returncode == 0, done.stderr
+    ending = r"_(of_recording|of_experiment|experiment|seed_group(_with_snapshots)?|set|all)$"
+    other_words = {"plot_page": "plot_recording", "study": "studies"}
+    stages = {}
+    for number, rule in re.findall(r"(id\d+)\[(\w+)\]", done.stdout):
+        stage = re.sub(ending, "", rule)
+        stages[number] = other_words.get(stage, stage)
+    arrows = {(stages[a], stages[b]) for a, b in re.findall(r"(id\d+) --> (id\d+)", done.stdout)}
+    drawn = set(re.findall(r"(\w+) --> (\w+)", every("mermaid")[0].text))
+    assert drawn <= arrows
+    assert {(a, b) for a, b in arrows - drawn if b != "everything"} == set()
