@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
+import sys
 from collections.abc import Mapping
 
 from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
 
-__all__ = ["Parameter", "System", "load"]
+__all__ = ["Parameter", "System", "describe", "load"]
 
 
 def load(settings: Mapping[str, object]) -> System:
@@ -44,3 +46,26 @@ def load(settings: Mapping[str, object]) -> System:
         if key not in known:
             raise InputError(f"system.{key}", f"unknown to {name}", f"known: {', '.join(known) or 'none'}")
     return classes[0](**arguments)
+
+
+def describe(system: System) -> dict:
+    """The settings from which :func:`load` makes a system like this one.
+
+    Raises:
+        InputError: its class cannot be found again by its module, or an argument cannot be written to a file.
+    """
+    cls = type(system)
+    module = cls.__module__.removeprefix(f"{__name__}.")
+    here = [c for _, c in inspect.getmembers(sys.modules.get(cls.__module__), inspect.isclass)]
+    if module == "__main__" or cls not in here:
+        remedy = "define it at the top of a module of its own, which Python can import"
+        raise InputError("system", f"the class {cls.__qualname__} cannot be found again from a file", remedy)
+    positional, named = system._given
+    settings = inspect.signature(cls).bind(*positional, **named).arguments
+    for key, value in settings.items():
+        try:
+            settings[key] = json.loads(json.dumps(value, allow_nan=False))
+        except (TypeError, ValueError) as error:
+            found = f"{cls.__name__} cannot be written to a file ({error})"
+            raise InputError(f"system.{key}", found, "give numbers, texts, lists or mappings") from error
+    return {"name": module, **settings}

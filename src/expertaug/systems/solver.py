@@ -50,7 +50,12 @@ class Solver:
         return self.method == "lawson4"
 
     def __call__(
-        self, f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, t: Tensor, flow: Flow | None = None
+        self,
+        f: Callable[[Tensor, Tensor], Tensor],
+        y0: Tensor,
+        t: Tensor,
+        flow: Flow | None = None,
+        rank: int = 1,
     ) -> Tensor:
         """States (T, *y0.shape) at the times t (T,), the first being y0; ``flow`` is of the part that f lacks."""
         if self.method in FIXED:
