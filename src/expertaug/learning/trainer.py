@@ -13,6 +13,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.learning.checkpoint import Checkpoint
+from expertaug.learning.contract import check_loss
 from expertaug.learning.objectives import Objective, mean_squared_error
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.task import Task
@@ -83,7 +84,7 @@ class Trainer:
     """Adam over stacked parameters: every seed has its own data order, optimiser state, loss and best model.
 
     Arguments:
-        model: stacked (:func:`expertaug.models.hybrid.stack`); parameters that need no gradient stay as they are.
+        model: stacked (:func:`expertaug.models.stacking.stack`); parameters that need no gradient stay as they are.
         objective: its loss is summed over seeds, which share nothing else.
         task: of training.
         train: the training set, or a function from the pass's number to that pass's set of the same size.
@@ -129,7 +130,7 @@ class Trainer:
         points = self.settings.points(window, step, steps)
         loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
         self.optimiser.zero_grad(set_to_none=True)
-        loss.sum().backward()
+        check_loss(self.objective, loss, len(self.seeds)).sum().backward()
         self._tame()
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate(step, steps)

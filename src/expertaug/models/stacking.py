@@ -74,7 +74,7 @@ class SeedWise(nn.Module):
         super().__init__()
         self.module, self.where = module, where
         self.seeds: int | None = None
-        self._vectorised: bool | None = None  # unknown before the first call
+        self._vectorised: dict[tuple[str, bool], bool] = {}  # by method and mode, known after a first call
         self.__dict__["_caller"] = _Caller(module)  # hidden: its parameters are the module's
 
     @property
@@ -117,21 +117,21 @@ class SeedWise(nn.Module):
             found, after = functional_call(self.__dict__["_caller"], own, (method, *arguments))
             return finish(found), after
 
-        found = None
-        if self._vectorised is None and not fitting:
+        found, way = None, (method, training)
+        if way not in self._vectorised and not fitting:
             kept = {k: v.clone() for k, v in buffers.items()}
             try:
                 found = self._at_once(one, parameters, buffers, arguments, axes)
-                self._vectorised = True
+                self._vectorised[way] = True
             except InputError:
                 raise
             except Exception as error:  # a layer without a rule; what is the module's own fault comes up again below
                 if "randomness error mode" in str(error):
                     raise InputError(self.where, f"{self.name} {RANDOM}", WITHOUT_RANDOM) from error
-                self._vectorised = False
+                self._vectorised[way] = False
                 for name, value in kept.items():
                     buffers[name].copy_(value)
-        elif self._vectorised and not fitting:
+        elif self._vectorised.get(way):
             found = self._at_once(one, parameters, buffers, arguments, axes)
         result, after = found or self._in_turn(one, parameters, buffers, arguments, axes)
         if training:

@@ -66,8 +66,9 @@ class MLP(nn.Module):
         if activation not in ACTIVATIONS:
             raise InputError("activation", repr(activation), f"one of {', '.join(ACTIVATIONS)}")
         widths = (inputs, *layers, outputs)
-        if not all(type(width) is int and width >= 0 for width in widths):
-            raise InputError("layers", repr(layers), "a list of whole numbers, the widths of the hidden layers")
+        for width in widths:
+            if type(width) is not int or width < 0:
+                raise InputError("layers", f"a width of {width!r}", "widths are whole numbers, as in [128, 128]")
         self.layers = nn.ModuleList(Linear(a, b) for a, b in pairwise(widths))
         self.activation = ACTIVATIONS[activation]
 
