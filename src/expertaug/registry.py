@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+from types import ModuleType
 
 from expertaug.errors import InputError
 
@@ -66,7 +67,7 @@ def find(part: str, kind: str, where: str) -> type:
     Raises:
         InputError: there is no such kind, module or class, or the class cannot be used as ``part``.
     """
-    return check(part, _imported(full_name(part, kind, where), where), where)
+    return check(part, _named(full_name(part, kind, where), where), where)
 
 
 def check(part: str, cls: object, where: str) -> type:
@@ -75,7 +76,7 @@ def check(part: str, cls: object, where: str) -> type:
     Raises:
         InputError: it is no class, has another base, is abstract or lacks the method that every one of its part has.
     """
-    base, needed = _imported(BASES[part], where), NEEDED[part]
+    base, needed = _named(BASES[part], where), NEEDED[part]
     family = BASES[part].replace(":", ".")
     if not inspect.isclass(cls):
         raise InputError(where, f"{getattr(cls, '__name__', cls)!r} is no class", f"name a subclass of {family}")
@@ -119,7 +120,7 @@ def arguments(cls: type) -> list[str] | None:
     for one in cls.__mro__:
         if "__init__" not in vars(one):
             continue
-        if one is object or one is _imported("torch.nn:Module", "torch"):
+        if one is object or one is _named("torch.nn:Module", "torch"):
             return None if handed_on else names
         own = list(inspect.signature(one.__init__).parameters.values())[1:]
         names += [p.name for p in own if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) and p.name not in names]
@@ -129,11 +130,14 @@ def arguments(cls: type) -> list[str] | None:
     return names
 
 
-def _imported(name: str, where: str) -> object:
-    """What ``package.module:Name`` is."""
-    module, _, attribute = name.partition(":")
+def imported(module: str, where: str) -> ModuleType:
+    """A module by its name.
+
+    Raises:
+        InputError: there is none, or importing it fails.
+    """
     try:
-        found = importlib.import_module(module)
+        return importlib.import_module(module)
     except ModuleNotFoundError as error:
         if error.name and (module == error.name or module.startswith(f"{error.name}.")):
             raise InputError(where, f"no module '{module}'", "is its package installed, or on PYTHONPATH?") from error
@@ -145,7 +149,12 @@ def _imported(name: str, where: str) -> object:
     except Exception as error:
         found = f"{module} cannot be imported ({type(error).__name__}: {error})"
         raise InputError(where, found, "correct that file") from error
+
+
+def _named(name: str, where: str) -> object:
+    """What ``package.module:Name`` is."""
+    module, _, attribute = name.partition(":")
     try:
-        return getattr(found, attribute)
+        return getattr(imported(module, where), attribute)
     except AttributeError as error:
         raise InputError(where, f"no class '{attribute}' in {module}", "correct the name") from error
