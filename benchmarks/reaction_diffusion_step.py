@@ -68,7 +68,7 @@ def steps(seeds: list[int], data: StackedSet, batch_size: int, interaction: dict
     description = {"model": model, "t": t, "observed": POINTS, "seeds": seeds}
     made = store.make(system, description | {"expert": True, "interaction": True})
     if interaction is None:
-        made.interaction = PlainInteraction(system, made.encoder.latent)
+        made.decoder.interaction = PlainInteraction(system, made.encoder.latent)
     made.encoder.fit(data.y[:, 0])
     objective, task = Aphynity(seeds, resolve("corrected")), task_of({}, description, torch.device("cpu"))
     batch = next(data.batches(seeds, 0, batch_size))

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from expertaug import systems
-from expertaug.models.hybrid import build
+from expertaug.models.recipe import HybridModel
 from expertaug.systems.solver import Solver
 from training_step import median_time
 
@@ -27,7 +27,7 @@ def main() -> None:
     torch.set_num_threads(1)
     torch.manual_seed(0)
     system, t = systems.load({"name": "reaction_diffusion", "reaction": "without_k"}), torch.arange(POINTS) * STEP
-    model = build(system, t, {"encoder": {"kind": "moments"}, "interaction": {"kind": "polynomial"}})
+    model = HybridModel(system, {"kind": "moments"}, {"kind": "polynomial"}).build_one(t)
     y0 = torch.rand(SEEDS, SAMPLES, *system.state_shape)
     z_e = torch.tensor([0.002, 0.007]).expand(SEEDS, SAMPLES, 2).clone().requires_grad_()
     z_a = torch.zeros(SEEDS, SAMPLES, 1)

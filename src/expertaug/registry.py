@@ -1,11 +1,13 @@
 """Classes that a configuration may name by a short ``kind``; any other is named as ``package.module:Class``.
 
-Only names stand here, so that checking a configuration does not wait for torch.
+Only names stand here: nothing is imported before a class is asked for, so that no command waits for torch without need.
 """
 
 from __future__ import annotations
 
 import importlib
+import inspect
+from types import ModuleType
 
 from expertaug.errors import InputError
 
@@ -29,6 +31,20 @@ KINDS = {
         "hvae": "expertaug.learning.hvae:HybridVAE",
     },
 }
+# What every class of a part is.
+BASES = {
+    "encoder": "torch.nn:Module",
+    "interaction": "torch.nn:Module",
+    "objective": "expertaug.learning.objectives:Objective",
+}
+# What a class must define beyond its base.
+NEEDED = {"encoder": "forward", "interaction": "forward", "objective": "loss"}
+# Arguments that the package gives, to a class that takes them; the configuration gives the rest.
+GIVEN = {
+    "encoder": ("system", "times"),
+    "interaction": ("system", "latent"),
+    "objective": ("seeds", "choices", "prior"),
+}
 
 
 def full_name(part: str, kind: str, where: str) -> str:
@@ -37,11 +53,11 @@ def full_name(part: str, kind: str, where: str) -> str:
     Raises:
         InputError: the kind is neither known nor of that form.
     """
-    if ":" in kind:
-        return kind
     known = KINDS[part]
-    if kind not in known:
-        raise InputError(where, f"'{kind}' is no {part}", f"known: {', '.join(known)}, or package.module:Class")
+    if isinstance(kind, str) and ":" in kind:
+        return kind
+    if not isinstance(kind, str) or kind not in known:
+        raise InputError(where, f"{kind!r} is no {part}", f"known: {', '.join(known)}, or package.module:Class")
     return known[kind]
 
 
@@ -49,10 +65,96 @@ def find(part: str, kind: str, where: str) -> type:
     """The class of a kind.
 
     Raises:
-        InputError: there is no such kind, module or class.
+        InputError: there is no such kind, module or class, or the class cannot be used as ``part``.
     """
-    module, _, name = full_name(part, kind, where).partition(":")
+    return check(part, _named(full_name(part, kind, where), where), where)
+
+
+def check(part: str, cls: object, where: str) -> type:
+    """A class that can be used as ``part``: the one given.
+
+    Raises:
+        InputError: it is no class, has another base, is abstract or lacks the method that every one of its part has.
+    """
+    base, needed = _named(BASES[part], where), NEEDED[part]
+    family = BASES[part].replace(":", ".")
+    if not inspect.isclass(cls):
+        raise InputError(where, f"{getattr(cls, '__name__', cls)!r} is no class", f"name a subclass of {family}")
+    if not issubclass(cls, base):
+        raise InputError(where, f"the class {cls.__name__} is no {base.__name__}", f"make it a subclass of {family}")
+    if inspect.isabstract(cls):
+        missing = ", ".join(sorted(cls.__abstractmethods__))
+        raise InputError(where, f"the class {cls.__name__} is abstract", f"define {missing}")
+    if getattr(cls, needed) is getattr(base, needed):
+        raise InputError(where, f"the class {cls.__name__} does not define {needed}", f"every {part} needs it")
+    return cls
+
+
+def options(part: str, kind: str, where: str) -> list[str] | None:
+    """Arguments that a configuration may give to a kind; None where its class takes any (``**kwargs``).
+
+    Raises:
+        InputError: as :func:`find`.
+    """
+    known = arguments(find(part, kind, where))
+    return known if known is None else [name for name in known if name not in GIVEN[part]]
+
+
+def takes(part: str, kind: str, argument: str, where: str = "kind") -> bool:
+    """Whether a kind's class has an argument, be it one that the package gives.
+
+    Raises:
+        InputError: as :func:`find`.
+    """
+    known = arguments(find(part, kind, where))
+    return known is None or argument in known
+
+
+def arguments(cls: type) -> list[str] | None:
+    """Names of a constructor's arguments; None where it takes any.
+
+    ``**kwargs`` stand for the arguments of the next class in the order of inheritance, to which they are handed on.
+    """
+    names: list[str] = []
+    handed_on = False
+    for one in cls.__mro__:
+        if "__init__" not in vars(one):
+            continue
+        if one is object or one is _named("torch.nn:Module", "torch"):
+            return None if handed_on else names
+        own = list(inspect.signature(one.__init__).parameters.values())[1:]
+        names += [p.name for p in own if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) and p.name not in names]
+        handed_on = any(p.kind is p.VAR_KEYWORD for p in own)
+        if not handed_on:
+            break
+    return names
+
+
+def imported(module: str, where: str) -> ModuleType:
+    """A module by its name.
+
+    Raises:
+        InputError: there is none, or importing it fails.
+    """
     try:
-        return getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise InputError(where, repr(kind), f"one of {', '.join(KINDS[part])}, or package.module:Class") from error
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name and (module == error.name or module.startswith(f"{error.name}.")):
+            raise InputError(where, f"no module '{module}'", "is its package installed, or on PYTHONPATH?") from error
+        raise InputError(where, f"{module} imports '{error.name}', which is not there", "install it") from error
+    except InputError:
+        raise
+    except SyntaxError as error:
+        raise InputError(f"{error.filename}:{error.lineno}", f"no Python ({error.msg})", "correct that file") from error
+    except Exception as error:
+        found = f"{module} cannot be imported ({type(error).__name__}: {error})"
+        raise InputError(where, found, "correct that file") from error
+
+
+def _named(name: str, where: str) -> object:
+    """What ``package.module:Name`` is."""
+    module, _, attribute = name.partition(":")
+    try:
+        return getattr(imported(module, where), attribute)
+    except AttributeError as error:
+        raise InputError(where, f"no class '{attribute}' in {module}", "correct the name") from error

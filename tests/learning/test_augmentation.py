@@ -77,7 +77,7 @@ def test_finetuning_changes_the_encoder_and_nothing_else(trained, data, tmp_path
     assert after.description["label"] == "APHYNITY+" and after.description["best_epoch"] != [0, 0]
     head_frozen = "frozen" in choices
     for name, value in before.model.state_dict().items():
-        frozen = name.startswith("interaction.") or (head_frozen and name.startswith("encoder.head."))
+        frozen = name.startswith("decoder.") or (head_frozen and name.startswith("encoder.head."))
         assert torch.equal(value, after.model.state_dict()[name]) == frozen, name
 
 

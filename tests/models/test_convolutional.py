@@ -8,9 +8,9 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.encoders.convolutional import ConvEncoder
-from expertaug.models.hybrid import build
 from expertaug.models.interactions.convolutional import ConvInteraction
-from expertaug.models.networks.convolutional import Conv2d, convolve, wrap
+from expertaug.models.networks.convolutional import Conv, convolve, wrap
+from expertaug.models.recipe import HybridModel
 from expertaug.systems.solver import Solver
 
 SYSTEM = {"name": "reaction_diffusion"}
@@ -34,7 +34,7 @@ def fields(seeds, samples=3):
 
 
 def test_a_padded_convolution_is_torchs_circular_one():
-    ours, theirs = Conv2d(3, 4, 3, stride=2), torch.nn.Conv2d(3, 4, 3, 2, 1, padding_mode="circular")
+    ours, theirs = Conv(2, 3, 4, 3, stride=2), torch.nn.Conv2d(3, 4, 3, 2, 1, padding_mode="circular")
     theirs.load_state_dict(ours.state_dict())
     x = torch.randn(5, 3, 8, 8)
     torch.testing.assert_close(convolve(wrap(x, 1), *ours.seeds()[0], ours.stride), theirs(x))
@@ -107,7 +107,7 @@ def test_estimates_start_at_the_parameters_size_and_are_positive():
 
 
 def test_inputs_are_standardised_by_the_training_set():
-    encoder = build(systems.load(SYSTEM), torch.arange(4) * 0.1, MODEL).encoder
+    encoder = HybridModel(systems.load(SYSTEM), **MODEL).build_one(torch.arange(4) * 0.1).encoder
     observed = fields(1, 40)[:4, 0] * torch.tensor([1.0, 3.0]).view(2, 1, 1)
     encoder.fit(observed)
     x = (encoder.inputs(observed) - encoder.mean) / encoder.std

@@ -8,10 +8,10 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.encoders.views import Windows
-from expertaug.models.hybrid import build
 from expertaug.models.mean import MeanModel
 from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
+from expertaug.models.recipe import HybridModel
 from expertaug.systems.solver import Solver
 
 CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}
@@ -137,7 +137,7 @@ def test_window_encoder_sees_its_windows_only():
 
 def test_inputs_are_standardised_by_the_training_set():
     system = systems.load(DOUBLE["system"])
-    encoder = build(system, torch.arange(11) * 0.01, DOUBLE["model"]).encoder
+    encoder = HybridModel(system, **DOUBLE["model"]).build_one(torch.arange(11) * 0.01).encoder
     observed = torch.randn(11, 4000, 4) * 0.3
     encoder.fit(observed)
     x = encoder.scale(encoder.inputs(observed))
@@ -165,12 +165,12 @@ def test_bad_model_settings_are_named(tmp_path):
     system, times = systems.load({"name": "pendulum"}), torch.arange(11) * 0.1
     good = PENDULUM["model"]
     with pytest.raises(InputError, match=r"model\.encoder\.kind.*'cnn'"):
-        build(system, times, good | {"encoder": {"kind": "cnn"}})
+        HybridModel(system, **(good | {"encoder": {"kind": "cnn"}})).build_one(times)
     with pytest.raises(InputError, match=r"model\.interaction\.width.*unknown"):
-        build(system, times, good | {"interaction": {"kind": "mlp", "width": 3}})
+        HybridModel(system, **(good | {"interaction": {"kind": "mlp", "width": 3}})).build_one(times)
     double = systems.load(DOUBLE["system"])
     with pytest.raises(InputError, match=r"windows\.theta3"):
-        build(double, times, good | {"encoder": {"kind": "window", "windows": {"theta3": [0, 1]}}})
+        HybridModel(double, **(good | {"encoder": {"kind": "window", "windows": {"theta3": [0, 1]}}})).build_one(times)
     (tmp_path / "m").write_bytes(b"nonsense")
     with pytest.raises(InputError, match="not a file of this package"):
         store.load(tmp_path / "m")
@@ -188,7 +188,7 @@ def test_an_encoder_from_elsewhere_needs_no_change_here():
     model = PENDULUM["model"] | {
         "encoder": {"kind": "expertaug.models.encoders.recurrent:RecurrentEncoder", "hidden": 4, "layers": [3]}
     }
-    assert build(systems.load({"name": "pendulum"}), torch.arange(3) * 0.1, model).encoder.latent == 4
+    assert HybridModel(systems.load({"name": "pendulum"}), **model).build_one(torch.arange(3) * 0.1).encoder.latent == 4
 
 
 def test_an_input_that_training_holds_constant_is_not_blown_up():

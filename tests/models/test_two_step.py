@@ -55,11 +55,11 @@ def test_a_block_computes_what_each_seed_does_alone(case):
 
 @CASES
 def test_unstacked_models_compute_the_same(case):
-    from expertaug.models.hybrid import build
+    from expertaug.models.recipe import HybridModel
 
     y = data_for(case, 1)
     times = torch.arange(11, dtype=torch.float64) * case["step"]
-    single = build(systems.load(case["system"]), times, {"encoder": case["encoder"]}, interaction=False)
+    single = HybridModel(systems.load(case["system"]), case["encoder"]).build_one(times)
     stacked, _ = make(case, [0])
     single.load_state_dict({k: v[0] for k, v in stacked.state_dict().items() if k.startswith("encoder.")})
     torch.testing.assert_close(single.encode(y[:11, 0]).mean[0], stacked.encode(y[:11]).mean[0][0])

@@ -6,8 +6,9 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.encoders.two_step_fields import ConvTwoStep
-from expertaug.models.hybrid import build, stack
 from expertaug.models.networks.unet import UNet
+from expertaug.models.recipe import HybridModel
+from expertaug.models.stacking import stack
 
 SYSTEM = {"name": "reaction_diffusion"}
 SMALL = {"channels": [3, 4], "strides": [1, 2], "layers": [6], "filter_channels": [3, 4, 5], "latent": 2}
@@ -16,7 +17,7 @@ MODEL = {"encoder": {"kind": "conv_two_step", **SMALL}, "interaction": {"kind": 
 
 def make(seed):
     torch.manual_seed(seed)
-    return build(systems.load(SYSTEM), torch.arange(3) * 0.1, MODEL, likelihood=True)
+    return HybridModel(systems.load(SYSTEM), **MODEL).build_one(torch.arange(3) * 0.1, likelihood=True)
 
 
 def observed(samples=4):

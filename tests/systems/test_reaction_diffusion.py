@@ -7,7 +7,7 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.models.hybrid import build
+from expertaug.models.recipe import HybridModel
 from expertaug.systems import simulate
 from expertaug.systems.reaction_diffusion import SIZE, WIDTH, laplacian
 from expertaug.systems.simulate import sample
@@ -100,7 +100,7 @@ def test_lawson_is_runge_kutta_where_nothing_is_linear():
 def test_a_hybrid_forecast_is_the_same_by_lawson_steps():
     system = systems.load({"name": "reaction_diffusion"})
     times = torch.arange(4) / 10
-    model = build(system, times, {"encoder": {"kind": "moments"}, "interaction": {"kind": "polynomial"}})
+    model = HybridModel(system, {"kind": "moments"}, {"kind": "polynomial"}).build_one(times)
     y = torch.rand(4, 3, 2, SIZE, SIZE, generator=torch.Generator().manual_seed(0))
     z_e, z_a = torch.tensor([[0.002, 0.007]]).expand(3, 2), torch.zeros(3, 1)
     a, b = (model.forecast(y[0], z_e, z_a, times, s) for s in (Solver("lawson4"), Solver("rk4", substeps=8)))

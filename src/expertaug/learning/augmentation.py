@@ -16,7 +16,7 @@ from expertaug.files import atomic
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
-from expertaug.models.hybrid import HybridModel
+from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.store import read_tensors
 
@@ -24,7 +24,7 @@ CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in thei
 ATTEMPTS = 10
 
 
-def prior_range(model: HybridModel, prior: Mapping[str, list[float]]) -> tuple[Tensor, Tensor]:
+def prior_range(model: HybridNet, prior: Mapping[str, list[float]]) -> tuple[Tensor, Tensor]:
     """Lower and upper ends (P,) of the uniform augmentation prior p⁺(z_e).
 
     Raises:
@@ -37,7 +37,7 @@ def prior_range(model: HybridModel, prior: Mapping[str, list[float]]) -> tuple[T
     return low, high
 
 
-def prior_scale(model: HybridModel, prior: Mapping[str, list[float]]) -> Tensor:
+def prior_scale(model: HybridNet, prior: Mapping[str, list[float]]) -> Tensor:
     """Standard deviation (P,) of p⁺."""
     low, high = prior_range(model, prior)
     return (high - low) / 12**0.5
@@ -45,7 +45,7 @@ def prior_scale(model: HybridModel, prior: Mapping[str, list[float]]) -> Tensor:
 
 @torch.no_grad()
 def generate(
-    model: HybridModel,
+    model: HybridNet,
     data: StackedSet,
     task: Task,
     seeds: list[int],
@@ -111,7 +111,7 @@ def _latent(posterior: Posterior, z_a_from: str, normal: Normal) -> Tensor:
 
 
 def _simulate(
-    model: HybridModel, y0: Tensor, z_a: Tensor, low: Tensor, high: Tensor, task: Task, random: Noise
+    model: HybridNet, y0: Tensor, z_a: Tensor, low: Tensor, high: Tensor, task: Task, random: Noise
 ) -> tuple[Tensor, Tensor]:
     z_e = low.to(y0) + (high - low).to(y0) * random.uniform(y0.shape[1], len(low))
     return model.forecast(y0, z_e, z_a, task.t, task.solver), z_e

@@ -11,7 +11,7 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.models.hybrid import HybridModel
+from expertaug.models.hybrid import HybridNet
 from expertaug.trajectories import Trajectories
 
 
@@ -37,7 +37,7 @@ def finetune(
     train_set, validation_set = (
         StackedSet.of(Trajectories.load(Path(data) / f"{name}.npz"), device) for name in ("train", "validation")
     )
-    hybrid: HybridModel = stored.model
+    hybrid: HybridNet = stored.model
     prefixes = list(hybrid.decoder_prefixes)
     if choices["frozen"] == "interaction_and_z_e_head":
         prefixes.append(f"encoder.{hybrid.encoder.head_prefix}")

@@ -14,14 +14,14 @@ from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
-from expertaug.models.hybrid import HybridModel
+from expertaug.models.hybrid import HybridNet
 from expertaug.registry import find
 from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 
 
 def fit(
-    model: HybridModel,
+    model: HybridNet,
     sets: Callable,
     task: Task,
     description: dict,

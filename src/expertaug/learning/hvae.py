@@ -15,7 +15,7 @@ from expertaug.learning.objectives import Objective, finite_forecast, sample_mea
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
 from expertaug.models.encoders.two_step import TwoStep
-from expertaug.models.hybrid import HybridModel
+from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import unconstrain
 
 STREAM = 2  # of the random numbers: 0 are orders of data, 1 augmented samples
@@ -65,7 +65,7 @@ class HybridVAE(Objective):
         self.alpha, self.beta, self.gamma = float(alpha), float(beta), float(gamma)
         self.step = 0
 
-    def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
+    def loss(self, model: HybridNet, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss (S,) and its parts, each (S,), without gradient.
 
         Raises:
@@ -129,7 +129,7 @@ class HybridVAE(Objective):
         return loss / count, {k: v.detach() for k, v in (parts | {"loss": loss / count}).items()}
 
 
-def raw_prior(model: HybridModel, prior: Mapping) -> tuple[Tensor, Tensor]:
+def raw_prior(model: HybridNet, prior: Mapping) -> tuple[Tensor, Tensor]:
     """Mean and standard deviation (P,) of p⁺ in the unbounded space of z_e, from its quantiles.
 
     Raises:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
-from expertaug.models.hybrid import HybridModel
+from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import Posterior
 from expertaug.systems import System
 
@@ -46,7 +46,7 @@ def sample_mean(each: Tensor, good: Tensor | None = None) -> Tensor:
 
 
 def finite_forecast(
-    model: HybridModel,
+    model: HybridNet,
     y0: Tensor,
     z_e: Tensor,
     z_a: Tensor,
@@ -114,7 +114,7 @@ class Objective:
     def __init__(self, seeds: Sequence[int], choices: Mapping) -> None:
         self.seeds, self.choices = list(seeds), choices
 
-    def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
+    def loss(self, model: HybridNet, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss (S,) and its parts, each (S,), without gradient; it compares the first ``task.horizon`` points."""
         raise NotImplementedError
 
@@ -122,7 +122,7 @@ class Objective:
         """Points that the loss compares once the window has grown to its full length."""
         return task.horizon
 
-    def begin(self, model: HybridModel, batch: Batch, task: Task) -> None:
+    def begin(self, model: HybridNet, batch: Batch, task: Task) -> None:
         """Called before the first update with its batch and the loss window at its full length."""
 
     def end_of_pass(self) -> None:
@@ -181,7 +181,7 @@ class Aphynity(Objective):
         return len(task.t) if self._leaks else task.horizon
 
     @torch.no_grad()
-    def begin(self, model: HybridModel, batch: Batch, task: Task) -> None:
+    def begin(self, model: HybridNet, batch: Batch, task: Task) -> None:
         """Take the data term's first value, by which the preset may divide it.
 
         It is that of the full window: that of the first two points would be little more than noise.
@@ -190,7 +190,7 @@ class Aphynity(Objective):
             posterior = model.encode(batch.y[: task.observed])
             self.first = self._terms(model, posterior, batch, task)[0].cpu()
 
-    def loss(self, model: HybridModel, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
+    def loss(self, model: HybridNet, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss (S,) and its parts, each (S,), without gradient."""
         posterior = model.encode(batch.y[: task.observed])
         data, penalty = self._terms(model, posterior, batch, task)
@@ -204,7 +204,7 @@ class Aphynity(Objective):
         self.count += 1
         return loss, parts | {"loss": loss.detach()}
 
-    def _terms(self, model: HybridModel, posterior: Posterior, batch: Batch, task: Task) -> tuple[Tensor, Tensor]:
+    def _terms(self, model: HybridNet, posterior: Posterior, batch: Batch, task: Task) -> tuple[Tensor, Tensor]:
         """Data term and size of F_a, each (S,), over the first ``task.horizon`` points."""
         truth, (z_e, z_a) = batch.y[: task.horizon], posterior.mean
         if self._leaks:
@@ -214,7 +214,7 @@ class Aphynity(Objective):
         data = mean_squared_error(model.system, prediction[1:], truth[1:], good)
         return data, self._penalty(model, prediction, truth, z_e, z_a)
 
-    def _penalty(self, model: HybridModel, prediction: Tensor, truth: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+    def _penalty(self, model: HybridNet, prediction: Tensor, truth: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
         if model.interaction is None:
             return prediction.new_zeros(prediction.shape[1])
         if self.choices["penalty"] == "norm_data":

@@ -13,10 +13,11 @@ from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.learning.checkpoint import Checkpoint
+from expertaug.learning.contract import check_loss
 from expertaug.learning.objectives import Objective, mean_squared_error
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.task import Task
-from expertaug.models.hybrid import HybridModel
+from expertaug.models.hybrid import HybridNet
 from expertaug.tracking.runlog import RunLog
 
 logger = logging.getLogger(__name__)
@@ -83,7 +84,7 @@ class Trainer:
     """Adam over stacked parameters: every seed has its own data order, optimiser state, loss and best model.
 
     Arguments:
-        model: stacked (:func:`expertaug.models.hybrid.stack`); parameters that need no gradient stay as they are.
+        model: stacked (:func:`expertaug.models.stacking.stack`); parameters that need no gradient stay as they are.
         objective: its loss is summed over seeds, which share nothing else.
         task: of training.
         train: the training set, or a function from the pass's number to that pass's set of the same size.
@@ -96,7 +97,7 @@ class Trainer:
 
     def __init__(
         self,
-        model: HybridModel,
+        model: HybridNet,
         objective: Objective,
         task: Task,
         train: StackedSet | Callable[[int], StackedSet],
@@ -106,7 +107,7 @@ class Trainer:
         name: str,
         keep: Collection[int] = (),
     ) -> None:
-        self.model, self.objective, self.task = model, objective, task
+        self.model, self.objective, self.task = model.train(), objective, task
         self.sets = train if callable(train) else lambda epoch: train
         self.validation = [
             (s.subset(settings.validation_samples).whole(len(seeds)), points) for s, points in validation
@@ -129,7 +130,7 @@ class Trainer:
         points = self.settings.points(window, step, steps)
         loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
         self.optimiser.zero_grad(set_to_none=True)
-        loss.sum().backward()
+        check_loss(self.objective, loss, len(self.seeds)).sum().backward()
         self._tame()
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate(step, steps)
@@ -139,7 +140,7 @@ class Trainer:
     def _tame(self) -> None:
         """Clip each seed's gradient by its own norm; a seed whose gradient is not finite sits this step out."""
         gradients = [p.grad for p in self.parameters if p.grad is not None]
-        norm = torch.stack([g.flatten(1).square().sum(1) for g in gradients]).sum(0).sqrt()
+        norm = torch.stack([g.reshape(len(g), -1).square().sum(1) for g in gradients]).sum(0).sqrt()
         good = torch.isfinite(norm)
         limit = self.settings.clip_norm or math.inf
         factor = torch.where(good, (limit / norm.clamp_min(1e-12)).clamp_max(1.0), torch.zeros_like(norm))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from torch import Tensor, nn
 
+from expertaug.models.estimates import Estimates
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
 
 
 class MeanModel(nn.Module):
-    """Predicts, for every time, the training set's mean state; it estimates no parameters.
+    """A decoder that needs no estimates: for every time the training set's mean state.
 
     Arguments:
         mean: (T, *state).
@@ -20,8 +21,17 @@ class MeanModel(nn.Module):
         self.system = system
         self.register_buffer("mean", mean)
 
-    def predict(self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> tuple[Tensor, None]:
-        """(T1, S, B, *state) → (T, S, B, *state); the same for every sample."""
-        lead = observed.dim() - self.mean.dim() + 1 - 1
+    def estimate(self, windows: Tensor) -> Estimates:
+        """Observed windows (T1, …, B, *state) → their first points, and no parameters."""
+        return Estimates(windows[0], None, None)
+
+    def forecast(self, y0: Tensor, z_e: None, z_a: None, t: Tensor, solver: Solver) -> Tensor:
+        """(…, B, *state) → (T, …, B, *state); the same for every sample."""
+        lead = y0.dim() - self.mean.dim() + 1
         mean = self.mean.reshape(len(self.mean), *[1] * lead, *self.mean.shape[1:])
-        return mean.expand(len(t), *observed.shape[1:]), None
+        return mean.expand(len(t), *y0.shape)
+
+    def predict(self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> tuple[Tensor, None]:
+        """(T1, …, B, *state) → (T, …, B, *state); wherever the forecast starts."""
+        found = self.estimate(observed)
+        return self.forecast(found.y0, found.z_e, found.z_a, t, solver), None

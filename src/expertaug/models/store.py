@@ -15,8 +15,9 @@ from torch import Tensor, nn
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.models.hybrid import build, stack
+from expertaug.models.hybrid import HybridNet
 from expertaug.models.mean import MeanModel
+from expertaug.models.recipe import HybridModel
 
 
 @dataclass(frozen=True)
@@ -59,19 +60,14 @@ def load(path: Path, device: torch.device | str = "cpu") -> StoredModel:
             model.load_state_dict(tensors)
         except RuntimeError as error:
             raise InputError(path, "holds other layers than it describes", "train it again") from error
-    return StoredModel(model.to(device), description)
+    return StoredModel(model.to(device).eval(), description)
 
 
-def make(system: systems.System, description: Mapping) -> nn.Module:
+def make(system: systems.System, description: Mapping) -> HybridNet:
     """The stacked hybrid model that a description describes, one initialisation a seed."""
-    models = []
     times = torch.tensor(description["t"][: description["observed"]], dtype=torch.float64)
-    for seed in description["seeds"]:
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            parts = (description["expert"], description["interaction"], description.get("likelihood", False))
-            models.append(build(system, times, description["model"], *parts))
-    return stack(models)
+    recipe = HybridModel.from_dict(description, system)
+    return recipe.build(times, description["seeds"], description.get("likelihood", False))
 
 
 def read_tensors(path: Path) -> tuple[dict, dict[str, Tensor]]:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
+import json
+import pkgutil
+import sys
 from collections.abc import Mapping
 
+from expertaug import registry
 from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
 
-__all__ = ["Parameter", "System", "load"]
+__all__ = ["Parameter", "System", "describe", "load"]
+
+OTHERS = {"base", "contract", "implicit", "simulate", "solver"}  # modules of this package that are no systems
 
 
 def load(settings: Mapping[str, object]) -> System:
@@ -17,30 +22,69 @@ def load(settings: Mapping[str, object]) -> System:
 
     Arguments:
         settings: ``name`` is a module of this package or a dotted path of one elsewhere, which defines one
-            :class:`System`; the other keys are its constructor's arguments.
+            :class:`System`, or ``module:Class``; the other keys are its constructor's arguments.
 
     Raises:
         InputError: there is no such module, it defines no system, or the constructor refuses an argument.
     """
     arguments = dict(settings)
     name = str(arguments.pop("name", ""))
-    try:
-        module = importlib.import_module(name if "." in name else f"{__name__}.{name}")
-    except ModuleNotFoundError as error:
-        raise InputError(
-            "system.name", f"no module for {name!r}", "name a module of expertaug.systems or a dotted path"
-        ) from error
-    classes = [
-        c
-        for _, c in inspect.getmembers(module, inspect.isclass)
-        if issubclass(c, System) and c.__module__ == module.__name__
-    ]
-    if len(classes) != 1:
-        raise InputError(
-            "system.name", f"{module.__name__} defines {len(classes)} systems", "one System class a module"
-        )
-    known = list(inspect.signature(classes[0]).parameters)
+    cls = _class(name)
+    known = registry.arguments(cls)
     for key in arguments:
-        if key not in known:
+        if known is not None and key not in known:
             raise InputError(f"system.{key}", f"unknown to {name}", f"known: {', '.join(known) or 'none'}")
-    return classes[0](**arguments)
+    if inspect.isabstract(cls):
+        missing = ", ".join(sorted(cls.__abstractmethods__))
+        raise InputError("system.name", f"the class {cls.__name__} does not define {missing}", "a System needs it")
+    try:
+        return cls(**arguments)
+    except InputError:
+        raise
+    except Exception as error:
+        found = f"{cls.__name__} refuses its arguments ({type(error).__name__}: {error})"
+        raise InputError("system", found, "correct them, or the class") from error
+
+
+def _class(name: str) -> type[System]:
+    path, _, wanted = name.partition(":")
+    here = [module.name for module in pkgutil.iter_modules(__path__)]
+    if not wanted and "." not in path and path not in here:
+        remedy = f"known: {', '.join(sorted(set(here) - OTHERS))}, a dotted path or module:Class"
+        raise InputError("system.name", f"no system {name!r}", remedy)
+    module = registry.imported(path if wanted or "." in path else f"{__name__}.{path}", "system.name")
+    found = {
+        c.__name__: c
+        for _, c in inspect.getmembers(module, inspect.isclass)
+        if issubclass(c, System) and (wanted or c.__module__ == module.__name__)
+    }
+    if wanted:
+        if wanted not in found:
+            raise InputError("system.name", f"no System '{wanted}' in {path}", "name a class whose base is System")
+        return found[wanted]
+    if len(found) != 1:
+        raise InputError("system.name", f"{module.__name__} defines {len(found)} systems", f"name one: {path}:Class")
+    return next(iter(found.values()))
+
+
+def describe(system: System) -> dict:
+    """The settings from which :func:`load` makes a system like this one.
+
+    Raises:
+        InputError: its class cannot be found again by its module, or an argument cannot be written to a file.
+    """
+    cls = type(system)
+    module = cls.__module__.removeprefix(f"{__name__}.")
+    if module == "__main__" or getattr(sys.modules.get(cls.__module__), cls.__qualname__, None) is not cls:
+        remedy = "define it at the top of a module of its own, which Python can import"
+        raise InputError("system", f"the class {cls.__qualname__} cannot be found again from a file", remedy)
+    positional, named = system._given
+    settings = inspect.signature(cls).bind(*positional, **named).arguments
+    for key, value in settings.items():
+        try:
+            settings[key] = json.loads(json.dumps(value, allow_nan=False))
+        except (TypeError, ValueError) as error:
+            found = f"{cls.__name__} cannot be written to a file ({error})"
+            raise InputError(f"system.{key}", found, "give numbers, texts, lists or mappings") from error
+    own = module == cls.__module__  # of another package
+    return {"name": f"{module}:{cls.__name__}" if own else module, **settings}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
+from math import prod
 
 import torch
 from torch import Tensor
@@ -46,6 +48,22 @@ class System(ABC):
     expert_parameters: tuple[Parameter, ...]
     interaction_parameters: tuple[Parameter, ...] = ()
     simulation: Solver = Solver("dopri5", rtol=1e-8, atol=1e-8)
+    _given: tuple[tuple, dict] = ((), {})
+
+    def __init_subclass__(cls, **options: object) -> None:
+        """Let instances remember what they were made with (:func:`expertaug.systems.describe`)."""
+        super().__init_subclass__(**options)
+        own = vars(cls).get("__init__")
+        if own is None:
+            return
+
+        @wraps(own)
+        def remembering(self: System, *arguments: object, **named: object) -> None:
+            if "_given" not in vars(self):
+                self._given = (arguments, named)
+            own(self, *arguments, **named)
+
+        cls.__init__ = remembering  # type: ignore[method-assign]
 
     @property
     def state_shape(self) -> tuple[int, ...]:
@@ -97,7 +115,7 @@ class System(ABC):
     @property
     def error_dims(self) -> int:
         """By what the summed squared error is divided in the per-dimension convention."""
-        return len(self.state)
+        return prod(self.state_shape)
 
     def features(self, y: Tensor) -> Tensor:
         """States as networks see them, (…, features): the state, unless overridden."""

@@ -76,7 +76,7 @@ def _solve(system: System, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, name
         return system.truth(s, y, z_e, z_a)
 
     try:
-        return system.simulation(field, y0, t)
+        return system.simulation(field, y0, t, rank=len(system.state_shape))
     except SolveError as error:  # a fixed grid goes on, so that the sample can be named
         check_finite(Solver("rk4")(field, y0, t), torch.cat((z_e, z_a), dim=-1), name)
         raise SolveError(f"{name}: {error}") from error

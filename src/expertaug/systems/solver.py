@@ -10,8 +10,10 @@ from torch import Tensor
 from torchdiffeq import odeint
 
 from expertaug.errors import InputError, SolveError
+from expertaug.systems.implicit import SCIPY, by_scipy, rodas3
 
-FIXED = ("euler", "midpoint", "rk4", "lawson4")
+FIXED = ("euler", "midpoint", "rk4", "lawson4", "rodas3")
+ADAPTIVE = ("dopri5", "dopri8", *SCIPY)
 # flow(h): the map y → exp(h L) y of a linear part L, or None where there is none.
 Flow = Callable[[float], Callable[[Tensor], Tensor] | None]
 
@@ -21,8 +23,10 @@ class Solver:
     """How to solve.
 
     Attributes:
-        method: a fixed-grid method or an adaptive one of torchdiffeq; lawson4 is the fourth-order Runge-Kutta method
-            that has the linear part of dy/dt = L y + f(t, y) exact (Lawson 1967), and rk4 where there is none.
+        method: on a fixed grid euler, midpoint, rk4, lawson4 or rodas3; to a tolerance dopri5, dopri8, radau or bdf.
+            lawson4 is the fourth-order Runge-Kutta method that has the linear part of dy/dt = L y + f(t, y) exact
+            (Lawson 1967), and rk4 where there is none.  For stiff systems: rodas3 to train with, radau and bdf, which
+            give no gradients, to simulate and evaluate (:mod:`expertaug.systems.implicit`).
         rtol, atol: tolerances of an adaptive method; unused on a fixed grid.
         substeps: steps of a fixed-grid method from data time to data time.
     """
@@ -33,8 +37,8 @@ class Solver:
     substeps: int = 1
 
     def __post_init__(self) -> None:
-        if self.method not in (*FIXED, "dopri5", "dopri8"):
-            raise InputError("solver.method", repr(self.method), f"one of {', '.join(FIXED)}, dopri5, dopri8")
+        if self.method not in (*FIXED, *ADAPTIVE):
+            raise InputError("solver.method", repr(self.method), f"one of {', '.join((*FIXED, *ADAPTIVE))}")
 
     @classmethod
     def from_mapping(cls, settings: Mapping[str, object]) -> Solver:
@@ -50,17 +54,32 @@ class Solver:
         return self.method == "lawson4"
 
     def __call__(
-        self, f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, t: Tensor, flow: Flow | None = None
+        self,
+        f: Callable[[Tensor, Tensor], Tensor],
+        y0: Tensor,
+        t: Tensor,
+        flow: Flow | None = None,
+        rank: int = 1,
     ) -> Tensor:
-        """States (T, *y0.shape) at the times t (T,), the first being y0; ``flow`` is of the part that f lacks."""
+        """States (T, *y0.shape) at the times t (T,), the first being y0.
+
+        Arguments:
+            f: dy/dt at a time and states (…, *state).
+            flow: of the part that f lacks, where the method wants one (:attr:`splits`).
+            rank: axes of a state, which implicit methods need to know.
+        """
         if self.method in FIXED:
             grid = t
             if self.substeps > 1:
                 share = torch.arange(self.substeps).to(t) / self.substeps
                 grid = torch.cat(((t[:-1, None] + t.diff()[:, None] * share).flatten(), t[-1:]))
+            if self.method == "rodas3":
+                return rodas3(f, y0, grid, rank)[:: self.substeps]
             solve = _lawson4 if self.splits else odeint
             options = {"flow": flow} if self.splits else {"method": self.method}
             return solve(f, y0, grid, **options)[:: self.substeps]
+        if self.method in SCIPY:
+            return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
         try:
             return odeint(f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol)
         except AssertionError as error:  # torchdiffeq's word for a step that underflowed

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.networks.convolutional import Conv2d, differences, layer_averages
+from expertaug.models.networks.convolutional import Conv, differences, grid_rank, layer_averages
 from expertaug.models.networks.layers import MLP
 from expertaug.models.posterior import Delta, Posterior, constrain
 from expertaug.systems import System
@@ -18,18 +18,19 @@ from expertaug.systems import System
 class ConvEncoder(nn.Module):
     """Deep CNN over the observed frames, stacked as channels (paper, appendix, reaction–diffusion).
 
-    Every frame enters with its five-point Laplacian, since what the diffusion coefficients leave behind is the decay of
-    the finest structures; inputs are standardised by the training set, each channel on its own.  Convolutions are
-    periodic and every layer is averaged over the grid, so that what the encoder returns does not change when the fields
-    are shifted (by a multiple of the product of the strides).
+    Every frame enters with its Laplacian of nearest neighbours, since what the diffusion coefficients leave behind is
+    the decay of the finest structures; inputs are standardised by the training set, each channel on its own.
+    Convolutions are periodic and every layer is averaged over the grid, so that what the encoder returns does not
+    change when the fields are shifted (by a multiple of the product of the strides).
 
     Arguments:
-        channels, strides: of the layers, 3 × 3 each.
+        channels, strides: of the layers, kernels of size 3.
         layers: hidden layers of the MLP on the averages, which z_e and z_a share.
         latent: size of z_a.
         times: of the observed window; their number is that of the frames.
     """
 
+    stackable = True
     head_prefix = "head."
 
     def __init__(
@@ -46,32 +47,34 @@ class ConvEncoder(nn.Module):
             raise InputError("model.encoder.strides", str(list(strides)), f"{len(channels)} of them, one a layer")
         self.system = system
         self.latent = latent
+        self.rank = grid_rank(system, "model.encoder.kind")
         inputs = 2 * len(times) * system.state_shape[0]
-        self.register_buffer("mean", torch.zeros(inputs, 1, 1))
-        self.register_buffer("std", torch.ones(inputs, 1, 1))
+        self.register_buffer("mean", torch.zeros(inputs, *[1] * self.rank))
+        self.register_buffer("std", torch.ones(inputs, *[1] * self.rank))
         self.layers = nn.ModuleList(
-            Conv2d(a, b, stride=s) for (a, b), s in zip(pairwise((inputs, *channels)), strides, strict=True)
+            Conv(self.rank, a, b, stride=s) for (a, b), s in zip(pairwise((inputs, *channels)), strides, strict=True)
         )
         self.trunk = MLP(sum(channels), layers[:-1], layers[-1])
         self.head = MLP(layers[-1], (), len(system.expert_parameters))
         self.latent_head = MLP(layers[-1], (), latent)
 
     def inputs(self, observed: Tensor) -> Tensor:
-        """(T1, …, B, fields, H, W) → frames and their Laplacians (…, B, 2 · T1 · fields, H, W)."""
-        frames = observed.movedim(0, -4).flatten(-4, -3)
-        return torch.cat((frames, differences(frames)), dim=-3)
+        """(T1, …, B, fields, *grid) → frames and their Laplacians (…, B, 2 · T1 · fields, *grid)."""
+        channel = -1 - self.rank
+        frames = observed.movedim(0, channel - 1).flatten(channel - 1, channel)
+        return torch.cat((frames, differences(frames, self.rank)), dim=channel)
 
     def fit(self, observed: Tensor) -> None:
-        """Standardise by the training set's observed window (T1, N, fields, H, W)."""
-        variance, mean = torch.var_mean(self.inputs(observed), dim=(0, 2, 3))
-        self.mean.copy_(mean.view(-1, 1, 1).expand_as(self.mean))
-        self.std.copy_(variance.sqrt().clamp_min(1e-6).view(-1, 1, 1).expand_as(self.std))
+        """Standardise by the training set's observed window (T1, N, fields, *grid)."""
+        variance, mean = torch.var_mean(self.inputs(observed), dim=(0, *range(2, 2 + self.rank)))
+        self.mean.copy_(mean.view(-1, *[1] * self.rank).expand_as(self.mean))
+        self.std.copy_(variance.sqrt().clamp_min(1e-6).view(-1, *[1] * self.rank).expand_as(self.std))
 
     def forward(self, observed: Tensor) -> Posterior:
-        """(T1, …, B, fields, H, W) → z_e (…, B, P), z_a (…, B, latent)."""
+        """(T1, …, B, fields, *grid) → z_e (…, B, P), z_a (…, B, latent)."""
         x = self.inputs(observed)
         # The statistics have the seeds' axis only where they are stacked; they are for all samples alike.
-        x = (x - self.mean.unsqueeze(-4)) / self.std.unsqueeze(-4)
+        x = (x - self.mean.unsqueeze(-2 - self.rank)) / self.std.unsqueeze(-2 - self.rank)
         hidden = torch.relu(self.trunk(layer_averages(self.layers, x)))
         z_e = constrain(self.head(hidden), self.system.expert_parameters)
         return Posterior(Delta(z_e), Delta(self.latent_head(hidden)))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.networks.convolutional import differences
+from expertaug.models.networks.convolutional import differences, grid_rank
 from expertaug.models.networks.layers import MLP, Standardise
 from expertaug.models.posterior import Delta, Posterior, constrain
 from expertaug.systems import System
@@ -31,6 +31,7 @@ class Moments(nn.Module):
 
     def __init__(self, system: System, frames: int, powers: Sequence[int] = (1, 3)) -> None:
         super().__init__()
+        self.rank = grid_rank(system, "model.encoder.kind")
         self.fields, self.powers = system.state_shape[0], tuple(powers)
         channels = (len(self.powers) + 2) * self.fields
         self.outputs = (frames - 1) * (channels - self.fields + channels * (channels + 1) // 2)
@@ -38,7 +39,7 @@ class Moments(nn.Module):
         self.scale = Standardise(self.outputs)
 
     def fit(self, y: Tensor) -> None:
-        """Learn scales from frames (N, T1, fields, H, W)."""
+        """Learn scales from frames (N, T1, fields, *grid)."""
         parts = y.split(256)
         size = torch.stack([self._channels(part).square().mean((0, 1, 3)) for part in parts]).mean(0).sqrt()
         self.size.copy_(size.clamp_min(1e-6).unsqueeze(-1).expand_as(self.size))
@@ -46,15 +47,17 @@ class Moments(nn.Module):
         self.scale.fit(torch.cat([self._moments(part, one) for part in parts]))
 
     def forward(self, y: Tensor) -> Tensor:
-        """Frames (…, B, T1, fields, H, W) → standardised moments (…, B, outputs)."""
+        """Frames (…, B, T1, fields, *grid) → standardised moments (…, B, outputs)."""
         return self.scale(self._moments(y, self.size))
 
     def _channels(self, y: Tensor) -> Tensor:
         """(…, T1 − 1, channels, cells)."""
-        before, after = y[..., :-1, :, :, :], y[..., 1:, :, :, :]
+        cells = [slice(None)] * (1 + self.rank)
+        before, after = y[(..., slice(None, -1), *cells)], y[(..., slice(1, None), *cells)]
         middle = (before + after) / 2
         powers = [middle**power for power in self.powers]
-        return torch.cat((*powers, after - before, differences(middle)), dim=-3).flatten(-2)
+        found = torch.cat((*powers, after - before, differences(middle, self.rank)), dim=-1 - self.rank)
+        return found.flatten(-self.rank)
 
     def _moments(self, y: Tensor, size: Tensor) -> Tensor:
         x = self._channels(y) / size.unsqueeze(-3).unsqueeze(-3)
@@ -74,6 +77,7 @@ class MomentEncoder(nn.Module):
         times: of the observed window; their number is that of the frames.
     """
 
+    stackable = True
     head_prefix = "head."
 
     def __init__(
@@ -93,11 +97,11 @@ class MomentEncoder(nn.Module):
         self.latent_head = MLP(layers[-1], (), latent)
 
     def fit(self, observed: Tensor) -> None:
-        """Standardise by the training set's observed window (T1, N, fields, H, W)."""
+        """Standardise by the training set's observed window (T1, N, fields, *grid)."""
         self.moments.fit(observed.movedim(0, 1))
 
     def forward(self, observed: Tensor) -> Posterior:
-        """(T1, …, B, fields, H, W) → z_e (…, B, P), z_a (…, B, latent)."""
-        hidden = self.trunk.activation(self.trunk(self.moments(observed.movedim(0, -4))))
+        """(T1, …, B, fields, *grid) → z_e (…, B, P), z_a (…, B, latent)."""
+        hidden = self.trunk.activation(self.trunk(self.moments(observed.movedim(0, -2 - self.moments.rank))))
         z_e = constrain(self.head(hidden), self.system.expert_parameters)
         return Posterior(Delta(z_e), Delta(self.latent_head(hidden)))

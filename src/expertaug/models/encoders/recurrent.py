@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import torch
 from torch import Tensor, nn
 
-from expertaug.models.networks.layers import GRU, MLP
+from expertaug.models.networks.layers import GRU, MLP, feature_count
 from expertaug.models.posterior import Delta, Posterior, constrain
 from expertaug.systems import System
 
@@ -21,6 +20,7 @@ class RecurrentEncoder(nn.Module):
         times: of the observed window, unused: the GRU sees every point.
     """
 
+    stackable = True
     head_prefix = "head."
 
     def __init__(
@@ -29,7 +29,7 @@ class RecurrentEncoder(nn.Module):
         super().__init__()
         self.system = system
         self.latent = hidden
-        inputs = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
+        inputs = feature_count(system, "model.encoder.kind")
         self.recurrent = GRU(inputs, hidden)
         self.head = MLP(hidden, layers, len(system.expert_parameters))
 

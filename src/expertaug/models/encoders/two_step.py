@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.models.encoders.views import States, Windows
-from expertaug.models.networks.layers import MLP, Linear, Standardise
+from expertaug.models.networks.layers import MLP, Linear, Standardise, feature_count
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.systems import System
 
@@ -33,6 +33,7 @@ class TwoStep(nn.Module):
     Every network has ``fit``, which sees the training set's view (N, *seen) once, before training.
     """
 
+    stackable = True
     head_prefix = "expert_network."
 
     def __init__(
@@ -83,6 +84,8 @@ class MLPTwoStep(TwoStep):
         skip: whether a linear map of the inputs is added to g_p2's output.
         activation: of all three.
     """
+
+    stackable = True
 
     def __init__(
         self,
@@ -160,7 +163,7 @@ class StepFilter(nn.Module):
     def __init__(self, system: System, times: Tensor, latent: int, layers: Sequence[int], activation: str) -> None:
         super().__init__()
         self.system = system
-        inputs = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
+        inputs = feature_count(system, "model.encoder.kind")
         self.scale = Standardise(inputs)
         self.register_buffer("unit", torch.ones(1, system.state_shape[-1]))
         self.register_buffer("time", (2 * times / times[-1] - 1).to(torch.float32).unsqueeze(-1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 
 import torch
@@ -11,7 +12,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.encoders.moments import Moments
 from expertaug.models.encoders.two_step import TwoStep
-from expertaug.models.networks.convolutional import Conv2d, differences, layer_averages
+from expertaug.models.networks.convolutional import Conv, differences, grid_rank, layer_averages
 from expertaug.models.networks.layers import MLP
 from expertaug.models.networks.unet import UNet
 from expertaug.systems import System
@@ -25,12 +26,14 @@ class ConvTwoStep(TwoStep):
 
     Arguments:
         latent: size of z_a.
-        channels, strides: of the layers of g_a and g_p2, 3 × 3 each.
+        channels, strides: of the layers of g_a and g_p2, kernels of size 3.
         layers: hidden layers of the MLPs on their averages over the grid.
         filter_channels: of the U-Net's levels.
         powers: g_a and g_p2 are MLPs of ``layers`` on the frames' :class:`Moments` with these
             powers; null for CNNs.
     """
+
+    stackable = True
 
     def __init__(
         self,
@@ -45,53 +48,61 @@ class ConvTwoStep(TwoStep):
     ) -> None:
         if len(strides) != len(channels):
             raise InputError("model.encoder.strides", str(list(strides)), f"{len(channels)} of them, one a layer")
+        rank, grid = grid_rank(system, "model.encoder.kind"), system.state_shape[1:]
         halvings = len(filter_channels) - 1
-        if any(cells % 2**halvings for cells in system.state_shape[-2:]):
-            remedy = f"at most so many levels that the grid {system.state_shape[-2:]} can be halved"
+        if any(cells % 2**halvings for cells in grid):
+            remedy = f"at most so many levels that the grid {grid} can be halved"
             raise InputError("model.encoder.filter_channels", str(list(filter_channels)), remedy)
         fields = len(times) * system.state_shape[0]
 
         def network(outputs: int) -> nn.Module:
             if powers is None:
-                return FrameCNN(fields, channels, strides, layers, outputs)
+                return FrameCNN(rank, fields, channels, strides, layers, outputs)
             return FrameMoments(system, len(times), powers, layers, outputs)
 
         latent_network, expert_network = network(2 * latent), network(2 * len(system.expert_parameters))
-        filter_network = FrameFilter(fields, latent, filter_channels)
-        super().__init__(system, frames, latent, latent_network, filter_network, expert_network)
+        filter_network = FrameFilter(rank, fields, latent, filter_channels)
+        super().__init__(system, partial(frames, rank=rank), latent, latent_network, filter_network, expert_network)
 
 
-def frames(observed: Tensor) -> Tensor:
-    """The view: (T1, …, B, fields, H, W) → (…, B, T1 · fields, H, W)."""
-    return observed.movedim(0, -4).flatten(-4, -3)
+def frames(observed: Tensor, rank: int) -> Tensor:
+    """The view: (T1, …, B, fields, *grid) → (…, B, T1 · fields, *grid)."""
+    return observed.movedim(0, -2 - rank).flatten(-2 - rank, -1 - rank)
 
 
 class FrameCNN(nn.Module):
-    """Frames and their five-point Laplacians (…, B, frames, H, W) → (…, B, outputs): g_a or g_p2.
+    """Frames and their Laplacians (…, B, frames, *grid) → (…, B, outputs): g_a or g_p2.
 
     Every layer is averaged over the grid, as :class:`expertaug.models.encoders.convolutional.ConvEncoder` does.
     """
 
     def __init__(
-        self, fields: int, channels: Sequence[int], strides: Sequence[int], layers: Sequence[int], outputs: int
+        self,
+        rank: int,
+        fields: int,
+        channels: Sequence[int],
+        strides: Sequence[int],
+        layers: Sequence[int],
+        outputs: int,
     ) -> None:
         super().__init__()
-        self.scale = StandardiseChannels(2 * fields)
+        self.rank = rank
+        self.scale = StandardiseChannels(2 * fields, rank)
         self.layers = nn.ModuleList(
-            Conv2d(a, b, stride=s) for (a, b), s in zip(pairwise((2 * fields, *channels)), strides, strict=True)
+            Conv(rank, a, b, stride=s) for (a, b), s in zip(pairwise((2 * fields, *channels)), strides, strict=True)
         )
         self.head = MLP(sum(channels), layers, outputs)
 
     def fit(self, seen: Tensor) -> None:
-        self.scale.fit(_with_differences(seen))
+        self.scale.fit(_with_differences(seen, self.rank))
 
     def forward(self, seen: Tensor) -> Tensor:
-        x = self.scale(_with_differences(seen))
+        x = self.scale(_with_differences(seen, self.rank))
         return self.head(layer_averages(self.layers, x))
 
 
 class FrameMoments(nn.Module):
-    """MLP on the frames' moments, (…, B, frames, H, W) → (…, B, outputs): g_a or g_p2."""
+    """MLP on the frames' moments, (…, B, frames, *grid) → (…, B, outputs): g_a or g_p2."""
 
     def __init__(self, system: System, frames: int, powers: Sequence[int], layers: Sequence[int], outputs: int) -> None:
         super().__init__()
@@ -105,42 +116,43 @@ class FrameMoments(nn.Module):
         return self.head(self.moments(self._frames(seen)))
 
     def _frames(self, seen: Tensor) -> Tensor:
-        return seen.unflatten(-3, (-1, self.moments.fields))
+        return seen.unflatten(-1 - self.moments.rank, (-1, self.moments.fields))
 
 
 class FrameFilter(nn.Module):
     """g_p1: frames + U-Net(frames, z_a), the U-Net's output in units of each frame's standard deviation."""
 
-    def __init__(self, fields: int, latent: int, channels: Sequence[int]) -> None:
+    def __init__(self, rank: int, fields: int, latent: int, channels: Sequence[int]) -> None:
         super().__init__()
-        self.scale = StandardiseChannels(fields)
-        self.network = UNet(fields, latent, channels)
+        self.scale = StandardiseChannels(fields, rank)
+        self.network = UNet(fields, latent, channels, rank)
 
     def fit(self, seen: Tensor) -> None:
         self.scale.fit(seen)
 
     def forward(self, seen: Tensor, z_a: Tensor) -> Tensor:
-        return seen + self.scale.std.unsqueeze(-4) * self.network(self.scale(seen), z_a)
+        return seen + self.scale.std.unsqueeze(-2 - self.scale.rank) * self.network(self.scale(seen), z_a)
 
 
 class StandardiseChannels(nn.Module):
     """Subtracts the training set's mean and divides by its standard deviation, each channel on its own."""
 
-    def __init__(self, channels: int) -> None:
+    def __init__(self, channels: int, rank: int) -> None:
         super().__init__()
-        self.register_buffer("mean", torch.zeros(channels, 1, 1))
-        self.register_buffer("std", torch.ones(channels, 1, 1))
+        self.rank = rank
+        self.register_buffer("mean", torch.zeros(channels, *[1] * rank))
+        self.register_buffer("std", torch.ones(channels, *[1] * rank))
 
     def fit(self, x: Tensor) -> None:
-        """Take mean and standard deviation from x (N, channels, H, W)."""
-        variance, mean = torch.var_mean(x, dim=(0, 2, 3))
-        self.mean.copy_(mean.view(-1, 1, 1).expand_as(self.mean))
-        self.std.copy_(variance.sqrt().clamp_min(1e-6).view(-1, 1, 1).expand_as(self.std))
+        """Take mean and standard deviation from x (N, channels, *grid)."""
+        variance, mean = torch.var_mean(x, dim=(0, *range(2, 2 + self.rank)))
+        self.mean.copy_(mean.view(-1, *[1] * self.rank).expand_as(self.mean))
+        self.std.copy_(variance.sqrt().clamp_min(1e-6).view(-1, *[1] * self.rank).expand_as(self.std))
 
     def forward(self, x: Tensor) -> Tensor:
         # The statistics have the seeds' axis only where they are stacked; they are for all samples alike.
-        return (x - self.mean.unsqueeze(-4)) / self.std.unsqueeze(-4)
+        return (x - self.mean.unsqueeze(-2 - self.rank)) / self.std.unsqueeze(-2 - self.rank)
 
 
-def _with_differences(seen: Tensor) -> Tensor:
-    return torch.cat((seen, differences(seen)), dim=-3)
+def _with_differences(seen: Tensor, rank: int) -> Tensor:
+    return torch.cat((seen, differences(seen, rank)), dim=-1 - rank)

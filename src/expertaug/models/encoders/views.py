@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
+from expertaug.models.networks.layers import feature_count
 from expertaug.systems import System
 
 
@@ -20,7 +21,7 @@ class States:
 
     def __init__(self, system: System, times: Tensor) -> None:
         self.system = system
-        self.inputs = self.features(torch.zeros(1, len(times), *system.state_shape)).shape[-1]
+        self.inputs = len(times) * feature_count(system, "model.encoder.kind")
 
     def __call__(self, observed: Tensor) -> Tensor:
         return observed.movedim(0, -1 - len(self.system.state_shape))
@@ -49,6 +50,9 @@ class Windows:
     def __init__(
         self, system: System, times: Tensor, windows: Mapping[str, Sequence[float]], angles: Sequence[str] = ()
     ) -> None:
+        if len(system.state_shape) != 1:
+            found = f"{type(system).__name__} has states of shape {system.state_shape}"
+            raise InputError("model.encoder.windows", found, "windows are of plain states; choose an encoder of fields")
         # In an order of their own: a mapping that says the same in another order is the same encoder.
         self.points = [(*_select(system, name, windows[name], times), name in angles) for name in sorted(windows)]
         self.values = sum(len(points) for _, points, _ in self.points)

@@ -27,6 +27,7 @@ class WindowEncoder(nn.Module):
         skip: whether a linear map of the inputs is added to the z_e head's output.
     """
 
+    stackable = True
     head_prefix = "head."
 
     def __init__(

@@ -25,7 +25,9 @@ def positions(system: System, components: Sequence[str], key: str) -> list[int]:
 
 
 class Interaction(nn.Module):
-    """What every F_a shares: a subclass gives ``context(z_a, z_e)``, once a trajectory, and ``forward(y, context)``.
+    """What every F_a shares: a subclass gives ``forward(y, context)``.
+
+    Where it has something to prepare once a trajectory, it gives ``context(z_a, z_e)`` too.
 
     Arguments:
         latent: size of z_a.
@@ -60,6 +62,10 @@ class Interaction(nn.Module):
 
     def fit(self, observed: Tensor) -> None:
         """Learn scales from the training set's observed window (T1, N, *state); nothing, unless overridden."""
+
+    def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
+        """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), what :meth:`forward` needs of them for a trajectory."""
+        return self.latents(z_a, z_e)
 
     def latents(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → what F_a may see of them, (…, B, inputs)."""

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from expertaug.errors import InputError
 from expertaug.models.interactions.base import Interaction
-from expertaug.models.networks.convolutional import Conv2d, convolve, wrap
+from expertaug.models.networks.convolutional import Conv, convolve, grid_rank, wrap
 from expertaug.models.networks.layers import Linear
 from expertaug.systems import System
 
@@ -31,6 +31,8 @@ class ConvInteraction(Interaction):
         precision: float32, or bfloat16 for the convolutions, their sums staying in float32.
     """
 
+    stackable = True
+
     def __init__(
         self,
         system: System,
@@ -48,12 +50,13 @@ class ConvInteraction(Interaction):
         if precision not in PRECISIONS:
             raise InputError("model.interaction.precision", repr(precision), f"one of {', '.join(PRECISIONS)}")
         fields = system.state_shape[0]
+        self.rank = grid_rank(system, "model.interaction.kind")
         self.precision = PRECISIONS[precision]
         self.margin = sum(k // 2 for k in kernels)
-        self.state_layer = Conv2d(fields, channels[0], kernels[0], bias=False)
+        self.state_layer = Conv(self.rank, fields, channels[0], kernels[0], bias=False)
         self.latent_layer = Linear(self.inputs, channels[0])
         self.rest = nn.ModuleList(
-            Conv2d(a, b, k) for (a, b), k in zip(pairwise((*channels, fields)), kernels[1:], strict=True)
+            Conv(self.rank, a, b, k) for (a, b), k in zip(pairwise((*channels, fields)), kernels[1:], strict=True)
         )
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
@@ -61,9 +64,9 @@ class ConvInteraction(Interaction):
         return self.latent_layer(self.latents(z_a, z_e))
 
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
-        """F_a at states y (…, B, fields, H, W), the shape of y."""
+        """F_a at states y (…, B, fields, *grid), the shape of y."""
         layers = zip(self.state_layer.seeds(), *(layer.seeds() for layer in self.rest), strict=True)
-        stacked = y.dim() == 5
+        stacked = y.dim() == self.rank + 3
         groups = zip(y.unbind(0), context.unbind(0), strict=True) if stacked else [(y, context)]
         with torch.autocast(y.device.type, self.precision, enabled=self.precision is not None):
             rates = [self._one(*group, *own) for group, own in zip(groups, layers, strict=True)]
@@ -71,7 +74,7 @@ class ConvInteraction(Interaction):
 
     def _one(self, y: Tensor, context: Tensor, first: tuple, *rest: tuple) -> Tensor:
         hidden = convolve(wrap(y, self.margin), *first)
-        hidden = hidden.add_(context[..., None, None])  # in place: nothing that autograd keeps
+        hidden = hidden.add_(context[(..., *[None] * self.rank)])  # in place: nothing that autograd keeps
         for weight, bias in rest:
             hidden = convolve(hidden.relu_(), weight, bias)
         return hidden

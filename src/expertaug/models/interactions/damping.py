@@ -26,6 +26,8 @@ class DampingInteraction(Interaction):
         components: of the state, by name, each damped in proportion to itself; null for all.
     """
 
+    stackable = True
+
     def __init__(
         self,
         system: System,

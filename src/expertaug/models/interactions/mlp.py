@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import torch
 from torch import Tensor
 
 from expertaug.models.interactions.base import Interaction
-from expertaug.models.networks.layers import MLP, Linear, affine
+from expertaug.models.networks.layers import MLP, Linear, affine, feature_count
 from expertaug.systems import System
 
 
@@ -23,6 +22,8 @@ class MLPInteraction(Interaction):
         expert_parameters, components, reads: as :class:`Interaction`; a component that it does not see is zero.
     """
 
+    stackable = True
+
     def __init__(
         self,
         system: System,
@@ -36,7 +37,7 @@ class MLPInteraction(Interaction):
         super().__init__(system, latent, expert_parameters, components, reads)
         self.system = system
         self.mask = [float(k in self.sees) for k in range(len(system.state))]
-        features = system.features(torch.zeros(1, *system.state_shape)).shape[-1]
+        features = feature_count(system, "model.interaction.kind")
         self.state_layer = Linear(features, layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, layers[0])
         self.rest = MLP(layers[0], layers[1:], len(self.acts_on), activation)

@@ -34,6 +34,8 @@ class PolynomialInteraction(Interaction):
         components, reads: as :class:`Interaction`.
     """
 
+    stackable = True
+
     def __init__(
         self,
         system: System,

@@ -14,7 +14,25 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from expertaug.errors import InputError
+from expertaug.systems import System
+
 ACTIVATIONS = {"relu": torch.relu, "silu": nn.functional.silu, "selu": torch.selu, "tanh": torch.tanh}
+
+
+def feature_count(system: System, where: str) -> int:
+    """How many numbers a network sees of one state.
+
+    Raises:
+        InputError: the state's features are no vector.
+    """
+    features = system.features(torch.zeros(1, *system.state_shape))
+    if features.dim() != 2:
+        found = f"{type(system).__name__} has states of shape {system.state_shape}"
+        raise InputError(
+            where, found, "choose one for fields (conv, moments, polynomial), or let features() be a vector"
+        )
+    return features.shape[-1]
 
 
 class Linear(nn.Module):
@@ -22,7 +40,7 @@ class Linear(nn.Module):
 
     def __init__(self, inputs: int, outputs: int, bias: bool = True) -> None:
         super().__init__()
-        bound = 1 / math.sqrt(inputs)
+        bound = 1 / math.sqrt(max(inputs, 1))
         self.weight = nn.Parameter(torch.empty(inputs, outputs).uniform_(-bound, bound))
         self.bias = nn.Parameter(torch.empty(1, outputs).uniform_(-bound, bound)) if bias else None
 
@@ -45,7 +63,12 @@ class MLP(nn.Module):
 
     def __init__(self, inputs: int, layers: Sequence[int], outputs: int, activation: str = "relu") -> None:
         super().__init__()
+        if activation not in ACTIVATIONS:
+            raise InputError("activation", repr(activation), f"one of {', '.join(ACTIVATIONS)}")
         widths = (inputs, *layers, outputs)
+        for width in widths:
+            if type(width) is not int or width < 0:
+                raise InputError("layers", f"a width of {width!r}", "widths are whole numbers, as in [128, 128]")
         self.layers = nn.ModuleList(Linear(a, b) for a, b in pairwise(widths))
         self.activation = ACTIVATIONS[activation]
 

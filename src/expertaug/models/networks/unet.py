@@ -8,7 +8,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.networks.convolutional import Conv2d, convolve, wrap
+from expertaug.models.networks.convolutional import Conv, convolve, wrap
 from expertaug.models.networks.layers import Linear
 
 
@@ -21,21 +21,22 @@ class UNet(nn.Module):
         fields: channels of input and output.
         condition: size of z_a.
         channels: of the levels, the finest first; the grid must allow one halving less than there are levels.
+        rank: axes of the grid.
     """
 
-    def __init__(self, fields: int, condition: int, channels: Sequence[int] = (16, 32, 32)) -> None:
+    def __init__(self, fields: int, condition: int, channels: Sequence[int] = (16, 32, 32), rank: int = 2) -> None:
         super().__init__()
         self.down = nn.ModuleList(
-            Conv2d(a, b, stride=1 + (k > 0), bias=False) for k, (a, b) in enumerate(pairwise((fields, *channels)))
+            Conv(rank, a, b, stride=1 + (k > 0), bias=False) for k, (a, b) in enumerate(pairwise((fields, *channels)))
         )
-        self.up = nn.ModuleList(Conv2d(fine + coarse, fine, bias=False) for fine, coarse in pairwise(channels))
-        self.out = Conv2d(channels[0], fields, kernel=1)
+        self.up = nn.ModuleList(Conv(rank, fine + coarse, fine, bias=False) for fine, coarse in pairwise(channels))
+        self.out = Conv(rank, channels[0], fields, kernel=1)
         self.widths = [*channels, *reversed(channels[:-1])]  # in the order of computing
         self.biases = Linear(condition, sum(self.widths))
 
     def forward(self, x: Tensor, z: Tensor) -> Tensor:
-        """(…, B, fields, H, W) and (…, B, condition) → (…, B, fields, H, W)."""
-        stacked = x.dim() == 5
+        """(…, B, fields, *grid) and (…, B, condition) → (…, B, fields, *grid)."""
+        stacked = x.dim() == self.out.rank + 3
         biases = self.biases(z)
         groups = zip(x.unbind(0), biases.unbind(0), strict=True) if stacked else [(x, biases)]
         layers = zip(*(layer.seeds() for layer in (*self.down, *self.up, self.out)), strict=True)
@@ -45,7 +46,7 @@ class UNet(nn.Module):
     def _one(self, x: Tensor, biases: Tensor, parameters: Sequence[tuple]) -> Tensor:
         """One seed."""
         levels, count = [], len(self.down)
-        steps = iter(biases[..., None, None].split(self.widths, dim=1))
+        steps = iter(biases[(..., *[None] * self.out.rank)].split(self.widths, dim=1))
         for layer, (weight, _) in zip(self.down, parameters, strict=False):
             x = torch.relu(convolve(wrap(x, 1), weight, None, layer.stride) + next(steps))
             levels.append(x)

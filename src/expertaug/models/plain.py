@@ -1,0 +1,185 @@
+"""Encoders and interaction models written as ordinary PyTorch modules, as the rest of the package calls them.
+
+An encoder is any module whose ``forward(observed)`` takes one seed's windows (T1, B, *state) and returns
+
+- a tensor (B, P) or a tuple of tensors (B, P) and (B, Q), unbounded: z_e follows by
+  :func:`~expertaug.models.posterior.constrain`, so that positive parameters are positive, and z_a is what it is; or
+- a :class:`~expertaug.models.posterior.Posterior`.
+
+Q is the module's attribute ``latent``, 0 without it; ``head_prefix`` names the parameters of the z_e head alone.
+
+An interaction model is any module whose ``forward(y, z_a)`` gives the rates of states y (B, *state) in their shape;
+with a method ``context(z_a, z_e)``, called once a trajectory, ``forward`` is given its result (B, width) instead.
+
+Either may have ``fit(observed)``, which sees the training set's windows (T1, N, *state) once, before training; what it
+learns belongs into buffers or parameters, which a model file keeps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+from torch.distributions import Distribution
+
+from expertaug.errors import InputError
+from expertaug.models.posterior import Delta, Gaussian, Posterior, constrain
+from expertaug.models.stacking import Parts, SeedWise, is_stackable
+from expertaug.systems import System
+
+Form = tuple[tuple[type[Distribution], object], ...]
+
+
+def encoder_of(module: nn.Module, system: System) -> nn.Module:
+    """The module itself where it is stackable, else wrapped."""
+    return module if is_stackable(module) else PlainEncoder(module, system)
+
+
+def interaction_of(module: nn.Module, system: System) -> nn.Module:
+    """The module itself where it is stackable, else wrapped."""
+    return module if is_stackable(module) else PlainInteraction(module, system)
+
+
+class _Plain(SeedWise):
+    """What both share: where the seeds' axis is, and ``fit``."""
+
+    def __init__(self, module: nn.Module, system: System, where: str) -> None:
+        super().__init__(module, where)
+        self.system = system
+
+    def fit(self, observed: Tensor) -> None:
+        """Let the module learn scales from the training set's observed window (T1, N, *state), where it does so."""
+        if hasattr(self.module, "fit"):
+            with torch.no_grad():
+                self.each("fit", [observed], [None])
+
+    def _axis(self, tensor: Tensor, alone: int, place: int = 0) -> int | None:
+        """The seeds' axis of a tensor that has ``alone`` axes without one."""
+        return place if tensor.dim() > alone else None
+
+
+class PlainEncoder(_Plain):
+    """An encoder from outside, as one for a group of seeds."""
+
+    def __init__(self, module: nn.Module, system: System) -> None:
+        super().__init__(module, system, "model.encoder")
+
+    @property
+    def latent(self) -> int:
+        """Size of z_a."""
+        return int(getattr(self.module, "latent", 0))
+
+    @property
+    def head_prefix(self) -> str:
+        """Parameters of the z_e head alone.
+
+        Raises:
+            InputError: the module does not name them.
+        """
+        own = getattr(self.module, "head_prefix", None)
+        if not isinstance(own, str):
+            raise InputError(self.where, f"{self.name} has no head_prefix", "let it name the z_e head's parameters")
+        return f"module.{own}"
+
+    def forward(self, observed: Tensor) -> Posterior:
+        """(T1, …, B, *state) → q(z_e, z_a)."""
+        forms: list[Form] = []
+
+        def finish(found: object) -> Parts:
+            form, tensors = self._taken_apart(found, observed.shape[-1 - len(self.system.state_shape)])
+            forms.append(form)
+            return tensors
+
+        axis = self._axis(observed, 2 + len(self.system.state_shape), 1)
+        tensors = self.each("forward", [observed], [axis], finish)
+        (z_e, of_z_e), (z_a, of_z_a) = forms[0]
+        return Posterior(
+            _put_together(z_e, of_z_e, *tensors[:2]), _put_together(z_a, of_z_a, *tensors[2:4]), *tensors[4:]
+        )
+
+    def _taken_apart(self, found: object, samples: int) -> tuple[Form, Parts]:
+        """One seed's result → kinds of both distributions, and tensors: two of each, z_a_used and filtered."""
+        if isinstance(found, Posterior):
+            parts = (found.z_e, found.z_a)
+            for part in parts:
+                if type(part) not in (Delta, Gaussian):
+                    raise InputError(
+                        self.where, f"{self.name} returns a {type(part).__name__}", "use Delta or Gaussian"
+                    )
+            self._check("z_e", found.z_e.mean, samples, len(self.system.expert_parameters))
+            self._check("z_a", found.z_a.mean, samples, self.latent)
+            return (
+                tuple((type(part), getattr(part, "parameters", None)) for part in parts),
+                (*_tensors(found.z_e), *_tensors(found.z_a), found.z_a_used, found.filtered),
+            )
+        z_e, *rest = found if isinstance(found, tuple) else (found,)
+        if not isinstance(z_e, Tensor) or len(rest) > 1:
+            raise InputError(
+                self.where,
+                f"{self.name} returns {type(found).__name__}",
+                "return a tensor (B, P), a tuple (z_e, z_a) or a Posterior",
+            )
+        z_a = rest[0] if rest else z_e.new_zeros(samples, 0)
+        self._check("z_e", z_e, samples, len(self.system.expert_parameters))
+        self._check("z_a", z_a, samples, self.latent)
+        bounded = constrain(z_e, self.system.expert_parameters)
+        return ((Delta, None), (Delta, None)), (bounded, None, z_a, None, None, None)
+
+    def _check(self, name: str, value: Tensor, samples: int, size: int) -> None:
+        if tuple(value.shape) != (samples, size):
+            says = "the module's attribute latent" if name == "z_a" else "one for each expert parameter"
+            raise InputError(
+                self.where,
+                f"{self.name} gives {name} of shape {tuple(value.shape)} for {samples} windows",
+                f"make it ({samples}, {size}): {says}",
+            )
+
+
+def _tensors(part: Distribution) -> tuple[Tensor, Tensor]:
+    second = part.log_std if isinstance(part, Gaussian) else torch.as_tensor(part.scale).to(part.loc)
+    return part.loc, second.expand_as(part.loc)
+
+
+def _put_together(kind: type[Distribution], parameters: object, loc: Tensor, second: Tensor | None) -> Distribution:
+    if kind is Gaussian:
+        return Gaussian(loc, second, parameters)
+    return Delta(loc) if second is None else Delta(loc, second)
+
+
+class PlainInteraction(_Plain):
+    """An interaction model from outside, as one for a group of seeds."""
+
+    def __init__(self, module: nn.Module, system: System) -> None:
+        super().__init__(module, system, "model.interaction")
+
+    def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
+        """z_a (…, B, Q) and z_e (…, B, P) → what :meth:`forward` is given of them, (…, B, width)."""
+        if not hasattr(self.module, "context"):
+            return z_a
+        return self._one("context", z_a, 2, z_e, 2, lambda found: self._context(found, z_a.shape[-2]))
+
+    def forward(self, y: Tensor, context: Tensor) -> Tensor:
+        """F_a at states y (…, B, *state), the shape of y."""
+        rank = len(self.system.state_shape)
+        return self._one("forward", y, 1 + rank, context, 2, lambda found: self._rates(found, y.shape[-1 - rank :]))
+
+    def _one(self, method: str, a: Tensor, a_axes: int, b: Tensor, b_axes: int, finish: Callable) -> Tensor:
+        axes = [self._axis(a, a_axes), self._axis(b, b_axes)]
+        return self.each(method, [a, b], axes, lambda found: (finish(found),))[0]
+
+    def _context(self, found: object, samples: int) -> Tensor:
+        if not isinstance(found, Tensor) or found.dim() != 2 or len(found) != samples:
+            raise InputError(self.where, f"{self.name}.context gives {_shape(found)}", f"make it ({samples}, width)")
+        return found
+
+    def _rates(self, found: object, shape: torch.Size) -> Tensor:
+        if not isinstance(found, Tensor) or found.shape != shape:
+            raise InputError(
+                self.where, f"{self.name} gives {_shape(found)}", f"give rates of the states' shape {tuple(shape)}"
+            )
+        return found
+
+
+def _shape(found: object) -> str:
+    return f"shape {tuple(found.shape)}" if isinstance(found, Tensor) else type(found).__name__

@@ -1,0 +1,164 @@
+"""The recipe of a hybrid model: a system, an encoder and an interaction model, from which networks are made."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import torch
+from torch import Tensor, nn
+
+from expertaug import registry, systems
+from expertaug.errors import InputError
+from expertaug.models.decoder import Decoder
+from expertaug.models.hybrid import HybridNet
+from expertaug.models.likelihood import GaussianLikelihood
+from expertaug.models.plain import encoder_of, interaction_of
+from expertaug.models.stacking import stack
+from expertaug.systems import System
+
+# {"kind": …, and the class's arguments}, the class, or functools.partial of it and its arguments.
+Part = Mapping | type | partial
+
+
+@dataclass(frozen=True)
+class HybridModel:
+    """What a hybrid model is made of; :meth:`build` makes the networks.
+
+    Attributes:
+        system: gives F_e.
+        encoder: observed window → posterior: a mapping with ``kind`` (a short one or ``package.module:Class``) and the
+            class's arguments, the class itself, or functools.partial of it.  It is given ``system`` and ``times`` (T1,)
+            where it takes them.
+        interaction: F_a in the same forms, given ``system`` and ``latent``, the size of z_a; None: the expert alone.
+        expert: False takes F_e away and keeps the system's kinematics: the agnostic neural ODE.
+    """
+
+    system: System
+    encoder: Part
+    interaction: Part | None = None
+    expert: bool = True
+
+    def build(self, times: Tensor | Sequence[float], seeds: Sequence[int], likelihood: bool = False) -> HybridNet:
+        """Networks for a group of seeds, one initialisation a seed, stacked.
+
+        Arguments:
+            times: of the observed window in s, (T1,).
+            seeds: S of them.
+            likelihood: whether the objective learns a likelihood's scale.
+
+        Raises:
+            InputError: an unknown kind or argument, or one that the class refuses.
+        """
+        models = []
+        for seed in seeds:
+            with torch.random.fork_rng(devices=[]):
+                torch.manual_seed(seed)
+                models.append(self.build_one(times, likelihood))
+        return stack(models)
+
+    def build_one(self, times: Tensor | Sequence[float], likelihood: bool = False) -> HybridNet:
+        """One network from torch's random state as it is, not stacked; arguments as :meth:`build`."""
+        times = torch.as_tensor(times, dtype=torch.float64)
+        encoder = encoder_of(_make("encoder", self.encoder, system=self.system, times=times), self.system)
+        interaction = None
+        if self.interaction is not None:
+            made = _make("interaction", self.interaction, system=self.system, latent=encoder.latent)
+            interaction = interaction_of(made, self.system)
+        likelihood_model = GaussianLikelihood() if likelihood else None
+        return HybridNet(encoder, Decoder(self.system, interaction, self.expert, likelihood_model))
+
+    def to_dict(self) -> dict:
+        """What a model file says of it: ``system``, ``model``, ``expert`` and ``interaction``, for :meth:`from_dict`.
+
+        Raises:
+            InputError: a class or an argument cannot be written down.
+        """
+        parts = {"encoder": _described("encoder", self.encoder)}
+        if self.interaction is not None:
+            parts["interaction"] = _described("interaction", self.interaction)
+        return {
+            "system": systems.describe(self.system),
+            "model": parts,
+            "expert": self.expert,
+            "interaction": self.interaction is not None,
+        }
+
+    @classmethod
+    def from_dict(cls, description: Mapping, system: System | None = None) -> HybridModel:
+        """The recipe that a model file describes; ``system`` where it is made already.
+
+        Raises:
+            InputError: the system cannot be made.
+        """
+        parts = description["model"]
+        return cls(
+            systems.load(description["system"]) if system is None else system,
+            parts["encoder"],
+            parts["interaction"] if description["interaction"] else None,
+            description["expert"],
+        )
+
+
+def _resolved(part: str, given: Part) -> tuple[type, str, dict]:
+    """Class, name for messages and arguments of any form of a part."""
+    where = f"model.{part}.kind"
+    if isinstance(given, Mapping):
+        arguments = dict(given)
+        kind = arguments.pop("kind", None)
+        return registry.find(part, kind, where), str(kind), arguments
+    if isinstance(given, partial):
+        if given.args:
+            raise InputError(f"model.{part}", "arguments without a name", "give them by name in functools.partial")
+        return registry.check(part, given.func, where), getattr(given.func, "__name__", ""), dict(given.keywords)
+    if not inspect.isclass(given):
+        found, remedy = type(given).__name__, "give a class, functools.partial of it, or a mapping with kind"
+        raise InputError(f"model.{part}", f"found {found}", remedy)
+    return registry.check(part, given, where), given.__name__, {}
+
+
+def _make(part: str, given: Part, **fixed: object) -> nn.Module:
+    cls, name, arguments = _resolved(part, given)
+    known = registry.arguments(cls)
+    if known is not None:
+        free = sorted(set(known) - set(fixed))
+        for key in arguments:
+            if key not in free:
+                raise InputError(f"model.{part}.{key}", f"unknown to {name}", f"known: {', '.join(free) or 'none'}")
+        fixed = {key: value for key, value in fixed.items() if key in known}
+    try:
+        inspect.signature(cls).bind(**fixed, **arguments)
+    except TypeError as error:
+        raise InputError(f"model.{part}", f"{name}: {error}", "give what its constructor needs") from error
+    try:
+        return cls(**fixed, **arguments)
+    except InputError:
+        raise
+    except Exception as error:
+        found = f"{name} refuses its arguments ({type(error).__name__}: {error})"
+        raise InputError(f"model.{part}", found, "correct them, or the class") from error
+
+
+def _described(part: str, given: Part) -> dict:
+    """A part as a mapping that JSON can hold."""
+    cls, name, arguments = _resolved(part, given)
+    kind = given["kind"] if isinstance(given, Mapping) else _name_of(part, cls)
+    for key, value in arguments.items():
+        try:
+            arguments[key] = json.loads(json.dumps(value, allow_nan=False))
+        except (TypeError, ValueError) as error:
+            where, remedy = f"model.{part}.{key}", "give numbers, texts, lists or mappings"
+            raise InputError(where, f"{name} cannot be written to a file ({error})", remedy) from error
+    return {"kind": kind} | arguments
+
+
+def _name_of(part: str, cls: type) -> str:
+    """Short kind or ``package.module:Class``."""
+    full = f"{cls.__module__}:{cls.__qualname__}"
+    if cls.__module__ == "__main__" or "<locals>" in cls.__qualname__ or "." in cls.__qualname__:
+        remedy = "define it at the top of a module of its own, which Python can import"
+        raise InputError(f"model.{part}", f"the class {cls.__qualname__} cannot be found again from a file", remedy)
+    return next((kind for kind, known in registry.KINDS[part].items() if known == full), full)

@@ -1,0 +1,111 @@
+"""A partial differential equation in one dimension, with the package's own encoders and interaction models."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from expertaug import systems
+from expertaug.evaluation.evaluate import evaluate
+from expertaug.learning.augment import augment
+from expertaug.learning.finetune import finetune
+from expertaug.learning.train import train
+from expertaug.models import store
+from expertaug.models.recipe import HybridModel
+from expertaug.systems.simulate import simulate
+from expertaug.systems.solver import Solver
+
+SYSTEM = {"name": "field_systems:Fisher"}
+RANGES = {"z_e": {"D": [2e-3, 8e-3]}, "z_a": {"r": [0.5, 1.5]}}
+DATA = {
+    "seed": 0,
+    "step_s": 0.1,
+    "t2_s": 1.0,
+    "noise": 0.0,
+    "sets": {"train": RANGES | {"size": 40}, "validation": RANGES | {"size": 10}, "test": RANGES | {"size": 10}},
+}
+PARTS = [
+    ({"kind": "moments", "layers": [16]}, {"kind": "polynomial", "latent_degree": 1}),
+    (
+        {"kind": "conv", "channels": [6, 6], "strides": [1, 2], "layers": [16], "latent": 2},
+        {"kind": "conv", "channels": [8, 8]},
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def fields(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fisher")
+    for name in DATA["sets"]:
+        simulate(name, folder / f"{name}.npz", {"system": SYSTEM, "data": DATA})
+    return folder
+
+
+@pytest.mark.parametrize(("encoder", "interaction"), PARTS, ids=["moments", "conv"])
+def test_it_is_trained_augmented_and_evaluated(fields, tmp_path, settings, encoder, interaction):
+    settings |= {
+        "experiment": "fisher",
+        "system": SYSTEM,
+        "model": {"encoder": encoder, "interaction": interaction},
+        "t1_s": 0.5,
+    }
+    settings["training"] |= {"epochs": 8}
+    model, plus, tuned = (tmp_path / f"{name}.safetensors" for name in ("model", "plus", "tuned"))
+    train(fields, model, tmp_path / "work", settings, None)
+    records = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    losses = [np.mean(r["metrics"]["data"]) for r in records if "data" in r.get("metrics", {})]
+    assert len(losses) == 8 and losses[-1] < 0.7 * losses[0]
+    augment(model, fields, plus, settings | {"prior": {"D": [1e-3, 1.6e-2]}, "noise": 0.0})
+    settings["training"] |= {"epochs": 1}
+    finetune(model, plus, fields, tuned, tmp_path / "work+", settings | {"method": "a+", "label": "A+"}, None)
+    settings |= {"method": "a+", "label": "A+", "evaluation": {"samples": 2}}
+    evaluate(tuned, fields, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings, None)
+    table = pd.read_csv(tmp_path / "metrics.csv")
+    assert np.isfinite(table["value"]).all() and "relative_error_D" in set(table["metric"])
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [*PARTS, (*PARTS[1][:1], {"kind": "damping"}), ({"kind": "conv_two_step", "filter_channels": [4, 4]}, None)],
+    ids=["moments", "conv", "damping", "two_step"],
+)
+def test_shifted_fields_have_the_same_parameters_and_shifted_forecasts(parts):
+    t = torch.arange(6) * 0.1
+    model = HybridModel(systems.load(SYSTEM), *parts).build(t[:4], [0, 1])
+    y = torch.rand(4, 2, 3, 1, 64, generator=torch.Generator().manual_seed(0))
+    model.fit(y[:, 0])
+    states, z_e = model.predict(y, t, Solver("rk4"))
+    shifted, same = model.predict(y.roll(8, -1), t, Solver("rk4"))
+    torch.testing.assert_close(same, z_e, rtol=1e-4, atol=1e-7)
+    torch.testing.assert_close(shifted, states.roll(8, -1), rtol=1e-4, atol=1e-5)
+    alone = HybridModel(systems.load(SYSTEM), *parts).build(t[:4], [1])
+    alone.fit(y[:, 0])
+    torch.testing.assert_close(alone.predict(y[:, 1:], t, Solver("rk4"))[0][:, 0], states[:, 1], rtol=1e-4, atol=1e-5)
+
+
+def test_three_dimensions_pass_the_convolutions():
+    class Cube(type(systems.load(SYSTEM))):
+        @property
+        def state_shape(self):
+            return (1, 4, 4, 4)
+
+    t = torch.arange(3) * 0.1
+    for encoder, interaction in PARTS:
+        model = HybridModel(Cube(), encoder, interaction).build(t, [0, 1])
+        y = torch.rand(3, 2, 2, 1, 4, 4, 4)
+        posterior = model.encode(y)
+        assert posterior.z_e.mean.shape == (2, 2, 1)
+        assert model.interaction_squares(y, *posterior.mean).shape == (2, 6)
+
+
+def test_a_model_file_of_fields_is_read_again(tmp_path):
+    t = [0.0, 0.1, 0.2]
+    recipe = HybridModel(systems.load(SYSTEM), *PARTS[1])
+    description = recipe.to_dict() | {"kind": "hybrid", "t": t, "observed": 3, "seeds": [4]}
+    model = recipe.build(t, [4])
+    store.save(tmp_path / "m", model, description)
+    again = store.load(tmp_path / "m").model
+    y = torch.rand(3, 1, 2, 1, 64)
+    assert torch.equal(again.encode(y).z_e.mean, model.encode(y).z_e.mean)

@@ -1,0 +1,67 @@
+"""Training parts that are ordinary PyTorch: through the stages, alone or in a group."""
+
+import pytest
+import torch
+
+from expertaug.errors import InputError
+from expertaug.learning import augmentation
+from expertaug.learning.augment import augment
+from expertaug.learning.finetune import finetune
+from expertaug.learning.train import train
+from expertaug.models import store
+
+PRIOR = {"omega0": [0.5, 3.5]}
+
+
+def trained(data, folder, settings, seeds):
+    settings = settings | {"seeds": seeds}
+    output = folder / f"{len(seeds)}_{seeds[0]}.safetensors"
+    train(data, output, folder / f"work{seeds}", settings, None)
+    return output
+
+
+@pytest.mark.parametrize(
+    ("encoder", "interaction"),
+    [
+        ("LinearEncoder", "LinearInteraction"),
+        ("GRUEncoder", "SpectralInteraction"),
+        ("KeywordEncoder", "OwnInteraction"),
+        ("InheritedEncoder", "LinearInteraction"),
+    ],
+)
+def test_a_group_trains_as_each_seed_alone_and_is_kept(data, tmp_path, settings, encoder, interaction):
+    settings["model"] = {
+        "encoder": {"kind": f"plain_parts:{encoder}"},
+        "interaction": {"kind": f"plain_parts:{interaction}"},
+    }
+    together = store.load(trained(data, tmp_path, settings, [0, 1])).model.state_dict()
+    stored = store.load(tmp_path / "2_0.safetensors")
+    start = store.make(stored.model.system, stored.description)
+    assert any(not torch.equal(v, together[k]) for k, v in start.state_dict().items())
+    for k in range(2):
+        alone = store.load(trained(data, tmp_path, settings, [k])).model.state_dict()
+        for name, value in alone.items():
+            torch.testing.assert_close(together[name][k], value[0], rtol=2e-3, atol=2e-4, msg=name)
+
+
+def test_plain_parts_are_augmented_and_finetuned_with_theta_frozen(data, tmp_path, settings):
+    settings["model"] = {
+        "encoder": {"kind": "plain_parts:LinearEncoder"},
+        "interaction": {"kind": "plain_parts:SpectralInteraction"},
+    }
+    settings["choices"] = settings["choices"] | {"frozen": "interaction_and_z_e_head"}
+    model = trained(data, tmp_path, settings, [0, 1])
+    augment(model, data, tmp_path / "plus.st", settings | {"prior": PRIOR, "noise": 0.01})
+    assert augmentation.load(tmp_path / "plus.st", torch.device("cpu"))[0].y.isfinite().all()
+    tuned = settings | {"method": "a+", "label": "A+"}
+    finetune(model, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "w", tuned, None)
+    before, after = (store.load(p).model.state_dict() for p in (model, tmp_path / "plus.safetensors"))
+    for name, value in before.items():
+        kept = name.startswith(("decoder.", "encoder.module.head."))
+        assert torch.equal(value, after[name]) == kept, name
+
+
+def test_a_loss_that_is_not_one_number_a_seed_is_refused(data, tmp_path, settings):
+    settings["build"] = {"kind": "hybrid", "objective": "plain_parts:ScalarLoss"}
+    with pytest.raises(InputError, match=r"ScalarLoss.* shape \(\); .*\(2,\)"):
+        train(data, tmp_path / "m", tmp_path / "work", settings, None)

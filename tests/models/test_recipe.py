@@ -1,0 +1,102 @@
+"""What a hybrid model is made of, and how a file says it."""
+
+from functools import partial
+
+import pytest
+import torch
+
+import plain_parts as parts
+from expertaug import systems
+from expertaug.errors import InputError
+from expertaug.models.encoders.window import WindowEncoder
+from expertaug.models.interactions.mlp import MLPInteraction
+from expertaug.models.recipe import HybridModel
+
+SYSTEM = systems.load({"name": "rlc", "source_rad_s": 3.0})
+TIMES = [0.0, 0.1, 0.2]
+WINDOWS = {"U": [0.0, 0.2]}
+
+
+def same(one, other) -> bool:
+    return all(torch.equal(a, b) for a, b in zip(one.parameters(), other.parameters(), strict=True))
+
+
+def test_every_form_of_a_part_makes_the_same_networks():
+    by_kind = HybridModel(SYSTEM, {"kind": "window", "windows": WINDOWS, "latent": 1}, {"kind": "mlp"})
+    by_class = HybridModel(SYSTEM, partial(WindowEncoder, windows=WINDOWS, latent=1), MLPInteraction)
+    by_path = HybridModel(
+        SYSTEM,
+        {"kind": "expertaug.models.encoders.window:WindowEncoder", "windows": WINDOWS, "latent": 1},
+        partial(MLPInteraction),
+    )
+    nets = [recipe.build(TIMES, [0, 7]) for recipe in (by_kind, by_class, by_path)]
+    assert same(nets[0], nets[1]) and same(nets[0], nets[2])
+    assert by_class.to_dict() == by_kind.to_dict()
+
+
+def test_a_description_makes_the_same_recipe():
+    recipe = HybridModel(SYSTEM, partial(parts.LinearEncoder, width=(4)), partial(parts.LinearInteraction, width=3))
+    described = recipe.to_dict()
+    assert described == {
+        "system": {"name": "rlc", "source_rad_s": 3.0},
+        "model": {
+            "encoder": {"kind": "plain_parts:LinearEncoder", "width": 4},
+            "interaction": {"kind": "plain_parts:LinearInteraction", "width": 3},
+        },
+        "expert": True,
+        "interaction": True,
+    }
+    again = HybridModel.from_dict(described)
+    assert again.system.source_rad_s == 3.0
+    assert same(again.build(TIMES, [0]), recipe.build(TIMES, [0]))
+
+
+def test_without_interaction_a_description_says_so():
+    described = HybridModel(SYSTEM, parts.LinearEncoder, expert=False).to_dict()
+    assert described["interaction"] is False and described["expert"] is False
+    assert HybridModel.from_dict(described).build_one(TIMES).decoder.interaction is None
+
+
+def test_what_a_file_cannot_say_is_refused_when_it_is_written():
+    class Local(parts.LinearEncoder): ...
+
+    class LocalSystem(type(SYSTEM)): ...
+
+    for recipe, expected in (
+        (HybridModel(SYSTEM, Local), r"model\.encoder: the class .*Local cannot be found again from a file"),
+        (HybridModel(LocalSystem(), parts.LinearEncoder), r"system: the class .*LocalSystem cannot be found again"),
+        (HybridModel(SYSTEM, partial(parts.LinearEncoder, width=torch.int64)), r"model\.encoder\.width: LinearEncoder"),
+    ):
+        with pytest.raises(InputError, match=expected):
+            recipe.to_dict()
+    assert HybridModel(LocalSystem(), Local).build(TIMES, [0]) is not None
+
+
+@pytest.mark.parametrize(
+    ("encoder", "expected"),
+    [
+        ({"kind": "window"}, r"model\.encoder: window: missing a required argument: 'windows'"),
+        ({"kind": "window", "windows": WINDOWS, "activation": "zzz"}, r"activation: 'zzz'; one of relu"),
+        ({"kind": "window", "windows": WINDOWS, "layers": "16"}, r"layers: a width of '\d'; widths are whole numbers"),
+        ({"kind": "window", "windows": WINDOWS, "layers": [-1]}, r"layers: a width of -1; widths"),
+        ({"kind": "window", "windows": WINDOWS, "latent": "a"}, r"layers: a width of 'a'"),
+        ({"kind": "window", "windows": {"U": ["~", 5]}}, r"model\.encoder: window refuses its arguments \(\w+Error"),
+        ({"kind": "conv"}, r"model\.encoder\.kind: RLC has states of shape \(2,\); choose one for plain states"),
+        (partial(parts.LinearEncoder, 3), r"model\.encoder: arguments without a name"),
+        (3, r"model\.encoder: found int; give a class"),
+        (dict, r"model\.encoder\.kind: the class dict is no Module"),
+    ],
+)
+def test_what_an_encoder_refuses_is_one_line(encoder, expected):
+    with pytest.raises(InputError, match=expected):
+        HybridModel(SYSTEM, encoder).build(TIMES, [0])
+
+
+@pytest.mark.parametrize("kind", ["window", "recurrent", "two_step"])
+def test_encoders_of_plain_states_refuse_fields(kind):
+    fields = systems.load({"name": "reaction_diffusion"})
+    options = {"windows": {"u": [0.0, 0.2]}} if kind == "window" else {}
+    with pytest.raises(InputError, match=r"ReactionDiffusion has states of shape \(2, 32, 32\); "):
+        HybridModel(fields, {"kind": kind} | options).build(TIMES, [0])
+    with pytest.raises(InputError, match=r"model\.interaction\.kind: ReactionDiffusion has states of shape"):
+        HybridModel(fields, {"kind": "moments"}, {"kind": "mlp"}).build(TIMES, [0])

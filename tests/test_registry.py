@@ -1,0 +1,113 @@
+"""Classes named by a configuration, and what they take."""
+
+import pytest
+
+from expertaug import registry
+from expertaug.errors import InputError
+
+MODULE = """
+from abc import abstractmethod, ABC
+from torch import nn
+from expertaug.learning.objectives import Aphynity, Objective
+
+class Base(nn.Module):
+    def __init__(self, system, times, width=3, *, depth=1):
+        super().__init__()
+    def forward(self, observed): ...
+
+class Inherited(Base): ...
+
+class HandsOn(Base):
+    def __init__(self, gain=1.0, **options):
+        super().__init__(**options)
+
+class Anything(nn.Module):
+    def __init__(self, system, **options):
+        super().__init__()
+    def forward(self, observed): ...
+
+class Nothing(nn.Module):
+    def forward(self, observed): ...
+
+class Recurrent(nn.GRU): ...
+
+class Without(nn.Module): ...
+
+class Abstract(Base, ABC):
+    @abstractmethod
+    def head(self): ...
+
+class Bare(Objective): ...
+
+class Scaled(Aphynity):
+    def __init__(self, seeds, choices, factor=1.0, **carried):
+        super().__init__(seeds, choices, **carried)
+
+def function(): ...
+"""
+
+
+@pytest.fixture(autouse=True)
+def module(tmp_path, monkeypatch):
+    (tmp_path / "owned.py").write_text(MODULE)
+    (tmp_path / "broken.py").write_text("import torch\nraise ValueError('at import')\n")
+    (tmp_path / "needy.py").write_text("import no_such_library\n")
+    (tmp_path / "wrong.py").write_text("class X(:\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    yield
+    import sys
+
+    for name in ("owned", "broken", "needy", "wrong"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "expected"),
+    [
+        ("encoder", "Base", ["width", "depth"]),
+        ("encoder", "Inherited", ["width", "depth"]),
+        ("encoder", "HandsOn", ["gain", "width", "depth"]),
+        ("encoder", "Anything", None),
+        ("encoder", "Nothing", []),
+        ("objective", "Scaled", ["factor", "lambda0", "tau2", "every"]),
+    ],
+)
+def test_options_are_read_through_inheritance_and_keywords(part, name, expected):
+    assert registry.options(part, f"owned:{name}", "here") == expected
+
+
+def test_options_of_a_class_of_torch():
+    assert {"input_size", "hidden_size"} <= set(registry.options("encoder", "owned:Recurrent", "here"))
+
+
+def test_every_kind_of_the_package_can_be_asked():
+    for part, kinds in registry.KINDS.items():
+        for kind in kinds:
+            options = registry.options(part, kind, "here")
+            assert options is not None and not set(options) & set(registry.GIVEN[part])
+    assert registry.takes("objective", "hvae", "prior") and not registry.takes("objective", "aphynity", "prior")
+    assert registry.takes("encoder", "owned:Anything", "whatever")
+
+
+@pytest.mark.parametrize(
+    ("part", "kind", "expected"),
+    [
+        ("encoder", "cnn", r"here: 'cnn' is no encoder; known: recurrent"),
+        ("encoder", ["a:b"], r"here: \['a:b'\] is no encoder"),
+        ("encoder", "no.such:X", r"here: no module 'no\.such'"),
+        ("encoder", "torch.nothing:X", r"here: no module 'torch\.nothing'"),
+        ("encoder", "needy:X", r"here: needy imports 'no_such_library', which is not there; install it"),
+        ("encoder", "broken:X", r"here: broken cannot be imported \(ValueError: at import\)"),
+        ("encoder", "wrong:X", r"wrong\.py:1: no Python"),
+        ("encoder", "owned:Missing", r"here: no class 'Missing' in owned"),
+        ("encoder", "os:system", r"here: 'system' is no class; name a subclass of torch\.nn\.Module"),
+        ("encoder", "owned:Bare", r"here: the class Bare is no Module; make it a subclass of torch\.nn\.Module"),
+        ("interaction", "owned:Without", r"here: the class Without does not define forward"),
+        ("encoder", "owned:Abstract", r"here: the class Abstract is abstract; define head"),
+        ("objective", "owned:Base", r"here: the class Base is no Objective"),
+        ("objective", "owned:Bare", r"here: the class Bare does not define loss; every objective needs it"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(part, kind, expected):
+    with pytest.raises(InputError, match=expected):
+        registry.find(part, kind, "here")
