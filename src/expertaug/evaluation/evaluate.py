@@ -17,6 +17,7 @@ from expertaug.evaluation import figures, traces
 from expertaug.evaluation.metrics import log_of, log_of_median, parameter_errors, squared_errors
 from expertaug.evaluation.runaways import forecast
 from expertaug.files import atomic
+from expertaug.labels import MAIN_SETS
 from expertaug.learning.bound import largest, stored_bound
 from expertaug.models import store
 from expertaug.models.device import device_of
@@ -24,7 +25,6 @@ from expertaug.systems.solver import Solver
 from expertaug.tracking.runlog import RunLog
 from expertaug.trajectories import Trajectories
 
-MAIN_SETS = ("train", "validation", "test")
 CHUNK_BYTES = 2**25  # of the forecasts made at a time: bounds the memory, whatever the size of a state
 
 
@@ -87,8 +87,9 @@ def evaluate(
     with atomic(metrics) as temporary:
         table.to_csv(temporary, index=False)
     drawn = Path(forecasts).with_name("forecasts.png"), Path(forecasts).with_name("parameters.png")
-    traces.forecasts({identity["label"]: forecasts}, drawn[0], {})
-    figures.parameters({identity["label"]: forecasts}, drawn[1], {})
+    names = {"labels": [[identity["method"], identity["label"]]]}
+    traces.forecasts({identity["method"]: forecasts}, drawn[0], names)
+    figures.parameters({identity["method"]: forecasts}, drawn[1], names)
     _log(metrics, drawn, identity, stored, settings, tracking)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from expertaug import plotting
 from expertaug.errors import InputError
 
 ALWAYS = ("t", "observed", "seeds", "state_names", "state_units", "parameter_names", "parameter_units")
@@ -48,6 +49,12 @@ class Forecasts:
     def places(self) -> list[int]:
         """Places of the seeds that could be trained."""
         return [place for place, seed in enumerate(self.seeds) if seed not in self.failed]
+
+    def parameters(self, name: str, sample: int) -> list[str]:
+        """The expert parameters of a kept sample of a set, as figures print them."""
+        values = self.truths[name][self.index[name][sample]]
+        described = zip(self.parameter_names, self.parameter_units, values, strict=True)
+        return [f"{plotting.symbol(p)} = {value:.3g} {unit}".strip().replace("-", "−") for p, unit, value in described]
 
     @classmethod
     def load(cls, path: str | Path) -> Forecasts:
