@@ -2,7 +2,7 @@
 
 import pytest
 
-from expertaug import labels
+from expertaug import labels, plotting
 
 
 @pytest.mark.parametrize(
@@ -14,12 +14,17 @@ from expertaug import labels
     ],
 )
 def test_names_and_labels(variant, parts, printed):
-    assert labels.split(variant) == parts
+    assert labels.split(variant) == parts and labels.base(variant) == "node"
     assert labels.label("Node (small)", variant) == printed
-    assert labels.is_augmented(printed) == ("+" in variant)
+    assert labels.is_augmented(variant) == ("+" in variant)
 
 
-def test_base_of_a_label_keeps_its_brackets():
-    assert labels.base_label("Node+") == "Node"
-    assert labels.base_label("Node+ (paper)") == "Node (paper)"
-    assert labels.base_label("A+B (x)") == "A+B (x)"
+def test_versions_are_in_the_order_of_their_methods():
+    assert labels.ordered(["b", "a+", "c", "a"], ["a"]) == ["a", "a+", "b", "c"]
+    assert labels.ordered(["a+x", "a", "a+"]) == ["a", "a+x", "a+"]
+    assert labels.paired(["a", "b", "b+"]) == ["b", "b+"]
+    assert labels.paired(["a", "b"]) == ["a", "b"]
+
+
+def test_lines_of_augmented_versions_are_solid():
+    assert plotting.dash("a+x") == plotting.dash("a+") == "-" != plotting.dash("a")

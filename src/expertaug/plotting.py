@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.labels import base_label, is_augmented
+from expertaug.labels import base, is_augmented
 
 WIDTH = 7.0  # inches: the text width of a page
 DPI = 200
@@ -45,25 +45,31 @@ RC = {
 }
 # Hues that the colour-blind tell apart (Okabe and Ito, with a grey and a brown).
 HUES = ("#7A7A7A", "#E69F00", "#8C5A2B", "#B5589A", "#009E73", "#0072B2", "#D55E00", "#56B4E9")
+DASHED = (0, (3.5, 1.6))
 LETTERS = "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|chi|psi|omega"
 
 
-def colours(labels: Sequence[str], order: Sequence[str] = ()) -> dict[str, tuple[float, float, float]]:
-    """A colour for each label: one hue per method, light as trained, dark when augmented ("X+").
+def colours(variants: Sequence[str], methods: Sequence[str] = ()) -> dict[str, tuple[float, float, float]]:
+    """A colour for each version of a method: one hue per method, light as trained, dark when augmented.
 
     Arguments:
-        labels: to be drawn.
-        order: all labels of the configuration: keeps a method's colour the same in figures of different methods.
+        variants: to be drawn (:mod:`expertaug.labels`).
+        methods: all of the configuration: keeps a method's colour the same in figures of different methods.
     """
-    bases = list(dict.fromkeys(base_label(label) for label in (*order, *labels)))
+    bases = list(dict.fromkeys(base(variant) for variant in (*methods, *variants)))
     found = {}
-    for label in labels:
-        red, green, blue = to_rgb(HUES[bases.index(base_label(label)) % len(HUES)])
-        if is_augmented(label):
-            found[label] = (0.72 * red, 0.72 * green, 0.72 * blue)
+    for variant in variants:
+        red, green, blue = to_rgb(HUES[bases.index(base(variant)) % len(HUES)])
+        if is_augmented(variant):
+            found[variant] = (0.72 * red, 0.72 * green, 0.72 * blue)
         else:
-            found[label] = tuple(0.58 * part + 0.42 for part in (red, green, blue))
+            found[variant] = tuple(0.58 * part + 0.42 for part in (red, green, blue))
     return found
+
+
+def dash(variant: str) -> str | tuple:
+    """The style of a version's line: solid when augmented, else dashed, to be told apart where they overlap."""
+    return "-" if is_augmented(variant) else DASHED
 
 
 def symbol(name: str) -> str:
@@ -93,6 +99,11 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
     return figure
 
 
+def heading(figure: Figure, words: str) -> None:
+    """A line above all panels that says what the figure is of."""
+    figure.suptitle(words, fontsize=7.5, color="0.35")
+
+
 def legend(figure: Figure, handles: Sequence[Artist]) -> None:
     """One legend below all panels, in as many columns as fit (entries fill them top to bottom)."""
     for handle in handles:
@@ -119,8 +130,13 @@ def styled() -> AbstractContextManager:
     return mpl.rc_context(RC)
 
 
-def save(figure: Figure, outputs: Path | Iterable[Path]) -> None:
+def save(figure: Figure, outputs: str | Path | Iterable[str | Path], dpi: float | None = None) -> None:
     """Write a figure as PNG or PDF by suffix, atomically; a path without either suffix means both.
+
+    A figure of the same numbers is the same file: it has no date in it.
+
+    Arguments:
+        dpi: resolution; default that of the style in which it is saved.
 
     Raises:
         InputError: another suffix, or the file cannot be written.
@@ -130,7 +146,6 @@ def save(figure: Figure, outputs: Path | Iterable[Path]) -> None:
         if output.suffix and output.suffix not in (".png", ".pdf"):
             raise InputError(output, f"suffix {output.suffix!r}", "figures are .png or .pdf")
         for path in [output] if output.suffix else [output.with_suffix(".png"), output.with_suffix(".pdf")]:
-            # Without its date a figure of the same numbers is the same file.
             metadata = {"CreationDate": None} if path.suffix == ".pdf" else {"Software": None}
             with atomic(path) as temporary:
-                figure.savefig(temporary, metadata=metadata)
+                figure.savefig(temporary, dpi=dpi or mpl.rcParams["savefig.dpi"], metadata=metadata)

@@ -10,5 +10,5 @@ def drawn(monkeypatch):
     """The figures that were saved."""
     kept = []
     save = plotting.save
-    monkeypatch.setattr(plotting, "save", lambda figure, outputs: (kept.append(figure), save(figure, outputs)))
+    monkeypatch.setattr(plotting, "save", lambda figure, *args: (kept.append(figure), save(figure, *args)))
     return kept

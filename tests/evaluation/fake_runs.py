@@ -27,6 +27,11 @@ def method_of(label: str) -> str:
     return label.lower().replace(" ", "_")
 
 
+def pairs(labels=LABELS) -> dict:
+    """What the stages are told of methods and labels."""
+    return {"labels": [[method_of(label), label] for label in labels], "all_methods": list(map(method_of, labels))}
+
+
 def write_metrics(folder: Path, experiment: str = "swing", seeds=(0, 1, 2), labels=LABELS, shift=0.0) -> list[Path]:
     paths = []
     for number, label in enumerate(labels):
@@ -84,10 +89,10 @@ def write_forecasts(folder: Path, labels=LABELS, seeds=(0, 1), count=100) -> dic
             arrays |= {f"{name}_prediction": prediction.astype(np.float32), f"{name}_z_e": z}
             if label not in ("Mean", "ML only"):
                 arrays[f"{name}_z_e_hat"] = estimate.astype(np.float32)
-        paths[label] = folder / method_of(label) / "forecasts.npz"
-        paths[label].parent.mkdir(parents=True, exist_ok=True)
+        path = paths[method_of(label)] = folder / method_of(label) / "forecasts.npz"
+        path.parent.mkdir(parents=True, exist_ok=True)
         np.savez(
-            paths[label],
+            path,
             t=t,
             observed=np.array(50),
             seeds=np.array(seeds),
@@ -119,12 +124,12 @@ def write_double_forecasts(folder: Path, labels=("Expert only", "Hybrid", "Hybri
 
             arrays |= {f"{name}_index": index, f"{name}_truth": move(z[index]), f"{name}_z_e": z}
             arrays |= {f"{name}_prediction": move(estimate[:, index]), f"{name}_z_e_hat": estimate}
-        paths[label] = folder / method_of(label) / "forecasts.npz"
-        paths[label].parent.mkdir(parents=True, exist_ok=True)
+        path = paths[method_of(label)] = folder / method_of(label) / "forecasts.npz"
+        path.parent.mkdir(parents=True, exist_ok=True)
         names = {"state_names": ["theta1", "theta2", "omega1", "omega2"]}
         names |= {"state_units": ["rad", "rad", "rad/s", "rad/s"]}
         names |= {"parameter_names": ["omega1", "omega2"], "parameter_units": ["rad/s", "rad/s"]}
-        np.savez(paths[label], t=t, observed=np.array(9), seeds=np.arange(3), **arrays, **names)
+        np.savez(path, t=t, observed=np.array(9), seeds=np.arange(3), **arrays, **names)
     return paths
 
 

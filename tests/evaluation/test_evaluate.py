@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
 from expertaug.config.presets import resolve
 from expertaug.errors import InputError, SolveError
@@ -11,6 +12,7 @@ from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.systems.simulate import simulate
+from expertaug.systems.solver import Solver
 from expertaug.tracking.mlflow_store import initialise
 
 RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
@@ -146,10 +148,67 @@ def test_other_seeds_are_refused(folder):
     assert not (folder / "x.csv").exists()
 
 
-def test_a_forecast_that_is_not_finite_is_named(folder):
+def save_as(folder, name, change):
+    """The trained model after ``change(model)``, with what ``change`` returns added to its description."""
     stored = store.load(folder / "model.safetensors")
-    stored.model.interaction.rest.layers[-1].bias.data.fill_(float("nan"))
-    store.save(folder / "broken.safetensors", stored.model, stored.description)
-    with pytest.raises(SolveError, match=r"pendulum/APHYNITY"):
-        run(folder, "broken")
-    assert not (folder / "broken.csv").exists()
+    more = change(stored.model) or {}
+    store.save(folder / f"{name}.safetensors", stored.model, {**stored.description, **more})
+
+
+def test_forecasts_that_are_not_finite_count_at_the_bound(folder):
+    def break_second_seed(model):
+        model.interaction.rest.layers[-1].bias.data[1] = float("nan")
+
+    save_as(folder, "broken", break_second_seed)
+    values, forecasts = run(folder, "broken", solver={"method": "rk4"})
+    good, _ = run(folder, solver={"method": "rk4"})
+    assert values[4, "test", "runaway_share"] == 0 and values[7, "test", "runaway_share"] == 1
+    assert values[4, "test", "log_mse_sum"] == good[4, "test", "log_mse_sum"]
+    assert np.isfinite(values).all() and np.isfinite(forecasts.prediction["test"]).all()
+    bound = 10 * np.abs(np.load(folder / "train.npz")["y"]).max((0, 1))
+    truth = np.load(folder / "test.npz")["y"][:, 11:].astype(float)
+    assert values[7, "test", "log_mse_sum"] == pytest.approx(np.log(((truth - bound) ** 2).sum(-1).mean()), abs=1e-5)
+
+
+def test_a_solver_that_gives_up_on_one_sample_costs_that_sample_alone(folder, monkeypatch):
+    """The adaptive solver refuses every batch with the test set's sixth sample."""
+    whole, _ = run(folder)
+    refused, solve = np.load(folder / "test.npz")["y"][5, 0], Solver.__call__
+
+    def refusing(self, f, y0, t, flow=None):
+        if self.method == "dopri5" and (y0 == torch.from_numpy(refused)).all(-1).any():
+            raise SolveError("dopri5 failed (underflow in dt)")
+        return solve(self, f, y0, t, flow)
+
+    monkeypatch.setattr(Solver, "__call__", refusing)
+    values, forecasts = run(folder, samples=12)
+    assert values[4, "test", "runaway_share"] == pytest.approx(1 / 12)
+    assert values[4, "test", "log_mse_sum"] == pytest.approx(whole[4, "test", "log_mse_sum"], abs=0.05)
+    assert np.isfinite(forecasts.prediction["test"]).all()
+
+
+def test_the_truth_itself_is_no_runaway(folder):
+    """Of a set that reaches beyond the bound the truth is kept whole."""
+    save_as(folder, "tight", lambda model: {"bound": [1e-3, 1e-3]})
+    values, forecasts = run(folder, "tight", samples=12)
+    largest = np.abs(np.load(folder / "test.npz")["y"]).max((0, 1))
+    assert (np.abs(forecasts.prediction["test"]).max((0, 1, 2)) <= largest * (1 + 1e-6)).all()
+    assert 0 <= values[4, "test", "runaway_share"] < 1
+
+
+def test_a_model_file_from_before_there_was_a_bound(folder):
+    def break_it(model):
+        model.interaction.rest.layers[-1].bias.data[1] = float("nan")
+        return {"bound": None}
+
+    save_as(folder, "old", break_it)
+    values, _ = run(folder, "old", solver={"method": "rk4"})
+    assert np.isfinite(values[4]).all() and np.isnan(values[7, "test", "log_mse_sum"])
+    assert values[7, "test", "runaway_share"] == 1
+
+
+def test_a_seed_that_could_not_be_trained_has_no_values(folder):
+    save_as(folder, "failed", lambda model: {"failed": [4]})
+    values, forecasts = run(folder, "failed")
+    assert np.isnan(values[4].drop(("train", "wall_s"))).all() and np.isfinite(values[7]).all()
+    assert forecasts.failed == [4]

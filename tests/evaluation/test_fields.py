@@ -9,26 +9,27 @@ from expertaug.errors import InputError
 from expertaug.evaluation import traces
 from expertaug.evaluation.forecast_file import Forecasts
 
-LABELS = ("Mean", "Hybrid", "Hybrid+")
+METHODS = ("mean", "hybrid", "hybrid+")
+LABELS = {"labels": [["hybrid", "Hybrid"], ["hybrid+", "Hybrid+"]]}
 
 
-def write(folder, space=(8, 8), labels=LABELS):
+def write(folder, space=(8, 8), methods=METHODS):
     """Two components over some space, 11 times, 2 samples, seeds 3 and 5."""
     rng = np.random.default_rng(0)
     truth = rng.normal(size=(2, 11, 2, *space)).astype(np.float32)
     names = {"state_names": ["u", "v"], "state_units": ["", ""], "parameter_names": ["a"], "parameter_units": [""]}
     paths = {}
-    for k, label in enumerate(labels):
-        paths[label] = folder / f"{k}.npz"
+    for k, method in enumerate(methods):
+        paths[method] = folder / f"{k}.npz"
         arrays = {"test_truth": truth, "test_prediction": np.stack([truth + k, truth - k]), "test_index": [4, 9]}
         arrays |= {"test_z_e": np.full((20, 1), 0.5), "t": np.arange(11.0), "observed": 3, "seeds": [3, 5]}
-        np.savez(paths[label], **arrays, **names)
+        np.savez(paths[method], **arrays, **names)
     return paths, truth
 
 
 def test_states_and_errors_of_truth_method_and_augmented_method(tmp_path, drawn):
     paths, truth = write(tmp_path)
-    traces.forecasts(paths, tmp_path / "f", {"seed": 5, "labels": list(LABELS)})
+    traces.forecasts(paths, tmp_path / "f", {"seed": 5} | LABELS)
     panels = [axis for axis in drawn[0].axes if axis.images]
     assert len(panels) == 3 * 4 + 2 * 2, "states of truth, Hybrid and Hybrid+; errors of two forecast times"
     np.testing.assert_array_equal(panels[2].images[0].get_array(), truth[0, 7, 0])
@@ -45,7 +46,7 @@ def test_states_and_errors_of_truth_method_and_augmented_method(tmp_path, drawn)
 
 
 def test_other_samples_and_spaces(tmp_path, drawn):
-    paths, truth = write(tmp_path, space=(8,), labels=("Hybrid",))
+    paths, truth = write(tmp_path, space=(8,), methods=("hybrid",))
     traces.forecasts(paths, [tmp_path / "f.png"], {"samples": [1]})
     lines = [axis.lines[0] for axis in drawn[0].axes if axis.lines]
     np.testing.assert_array_equal(lines[3].get_ydata(), truth[1, 10, 0])
@@ -55,11 +56,11 @@ def test_other_samples_and_spaces(tmp_path, drawn):
 
 @pytest.mark.parametrize(("z_e", "drawn_sample"), [((0.5, 0.5), 0), ((0.5, 1.1), 1), ((-0.3, 1.2), 0)])
 def test_the_sample_farthest_outside_the_training_range_is_drawn(tmp_path, drawn, z_e, drawn_sample):
-    paths, truth = write(tmp_path, labels=("Hybrid",))
-    arrays = dict(np.load(paths["Hybrid"]))
+    paths, truth = write(tmp_path, methods=("hybrid",))
+    arrays = dict(np.load(paths["hybrid"]))
     arrays["train_z_e"] = np.array([[0.0], [1.0]])
     arrays["test_z_e"][[4, 9], 0] = z_e
-    np.savez(paths["Hybrid"], **arrays)
+    np.savez(paths["hybrid"], **arrays)
     traces.forecasts(paths, [tmp_path / "f.png"], {})
     first = next(axis for axis in drawn[0].axes if axis.images)
     np.testing.assert_array_equal(first.images[0].get_array(), truth[drawn_sample, 0, 0])
@@ -67,18 +68,18 @@ def test_the_sample_farthest_outside_the_training_range_is_drawn(tmp_path, drawn
 
 def test_a_forecast_that_ran_away_leaves_the_scale_to_the_others(tmp_path, drawn):
     paths, _ = write(tmp_path)
-    arrays = dict(np.load(paths["Hybrid"]))
+    arrays = dict(np.load(paths["hybrid"]))
     arrays["test_prediction"][0, 0, 9:, 0, 0, 0] = np.nan
-    np.savez(paths["Hybrid"], **arrays)
-    traces.forecasts(paths, [tmp_path / "f.png"], {"labels": list(LABELS)})
+    np.savez(paths["hybrid"], **arrays)
+    traces.forecasts(paths, [tmp_path / "f.png"], LABELS)
     last = [axis for axis in drawn[0].axes if axis.images][-1]
     assert last.images[0].get_clim() == pytest.approx((-2, 2), rel=1e-5)
 
 
 def test_shapes_are_checked(tmp_path):
-    paths, _ = write(tmp_path, labels=("Hybrid",))
-    arrays = dict(np.load(paths["Hybrid"]))
+    paths, _ = write(tmp_path, methods=("hybrid",))
+    arrays = dict(np.load(paths["hybrid"]))
     arrays["test_prediction"] = arrays["test_prediction"][..., :4]
-    np.savez(paths["Hybrid"], **arrays)
+    np.savez(paths["hybrid"], **arrays)
     with pytest.raises(InputError, match=r"here \(2, 2, 11, 2, 8, 8\)"):
-        Forecasts.load(paths["Hybrid"])
+        Forecasts.load(paths["hybrid"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from fake_runs import LABELS, write_double_forecasts, write_forecasts, write_logs, write_metrics
+from fake_runs import LABELS, method_of, pairs, write_double_forecasts, write_forecasts, write_logs, write_metrics
 from matplotlib.image import imread
 
 from expertaug import plotting
@@ -34,7 +34,7 @@ def assert_nothing_is_cut(figure):
 
 def test_bars_have_the_means_as_heights(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
-    figures.bars(metrics, tmp_path / "bars", {"labels": list(LABELS)})
+    figures.bars(metrics, tmp_path / "bars", pairs())
     table = pd.concat(map(pd.read_csv, metrics)).query("metric == 'log_mse_sum'")
     heights = sorted(bar.get_height() for bar in drawn[-1].axes[0].patches)
     assert heights == pytest.approx(sorted(table.groupby(["label", "set"])["value"].mean()))
@@ -82,10 +82,10 @@ def test_same_numbers_make_the_same_files(tmp_path):
 
 
 def test_colours_are_fixed_by_the_configuration():
-    order = ["Mean", "Expert only", "Hybrid"]
-    assert plotting.colours(["Hybrid"], order)["Hybrid"] == plotting.colours(["Mean", "Hybrid"], order)["Hybrid"]
-    pair = plotting.colours(["Hybrid", "Hybrid+"], order)
-    assert sum(pair["Hybrid"]) > sum(pair["Hybrid+"]) + 0.5
+    order = ["mean", "expert_only", "hybrid"]
+    assert plotting.colours(["hybrid"], order)["hybrid"] == plotting.colours(["mean", "hybrid"], order)["hybrid"]
+    pair = plotting.colours(["hybrid", "hybrid+", "hybrid+wide"], order)
+    assert sum(pair["hybrid"]) > sum(pair["hybrid+"]) + 0.5 and pair["hybrid+wide"] == pair["hybrid+"]
 
 
 def test_symbols():
@@ -106,11 +106,11 @@ def test_names_with_underscores_are_made_readable():
 
 def test_forecasts(tmp_path, drawn):
     paths = write_forecasts(tmp_path)
-    traces.forecasts(paths, [tmp_path / "f.png"], {"seed": 1, "labels": list(LABELS)})
+    traces.forecasts(paths, [tmp_path / "f.png"], {"seed": 1} | pairs())
     panels = drawn[-1].axes
     assert len(panels) == 6
     assert [panels[0].get_ylabel(), panels[3].get_ylabel()] == [r"$\theta$ [rad]", r"$\omega$ [rad/s]"]
-    with np.load(paths["Hybrid+"]) as data:
+    with np.load(paths["hybrid+"]) as data:
         np.testing.assert_array_equal(panels[4].lines[0].get_ydata(), data["test_truth"][1, :, 1])
         np.testing.assert_array_equal(panels[4].lines[-1].get_ydata(), data["test_prediction"][1, 1, :, 1])
     window = panels[0].patches[0]
@@ -127,9 +127,9 @@ def test_forecasts_of_four_dimensions(tmp_path, drawn):
 
 def test_a_runaway_forecast_leaves_the_truth_visible(tmp_path, drawn):
     paths = write_forecasts(tmp_path, labels=("Hybrid",))
-    arrays = dict(np.load(paths["Hybrid"]))
+    arrays = dict(np.load(paths["hybrid"]))
     arrays["test_prediction"][..., -1, :] = 1e6
-    np.savez(paths["Hybrid"], **arrays)
+    np.savez(paths["hybrid"], **arrays)
     traces.forecasts(paths, [tmp_path / "f.png"])
     assert drawn[-1].axes[0].get_ylim()[1] < 4
 
@@ -138,10 +138,10 @@ def test_a_runaway_forecast_leaves_the_truth_visible(tmp_path, drawn):
 def test_parameters(tmp_path, drawn, write):
     paths = write(tmp_path)
     ranges = {"omega0": [1.5, 3.1], "omega1": [-20, 20], "omega2": [-40, 40]}
-    settings = {"training_range": ranges, "priors": {"Hybrid": {"omega0": [0.25, 3.5]}}}
+    settings = {"training_range": ranges, "priors": {"hybrid": {"omega0": [0.25, 3.5]}}} | pairs()
     figures.parameters(paths, [tmp_path / "p.png"], settings)
     panels = drawn[-1].axes
-    estimating = [label for label in LABELS if label in paths and label not in ("Mean", "ML only")]
+    estimating = [label for label in LABELS if method_of(label) in paths and label not in ("Mean", "ML only")]
     assert [axis.get_title() for axis in panels[: len(estimating)]] == estimating
     patch = panels[0].patches[0]
     low, high = ranges["omega0" if write is write_forecasts else "omega1"]
@@ -150,7 +150,7 @@ def test_parameters(tmp_path, drawn, write):
         edges = [line.get_xdata()[0] for line in panel.lines if len(set(line.get_xdata())) == 1]
         own = write is write_forecasts and panel.get_title() == "Hybrid"
         assert edges == ([0.25, 3.5] if own else [])
-    with np.load(paths["Hybrid"]) as data:
+    with np.load(paths["hybrid"]) as data:
         names = data["parameter_names"]
         count = sum(len(c.get_offsets()) for c in panels[1].collections)
         assert count == 2 * len(data["seeds"]) * min(len(data["test_z_e"]), figures.POINTS)
@@ -160,7 +160,7 @@ def test_parameters(tmp_path, drawn, write):
 
 def test_long_units_of_many_methods_do_not_collide(tmp_path, drawn, monkeypatch):
     monkeypatch.setattr(plotting, "quantity", lambda name, unit: "$b$ [1/(m s)^2]")
-    paths = dict.fromkeys([f"Method {k}" for k in range(7)], write_double_forecasts(tmp_path)["Hybrid"])
+    paths = dict.fromkeys([f"Method {k}" for k in range(7)], write_double_forecasts(tmp_path)["hybrid"])
     figures.parameters(paths, tmp_path / "parameters")
     with plotting.styled():
         drawn[-1].draw_without_rendering()
@@ -170,7 +170,7 @@ def test_long_units_of_many_methods_do_not_collide(tmp_path, drawn, monkeypatch)
 
 
 def test_methods_without_parameters_get_a_note(tmp_path, drawn):
-    figures.parameters({"Mean": write_forecasts(tmp_path)["Mean"]}, [tmp_path / "a.png"])
+    figures.parameters({"mean": write_forecasts(tmp_path)["mean"]}, [tmp_path / "a.png"])
     figures.parameter_errors(write_metrics(tmp_path, labels=("Mean", "ML only")), [tmp_path / "b.png"])
     assert [figure.texts[0].get_text() for figure in drawn] == ["no method estimates parameters"] * 2
     assert (tmp_path / "a.png").is_file()
@@ -179,16 +179,16 @@ def test_methods_without_parameters_get_a_note(tmp_path, drawn):
 
 def test_estimates_outside_are_counted(tmp_path, drawn):
     paths = write_forecasts(tmp_path, labels=("Hybrid",))
-    arrays = dict(np.load(paths["Hybrid"]))
+    arrays = dict(np.load(paths["hybrid"]))
     arrays["test_z_e_hat"][:] = 50
-    np.savez(paths["Hybrid"], **arrays)
+    np.savez(paths["hybrid"], **arrays)
     figures.parameters(paths, [tmp_path / "p.png"])
     assert [text.get_text() for text in drawn[-1].axes[0].texts] == ["50 % outside"]
 
 
 def test_curves(tmp_path, drawn):
     logs = write_logs(tmp_path, steps=40) + write_logs(tmp_path, "double_swing", steps=1000)
-    traces.curves(logs, [tmp_path / "c.png"], {"labels": list(LABELS)})
+    traces.curves(logs, [tmp_path / "c.png"], pairs())
     loss, score, long_loss, _ = drawn[-1].axes
     assert len(loss.lines) == 3
     assert list(loss.lines[0].get_xdata()) == list(range(1, 41))
@@ -203,8 +203,10 @@ def test_bad_input(tmp_path):
     output = tmp_path / "x.png"
     with pytest.raises(InputError, match=r"suffix '\.svg'"):
         figures.bars(metrics, [tmp_path / "x.svg"])
-    with pytest.raises(InputError, match="no log_mse_sum on held_out"):
-        figures.bars(metrics, output, {"sets": ["held_out"]})
+    other = pd.read_csv(metrics[0]).query("set == 'test'").assign(set="held_out")
+    other.to_csv(tmp_path / "other.csv", index=False)
+    with pytest.raises(InputError, match="no log_mse_sum on train, validation, test"):
+        figures.bars([tmp_path / "other.csv"], output)
     with pytest.raises(InputError, match="no seed 9; it has 0, 1"):
         traces.forecasts(paths, output, {"seed": 9})
     with pytest.raises(InputError, match="no set 'held_out'"):
@@ -212,13 +214,48 @@ def test_bad_input(tmp_path):
     with pytest.raises(InputError, match="no sample 5"):
         traces.forecasts(paths, output, {"samples": [5]})
     with pytest.raises(InputError, match="other samples"):
-        traces.forecasts(paths | {"Other": write_forecasts(tmp_path / "g", count=50)["Hybrid"]}, output)
-    (tmp_path / "torn.npz").write_bytes(paths["Mean"].read_bytes()[:500])
+        traces.forecasts(paths | {"other": write_forecasts(tmp_path / "g", count=50)["hybrid"]}, output)
+    (tmp_path / "torn.npz").write_bytes(paths["mean"].read_bytes()[:500])
     with pytest.raises(InputError, match="not a forecast file"):
-        traces.forecasts({"Torn": tmp_path / "torn.npz"}, output)
+        traces.forecasts({"torn": tmp_path / "torn.npz"}, output)
     np.savez(tmp_path / "short.npz", t=np.arange(3))
     with pytest.raises(InputError, match="no array 'observed'"):
-        traces.forecasts({"Short": tmp_path / "short.npz"}, output)
+        traces.forecasts({"short": tmp_path / "short.npz"}, output)
     with pytest.raises(InputError, match="none of them has the metrics"):
-        traces.curves(write_logs(tmp_path / "l", steps=2), output, {"metrics": {"speed": "speed"}})
+        traces.curves(write_logs(tmp_path / "l", steps=0), output)
     assert not output.exists()
+
+
+def test_a_seed_that_could_not_be_trained_is_not_drawn(tmp_path, drawn):
+    paths = write_forecasts(tmp_path, labels=("Hybrid",), seeds=(0, 1))
+    arrays = dict(np.load(paths["hybrid"]))
+    arrays["test_z_e_hat"][0] = arrays["validation_z_e_hat"][0] = 50
+    np.savez(paths["hybrid"], **arrays, failed=[0])
+    figures.parameters(paths, [tmp_path / "p.png"])
+    assert not drawn[-1].axes[0].texts, "nothing is outside"
+    traces.forecasts(paths, [tmp_path / "f.png"])
+    line = drawn[-1].axes[0].lines[-1].get_ydata()
+    np.testing.assert_array_equal(line, arrays["test_prediction"][1, 0, :, 0])
+    assert drawn[-1].get_suptitle().endswith("seed 1")
+
+
+def test_a_label_may_look_like_another_methods_version(tmp_path, drawn):
+    """Colours and lines follow from the methods, whatever their labels end in."""
+    logs = write_logs(tmp_path, labels=("Hybrid", "Hybrid+"), steps=20)
+    for path, label in zip(logs, ("A+ (x)", "B"), strict=True):
+        path.write_text(path.read_text().replace(f'"label": "Hybrid{"+" * (label == "B")}"', f'"label": "{label}"'))
+    traces.curves(logs, [tmp_path / "c.png"], {"all_methods": ["hybrid"]})
+    plain, augmented = drawn[-1].axes[0].lines
+    assert [handle.get_label() for handle in drawn[-1].legends[0].legend_handles[:2]] == ["A+ (x)", "B"]
+    assert (plain.get_linestyle(), augmented.get_linestyle()) == ("--", "-")
+    assert sum(plain.get_color()) > sum(augmented.get_color())
+
+
+def test_a_figure_has_no_date_and_the_resolution_asked_for(tmp_path):
+    figure = plotting.new_figure(1.0, 2.0)
+    plotting.save(figure, tmp_path / "a", dpi=50)
+    assert imread(tmp_path / "a.png").shape[:2] == (50, 100)
+    assert (
+        b"CreationDate" not in (tmp_path / "a.pdf").read_bytes()
+        and b"Software" not in (tmp_path / "a.png").read_bytes()
+    )

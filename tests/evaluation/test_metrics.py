@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from expertaug import systems
-from expertaug.evaluation.metrics import log_mse, parameter_errors
+from expertaug.evaluation.metrics import log_mse, log_of_median, parameter_errors
 
 PENDULUM = systems.load({"name": "pendulum"})
 DOUBLE = systems.load({"name": "double_pendulum", "expert": "point_mass"})
@@ -41,3 +41,12 @@ def test_relative_error_is_the_mean_over_samples_and_parameters():
     assert found["relative_error_omega2"].item() == pytest.approx(5.0)
     assert found["relative_error"].item() == pytest.approx(27.5)
     assert found["rmse_omega2"].item() == pytest.approx(math.sqrt(0.5))
+
+
+def test_the_median_over_samples_in_both_conventions():
+    errors = torch.tensor([[1.0, 3.0, 1e12], [2.0, 4.0, 4.0]], dtype=torch.float64)
+    found = log_of_median(PENDULUM, errors)
+    assert found["log_mse_median"].tolist() == pytest.approx([math.log(3), math.log(4)])
+    assert found["log_mse_median_dim"].tolist() == pytest.approx([math.log(1.5), math.log(2)])
+    even = log_of_median(PENDULUM, torch.tensor([[1.0, 3.0]], dtype=torch.float64))
+    assert even["log_mse_median"].item() == pytest.approx(math.log(2))

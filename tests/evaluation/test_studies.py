@@ -16,7 +16,7 @@ SHIFTS = {
     "distances": ["none", "small"],
     "panels": [["z_a shifted", ["validation", "near"]], ["z_a and z_e shifted", ["test", "both"]]],
 }
-READING = {"convention": "sum", "set_titles": {}, "from_s": None, "all_labels": ["Hybrid"], "sets": {}}
+READING = {"convention": "sum", "set_titles": {}, "from_s": None, "all_methods": ["hybrid"], "sets": {}}
 ENDS = ("csv", "md", "tex", "png", "pdf")
 
 
@@ -121,7 +121,7 @@ def test_overview(tmp_path, drawn):
     metrics = write_metrics(tmp_path) + write_metrics(tmp_path, "double_swing")
     one = {"name": "swing", "shown": True, "shifted": "test", "convention": "sum", "set_titles": {}}
     other = one | {"name": "double_swing", "shifted": None, "convention": "dim", "title": "two swings"}
-    settings = {"experiments": [one, other], "all_labels": ["Mean", "Hybrid"]}
+    settings = {"experiments": [one, other], "all_methods": ["mean", "hybrid"]}
     overview(metrics, tmp_path / "figures", settings)
     names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "figures").iterdir()} == names

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from fake_runs import LABELS, write_metrics
+from fake_runs import LABELS, pairs, write_metrics
 
 from expertaug.errors import InputError
-from expertaug.evaluation.summary import order_labels, read_metrics
+from expertaug.evaluation.summary import read_metrics
 from expertaug.evaluation.tables import tabulate
 
 HEAD = "experiment,system,method,label,preset,seed,set,metric,value\n"
@@ -105,11 +105,53 @@ def test_two_presets_do_not_mix(tmp_path):
 
 def test_rows_and_columns_are_in_order(tmp_path):
     metrics = write_metrics(tmp_path, labels=LABELS[::-1])
-    tabulate(metrics, [tmp_path / "t_long.csv"], {"labels": list(LABELS)})
+    tabulate(metrics, [tmp_path / "t_long.csv"], pairs())
     long = pd.read_csv(tmp_path / "t_long.csv")
     assert list(dict.fromkeys(long["label"])) == list(LABELS)
     assert list(dict.fromkeys(long["set"])) == ["train", "validation", "test"]
-    assert order_labels(["B", "A+", "C", "A"], ["A"]) == ["A", "A+", "B", "C"]
+
+
+def test_runaways_are_a_column_where_there_are_any_and_the_median_is_told(tmp_path):
+    values = {"log_mse_sum": 3.0, "log_mse_median": -2.0, "runaway_share": 0.0}
+    rows = [
+        ("ab"[k], "AB"[k], f"paper,{seed},{name},{metric},{value + (0.25 * k * seed * (name == 'test'))}")
+        for k in (0, 1)
+        for seed in (0, 1)
+        for name in ("validation", "test")
+        for metric, value in values.items()
+    ]
+    path = write(tmp_path / "metrics.csv", rows)
+    tabulate([path], [tmp_path / f"t.{end}" for end in ("md", "tex", "csv")])
+    text = (tmp_path / "t.md").read_text()
+    assert "| method | seeds | validation (IID): log-MSE | test (OOD): log-MSE | test (OOD): runaways [%] |" in text
+    assert "| B | 2 | 3.00 ± 0.00 | 3.12 ± 0.18 | 12.5 ± 17.7 |" in text and "Runaways: forecasts that leave" in text
+    assert "| log-MSE, median sample (log_mse_median) | A | −2.00 ± 0.00 | −2.00 ± 0.00 |" in text
+    assert r"runaways [\%]" in (tmp_path / "t.tex").read_text()
+    assert pd.read_csv(tmp_path / "t.csv").set_index("label").loc["B", "test/runaway_share/mean"] == 0.125
+    tabulate([write(tmp_path / "none.csv", rows[:6])], [tmp_path / "none.md"])
+    assert "unaways" not in (tmp_path / "none.md").read_text()
+
+
+def test_every_cell_has_a_value_when_a_seed_failed(tmp_path):
+    rows = [
+        ("a", "A", f"paper,{seed},test,{metric},{value}")
+        for metric in ("log_mse_sum", "runaway_share", "relative_error")
+        for seed, value in enumerate((0.5, "", 0.25))
+    ]
+    tabulate([write(tmp_path / "metrics.csv", rows)], [tmp_path / "t.md"])
+    assert "| A | 3 | 0.38 ± 0.18 (2/3) | 0.4 ± 0.2 (2/3) | 37.5 ± 17.7 (2/3) |" in (tmp_path / "t.md").read_text()
+
+
+def test_a_label_may_look_like_another_version(tmp_path):
+    """What is augmented follows from the method: these labels end in a + or in brackets behind one."""
+    rows = [
+        (method, label, f"paper,0,test,log_mse_sum,{k}")
+        for k, (method, label) in enumerate(
+            {"one": "A+", "two": "A+ (x)", "one+": "A++", "two+w": "A+ (x)+ (w)"}.items()
+        )
+    ]
+    tabulate([write(tmp_path / "metrics.csv", rows)], [tmp_path / "t_long.csv"])
+    assert list(pd.read_csv(tmp_path / "t_long.csv")["method"]) == ["one", "one+", "two", "two+w"]
 
 
 def test_dim_convention_and_own_titles(tmp_path):
@@ -143,8 +185,9 @@ def test_bad_requests(tmp_path, three_seeds):
         tabulate(three_seeds * 2, [tmp_path / "t.csv"])
     with pytest.raises(InputError, match=r"one of \.csv, \.md, \.tex"):
         tabulate(three_seeds, [tmp_path / "t.xls"])
-    with pytest.raises(InputError, match="none of"):
-        tabulate(three_seeds, [tmp_path / "t.md"], {"metrics": ["speed"]})
+    timed = write(tmp_path / "timed.csv", [("a", "A", "paper,0,train,wall_s,3")])
+    with pytest.raises(InputError, match=r"neither log-MSE nor parameter error.*they hold wall_s"):
+        tabulate([timed], [tmp_path / "t.md"])
     with pytest.raises(InputError, match="one of sum, dim"):
         tabulate(three_seeds, [tmp_path / "t.md"], {"convention": "mean"})
     with pytest.raises(InputError, match="at least one"):

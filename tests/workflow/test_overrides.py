@@ -38,5 +38,5 @@ def test_another_kind_brings_its_own_arguments_and_own_methods_come_last(tmp_pat
     settings = [json.loads(text) for text in re.findall(r"--settings '(\{.*?\})' ", said)]
     later = next(one for one in settings if one.get("method") == "later" and "model" in one)
     assert later["model"]["encoder"] == {"kind": "recurrent", "hidden": 8}
-    labels = next(one["all_labels"] for one in settings if "all_labels" in one)
-    assert labels[0] == "Mean" and labels[-1] == "Later"
+    methods = next(one["all_methods"] for one in settings if "all_methods" in one)
+    assert methods[0] == "mean" and methods[-1] == "later"

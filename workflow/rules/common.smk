@@ -11,7 +11,8 @@ from expertaug.config import stage_settings
 from expertaug.files import sha256
 from expertaug.recordings.intake import refusal
 from expertaug.config.stage_code import sources
-from expertaug.config.study_checks import MAIN_SETS, PUBLISHED
+from expertaug.config.study_checks import PUBLISHED
+from expertaug.labels import MAIN_SETS
 
 CONSTRAINTS = os.path.relpath(HERE.parent / "constraints.txt")
 NUMBERS = os.path.relpath(PUBLISHED)

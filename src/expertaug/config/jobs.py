@@ -39,7 +39,7 @@ def studied(config: Mapping, experiment: str, name: str) -> list[str]:
     one = config["experiments"][experiment]
     if name == "prior_width":
         further = further_variants(config, experiment)
-        methods = [m for m in one["methods"] if any(naming.split(v)[0] == m for v in further)]
+        methods = [m for m in one["methods"] if any(naming.base(v) == m for v in further)]
         return [*methods, *(f"{m}+" for m in methods), *further]
     return variants(config, experiment)
 
@@ -51,7 +51,7 @@ def sets(config: Mapping, experiment: str) -> list[str]:
 
 def label(config: Mapping, variant: str) -> str:
     """What tables and figures print for a version of a method."""
-    return naming.label(config["methods"][naming.split(variant)[0]]["label"], variant)
+    return naming.label(config["methods"][naming.base(variant)]["label"], variant)
 
 
 def snapshots(config: Mapping, experiment: str, method: str) -> list[int]:

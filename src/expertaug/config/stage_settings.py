@@ -6,7 +6,7 @@ of the stage of its name.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from expertaug import labels as naming
 from expertaug.config import signatures
@@ -151,7 +151,7 @@ def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
 
 
 def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict:
-    method = naming.split(variant)[0]
+    method = naming.base(variant)
     return {
         **_identity(config, experiment, variant),
         "training": _with_own_options(_experiment(config, experiment, method)["finetuning"], config["methods"][method]),
@@ -194,14 +194,14 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
     one = config["experiments"][experiment]
     settings = {
         "study": name,
-        "labels": [[variant, label(config, variant)] for variant in studied(config, experiment, name)],
-        "all_labels": _all_labels(config),
+        "labels": _labels(config, studied(config, experiment, name)),
+        "all_methods": list(config["methods"]),
         "sets": one["data"].get("sets", {}),
         **_reading(config, experiment),
     }
     if name == "prior_width":
         further = {k: v["prior"] for k, v in one["augmentations"].items()}
-        methods = dict.fromkeys(naming.split(variant)[0] for variant in studied(config, experiment, name))
+        methods = dict.fromkeys(naming.base(variant) for variant in studied(config, experiment, name))
         own = {m: _experiment(config, experiment, m)["augmentation"]["prior"] for m in methods}
         return settings | {"priors": {m: {"": own[m]} | further for m in methods}}
     options = one["studies"][name]
@@ -225,25 +225,25 @@ def overview(config: Mapping, experiments: list[str]) -> dict:
             for name, one, far in zip(experiments, all_of, shifted, strict=True)
             if one["evaluation"]["overview"] or far
         ],
-        "all_labels": _all_labels(config),
+        "all_methods": list(config["methods"]),
     }
 
 
 def tabulate(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and how metrics and sets are to be read."""
-    return {"labels": _labels(config, experiment), **_reading(config, experiment)}
+    return {"labels": _labels(config, variants(config, experiment)), **_reading(config, experiment)}
 
 
 def plot(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
     one = config["experiments"][experiment]
     priors = {
-        label(config, v): _experiment(config, experiment, naming.split(v)[0]).get("augmentation", {}).get("prior", {})
+        v: _experiment(config, experiment, naming.base(v)).get("augmentation", {}).get("prior", {})
         for v in variants(config, experiment)
     }
     return {
-        "labels": _labels(config, experiment),
-        "all_labels": _all_labels(config),
+        "labels": _labels(config, variants(config, experiment)),
+        "all_methods": list(config["methods"]),
         **_reading(config, experiment),
         "training_range": one["data"]["sets"]["train"]["z_e"] if one["data"]["source"] == "simulation" else {},
         "priors": priors,
@@ -302,12 +302,9 @@ def _evaluation(config: Mapping, experiment: str) -> dict:
     return {k: v for k, v in config["experiments"][experiment]["evaluation"].items() if k not in SHOWING}
 
 
-def _all_labels(config: Mapping) -> list[str]:
-    return [build["label"] for build in config["methods"].values()]
-
-
-def _labels(config: Mapping, experiment: str) -> list[str]:
-    return [label(config, variant) for variant in variants(config, experiment)]
+def _labels(config: Mapping, named: Iterable[str]) -> list[list[str]]:
+    """Pairs of a version of a method and what is printed for it, in order."""
+    return [[variant, label(config, variant)] for variant in named]
 
 
 def _choices(config: Mapping, experiment: str, stage: str) -> dict:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from expertaug.config.names import require, require_all, require_keys, require_parameters
 from expertaug.errors import InputError
+from expertaug.labels import MAIN_SETS
 
-MAIN_SETS = ("train", "validation", "test")
 PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"
 
 

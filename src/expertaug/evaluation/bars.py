@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from expertaug import plotting
-from expertaug.evaluation.summary import order_labels, order_sets, set_title, summarise
+from expertaug.evaluation.summary import labels_of, order_sets, set_title, summarise
+from expertaug.labels import ordered
 
 
 @dataclass(frozen=True)
@@ -40,56 +41,56 @@ def draw_bars(
     """Draw panels of bars with one legend.
 
     Arguments:
-        settings: ``labels`` (all labels of the configuration, in order).
+        settings: ``all_methods`` (those of the configuration, in order).
         axis_label: of the values.
         title: above all panels; presets and number of seeds are added.
     """
     everything = pd.concat([panel.table for panel in panels])
-    labels = order_labels(everything["label"], settings.get("labels", ()))
-    colours = plotting.colours(labels, settings.get("labels", ()))
+    labels, all_methods = labels_of(everything), settings.get("all_methods", ())
+    methods = ordered(everything["method"], all_methods)
+    colours = plotting.colours(methods, all_methods)
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     with plotting.styled():
         figure = plotting.new_figure(0.75 + 2.35 * rows, plotting.WIDTH if columns > 1 else 5.2)
         grid = figure.subplots(rows, columns, squeeze=False)
         for axis, panel in zip(grid.flat, panels, strict=False):
-            _bar_panel(axis, panel.table, labels, colours, panel.settings)
+            _bar_panel(axis, panel.table, methods, colours, panel.settings)
             axis.set_title(panel.title)
         for axis in grid.flat[len(panels) :]:
             axis.set_axis_off()
         for axis in grid[:, 0]:
             axis.set_ylabel(axis_label)
         presets = ", ".join(dict.fromkeys(everything["preset"]))
-        seeds = everything.groupby(["experiment", "label"])["seed"].nunique()
+        seeds = everything.groupby(["experiment", "method"])["seed"].nunique()
         number = "1 seed" if set(seeds) == {1} else f"{seeds.min()} seeds" if seeds.nunique() == 1 else "all seeds"
         number = number if number == "1 seed" else f"mean ± std over {number}"
-        text = f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}"
-        figure.suptitle(text, fontsize=7.5, color="0.35")
-        handles = [Patch(facecolor=colours[label], edgecolor="0.25", linewidth=0.5, label=label) for label in labels]
+        plotting.heading(figure, f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}")
+        handles = [Patch(facecolor=colours[m], edgecolor="0.25", linewidth=0.5, label=labels[m]) for m in methods]
         plotting.legend(figure, handles)
         plotting.save(figure, outputs)
 
 
-def _bar_panel(axis: Axes, part: pd.DataFrame, labels: Sequence[str], colours: Mapping, settings: Mapping) -> None:
+def _bar_panel(axis: Axes, part: pd.DataFrame, methods: Sequence[str], colours: Mapping, settings: Mapping) -> None:
     """Groups of bars, one group per set; a method keeps its place in the group."""
     sets = order_sets(part["set"])
-    shown = [label for label in labels if label in set(part["label"])]
+    shown = [method for method in methods if method in set(part["method"])]
     step = 0.84 / len(shown)
-    values = summarise(part).set_index(["label", "set"])
+    values = summarise(part).set_index(["method", "set"])
     axis.axhline(0, color="0.25", linewidth=0.7, zorder=3)
-    for place, label in enumerate(shown):
+    for place, method in enumerate(shown):
         for group, name in enumerate(sets):
             x = group + (place - (len(shown) - 1) / 2) * step
-            if (label, name) not in values.index:
+            if (method, name) not in values.index:
                 continue
-            cell = values.loc[(label, name)]
+            cell = values.loc[(method, name)]
             cell = cell.iloc[0] if isinstance(cell, pd.DataFrame) else cell
             if cell["n"] == 0:
                 axis.annotate("not finite", (x, 0), rotation=90, ha="center", va="bottom", fontsize=6, color="0.3")
                 continue
-            axis.bar(x, cell["mean"], 0.9 * step, color=colours[label], edgecolor="0.25", linewidth=0.5, zorder=2)
+            axis.bar(x, cell["mean"], 0.9 * step, color=colours[method], edgecolor="0.25", linewidth=0.5, zorder=2)
             if cell["n"] > 1:
-                seeds = part.loc[(part["label"] == label) & (part["set"] == name), "value"]
+                seeds = part.loc[(part["method"] == method) & (part["set"] == name), "value"]
                 spread = np.linspace(-0.22, 0.22, len(seeds)) * step
                 dots = {"markersize": 2.2, "markerfacecolor": "white", "markeredgecolor": "0.1", "markeredgewidth": 0.4}
                 axis.plot(x + spread, seeds, "o", zorder=6, **dots)

@@ -8,8 +8,9 @@ from pathlib import Path
 import pandas as pd
 from torch import Tensor
 
-from expertaug.evaluation.evaluate import MAIN_SETS, Scored, score, spread
+from expertaug.evaluation.evaluate import Scored, score, spread
 from expertaug.files import atomic
+from expertaug.labels import MAIN_SETS
 from expertaug.learning.checkpoint import locked
 from expertaug.learning.during_training import BASE, stages
 from expertaug.models import store

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,18 +12,20 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from expertaug.errors import InputError, SolveError
+from expertaug.errors import InputError
 from expertaug.evaluation import figures, traces
-from expertaug.evaluation.metrics import log_of, parameter_errors, squared_errors
+from expertaug.evaluation.metrics import log_of, log_of_median, parameter_errors, squared_errors
+from expertaug.evaluation.runaways import forecast
 from expertaug.files import atomic
+from expertaug.labels import MAIN_SETS
+from expertaug.learning.bound import largest, stored_bound
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.systems.solver import Solver, check_finite
+from expertaug.systems.solver import Solver
 from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 from expertaug.trajectories import Trajectories
 
-MAIN_SETS = ("train", "validation", "test")
 CHUNK_BYTES = 2**25  # of the forecasts made at a time: bounds the memory, whatever the size of a state
 
 
@@ -72,6 +75,7 @@ def evaluate(
         "t": truth.t,
         "observed": np.array(stored.description["observed"] - 1),
         "seeds": np.array(stored.seeds),
+        "failed": np.array(stored.failed, dtype=int),
         "state_names": np.array([p.name for p in system.state]),
         "state_units": np.array([p.unit for p in system.state]),
         "parameter_names": np.array([p.name for p in system.expert_parameters]),
@@ -84,8 +88,9 @@ def evaluate(
     with atomic(metrics) as temporary:
         table.to_csv(temporary, index=False)
     drawn = Path(forecasts).with_name("forecasts.png"), Path(forecasts).with_name("parameters.png")
-    traces.forecasts({identity["label"]: forecasts}, drawn[0], {})
-    figures.parameters({identity["label"]: forecasts}, drawn[1], {})
+    names = {"labels": [[identity["method"], identity["label"]]]}
+    traces.forecasts({identity["method"]: forecasts}, drawn[0], names)
+    figures.parameters({identity["method"]: forecasts}, drawn[1], names)
     _log(metrics, drawn, identity, stored, settings, tracking)
 
 
@@ -125,54 +130,47 @@ def spread(data: Trajectories, count: int | None) -> Trajectories:
 def score(
     stored: store.StoredModel, truth: Trajectories, options: Mapping, start: str, device: torch.device, keep: int = 0
 ) -> Scored:
-    """Forecast a set, part by part, and score it.
+    """Forecast a set, part by part, and score it; seeds that could not be trained have NaN.
+
+    A forecast that runs away counts with the error that it has at the bound, and in ``runaway_share``.
 
     Arguments:
         options: ``from_s`` and ``solver``, as in :func:`evaluate`.
         start: y0 or y_t1 (:meth:`HybridModel.predict`).
         keep: number of forecasts to keep, evenly spread.
-
-    Raises:
-        SolveError: a forecast is not finite.
     """
     system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)
     solver = Solver.from_mapping(options.get("solver") or {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6})
     t = torch.from_numpy(truth.t).float().to(device)
+    bound = stored_bound(stored.description, device)
+    if bound is not None:  # the truth itself is no runaway
+        bound = torch.maximum(bound, torch.from_numpy(largest(truth.y)).to(bound))
     begin = observed
     if options.get("from_s") is not None:
         begin = int(np.searchsorted(truth.t, options["from_s"] - 1e-9))
     index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
-    late, early, estimates, kept = [], [], [], []
+    late, early, estimates, kept, runaways = [], [], [], [], []
     for first in range(0, len(truth), size):
         y = torch.from_numpy(truth.y[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
-        states, z_e = _forecast(stored, y[:observed].expand(-1, seeds, *y.shape[2:]), t, solver, start)
-        late.append(squared_errors(system, states[begin:], y[begin:]).cpu())
-        early.append(squared_errors(system, states[1:observed], y[1:observed]).cpu())
-        kept.append(states[:, :, index[(index >= first) & (index < first + size)] - first].cpu())
-        if z_e is not None:
-            estimates.append(z_e.cpu())
-    values = log_of(system, torch.cat(late, dim=1))
+        found = forecast(stored.model, y[:observed].expand(-1, seeds, *y.shape[2:]), t, solver, start, bound)
+        late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
+        early.append(squared_errors(system, found.states[1:observed], y[1:observed]).cpu())
+        kept.append(found.states[:, :, index[(index >= first) & (index < first + size)] - first].cpu())
+        runaways.append(found.runaways.cpu())
+        if found.z_e is not None:
+            estimates.append(found.z_e.cpu())
+    errors = torch.cat(late, dim=1)
+    values = log_of(system, errors)
     values["log_mse_observed"] = log_of(system, torch.cat(early, dim=1))["log_mse_sum"]
+    values |= log_of_median(system, errors)
+    values["runaway_share"] = torch.cat(runaways, dim=1).double().mean(1)
     z_e = torch.cat(estimates, dim=1) if estimates else None
     if z_e is not None:
         values |= parameter_errors(system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
+    failed = torch.tensor([seed in stored.failed for seed in stored.seeds])
+    values = {name: value.masked_fill(failed, math.nan) for name, value in values.items()}
     return Scored(values, index, torch.cat(kept, dim=2).movedim(0, 2), z_e)
-
-
-def _forecast(
-    stored: store.StoredModel, observed: Tensor, t: Tensor, solver: Solver, start: str
-) -> tuple[Tensor, Tensor | None]:
-    """States (T, S, B, *state) and estimates (S, B, P); None where the model estimates nothing."""
-    name = "{experiment}/{label}, seeds {seeds}, (seed's place, sample)".format(**stored.description)
-    try:
-        states, z_e = stored.model.predict(observed, t, solver, start)
-    except SolveError as error:  # a fixed grid goes on, so that the sample can be named
-        check_finite(*stored.model.predict(observed, t, Solver("rk4"), start), name)
-        raise SolveError(f"{name}: {error}") from error
-    if z_e is not None:
-        check_finite(states, z_e, name)
-    return states, z_e
 
 
 def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:

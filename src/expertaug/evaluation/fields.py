@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 from expertaug import plotting
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import set_title
-from expertaug.labels import base_label, is_augmented
+from expertaug.labels import paired
 
 TIMES = 4
 GAP = 0.25  # between states and errors, in widths of a panel
@@ -26,12 +26,6 @@ def is_field(data: Forecasts, name: str) -> bool:
     return data.truth[name].ndim > 3
 
 
-def pairs(labels: Sequence[str]) -> list[str]:
-    """The methods with an augmented version and these versions; all where there is none."""
-    bases = {base_label(label) for label in labels if is_augmented(label)}
-    return [label for label in labels if base_label(label) in bases] or list(labels)
-
-
 def panel(
     found: Mapping[str, Forecasts], name: str, outputs: Path | Sequence[Path], settings: Mapping, seed: int
 ) -> None:
@@ -39,49 +33,46 @@ def panel(
     each forecast is off by, on a scale of its own, and the root mean square of that over the whole forecast.
 
     Arguments:
-        found: forecasts by label, in order; their states are (components, space …).
+        found: forecasts by method, in order; their states are (components, space …).
         name: of the set.
         outputs: .png or .pdf files, or one path without suffix for both.
         settings: all optional: ``samples`` (positions among those kept; of these the one whose z_e is farthest outside
-            the training set's range is drawn; default all), ``component`` (default 0), ``times`` (indices; default
-            four, evenly spread), ``set_titles``.
+            the training set's range is drawn; default all), ``labels`` (pairs of a method and what is printed for it),
+            ``set_titles``.
         seed: whose forecasts are drawn.
     """
-    labels = pairs(list(found))
-    first = found[labels[0]]
-    component = int(settings.get("component", 0))
+    methods, labels = paired(found), dict(settings.get("labels", ()))
+    first = found[methods[0]]
     sample = farthest(first, name, settings.get("samples") or range(len(first.index[name])))
-    times = settings.get("times") or np.linspace(0, len(first.t) - 1, min(TIMES, len(first.t))).round().astype(int)
+    times = np.linspace(0, len(first.t) - 1, min(TIMES, len(first.t))).round().astype(int)
     later = [k for k in times if k > first.observed]
-    truth = first.truth[name][sample, :, component]
-    states = {
-        label: found[label].prediction[name][found[label].seeds.index(seed), sample, :, component] for label in labels
-    }
-    errors = {label: values - truth for label, values in states.items()}
+    truth = first.truth[name][sample, :, 0]
+    states = {m: found[m].prediction[name][found[m].seeds.index(seed), sample, :, 0] for m in methods}
+    errors = [values - truth for values in states.values()]
     with plotting.styled():
         side = (plotting.WIDTH - 1.3) / (len(times) + len(later) + GAP)
-        figure = plotting.new_figure(1.4 + side * (1 + len(labels)))
+        figure = plotting.new_figure(1.4 + side * (1 + len(methods)))
         figure.get_layout_engine().set(h_pad=0.03, w_pad=0.03, hspace=0, wspace=0)
         widths = [1] * len(times) + [GAP] + [1] * len(later)
-        grid = figure.subplots(1 + len(labels), len(widths), squeeze=False, width_ratios=widths)
+        grid = figure.subplots(1 + len(methods), len(widths), squeeze=False, width_ratios=widths)
         left, right = grid[:, : len(times)], grid[1:, len(times) + 1 :]
         for axis in (*grid[:, len(times)], *grid[0, len(times) + 1 :]):
             axis.set_axis_off()
-        rows = {"truth": truth} | states
-        image = _block(left, [[row[k] for k in times] for row in rows.values()], _limits(truth))
+        image = _draw_all(left, [[row[k] for k in times] for row in (truth, *states.values())], _limits(truth))
         for axis, k in zip(left[0], times, strict=True):
             axis.set_title(f"t = {first.t[k]:.3g} s\n{'observed' if k <= first.observed else 'forecast'}", fontsize=7)
-        for axis, label in zip(left[:, 0], rows, strict=True):
-            off = f"\n{_rms(errors[label][first.observed + 1 :]):.2g}" if label in errors else ""
-            axis.set_ylabel(plotting.text(label) + off, rotation=0, ha="right", va="center", labelpad=6)
-        quantity = plotting.quantity(first.state_names[component], first.state_units[component])
+        rms = [f"\n{_rms(error[first.observed + 1 :]):.2g}" for error in errors]
+        names = ["truth", *(plotting.text(labels.get(m, m)) + off for m, off in zip(methods, rms, strict=True))]
+        for axis, words in zip(left[:, 0], names, strict=True):
+            axis.set_ylabel(words, rotation=0, ha="right", va="center", labelpad=6)
+        quantity = plotting.quantity(first.state_names[0], first.state_units[0])
         if image is not None:
             figure.colorbar(image, ax=left, location="bottom", shrink=0.7, aspect=28, label=quantity, extend="both")
         if later:
-            shown = [[row[k] for k in later] for row in errors.values()]
+            shown = [[error[k] for k in later] for error in errors]
             finite = np.abs(shown)[np.isfinite(shown)]
             most = (float(np.percentile(finite, QUANTILE)) if finite.size else 0.0) or 1.0
-            image = _block(right, shown, (-most, most))
+            image = _draw_all(right, shown, (-most, most))
             for axis, k in zip(grid[0, len(times) + 1 :], later, strict=True):
                 head = f"t = {first.t[k]:.3g} s\nerror"
                 axis.text(0.5, 0.02, head, ha="center", va="bottom", fontsize=7, transform=axis.transAxes)
@@ -89,7 +80,7 @@ def panel(
                 label = f"{quantity}, forecast − truth"
                 figure.colorbar(image, ax=right, location="bottom", shrink=0.8, aspect=22, label=label, extend="both")
         title = f"{_title(first, name, sample, settings)}, seed {seed}; below a method, root mean square of its error"
-        figure.suptitle(title, fontsize=7.5, color="0.35")
+        plotting.heading(figure, title)
         plotting.save(figure, outputs)
 
 
@@ -119,7 +110,7 @@ def _limits(truth: np.ndarray) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _block(axes: np.ndarray, rows: Sequence[Sequence[np.ndarray]], limits: tuple[float, float]) -> AxesImage | None:
+def _draw_all(axes: np.ndarray, rows: Sequence[Sequence[np.ndarray]], limits: tuple[float, float]) -> AxesImage | None:
     """Draw a field on each of the axes (rows, columns); the last image, None where fields are lines."""
     image = None
     for line, row in zip(axes, rows, strict=True):
@@ -143,9 +134,4 @@ def _draw(axis: Axes, field: np.ndarray, limits: tuple[float, float]) -> AxesIma
 
 
 def _title(data: Forecasts, name: str, sample: int, settings: Mapping) -> str:
-    values = data.truths[name][data.index[name][sample]]
-    parts = [
-        f"{plotting.symbol(parameter)} = {value:.3g} {unit}".strip()
-        for parameter, unit, value in zip(data.parameter_names, data.parameter_units, values, strict=True)
-    ]
-    return f"a sample of the {set_title(name, settings)} set ({', '.join(parts)})".replace("-", "−")
+    return f"a sample of the {set_title(name, settings)} set ({', '.join(data.parameters(name, sample))})"

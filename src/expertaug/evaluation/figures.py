@@ -18,14 +18,13 @@ from expertaug.evaluation.bars import Panel, draw_bars
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import (
     CONVENTIONS,
-    SETS,
     experiment_title,
     log_mse_name,
-    order_labels,
     order_sets,
     read_metrics,
     set_title,
 )
+from expertaug.labels import MAIN_SETS, ordered
 
 MARKERS = {"train": "^", "validation": "o", "test": "D"}
 POINTS = 200  # of one set and seed in a scatter plot
@@ -38,9 +37,8 @@ def bars(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapp
     Arguments:
         metrics: metrics.csv of every method and group of seeds; several experiments become panels.
         outputs: .png or .pdf files, or one path without suffix for both.
-        settings: all optional: ``convention`` ("sum" or "dim"), ``labels`` (all labels of the configuration, in order),
-            ``sets`` (those to draw), ``set_titles`` (how they are printed), ``title`` (of a single experiment),
-            ``leave_out`` (labels).
+        settings: all optional: ``convention`` ("sum" or "dim"), ``all_methods`` (those of the configuration, in order),
+            ``set_titles`` (how sets are printed), ``title`` (of a single experiment).
 
     Raises:
         InputError: a file is broken or has no such metric.
@@ -48,7 +46,7 @@ def bars(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapp
     settings = dict(settings or {})
     convention = settings.get("convention", "sum")
     metric = log_mse_name(convention)
-    table = _select(read_metrics(metrics), [metric], settings)
+    table = _select(read_metrics(metrics), [metric])
     panels = [
         Panel(experiment_title(name, settings), part, settings)
         for name, part in table.groupby("experiment", sort=False)
@@ -69,7 +67,7 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], se
     if not names:
         plotting.save_note("no method estimates parameters", outputs)
         return
-    table = _select(table, names, settings)
+    table = _select(table, names)
     panels = []
     for (experiment, metric), part in table.groupby(["experiment", "metric"], sort=False):
         parameter = plotting.symbol(metric.removeprefix("relative_error").removeprefix("_"))
@@ -83,71 +81,73 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
     """Draw estimated against true expert parameters: a row per parameter, a column per method, all seeds.
 
     Arguments:
-        forecasts: forecasts.npz by label; methods that estimate nothing are left out.
+        forecasts: forecasts.npz by method; methods that estimate nothing are left out.
         outputs: as in :func:`bars`; where no method estimates anything the figure says so.
-        settings: all optional: ``labels``, ``sets`` (default: those in the files), ``training_range`` as
-            {parameter: [low, high]}, ``priors`` (p⁺) as the same by label, ``set_titles``; without a training range
-            that of the file's training values is shaded, and where it has none that of its validation values.
+        settings: all optional: ``labels`` (pairs of a method and what is printed for it), ``all_methods`` (those of the
+            configuration, in order), ``training_range`` as {parameter: [low, high]}, ``priors`` (p⁺) as the same by
+            method, ``set_titles``; without a training range that of the file's training values is shaded, and where it
+            has none that of its validation values.
 
     Raises:
         InputError: a file is broken.
     """
     settings = dict(settings or {})
-    found = {label: Forecasts.load(path) for label, path in forecasts.items()}
-    found = {label: data for label, data in found.items() if data.estimates}
+    found = {method: Forecasts.load(path) for method, path in forecasts.items()}
+    found = {method: data for method, data in found.items() if data.estimates}
     if not found:
         plotting.save_note("no method estimates parameters", outputs)
         return
-    labels = order_labels(found, settings.get("labels", ()))
-    colours = plotting.colours(labels, settings.get("labels", ()))
-    first = found[labels[0]]
+    labels, all_methods = dict(settings.get("labels", ())), settings.get("all_methods", ())
+    methods = ordered(found, all_methods)
+    colours = plotting.colours(methods, all_methods)
+    first = found[methods[0]]
     count = len(first.parameter_names)
     with plotting.styled():
-        side = min(2.3, (plotting.WIDTH - 0.5) / len(labels))
+        side = min(2.3, (plotting.WIDTH - 0.5) / len(methods))
         before_unit = "\n[" if side < 1.2 else " ["  # two lines where the panels are narrow
-        figure = plotting.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(labels) + 0.5))
-        grid = figure.subplots(count, len(labels), squeeze=False, sharex="row", sharey="row")
+        figure = plotting.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(methods) + 0.5))
+        grid = figure.subplots(count, len(methods), squeeze=False, sharex="row", sharey="row")
         for row, name in enumerate(first.parameter_names):
-            low, high = _show_ranges(dict(zip(labels, grid[row], strict=True)), first, row, name, settings)
+            low, high = _show_ranges(dict(zip(methods, grid[row], strict=True)), first, row, name, settings)
             quantity = plotting.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
-            for axis, label in zip(grid[row], labels, strict=True):
-                _scatter(axis, found[label], row, (low, high), colours[label], settings)
+            for axis, method in zip(grid[row], methods, strict=True):
+                _scatter(axis, found[method], row, (low, high), colours[method])
                 axis.set_xlabel(f"true {quantity}")
                 if row == 0:
-                    axis.set_title(plotting.text(label))
+                    axis.set_title(plotting.text(labels.get(method, method)))
             grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, settings)
         plotting.save(figure, outputs)
 
 
-def _select(table: pd.DataFrame, metrics: Sequence[str], settings: Mapping) -> pd.DataFrame:
-    sets = settings.get("sets") or list(SETS)
-    keep = table["metric"].isin(metrics) & table["set"].isin(sets) & ~table["label"].isin(settings.get("leave_out", ()))
+def _select(table: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFrame:
+    """Rows of these metrics on the main sets."""
+    keep = table["metric"].isin(metrics) & table["set"].isin(MAIN_SETS)
     if not keep.any():
         known = ", ".join(dict.fromkeys(table["metric"]))
-        raise InputError("metrics", f"no {' or '.join(metrics)} on {', '.join(sets)}", f"the files hold {known}")
+        raise InputError("metrics", f"no {' or '.join(metrics)} on {', '.join(MAIN_SETS)}", f"the files hold {known}")
     return table[keep]
 
 
 def _show_ranges(
     axes: Mapping[str, Axes], data: Forecasts, column: int, name: str, settings: Mapping
 ) -> tuple[float, float]:
-    """Shade the training range, draw each label's p⁺ and set the limits, which are returned."""
+    """Shade the training range, draw each method's p⁺ and set the limits, which are returned."""
     training = (settings.get("training_range") or {}).get(name)
     if training is None and _shaded(data, {}) is not None:
         values = data.truths.get("train", data.truths.get("validation"))[:, column]
         training = (values.min(), values.max())
-    priors = {label: settings.get("priors", {}).get(label, {}).get(name) for label in axes}
+    priors = {method: settings.get("priors", {}).get(method, {}).get(name) for method in axes}
     ends = [value for limits in (training, *priors.values()) if limits is not None for value in limits]
-    shown = [data.truths[name][:, column] for name in settings.get("sets") or data.estimates]
+    shown = [data.truths[name][:, column] for name in data.estimates]
     ends += [end for values in shown for end in (values.min(), values.max())]
     low, high = min(ends), max(ends)
     margin = MARGIN * ((high - low) or 1.0)
     limits = (float(low - margin), float(high + margin))
-    for label, axis in axes.items():
+    for method, axis in axes.items():
         if training is not None:
             axis.axvspan(*training, color="0.9", linewidth=0, zorder=0)
-        for edge in priors[label] or ():
+        for edge in priors[method] or ():
             axis.axvline(edge, color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
         axis.plot(limits, limits, color="0.25", linewidth=0.8, zorder=1)
         axis.set(xlim=limits, ylim=limits)
@@ -162,18 +162,13 @@ def _shaded(data: Forecasts, settings: Mapping) -> str | None:
 
 
 def _scatter(
-    axis: Axes,
-    data: Forecasts,
-    column: int,
-    limits: tuple[float, float],
-    colour: tuple[float, float, float],
-    settings: Mapping,
+    axis: Axes, data: Forecasts, column: int, limits: tuple[float, float], colour: tuple[float, float, float]
 ) -> None:
     outside = total = 0
-    for name in reversed(order_sets(settings.get("sets") or data.estimates)):  # the narrower sets on top
+    for name in reversed(order_sets(data.estimates)):  # the narrower sets on top
         truth = data.truths[name][:, column]
         chosen = np.linspace(0, len(truth) - 1, min(POINTS, len(truth))).astype(int)
-        for estimate in data.estimates[name][:, :, column]:
+        for estimate in data.estimates[name][data.places, :, column]:
             inside = (estimate >= limits[0]) & (estimate <= limits[1])
             outside, total = outside + int((~inside).sum()), total + len(truth)
             filled = name != "test"
@@ -197,7 +192,7 @@ def _scatter(
 
 def _parameter_legend(figure: Figure, data: Forecasts, settings: Mapping) -> None:
     handles = []
-    for name in order_sets(settings.get("sets") or data.estimates):
+    for name in order_sets(data.estimates):
         face = "none" if name == "test" else "0.6"
         marker = {"marker": MARKERS.get(name, "s"), "markerfacecolor": face, "markeredgecolor": "0.3"}
         handles.append(Line2D([], [], linestyle="", markersize=4, label=set_title(name, settings), **marker))

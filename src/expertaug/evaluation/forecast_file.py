@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.files import read_npz
 
@@ -22,6 +23,7 @@ class Forecasts:
         t: times in s, (T,).
         observed: index of the last observed point.
         seeds: (S,).
+        failed: those of them that could not be trained.
         state_names, state_units, parameter_names, parameter_units: texts, one per dimension.
         index, truth, prediction: by set: which samples, (K,); their states, (K, T, *state), and forecasts,
             (S, K, T, *state).
@@ -41,6 +43,18 @@ class Forecasts:
     prediction: dict[str, np.ndarray]
     truths: dict[str, np.ndarray]
     estimates: dict[str, np.ndarray]
+    failed: list[int] = field(default_factory=list)
+
+    @property
+    def places(self) -> list[int]:
+        """Places of the seeds that could be trained."""
+        return [place for place, seed in enumerate(self.seeds) if seed not in self.failed]
+
+    def parameters(self, name: str, sample: int) -> list[str]:
+        """The expert parameters of a kept sample of a set, as figures print them."""
+        values = self.truths[name][self.index[name][sample]]
+        described = zip(self.parameter_names, self.parameter_units, values, strict=True)
+        return [f"{plotting.symbol(p)} = {value:.3g} {unit}".strip().replace("-", "−") for p, unit, value in described]
 
     @classmethod
     def load(cls, path: str | Path) -> Forecasts:
@@ -75,4 +89,5 @@ class Forecasts:
             **{name: {s: arrays[f"{s}_{name}"] for s in sets} for name in ("index", "truth", "prediction")},
             truths={name.removesuffix("_z_e"): arrays[name] for name in arrays if name.endswith("_z_e")},
             estimates={s: arrays[f"{s}_z_e_hat"] for s in sets if f"{s}_z_e_hat" in arrays},
+            failed=[int(seed) for seed in arrays.get("failed", ())],
         )

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from expertaug.errors import InputError
+from expertaug.files import write_text
 
 DASH = "–"
+RUNAWAYS_NOTE = (
+    "Runaways: forecasts that leave ten times the training set's largest values, or have no solution; they count with "
+    "the error that they have at that bound."
+)
 
 
 def metric_title(metric: str, units: Mapping[str, str]) -> str:
     """A metric's name with its unit, as printed."""
     if metric.startswith("log_mse"):
-        return "log-MSE, observed window" if metric == "log_mse_observed" else "log-MSE"
+        further = {"observed": ", observed window", "median": ", median sample", "median_dim": ", median sample"}
+        return "log-MSE" + further.get(metric.removeprefix("log_mse_"), "")
+    if metric == "runaway_share":
+        return "runaways [%]"
     if metric == "relative_error":
         return "error [%]"
     if metric.startswith("relative_error_"):
@@ -31,6 +42,8 @@ def number_format(metric: str, mean: float) -> Callable[[float], str]:
         return "{:.1f}".format
     if metric == "wall_s":
         return "{:.0f}".format
+    if metric == "runaway_share":
+        return lambda share: f"{100 * share:.1f}"
     decimals = 2 - math.floor(math.log10(abs(mean))) if mean else 2
     return f"{{:.{min(max(decimals, 0), 12)}f}}".format
 
@@ -45,6 +58,22 @@ def cell_text(cell: Mapping | None, metric: str, minus: str = "−", join: str =
     text = show(cell["mean"]) + join + (DASH if math.isnan(cell["std"]) else show(cell["std"]))
     few = f" ({cell['n']}/{cell['of']})" if cell["n"] < cell["of"] else ""
     return text.replace("-", minus) + few
+
+
+def write_tables(outputs: Sequence[str | Path], texts: Mapping[str, Callable[[Path], str]]) -> None:
+    """Write each output by its suffix.
+
+    Arguments:
+        texts: suffix → the text of an output.
+
+    Raises:
+        InputError: an output has another suffix; nothing is written then.
+    """
+    for output in map(Path, outputs):
+        if output.suffix not in texts:
+            raise InputError(output, f"suffix {output.suffix!r}", f"one of {', '.join(texts)}")
+    for output in map(Path, outputs):
+        write_text(output, texts[output.suffix](output))
 
 
 def grid(header: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -> list[str]:

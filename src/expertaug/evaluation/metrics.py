@@ -35,8 +35,18 @@ def squared_errors(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
 
 def log_of(system: System, errors: Tensor) -> dict[str, Tensor]:
     """The log-MSE in both conventions from :func:`squared_errors` (S, N)."""
-    summed = errors.mean(1).log()
-    return {"log_mse_sum": summed, "log_mse_dim": summed - torch.log(torch.tensor(float(system.error_dims)))}
+    return _conventions("log_mse", errors.mean(1).log(), system)
+
+
+def log_of_median(system: System, errors: Tensor) -> dict[str, Tensor]:
+    """The log of the median over samples instead of the mean: ``log_mse_median``, which sums over the observed
+    dimensions, and ``log_mse_median_dim``; one runaway hardly moves it."""
+    found = _conventions("log_mse_median", torch.quantile(errors, 0.5, dim=1).log(), system)
+    return {name.removesuffix("_sum"): value for name, value in found.items()}
+
+
+def _conventions(name: str, summed: Tensor, system: System) -> dict[str, Tensor]:
+    return {f"{name}_sum": summed, f"{name}_dim": summed - torch.log(torch.tensor(float(system.error_dims)))}
 
 
 def parameter_errors(system: System, estimate: Tensor, truth: Tensor) -> dict[str, Tensor]:

@@ -10,7 +10,7 @@ import pandas as pd
 from expertaug import plotting
 from expertaug.evaluation.bars import Panel, draw_bars
 from expertaug.evaluation.summary import CONVENTIONS, experiment_title, log_mse_name, read_metrics
-from expertaug.labels import base_label, is_augmented
+from expertaug.labels import paired
 
 SETS = ("validation", "test")
 
@@ -22,15 +22,15 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
     Arguments:
         metrics: metrics.csv of every experiment, method and group of seeds.
         output: folder of the figures.
-        settings: {experiments, all_labels}: of each experiment its name, whether the first two figures show it
+        settings: {experiments, all_methods}: of each experiment its name, whether the first two figures show it
             (``shown``), the set that za_shifted shows (``shifted``, or null) and how its numbers are read (convention,
-            set_titles, title, from_s); all labels of the configuration, which fix the colours.
+            set_titles, title, from_s); all methods of the configuration, which fix the colours.
 
     Raises:
         InputError: a file is broken.
     """
     table = read_metrics(metrics)
-    shared = {"labels": settings["all_labels"]}
+    shared = {"all_methods": settings["all_methods"]}
     folder = Path(output)
     shown = [one for one in settings["experiments"] if one["shown"]]
     if shown:
@@ -61,8 +61,7 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
 def _shown(table: pd.DataFrame, experiment: str, metric: str, sets: Sequence[str]) -> pd.DataFrame:
     """Rows of the methods that have an augmented version, and of these versions; of all where there is none."""
     part = table[(table["experiment"] == experiment) & (table["metric"] == metric) & table["set"].isin(sets)]
-    bases = {base_label(label) for label in part["label"] if is_augmented(label)}
-    return part[part["label"].map(base_label).isin(bases)] if bases else part
+    return part[part["method"].isin(paired(part["method"]))]
 
 
 def _title(one: Mapping) -> str:

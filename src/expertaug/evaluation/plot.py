@@ -19,23 +19,23 @@ def plot(
         metrics: metrics.csv of every method and group of seeds.
         forecasts: forecasts.npz of one group of seeds of each method, in the order of ``settings["labels"]``.
         logs: log.jsonl of every trained method and group of seeds.
-        settings: {labels, all_labels, convention, set_titles, title, training_range, priors}: this experiment's labels
-            in order and the whole configuration's, which fix the colours; ranges of the expert parameters where they
-            are known, else empty; priors by label.
+        settings: {labels, all_methods, convention, set_titles, title, training_range, priors}: pairs of this
+            experiment's methods and their labels, in order; all methods of the configuration, which fix the colours;
+            ranges of the expert parameters where they are known, else empty; priors by method.
 
     Raises:
         InputError: a file is missing or broken.
     """
-    labels = list(settings["labels"])
-    by_label = dict(zip(labels, forecasts, strict=True))
+    labels = dict(settings["labels"])
+    by_method = dict(zip(labels, forecasts, strict=True))
     ranges = {key: settings[key] for key in ("training_range", "priors") if settings[key]}
-    shared = {"labels": settings["all_labels"], **{k: settings[k] for k in ("set_titles", "title")}}
+    shared = {k: settings[k] for k in ("labels", "all_methods", "set_titles", "title")}
 
     def output(name: str) -> Path:
         return Path(f"{prefix}_{name}")
 
     figures.bars(metrics, output("log_mse"), shared | {"convention": settings["convention"]})
     figures.parameter_errors(metrics, output("parameter_errors"), shared)
-    figures.parameters(by_label, output("parameters"), shared | ranges)
-    traces.forecasts(by_label, output("forecasts"), shared)
+    figures.parameters(by_method, output("parameters"), shared | ranges)
+    traces.forecasts(by_method, output("forecasts"), shared)
     traces.curves(logs, output("curves"), shared)

@@ -11,9 +11,8 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import DASH, booktabs, cell_text, escape, grid
+from expertaug.evaluation.formats import DASH, booktabs, cell_text, escape, grid, write_tables
 from expertaug.evaluation.summary import read_metrics, set_title, summarise
-from expertaug.files import write_text
 
 NUMBERS = Path(__file__).with_name("paper.csv")
 # The paper's tables (labels of its source), by metric.
@@ -82,15 +81,8 @@ def compare(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
         InputError: a file is broken, a system is unknown, or an output's suffix.
     """
     table = comparison(summarise(read_metrics(metrics)), settings)
-    for output in map(Path, outputs):
-        if output.suffix == ".csv":
-            write_text(output, table.to_csv(index=False))
-        elif output.suffix == ".md":
-            write_text(output, _markdown(table))
-        elif output.suffix == ".tex":
-            write_text(output, _latex(table))
-        else:
-            raise InputError(output, f"suffix {output.suffix!r}", "one of .csv, .md, .tex")
+    texts = {".csv": table.to_csv(index=False), ".md": _markdown(table), ".tex": _latex(table)}
+    write_tables(outputs, {suffix: lambda output: texts[output.suffix] for suffix in texts})
 
 
 def comparison(summary: pd.DataFrame, settings: Mapping) -> pd.DataFrame:

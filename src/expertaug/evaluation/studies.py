@@ -10,11 +10,17 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation import study_figures
-from expertaug.evaluation.formats import booktabs, cell_text, escape, grid, metric_title
+from expertaug.evaluation.formats import RUNAWAYS_NOTE, booktabs, cell_text, escape, grid, metric_title, write_tables
 from expertaug.evaluation.study_figures import DURING_TRAINING_SETS, WIDTH_SETS, ranges_text
-from expertaug.evaluation.summary import CONVENTIONS, read_metrics, set_title, shown_metrics, summarise
-from expertaug.files import write_text
-from expertaug.labels import split
+from expertaug.evaluation.summary import (
+    CONVENTIONS,
+    has_runaways,
+    read_metrics,
+    set_title,
+    summarise,
+    tabled_metrics,
+)
+from expertaug.labels import base
 
 AROUND = ("epoch", "finetune_epochs")
 
@@ -42,7 +48,7 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -
     Arguments:
         metrics: metrics.csv (of the study along training: during_training.csv) of all variants and groups of seeds.
         outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
-        settings: {study, labels, all_labels, sets, convention, set_titles, title, from_s} and, of out_of_expertise and
+        settings: {study, labels, all_methods, sets, convention, set_titles, title, from_s} and, of out_of_expertise and
             along, ``options`` (the study's configuration), of prior_width ``priors`` (ranges by method and name, "" =
             the method's own); ``labels`` has pairs of a variant and its printed label, in order,
             ``options["panels"]`` pairs of a title and the sets of a panel, ``sets`` the simulated sets' ranges.
@@ -57,19 +63,16 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -
     _require(summary, metrics, settings)
     header, rows, texts = kind.rows(summary, settings)
     name = str(summary["experiment"].iloc[0])
-    caption = _caption(table, settings)
+    caption = _caption(table, settings) + (f" {RUNAWAYS_NOTE}" if has_runaways(summary) else "")
+    title, label = f"{name}: {kind.title}", f"{name}-{settings['study']}".replace("_", "-")
+    lines = [f"## {title}", "", caption, "", *grid(header, [[escape(c) for c in r] for r in rows], texts)]
     drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
-    for output in map(Path, outputs):
-        if output.suffix == ".csv":
-            write_text(output, summary.to_csv(index=False))
-        elif output.suffix == ".md":
-            lines = [f"## {name}: {kind.title}", "", caption, ""]
-            write_text(output, "\n".join([*lines, *grid(header, [[escape(c) for c in r] for r in rows], texts)]) + "\n")
-        elif output.suffix == ".tex":
-            label = f"{name}-{settings['study']}".replace("_", "-")
-            write_text(output, booktabs(header, rows, texts, caption, label, f"{name}: {kind.title}"))
-        elif output not in drawn:
-            raise InputError(output, f"suffix {output.suffix!r}", "one of .csv, .md, .tex, .png, .pdf")
+    made = {
+        ".csv": lambda _: summary.to_csv(index=False),
+        ".md": lambda _: "\n".join(lines) + "\n",
+        ".tex": lambda _: booktabs(header, rows, texts, caption, label, title),
+    }
+    write_tables([path for path in map(Path, outputs) if path not in drawn], made)
     if drawn:
         kind.draw(summary, drawn, settings)
 
@@ -101,7 +104,7 @@ def _shift_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
     """A row for each metric, panel and distance, a column for each method."""
     options, found = settings["options"], cells_of(summary, "metric", "set", "method")
     rows = []
-    for metric in shown_metrics(summary, settings["convention"]):
+    for metric in tabled_metrics(summary, settings["convention"]):
         for title, names in options["panels"]:
             for distance, name in zip(options["distances"], names, strict=True):
                 sampled = ranges_text(settings["sets"].get(name, {}).get("z_a", {}))
@@ -113,10 +116,10 @@ def _shift_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
 def _width_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
     """A row for each method and prior, a column for each metric and set."""
     found = cells_of(summary, "metric", "set", "method")
-    columns = [(m, s) for m in shown_metrics(summary, settings["convention"]) for s in WIDTH_SETS]
+    columns = [(m, s) for m in tabled_metrics(summary, settings["convention"]) for s in WIDTH_SETS]
     header = [f"{set_title(name, settings)}: {metric_title(metric, {})}" for metric, name in columns]
     rows = []
-    for method in dict.fromkeys(split(variant)[0] for variant in settings["labels"]):
+    for method in dict.fromkeys(map(base, settings["labels"])):
         priors = settings["priors"][method]
         ordered = {name: ranges_text(priors[name]) for name in study_figures.by_width(priors)}
         for name, ranges in {None: "not augmented", **ordered}.items():
@@ -130,7 +133,7 @@ def _width_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
 def _during_training_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
     """A row for each snapshot and length of fine-tuning, a column for each metric and set."""
     found = cells_of(summary, "metric", "set", *AROUND)
-    columns = [(m, s) for m in shown_metrics(summary, settings["convention"]) for s in DURING_TRAINING_SETS]
+    columns = [(m, s) for m in tabled_metrics(summary, settings["convention"]) for s in DURING_TRAINING_SETS]
     header = [f"{set_title(name, settings)}: {metric_title(metric, {})}" for metric, name in columns]
     rows = []
     for epoch, tuned in sorted({key[2:] for key in found}):

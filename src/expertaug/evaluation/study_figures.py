@@ -15,14 +15,19 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from expertaug import plotting
 from expertaug.evaluation.summary import CONVENTIONS, experiment_title, log_mse_name, set_title, shown_metrics
-from expertaug.labels import is_augmented, split
+from expertaug.labels import base
 
 WIDTH_SETS = ("validation", "test")
 DURING_TRAINING_SETS = ("train", "validation", "test")
 ALONG_COLOURS = {"train": "#7A7A7A", "validation": "#0072B2", "test": "#D55E00"}
-DASHED = (0, (3.5, 1.6))
 # Of the model as trained, then of each length of fine-tuning.
-ALONG_LINES = (("-", "o", 3), (DASHED, "s", 3), ((0, (1, 1.4)), "*", 6), ("-.", "^", 4), ((0, (6, 1.5)), "v", 4))
+ALONG_LINES = (
+    ("-", "o", 3),
+    (plotting.DASHED, "s", 3),
+    ((0, (1, 1.4)), "*", 6),
+    ("-.", "^", 4),
+    ((0, (6, 1.5)), "v", 4),
+)
 
 
 def ranges_text(ranges: Mapping[str, Sequence[float]]) -> str:
@@ -38,17 +43,18 @@ def by_width(priors: Mapping[str, Mapping]) -> list[str]:
 def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
     """The log-MSE against the distance of the shift: a panel for each kind of shift, a line for each method."""
     options, metric = settings["options"], log_mse_name(settings["convention"])
-    colours = plotting.colours(list(settings["labels"].values()), settings["all_labels"])
+    labels = settings["labels"]
+    colours = plotting.colours(list(labels), settings["all_methods"])
     chosen = summary[summary["metric"] == metric].set_index(["method", "set"])
     panels = options["panels"]
     with plotting.styled():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(panels) > 1 else 4.6)
         grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for axis, (title, names) in zip(grid, panels, strict=True):
-            for place, (variant, label) in enumerate(settings["labels"].items()):
-                x = np.arange(len(names)) + _dodge(place, len(settings["labels"]))
+            for place, variant in enumerate(labels):
+                x = np.arange(len(names)) + _dodge(place, len(labels))
                 cells = [_cell(chosen, (variant, name)) for name in names]
-                _line(axis, x, cells, colours[label], "-" if is_augmented(label) else DASHED)
+                _line(axis, x, cells, colours[variant], plotting.dash(variant))
             places = zip(options["distances"], names, strict=True)
             axis.set_xticks(range(len(names)), [_tick(distance, name, settings) for distance, name in places])
             axis.set_xlim(-0.4, len(names) - 0.6)
@@ -56,10 +62,9 @@ def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
             axis.grid(axis="y")
         grid[0].set_ylabel("log-MSE (lower is better)")
         handles = [
-            Line2D([], [], color=colours[label], linestyle="-" if is_augmented(label) else DASHED, marker="o",
-                   markersize=3, label=label)
-            for label in settings["labels"].values()
-        ]  # fmt: skip
+            Line2D([], [], color=colours[v], linestyle=plotting.dash(v), marker="o", markersize=3, label=label)
+            for v, label in labels.items()
+        ]
         plotting.legend(figure, handles)
         _subtitle(figure, summary, settings)
         plotting.save(figure, outputs)
@@ -67,23 +72,22 @@ def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
 
 def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
     """Log-MSE and parameters' error against the prior, the narrowest first: a line for each method and set."""
-    methods = list(dict.fromkeys(split(variant)[0] for variant in settings["labels"]))
+    methods = list(dict.fromkeys(map(base, settings["labels"])))
     ranges = settings["priors"][methods[0]]
     priors = by_width(ranges)
-    bases = {method: settings["labels"][method] for method in methods}
-    colours = plotting.colours([f"{label}+" for label in bases.values()], settings["all_labels"])
+    colours = plotting.colours([f"{method}+" for method in methods], settings["all_methods"])
     chosen = summary.set_index(["metric", "method", "set"])
     metrics = shown_metrics(summary, settings["convention"])
     with plotting.styled():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(metrics) > 1 else 4.6)
         grid = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axis, metric in zip(grid, metrics, strict=True):
-            for place, (method, label) in enumerate(bases.items()):
-                for name, line in zip(WIDTH_SETS, (DASHED, "-"), strict=True):
+            for place, method in enumerate(methods):
+                for name, line in zip(WIDTH_SETS, (plotting.DASHED, "-"), strict=True):
                     variants = [method, *(f"{method}+{prior}" for prior in priors)]
                     cells = [_cell(chosen, (metric, variant, name)) for variant in variants]
-                    x = np.arange(len(variants)) + _dodge(place, len(bases))
-                    _line(axis, x, cells, colours[f"{label}+"], line, "o" if name == "test" else "s")
+                    x = np.arange(len(variants)) + _dodge(place, len(methods))
+                    _line(axis, x, cells, colours[f"{method}+"], line, "o" if name == "test" else "s")
             alike = {name: all(settings["priors"][m][name] == ranges[name] for m in methods) for name in priors}
             extents = [_extent(ranges, name) if alike[name] else "" for name in priors]
             ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
@@ -94,8 +98,9 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
             axis.grid(axis="y")
             if metric == "relative_error":
                 _percent(axis)
-        handles = [Line2D([], [], color=colours[f"{x}+"], linewidth=3, label=x) for x in bases.values()]
-        for name, line, marker in zip(WIDTH_SETS, (DASHED, "-"), "so", strict=True):
+        names = {f"{method}+": settings["labels"][method] for method in methods}
+        handles = [Line2D([], [], color=colours[m], linewidth=3, label=label) for m, label in names.items()]
+        for name, line, marker in zip(WIDTH_SETS, (plotting.DASHED, "-"), "so", strict=True):
             look = {"color": "0.3", "linestyle": line, "marker": marker, "markersize": 3}
             handles.append(Line2D([], [], label=set_title(name, settings), **look))
         plotting.legend(figure, handles)
@@ -187,4 +192,4 @@ def _subtitle(figure: Figure, summary: pd.DataFrame, settings: Mapping) -> None:
     name = experiment_title(str(summary["experiment"].iloc[0]), settings)
     text = f"{name}; squared error {CONVENTIONS[settings['convention']]}"
     join = "; " if figure.get_figwidth() > 6 else "\n"
-    figure.suptitle(f"{text}{join}{number}; preset {summary['preset'].iloc[0]}", fontsize=7.5, color="0.35")
+    plotting.heading(figure, f"{text}{join}{number}; preset {summary['preset'].iloc[0]}")

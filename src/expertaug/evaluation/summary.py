@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.labels import base_label, is_augmented
+from expertaug.labels import MAIN_SETS
 from expertaug.tracking.log_file import COLUMNS, read_rows
 
-SETS = {"train": "train", "validation": "validation (IID)", "test": "test (OOD)"}
+SET_TITLES = {"train": "train", "validation": "validation (IID)", "test": "test (OOD)"}
+RUNAWAYS = "runaway_share"
 CONVENTIONS = {
     "sum": "summed over the observed dimensions",
     "dim": "averaged over the observed dimensions",
@@ -57,23 +58,21 @@ def summarise(table: pd.DataFrame, further: Sequence[str] = ()) -> pd.DataFrame:
     return groups.agg(mean="mean", std="std", n="count", of="size").reset_index()
 
 
-def order_labels(labels: Iterable[str], wanted: Sequence[str] = ()) -> list[str]:
-    """Labels in the order of ``wanted``, then of appearance, each augmented one ("X+") behind its own "X"."""
-    known = list(dict.fromkeys(labels))
-    bases = list(dict.fromkeys(base_label(label) for label in (*wanted, *known)))
-    return [label for base in bases for label in sorted(known, key=is_augmented) if base_label(label) == base]
+def labels_of(table: pd.DataFrame) -> dict[str, str]:
+    """What is printed for each version of a method."""
+    return dict(zip(table["method"], table["label"], strict=True))
 
 
 def order_sets(sets: Iterable[str]) -> list[str]:
     """Train, validation, test, then others in order of appearance."""
     known = list(dict.fromkeys(sets))
-    return [name for name in SETS if name in known] + [name for name in known if name not in SETS]
+    return [name for name in MAIN_SETS if name in known] + [name for name in known if name not in MAIN_SETS]
 
 
 def set_title(name: str, settings: Mapping) -> str:
     """A set's name as it is printed; ``settings["set_titles"]`` may say otherwise (validation is not always IID)."""
     plain = re.sub(r"(?<!\bz)_", " ", name)  # z_a_small: z_a small
-    return (settings.get("set_titles") or {}).get(name, SETS.get(name, plain))
+    return (settings.get("set_titles") or {}).get(name, SET_TITLES.get(name, plain))
 
 
 def experiment_title(name: str, settings: Mapping) -> str:
@@ -84,6 +83,16 @@ def experiment_title(name: str, settings: Mapping) -> str:
 def shown_metrics(table: pd.DataFrame, convention: str) -> list[str]:
     """The log-MSE in a convention, and the parameters' error where a method estimates any."""
     return [name for name in (log_mse_name(convention), "relative_error") if name in set(table["metric"])]
+
+
+def tabled_metrics(table: pd.DataFrame, convention: str) -> list[str]:
+    """Those that figures show, and the share of runaways where there is any."""
+    return [*shown_metrics(table, convention), *([RUNAWAYS] if has_runaways(table) else [])]
+
+
+def has_runaways(table: pd.DataFrame) -> bool:
+    """Whether a forecast of a summary's methods ran away."""
+    return bool((table.loc[table["metric"] == RUNAWAYS, "mean"] > 0).any())
 
 
 def log_mse_name(convention: str) -> str:

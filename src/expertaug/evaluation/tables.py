@@ -9,18 +9,19 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.forecast_file import Forecasts
-from expertaug.evaluation.formats import DASH, cell_text, escape, grid, metric_title, tex
+from expertaug.evaluation.formats import DASH, RUNAWAYS_NOTE, cell_text, escape, grid, metric_title, tex, write_tables
 from expertaug.evaluation.summary import (
     CONVENTIONS,
-    SETS,
-    log_mse_name,
-    order_labels,
+    RUNAWAYS,
+    has_runaways,
     order_sets,
     read_metrics,
     set_title,
+    shown_metrics,
     summarise,
+    tabled_metrics,
 )
-from expertaug.files import write_text
+from expertaug.labels import MAIN_SETS, ordered
 
 
 def tabulate(
@@ -34,35 +35,34 @@ def tabulate(
     Arguments:
         metrics: metrics.csv of every method and group of seeds, of one experiment or of several (one table each).
         outputs: any of ``….csv`` (wide), ``…_long.csv``, ``….md`` and ``….tex`` (booktabs).  CSV files hold all metrics
-            in full precision, the long one of all sets; LaTeX the chosen metrics, Markdown these and the others in a
-            second table, of the main sets.
-        settings: all optional: ``convention`` ("sum" or "dim": of the log-MSE), ``metrics`` (those in the first table),
-            ``labels`` (order of the methods), ``units`` (unit of each parameter by name), ``set_titles`` (how sets are
-            printed), ``from_s`` (as in evaluation: the log-MSE sees times from there on; null = the forecast window).
+            in full precision, the long one of all sets; LaTeX the log-MSE, the parameters' error and the share of
+            runaways where there are any, Markdown these and the others in a second table, of the main sets.
+        settings: all optional: ``convention`` ("sum" or "dim": of the log-MSE), ``labels`` (pairs of a method and its
+            label: the order of the methods), ``set_titles`` (how sets are printed), ``from_s`` (as in evaluation: the
+            log-MSE sees times from there on; null = the forecast window).
         forecasts: forecasts.npz of the same runs; the units of the parameters are taken from there.
 
     Raises:
-        InputError: a metrics file is broken, an output's suffix or a metric is unknown.
+        InputError: a metrics file is broken or has none of these metrics, or an output's suffix is unknown.
     """
     settings = dict(settings or {})
-    settings["units"] = _units(forecasts) | settings.get("units", {})
+    settings["units"] = _units(forecasts)
     long = _prepare(read_metrics(metrics), settings)
-    chosen = settings.get("metrics") or [log_mse_name(settings.get("convention", "sum")), "relative_error"]
-    chosen = [name for name in chosen if name in set(long["metric"])]
-    if not chosen:
+    if not shown_metrics(long, settings.get("convention", "sum")):
         known = ", ".join(dict.fromkeys(long["metric"]))
-        raise InputError("metrics", f"none of {settings.get('metrics')} is in the files", f"some of {known}")
-    main = long[long["set"].isin(SETS)]
-    for output in map(Path, outputs):
-        if output.suffix == ".csv":
-            table = long if output.stem.endswith("_long") else _wide(main)
-            write_text(output, table.to_csv(index=False))
-        elif output.suffix == ".md":
-            write_text(output, "\n".join(_markdown(part, chosen, settings) for part in _experiments(main)))
-        elif output.suffix == ".tex":
-            write_text(output, "\n".join(_latex(part, chosen, settings) for part in _experiments(main)))
-        else:
-            raise InputError(output, f"suffix {output.suffix!r}", "one of .csv, .md, .tex")
+        raise InputError("metrics", "neither log-MSE nor parameter error is in the files", f"they hold {known}")
+    main = long[long["set"].isin(MAIN_SETS)]
+
+    def csv(output: Path) -> str:
+        table = long if output.stem.endswith("_long") else _wide(main)
+        return table.drop(columns="row", errors="ignore").to_csv(index=False)
+
+    texts = {
+        ".csv": csv,
+        ".md": lambda _: "\n".join(_markdown(part, settings) for part in _experiments(main)),
+        ".tex": lambda _: "\n".join(_latex(part, settings) for part in _experiments(main)),
+    }
+    write_tables(outputs, texts)
 
 
 def _units(forecasts: Sequence[Path]) -> dict[str, str]:
@@ -72,26 +72,26 @@ def _units(forecasts: Sequence[Path]) -> dict[str, str]:
 
 
 def _prepare(table: pd.DataFrame, settings: Mapping) -> pd.DataFrame:
-    """The summary, sorted as it is printed; where one experiment has several presets, labels name theirs."""
+    """The summary, sorted as it is printed, with the seeds and a ``row`` for each method and preset; where one
+    experiment has several presets, labels name theirs."""
     for _, group in table.groupby("experiment"):
-        presets = group["preset"].unique()
-        if len(presets) > 1:
-            rows = group.index
-            table.loc[rows, "label"] = group["label"] + " (" + group["preset"] + ")"
-    seeds = table.groupby(["experiment", "preset", "label"], sort=False)["seed"].agg(lambda s: sorted(set(s)))
+        if group["preset"].nunique() > 1:
+            table.loc[group.index, "label"] = group["label"] + " (" + group["preset"] + ")"
+    keys = ["experiment", "preset", "method"]
+    seeds = table.groupby(keys, sort=False)["seed"].agg(lambda s: sorted(set(s)))
     long = summarise(table)
-    long["seeds"] = [
-        " ".join(map(str, seeds[e, p, lab])) for e, p, lab in long[["experiment", "preset", "label"]].values
-    ]
+    long["seeds"] = [" ".join(map(str, seeds[tuple(key)])) for key in long[keys].values]
+    long["row"] = long["method"] + " " + long["preset"]
+    methods, presets = ordered(long["method"], dict(settings.get("labels", ()))), list(dict.fromkeys(long["preset"]))
     ranks = {
-        "label": order_labels(long["label"], settings.get("labels", ())),
+        "row": [f"{method} {preset}" for method in methods for preset in presets],
         "set": order_sets(long["set"]),
         "metric": list(dict.fromkeys(long["metric"])),
         "experiment": list(dict.fromkeys(long["experiment"])),
     }
     places = {key: {value: i for i, value in enumerate(values)} for key, values in ranks.items()}
     return long.sort_values(
-        ["experiment", "label", "set", "metric"], key=lambda c: c.map(places[c.name]), ignore_index=True
+        ["experiment", "row", "set", "metric"], key=lambda c: c.map(places[c.name]), ignore_index=True
     )
 
 
@@ -102,10 +102,8 @@ def _experiments(long: pd.DataFrame) -> list[pd.DataFrame]:
 def _wide(long: pd.DataFrame) -> pd.DataFrame:
     """One row per method; columns <set>/<metric>/mean, /std and /n."""
     rows = []
-    for (experiment, label), part in long.groupby(["experiment", "label"], sort=False):
-        first = part.iloc[0]
-        row = {"experiment": experiment, "preset": first["preset"], "method": first["method"], "label": label}
-        row["seeds"] = first["seeds"]
+    for _, part in long.groupby(["experiment", "row"], sort=False):
+        row = {key: part.iloc[0][key] for key in ("experiment", "preset", "method", "label", "seeds")}
         for cell in part.itertuples():
             name = f"{cell.set}/{cell.metric}"
             row |= {f"{name}/mean": cell.mean, f"{name}/std": cell.std, f"{name}/n": cell.n}
@@ -116,13 +114,14 @@ def _wide(long: pd.DataFrame) -> pd.DataFrame:
 
 
 def _cells(part: pd.DataFrame, metrics: Sequence[str]) -> list[tuple[str, str]]:
-    """The columns (set, metric) that hold a value, set by set."""
-    known = set(zip(part["set"], part["metric"], strict=True))
+    """The columns (set, metric) that hold a value, set by set; shares of runaways where there are any."""
+    told = part[(part["metric"] != RUNAWAYS) | part["set"].map(lambda s: has_runaways(part[part["set"] == s]))]
+    known = set(zip(told["set"], told["metric"], strict=True))
     return [(name, metric) for name in order_sets(part["set"]) for metric in metrics if (name, metric) in known]
 
 
 def _lookup(part: pd.DataFrame) -> dict[tuple[str, str, str], pd.Series]:
-    return {(row["label"], row["set"], row["metric"]): row for _, row in part.iterrows()}
+    return {(row["row"], row["set"], row["metric"]): row for _, row in part.iterrows()}
 
 
 def _best(part: pd.DataFrame, cells: Sequence[tuple[str, str]]) -> set[tuple[str, str, str]]:
@@ -130,12 +129,17 @@ def _best(part: pd.DataFrame, cells: Sequence[tuple[str, str]]) -> set[tuple[str
     found = set()
     for name, metric in cells:
         column = part[(part["set"] == name) & (part["metric"] == metric) & (part["n"] == part["of"])]
-        if len(column) > 1 and metric != "wall_s":
-            found.add((column.loc[column["mean"].idxmin(), "label"], name, metric))
+        if len(column) > 1 and metric != RUNAWAYS:
+            found.add((column.loc[column["mean"].idxmin(), "row"], name, metric))
     return found
 
 
-def _caption(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> str:
+def _chosen(part: pd.DataFrame, settings: Mapping) -> list[str]:
+    """Metrics of the first table."""
+    return tabled_metrics(part, settings.get("convention", "sum"))
+
+
+def _caption(part: pd.DataFrame, settings: Mapping) -> str:
     """What every table says of itself: preset, seeds, convention, units."""
     sizes = sorted({len(seeds.split()) for seeds in part["seeds"]})
     counted = "1 seed" if sizes == [1] else f"{' or '.join(map(str, sizes))} seeds"
@@ -143,48 +147,56 @@ def _caption(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> st
         f"Preset: {', '.join(dict.fromkeys(part['preset']))}.",
         f"Mean ± standard deviation (n − 1) over {counted} per method; {DASH}: no value, or no deviation of one seed.",
     ]
-    convention = next((name[8:] for name in chosen if name[8:] in CONVENTIONS and name.startswith("log_mse_")), None)
-    if convention:
+    chosen, convention = _chosen(part, settings), settings.get("convention", "sum")
+    if chosen[0].startswith("log_mse"):
         start = settings.get("from_s", "")
         times = {"": "the evaluated times", None: "the forecast window (t1, t2]"}.get(start, f"times from {start} s on")
         parts.append(
             f"log-MSE (no unit): natural logarithm of the mean, over samples and {times}, of the squared error"
             f" {CONVENTIONS[convention]} (convention: {convention})."
         )
-    if any(name.startswith("relative_error") for name in chosen):
+    if "relative_error" in chosen:
         parts.append("Error: mean of |estimate − truth| / |truth| of the expert parameters, in %.")
     if (part["n"] < part["of"]).any():
         parts.append("(a/b): only a of b seeds have a finite value, and only those are averaged.")
+    if has_runaways(part):
+        parts.append(RUNAWAYS_NOTE)
     return " ".join(parts)
 
 
-def _markdown(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> str:
-    units, values = settings.get("units", {}), _lookup(part)
+def _rows(part: pd.DataFrame) -> list[tuple[str, str, int]]:
+    """Key, label and number of seeds of every row of a table."""
+    first = part.drop_duplicates("row")
+    counts = [len(seeds.split()) for seeds in first["seeds"]]
+    return list(zip(first["row"], first["label"], counts, strict=True))
+
+
+def _markdown(part: pd.DataFrame, settings: Mapping) -> str:
+    units, values, chosen = settings["units"], _lookup(part), _chosen(part, settings)
     cells = _cells(part, chosen)
     best = _best(part, cells)
     titles = [f"{set_title(name, settings)}: {metric_title(metric, units)}" for name, metric in cells]
     rows = []
-    for label in dict.fromkeys(part["label"]):
-        count = len(part.loc[part["label"] == label, "seeds"].iloc[0].split())
-        texts = [cell_text(values.get((label, *cell)), cell[1]) for cell in cells]
-        marked = [f"**{t}**" if (label, *c) in best else t for t, c in zip(texts, cells, strict=True)]
+    for row, label, count in _rows(part):
+        texts = [cell_text(values.get((row, *cell)), cell[1]) for cell in cells]
+        marked = [f"**{t}**" if (row, *c) in best else t for t, c in zip(texts, cells, strict=True)]
         rows.append([escape(label), str(count), *marked])
     lines = [
         f"## {part['experiment'].iloc[0]}",
         "",
-        _caption(part, chosen, settings),
+        _caption(part, settings),
         "Best of each column in bold.",
         "",
     ]
     lines += grid(["method", "seeds", *titles], rows, 1)
-    others = [name for name in dict.fromkeys(part["metric"]) if name not in chosen]
+    others = [name for name in dict.fromkeys(part["metric"]) if name not in (*chosen, RUNAWAYS)]
     if others:
         sets = order_sets(part["set"])
         rows = []
         for metric in others:
             title = metric_title(metric, units) + (f" ({metric})" if metric.startswith("log_mse") else "")
-            for label in dict.fromkeys(part["label"]):
-                found = [values.get((label, name, metric)) for name in sets]
+            for row, label, _ in _rows(part):
+                found = [values.get((row, name, metric)) for name in sets]
                 if any(cell is not None for cell in found):
                     rows.append([title, escape(label), *(cell_text(cell, metric) for cell in found)])
         lines += [
@@ -196,9 +208,9 @@ def _markdown(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> s
     return "\n".join(lines) + "\n"
 
 
-def _latex(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> str:
-    units, values = settings.get("units", {}), _lookup(part)
-    cells = _cells(part, chosen)
+def _latex(part: pd.DataFrame, settings: Mapping) -> str:
+    units, values = settings["units"], _lookup(part)
+    cells = _cells(part, _chosen(part, settings))
     best = _best(part, cells)
     sets = list(dict.fromkeys(name for name, _ in cells))
     spans, rules, column = [], [], 3
@@ -208,18 +220,17 @@ def _latex(part: pd.DataFrame, chosen: Sequence[str], settings: Mapping) -> str:
         rules.append(rf"\cmidrule(lr){{{column}-{column + width - 1}}}")
         column += width
     body = []
-    for label in dict.fromkeys(part["label"]):
-        count = len(part.loc[part["label"] == label, "seeds"].iloc[0].split())
+    for row, label, count in _rows(part):
         texts = []
         for cell in cells:
-            text = cell_text(values.get((label, *cell)), cell[1], minus="-", join=r" \pm ").replace(DASH, r"\text{--}")
-            if (label, *cell) in best:
+            text = cell_text(values.get((row, *cell)), cell[1], minus="-", join=r" \pm ").replace(DASH, r"\text{--}")
+            if (row, *cell) in best:
                 text = rf"\mathbf{{{text}}}"
             texts.append(f"${text}$" if "pm" in text else text.replace(r"\text{--}", "--"))
         body.append(" & ".join([tex(label), str(count), *texts]) + r" \\")
     titles = [tex(metric_title(metric, units)) for _, metric in cells]
     name = part["experiment"].iloc[0]
-    caption = f"{tex(_caption(part, chosen, settings))} Best of each column in bold."
+    caption = f"{tex(_caption(part, settings))} Best of each column in bold."
     lines = [
         r"% needs \usepackage{booktabs,amsmath}",
         r"\begin{table}",

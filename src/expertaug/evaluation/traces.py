@@ -14,8 +14,8 @@ from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation import fields
 from expertaug.evaluation.forecast_file import Forecasts
-from expertaug.evaluation.summary import experiment_title, order_labels, set_title
-from expertaug.labels import is_augmented
+from expertaug.evaluation.summary import experiment_title, set_title
+from expertaug.labels import is_augmented, ordered
 from expertaug.tracking.log_file import Log, read_log
 
 TRUTH = "0.05"
@@ -32,11 +32,11 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
     A state that is a field is drawn by :func:`expertaug.evaluation.fields.panel` instead.
 
     Arguments:
-        forecasts: forecasts.npz by label; all of one experiment.
+        forecasts: forecasts.npz by method; all of one experiment.
         outputs: .png or .pdf files, or one path without suffix for both.
-        settings: all optional: ``labels`` (all labels of the configuration, in order), ``set`` (default "test"),
-            ``samples`` (positions among those kept; default the first three), ``dimensions`` (indices of the state;
-            default all, or four spread evenly), ``seed`` (default the first in the files), ``set_titles``.
+        settings: all optional: ``labels`` (pairs of a method and what is printed for it), ``all_methods`` (those of the
+            configuration, in order), ``set`` (default "test"), ``samples`` (positions among those kept; default the
+            first three), ``seed`` (default the first that could be trained), ``set_titles``.
 
     Raises:
         InputError: a file is broken, holds other samples than the first one, or lacks the set, the seed or a sample.
@@ -44,23 +44,24 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
     settings = dict(settings or {})
     if not forecasts:
         raise InputError("forecasts", "no file", "at least one forecasts.npz")
-    labels = order_labels(forecasts, settings.get("labels", ()))
-    found = {label: Forecasts.load(forecasts[label]) for label in labels}
-    first, name = found[labels[0]], settings.get("set", "test")
-    _check_same(forecasts, found, labels, name)
+    labels, all_methods = dict(settings.get("labels", ())), settings.get("all_methods", ())
+    methods = ordered(forecasts, all_methods)
+    found = {method: Forecasts.load(forecasts[method]) for method in methods}
+    first, name = found[methods[0]], settings.get("set", "test")
+    _check_same(forecasts, found, name)
     samples = settings.get("samples") or list(range(min(3, len(first.index[name]))))
     if max(samples) >= len(first.index[name]):
-        raise InputError(forecasts[labels[0]], f"no sample {max(samples)}", f"it keeps {len(first.index[name])}")
-    seed = settings.get("seed", first.seeds[0])
+        raise InputError(forecasts[methods[0]], f"no sample {max(samples)}", f"it keeps {len(first.index[name])}")
+    seed = settings.get("seed", _first_trained(found))
     if fields.is_field(first, name):
-        for label in labels:
-            _seed_position(forecasts[label], found[label], seed)
+        for method in methods:
+            _seed_position(forecasts[method], found[method], seed)
         fields.panel(found, name, outputs, settings, seed)
         return
     size = first.truth[name].shape[-1]
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
-    dimensions = settings.get("dimensions") or list(dict.fromkeys(spread.tolist()))
-    colours = plotting.colours(labels, settings.get("labels", ()))
+    dimensions = list(dict.fromkeys(spread.tolist()))
+    colours = plotting.colours(methods, all_methods)
     with plotting.styled():
         figure = plotting.new_figure(0.85 + 1.25 * len(dimensions), min(plotting.WIDTH, 2.2 + 2.0 * len(samples)))
         grid = figure.subplots(len(dimensions), len(samples), squeeze=False, sharex=True, sharey="row")
@@ -68,13 +69,13 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
             for axis, sample in zip(grid[row], samples, strict=True):
                 axis.axvspan(first.t[0], first.t[first.observed], color="0.92", linewidth=0, zorder=0)
                 axis.plot(first.t, first.truth[name][sample, :, dimension], color=TRUTH, linewidth=1.9, zorder=2)
-                for label in labels:
-                    prediction = found[label].prediction[name][_seed_position(forecasts[label], found[label], seed)]
-                    order = 4 if is_augmented(label) else 3
-                    line = {"color": colours[label], "linestyle": _dash(label), "zorder": order}
+                for method in methods:
+                    prediction = found[method].prediction[name][_seed_position(forecasts[method], found[method], seed)]
+                    order = 4 if is_augmented(method) else 3
+                    line = {"color": colours[method], "linestyle": plotting.dash(method), "zorder": order}
                     axis.plot(first.t, prediction[sample, :, dimension], linewidth=1.2, **line)
                 if row == 0:
-                    axis.set_title(_sample_title(first, name, sample), fontsize=7.5)
+                    axis.set_title(", ".join(first.parameters(name, sample)[:2]), fontsize=7.5)
                 if row == len(dimensions) - 1:
                     axis.set_xlabel("t [s]")
             grid[row, 0].set_ylim(*_limits(grid[row], first.truth[name][samples][:, :, dimension]))
@@ -82,12 +83,10 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
         grid[0, 0].set_xlim(first.t[0], first.t[-1])
         figure.align_ylabels(grid[:, 0])
         handles = [Line2D([], [], color=TRUTH, linewidth=1.9, label="truth")]
-        handles += [Line2D([], [], color=colours[x], linestyle=_dash(x), label=x) for x in labels]
+        handles += _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.92", label="observed window"))
         plotting.legend(figure, handles)
-        figure.suptitle(
-            plotting.text(f"forecasts on the {set_title(name, settings)} set, seed {seed}"), fontsize=7.5, color="0.35"
-        )
+        plotting.heading(figure, plotting.text(f"forecasts on the {set_title(name, settings)} set, seed {seed}"))
         plotting.save(figure, outputs)
 
 
@@ -97,36 +96,37 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
     Arguments:
         logs: log.jsonl of every method and group of seeds.
         outputs: as in :func:`forecasts`.
-        settings: all optional: ``labels``, ``metrics`` ({name in the log: title}; default the loss and the validation
-            score), ``title`` (of a single experiment).
+        settings: all optional: ``all_methods`` (those of the configuration, in order), ``title`` (of a single
+            experiment).
 
     Raises:
         InputError: a log is broken or holds none of the metrics.
     """
     settings = dict(settings or {})
-    metrics = settings.get("metrics") or METRICS
+    all_methods, labels = settings.get("all_methods", ()), {}
     found: dict[str, dict[str, list[Log]]] = {}
     for path in logs:
         log = read_log(path)
-        found.setdefault(log.header["experiment"], {}).setdefault(log.header["label"], []).append(log)
+        labels[log.header["method"]] = log.header["label"]
+        found.setdefault(log.header["experiment"], {}).setdefault(log.header["method"], []).append(log)
     known = {key for group in found.values() for logs in group.values() for log in logs for s in log.steps for key in s}
-    metrics = {key: title for key, title in metrics.items() if key in known}
+    metrics = {key: title for key, title in METRICS.items() if key in known}
     if not metrics:
         raise InputError("logs", "none of them has the metrics", f"trainings log {', '.join(METRICS)}")
-    labels = order_labels([label for group in found.values() for label in group], settings.get("labels", ()))
-    colours = plotting.colours(labels, settings.get("labels", ()))
+    methods = ordered(labels, all_methods)
+    colours = plotting.colours(methods, all_methods)
     with plotting.styled():
         figure = plotting.new_figure(0.6 + 2.1 * len(found), plotting.WIDTH)
         grid = figure.subplots(len(found), len(metrics), squeeze=False)
         for row, (experiment, group) in enumerate(found.items()):
             for axis, (metric, title) in zip(grid[row], metrics.items(), strict=True):
-                for label in labels:
-                    if label in group:
-                        _curve(axis, group[label], metric, colours[label], _dash(label))
+                for method in methods:
+                    if method in group:
+                        _curve(axis, group[method], metric, colours[method], plotting.dash(method))
                 _scale(axis)
                 axis.set(title=experiment_title(experiment, settings), xlabel="step", ylabel=title)
                 axis.grid(axis="y")
-        handles = [Line2D([], [], color=colours[x], linestyle=_dash(x), label=x) for x in labels]
+        handles = _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
         plotting.legend(figure, handles)
         plotting.save(figure, outputs)
@@ -142,7 +142,7 @@ def _limits(axes: Sequence[Axes], truth: np.ndarray) -> tuple[float, float]:
 
 
 def _curve(axis: Axes, logs: Sequence[Log], metric: str, colour: tuple, dash: object) -> None:
-    """Blocks of one method side by side; a long course is averaged in bins."""
+    """Groups of seeds of one method side by side; a long course is averaged in bins."""
     by_step: dict[int, list[float]] = {}
     for log in logs:
         for line in log.steps:
@@ -173,15 +173,14 @@ def _scale(axis: Axes) -> None:
         axis.set_yscale("log")
 
 
-def _check_same(paths: Mapping[str, Path], found: Mapping[str, Forecasts], labels: Sequence[str], name: str) -> None:
-    first = found[labels[0]]
-    for label in labels:
-        data = found[label]
+def _check_same(paths: Mapping[str, Path], found: Mapping[str, Forecasts], name: str) -> None:
+    one, first = next(iter(found.items()))
+    for method, data in found.items():
         if name not in data.truth:
-            raise InputError(paths[label], f"no set {name!r}", f"it has {', '.join(data.truth)}")
+            raise InputError(paths[method], f"no set {name!r}", f"it has {', '.join(data.truth)}")
         same = data.truth[name].shape == first.truth[name].shape and np.array_equal(data.index[name], first.index[name])
         if not same:
-            raise InputError(paths[label], f"other samples than {paths[labels[0]]}", "evaluate both on the same data")
+            raise InputError(paths[method], f"other samples than {paths[one]}", "evaluate both on the same data")
 
 
 def _seed_position(path: Path, data: Forecasts, seed: int) -> int:
@@ -190,15 +189,14 @@ def _seed_position(path: Path, data: Forecasts, seed: int) -> int:
     return data.seeds.index(seed)
 
 
-def _dash(label: str) -> object:
-    """Augmented methods solid, others dashed: told apart where they lie on each other."""
-    return "-" if is_augmented(label) else (0, (3.5, 1.6))
+def _first_trained(found: Mapping[str, Forecasts]) -> int:
+    """The first seed that could be trained in every file; where there is none the first."""
+    first = next(iter(found.values()))
+    failed = {seed for data in found.values() for seed in data.failed}
+    return next((seed for seed in first.seeds if seed not in failed), first.seeds[0])
 
 
-def _sample_title(data: Forecasts, name: str, sample: int) -> str:
-    values = data.truths[name][data.index[name][sample]]
-    texts = [
-        f"{plotting.symbol(parameter)} = {value:.3g} {unit}".strip()
-        for parameter, unit, value in zip(data.parameter_names, data.parameter_units, values, strict=True)
-    ]
-    return ", ".join(texts[:2]).replace("-", "−")
+def _handles(methods: Sequence[str], labels: Mapping[str, str], colours: Mapping) -> list[Line2D]:
+    """Entries of a legend."""
+    lines = {m: {"color": colours[m], "linestyle": plotting.dash(m)} for m in methods}
+    return [Line2D([], [], label=labels.get(m, m), **line) for m, line in lines.items()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -11,8 +12,9 @@ import torch
 from safetensors.torch import save_file
 from torch import Tensor
 
-from expertaug.errors import InputError, SolveError
+from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
@@ -20,6 +22,7 @@ from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.store import read_tensors
 
+logger = logging.getLogger(__name__)
 CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in their states: bounds the memory
 ATTEMPTS = 10
 
@@ -69,13 +72,13 @@ def generate(
         z_a_from: posterior: a sample of q(z_a | x, y); prior: of N(0, I), where the posterior is not a point.
 
     Returns:
-        y (T, S, N, *state), z_e (S, N, P), all supervised.
-
-    Raises:
-        SolveError: a sample stays non-finite after redrawing z_e.
+        y (T, S, N, *state), z_e (S, N, P), all supervised.  z_e is drawn again for a sample that runs away
+        (:mod:`expertaug.learning.bound`); where that does not help either, another sample of its seed stands in its
+        place, and a warning tells how many these are.
     """
     low, high = prior_range(model, prior)
     random = Noise(seeds, draw, 1, device=data.y.device)
+    lost = torch.zeros(len(seeds), dtype=torch.long)
     parts, size = [], max(min(CHUNK, NUMBERS // data.y[0, 0, 0].numel()), 1)
     for start in range(0, len(data), size):
         index = torch.arange(start, min(start + size, len(data)))
@@ -85,19 +88,24 @@ def generate(
         if resample_x:
             y0 = model.system.resample_known(y0, partial(random.uniform, len(index)))
         y, z_e = _simulate(model, y0, z_a, low, high, task, random)
+        good = within(y, task.bound)
         for _ in range(ATTEMPTS):
-            good = torch.isfinite(y).movedim(0, 2).flatten(2).all(-1)
             if good.all():
                 break
             again, other = _simulate(model, y0, z_a, low, high, task, random)
             y = torch.where(good.view(1, *good.shape, *[1] * (y.dim() - 3)), y, again)
             z_e = torch.where(good.unsqueeze(-1), z_e, other)
+            good = within(y, task.bound)
         else:
-            raise SolveError(
-                f"augmentation: {int((~good).sum())} samples are not finite for any z_e drawn; "
-                "narrow augmentation.prior"
-            )
+            y, z_e = _without_runaways(y, z_e, good, task)
+            lost += (~good).sum(1).cpu()
         parts.append((y, z_e))
+    for seed, count in zip(seeds, lost.tolist(), strict=True):
+        if count:
+            logger.warning(
+                "augmentation, seed %d: %d of %d samples (%.1f %%) ran away for every z_e drawn and were replaced; "
+                "consider a narrower augmentation.prior", seed, count, len(data), 100 * count / len(data),
+            )  # fmt: skip
     y, z_e = torch.cat([p[0] for p in parts], dim=2), torch.cat([p[1] for p in parts], dim=1)
     if noise:
         y = y + noise * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
@@ -114,7 +122,19 @@ def _simulate(
     model: HybridNet, y0: Tensor, z_a: Tensor, low: Tensor, high: Tensor, task: Task, random: Noise
 ) -> tuple[Tensor, Tensor]:
     z_e = low.to(y0) + (high - low).to(y0) * random.uniform(y0.shape[1], len(low))
-    return model.forecast(y0, z_e, z_a, task.t, task.solver), z_e
+    return solved(model, y0, z_e, z_a, task.t, task.solver), z_e
+
+
+def _without_runaways(y: Tensor, z_e: Tensor, good: Tensor, task: Task) -> tuple[Tensor, Tensor]:
+    """Samples y (T, S, N, *state), z_e (S, N, P) with those that are not good (S, N) replaced by the good sample of
+    their seed that follows, in a circle; where a seed has none, its trajectories are cut off at the bound."""
+    y = bounded(y, task.bound).nan_to_num(0.0, 0.0, 0.0)
+    index = torch.arange(good.shape[1], device=y.device)
+    for place in good.any(1).nonzero().flatten().tolist():
+        fine = good[place].nonzero().flatten()
+        chosen = fine[torch.searchsorted(fine, index) % len(fine)]
+        y[:, place], z_e[place] = y[:, place, chosen], z_e[place, chosen]
+    return y, z_e
 
 
 def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -32,6 +33,7 @@ def fit(
 ) -> None:
     """Train ``model``, resuming a killed run, and write its best state to the output.
 
+    Seeds that cannot be trained are in the written description's ``failed``; their state is their best or first one.
     Where ``settings`` have ``snapshots``, a list of passes, the states after these are written beside it.
     """
     output, work, inputs = Path(paths[0]), Path(paths[1]), paths[2]
@@ -43,7 +45,8 @@ def fit(
     objective = kind(seeds, choices, **given, **options)
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
     options, keep = TrainSettings.from_mapping(settings["training"]), settings.get("snapshots", ())
-    trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep)
+    failed = dict.fromkeys(description.get("failed", ()), "it failed in the training before")
+    trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep, failed)
     with locked(work):
         checkpoint = Checkpoint(work, fingerprint({k: v for k, v in settings.items() if k != "device"}, inputs))
         state = checkpoint.load()
@@ -68,12 +71,14 @@ def fit(
                     raise RuntimeError(f"{name}: fine-tuning changed {key}, which is frozen")
             record = {
                 "wall_s": trainer.seconds,
-                "best_score": trainer.best_score.tolist(),
+                "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],
                 "best_epoch": trainer.best_epoch.tolist(),
                 "carried": objective.carried(),
+                "failed": sorted(trainer.failed),
             }
             if keep:
-                snapshots.save(output.with_name(snapshots.NAME), trainer.snapshots, description)
+                described = description | {"failed": record["failed"]}
+                snapshots.save(output.with_name(snapshots.NAME), trainer.snapshots, described)
             store.save(output, model, json.loads(json.dumps(description | record)))
             log.artifact(output)
         checkpoint.remove()

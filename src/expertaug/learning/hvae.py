@@ -11,7 +11,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.learning.augmentation import prior_range
 from expertaug.learning.noise import Noise
-from expertaug.learning.objectives import Objective, finite_forecast, sample_mean, squares, supervision
+from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, sample_mean, squares, supervision
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
 from expertaug.models.encoders.two_step import TwoStep
@@ -120,6 +120,7 @@ class HybridVAE(Objective):
             "r_ppc": r_ppc,
             "r_da1": r_da1,
             "r_da2": r_da2,
+            "runaway_share": runaway_share(divergence, hybrid_good),
             "sigma": model.likelihood.scale.flatten().expand(len(self.seeds)),
         }
         term = supervision(posterior, batch, task, self.choices["supervision"])

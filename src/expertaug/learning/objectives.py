@@ -8,6 +8,7 @@ from math import prod
 import torch
 from torch import Tensor
 
+from expertaug.learning.bound import solved, within
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
@@ -28,8 +29,7 @@ def mean_squared_error(system: System, prediction: Tensor, truth: Tensor, good: 
     error = (system.observe(prediction) - system.observe(truth)).square().movedim(1, 0)
     if good is None:
         return error.flatten(1).mean(1)
-    each = error.movedim(2, 1).flatten(2).mean(2)
-    return (each * good).sum(1) / good.sum(1).clamp_min(1)
+    return sample_mean(error.movedim(2, 1).flatten(2).mean(2), good)
 
 
 def squares(system: System, prediction: Tensor, truth: Tensor) -> tuple[Tensor, int]:
@@ -56,15 +56,23 @@ def finite_forecast(
 ) -> tuple[Tensor, Tensor | None]:
     """A training batch's forecast (T, S, B, *state), and which samples (S, B) it holds for; None where for all.
 
-    One sample whose speeds run away within a coarse step would make its seed's whole gradient NaN.  It is left out: it
-    is solved again with its seed's mean latents, which carry no gradient, and does not count.  Samples beyond those of
-    z_a follow the expert alone.  With ``limit`` (S,) a sample also runs away where a value is beyond it.
+    One sample whose speeds run away within a coarse step would make its seed's whole gradient NaN.  What is not finite
+    or beyond the task's bound is left out: it is solved again with its seed's mean latents, which carry no gradient,
+    or, where these run away as well, in place of it a sample of its seed that does not; and it does not count.  Samples
+    beyond those of z_a follow the expert alone.  With ``limit`` (S,) a sample also runs away where a value is beyond
+    it.
     """
-    prediction = model.forecast(y0, z_e, z_a, task.t[:points], task.solver)
-    near = torch.isfinite(prediction)
-    if limit is not None:
-        near = near & (prediction.detach().abs() <= limit.view(1, -1, *[1] * (prediction.dim() - 2)))
-    good = near.movedim(0, 2).flatten(2).all(-1)
+    t = task.t[:points]
+
+    def near(prediction: Tensor) -> Tensor:
+        found = within(prediction, task.bound)
+        if limit is None:
+            return found
+        largest = prediction.detach().abs().movedim(0, 2).flatten(2).amax(-1)
+        return found & (largest <= limit.unsqueeze(-1))
+
+    prediction = solved(model, y0, z_e, z_a, t, task.solver)
+    good = near(prediction)
     if good.all():
         return prediction, None
     weight = good.unsqueeze(-1)
@@ -74,7 +82,27 @@ def finite_forecast(
         mean = (z.detach().nan_to_num() * kept).sum(1, keepdim=True) / kept.sum(1, keepdim=True).clamp_min(1)
         return torch.where(kept, z, mean)
 
-    return model.forecast(y0, replaced(z_e), replaced(z_a), task.t[:points], task.solver), good
+    z_e, z_a = replaced(z_e), replaced(z_a)
+    prediction = solved(model, y0, z_e, z_a, t, task.solver)
+    again = near(prediction) | good
+    if not again.all():
+        parts = [slice(0, z_a.shape[1]), slice(z_a.shape[1], None)]
+        y0, z_e = (torch.cat([_from_good(x[:, p], again[:, p]) for p in parts], dim=1) for x in (y0, z_e))
+        prediction = solved(model, y0, z_e, _from_good(z_a, again[:, parts[0]]), t, task.solver)
+    return prediction, good
+
+
+def runaway_share(each_seed: Tensor, good: Tensor | None) -> Tensor:
+    """Share (S,) of a batch's samples that were left out; ``each_seed`` is any tensor (S,) of the batch."""
+    return torch.zeros_like(each_seed.detach()) if good is None else 1 - good.float().mean(1)
+
+
+def _from_good(x: Tensor, good: Tensor) -> Tensor:
+    """x (S, B, …) with the first good sample (S, B) of its seed, without gradient, in place of those that are not."""
+    if not x.shape[1]:
+        return x
+    first = x.detach()[torch.arange(len(x), device=x.device), good.int().argmax(1)].unsqueeze(1)
+    return torch.where(good.view(*good.shape, *[1] * (x.dim() - 2)), x, first)
 
 
 def supervision(posterior: Posterior, batch: Batch, task: Task, choice: str) -> Tensor | None:
@@ -188,31 +216,33 @@ class Aphynity(Objective):
         """
         if self.choices["loss_normalisation"] == "first":
             posterior = model.encode(batch.y[: task.observed])
-            self.first = self._terms(model, posterior, batch, task)[0].cpu()
+            first = self._terms(model, posterior, batch, task)[0].cpu()
+            self.first = torch.where(torch.isfinite(first) & (first > 0), first, self.first)
 
     def loss(self, model: HybridNet, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss (S,) and its parts, each (S,), without gradient."""
         posterior = model.encode(batch.y[: task.observed])
-        data, penalty = self._terms(model, posterior, batch, task)
+        data, penalty, runaways = self._terms(model, posterior, batch, task)
         loss = (self.multiplier / self.first).to(data.device) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
+        parts["runaway_share"] = runaways
         term = supervision(posterior, batch, task, self.choices["supervision"])
         if term is not None:
             loss = loss + task.supervision_weight * term
             parts["z_e"] = term.detach()
-        self.total += data.detach().cpu()
+        self.total += data.detach().cpu().nan_to_num(0.0, 0.0, 0.0)  # one step must not raise the multiplier for ever
         self.count += 1
         return loss, parts | {"loss": loss.detach()}
 
-    def _terms(self, model: HybridNet, posterior: Posterior, batch: Batch, task: Task) -> tuple[Tensor, Tensor]:
-        """Data term and size of F_a, each (S,), over the first ``task.horizon`` points."""
+    def _terms(self, model: HybridNet, posterior: Posterior, batch: Batch, task: Task) -> tuple[Tensor, Tensor, Tensor]:
+        """Data term and size of F_a over the first ``task.horizon`` points, and share of runaways, each (S,)."""
         truth, (z_e, z_a) = batch.y[: task.horizon], posterior.mean
         if self._leaks:
             half = max(truth.shape[2] // 2, 1)
             truth, z_e, z_a = truth[:, :, :half], z_e[:, :half], z_a[:, :half]
         prediction, good = finite_forecast(model, truth[0], z_e, z_a, task, task.horizon)
         data = mean_squared_error(model.system, prediction[1:], truth[1:], good)
-        return data, self._penalty(model, prediction, truth, z_e, z_a)
+        return data, self._penalty(model, prediction, truth, z_e, z_a), runaway_share(data, good)
 
     def _penalty(self, model: HybridNet, prediction: Tensor, truth: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
         if model.interaction is None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from expertaug.learning.bound import stored_bound
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import points_until
 
@@ -23,6 +24,7 @@ class Task:
         solver: for the forecasts.
         z_e_scale: (P,), standard deviation of p⁺ for the supervision of z_e.
         supervision_weight: of the z_e term.
+        bound: (K,), how far a forecast's components may go (:mod:`expertaug.learning.bound`); None for no bound.
     """
 
     t: Tensor
@@ -31,6 +33,7 @@ class Task:
     solver: Solver
     z_e_scale: Tensor | float = 1.0
     supervision_weight: float = 1.0
+    bound: Tensor | None = None
 
     def shortened(self, points: int) -> Task:
         """The same over the first ``points`` times."""
@@ -46,7 +49,7 @@ class Task:
 
 
 def task_of(training: Mapping, description: Mapping, device: torch.device, scale: Tensor | float = 1.0) -> Task:
-    """The task of a training block (``solver``, ``horizon_s``, ``supervision_weight``) for a described model."""
+    """The task of a training block (``solver``, ``horizon_s``, ``supervision_weight``) for a stored_bound model."""
     t = torch.tensor(description["t"], dtype=torch.float32, device=device)
     horizon = (
         points_until(description["t"], training["horizon_s"]) if "horizon_s" in training else description["observed"]
@@ -58,4 +61,5 @@ def task_of(training: Mapping, description: Mapping, device: torch.device, scale
         solver=Solver.from_mapping(training.get("solver", {})),
         z_e_scale=scale,
         supervision_weight=float(training.get("supervision_weight", 1.0)),
+        bound=stored_bound(description, device),
     )

@@ -9,6 +9,7 @@ import torch
 
 from expertaug import systems
 from expertaug.files import read_json
+from expertaug.learning.bound import bound_of
 from expertaug.learning.fitting import fit
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
@@ -54,6 +55,7 @@ def train(
         "likelihood": find("objective", objective, "objective").learns_likelihood,
         "t": t,
         "observed": observed,
+        "bound": bound_of(train_data.y),
         "training": settings["training"],
         **{k: settings[k] for k in ("experiment", "method", "label", "preset", "choices", "seeds")},
     }

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
+from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.checkpoint import Checkpoint
 from expertaug.learning.contract import check_loss
 from expertaug.learning.objectives import Objective, mean_squared_error
@@ -93,6 +94,10 @@ class Trainer:
         settings: how to train.
         name: for messages.
         keep: passes after which the model's state is kept in ``snapshots``.
+        failed: seeds that could not be trained before, with the reasons.
+
+    Attributes:
+        failed: seeds that cannot be trained, with the reasons; the others go on without them.
     """
 
     def __init__(
@@ -106,6 +111,7 @@ class Trainer:
         settings: TrainSettings,
         name: str,
         keep: Collection[int] = (),
+        failed: Mapping[int, str] | None = None,
     ) -> None:
         self.model, self.objective, self.task = model.train(), objective, task
         self.sets = train if callable(train) else lambda epoch: train
@@ -121,6 +127,7 @@ class Trainer:
         self.epoch, self.seconds = 0, 0.0
         self.keep, self.snapshots = keep, {}
         self.skipped = torch.zeros(len(seeds), dtype=torch.long)
+        self.failed = dict(failed or {})
 
     def step(self, batch: Batch, step: int, steps: int) -> dict[str, Tensor]:
         """Update number ``step`` of ``steps``, of every seed; returns the loss's parts, each (S,)."""
@@ -141,7 +148,7 @@ class Trainer:
         """Clip each seed's gradient by its own norm; a seed whose gradient is not finite sits this step out."""
         gradients = [p.grad for p in self.parameters if p.grad is not None]
         norm = torch.stack([g.reshape(len(g), -1).square().sum(1) for g in gradients]).sum(0).sqrt()
-        good = torch.isfinite(norm)
+        good = torch.isfinite(norm) & self._alive().to(norm.device)
         limit = self.settings.clip_norm or math.inf
         factor = torch.where(good, (limit / norm.clamp_min(1e-12)).clamp_max(1.0), torch.zeros_like(norm))
         for g in gradients:
@@ -149,20 +156,45 @@ class Trainer:
                 g.nan_to_num_(0.0, 0.0, 0.0)
             g.mul_(factor.view(-1, *[1] * (g.dim() - 1)))
         self.skipped = torch.where(good.cpu(), 0, self.skipped + 1)
-        if (self.skipped > SKIPPED_LIMIT).any():
-            seed = self.seeds[int(self.skipped.argmax())]
-            raise SolveError(
-                f"{self.name}, seed {seed}: the gradient was not finite in {SKIPPED_LIMIT} steps in a row; "
-                "lower training.learning_rate or clip_norm"
-            )
+        reason = f"the gradient was not finite in {SKIPPED_LIMIT} steps in a row"
+        self._fail(self.skipped > SKIPPED_LIMIT, f"{reason}; lower training.learning_rate or clip_norm")
+
+    def _alive(self) -> Tensor:
+        """Which seeds (S,) have not failed."""
+        return torch.tensor([seed not in self.failed for seed in self.seeds])
+
+    def _fail(self, which: Tensor, reason: str) -> None:
+        """Leave out the seeds ``which`` (S,): they keep their best state, and the others go on.
+
+        Raises:
+            SolveError: no seed is left.
+        """
+        which = which & self._alive()
+        if not which.any():
+            return
+        new = [seed for seed, bad in zip(self.seeds, which.tolist(), strict=True) if bad]
+        self.failed |= dict.fromkeys(new, reason)
+        if len(self.failed) == len(self.seeds):
+            listed = f"seed{'s' if len(self.seeds) > 1 else ''} {', '.join(map(str, self.seeds))}"
+            raise SolveError(f"{self.name}, {listed}: {reason}")
+        for seed in new:
+            logger.warning("%s: seed %d cannot be trained and is left out: %s", self.name, seed, reason)
+        with torch.no_grad():
+            for key, value in self.model.state_dict().items():
+                value.copy_(_chosen(which, self.best[key], value))
 
     @torch.no_grad()
     def score(self) -> Tensor:
-        """Validation score (S,): mean over the sets of the log mean squared error; infinite where not finite."""
+        """Validation score (S,): mean over the sets of the log mean squared error; infinite where not finite.
+
+        A forecast that leaves the task's bound has the error that it would have there.
+        """
         scores = []
         for batch, points in self.validation:
             z_e, z_a = self.model.encode(batch.y[: self.task.observed]).mean
-            prediction = self.model.forecast(batch.y[0], z_e, z_a, self.task.t[: points.stop], self.task.solver)
+            prediction = solved(self.model, batch.y[0], z_e, z_a, self.task.t[: points.stop], self.task.solver)
+            if not within(prediction, self.task.bound).all():
+                prediction = bounded(prediction, self.task.bound)
             error = mean_squared_error(
                 self.model.system, prediction[points.start :], batch.y[points.start : points.stop]
             )
@@ -174,11 +206,13 @@ class Trainer:
         settings, per_pass = self.settings, self.sets(self.epoch).steps(self.settings.batch_size)
         steps, told = settings.epochs * per_pass, 0.0
         saved = flushed = time.monotonic()
+        told_of = set(self.failed) if self.epoch else set()  # a resumed log has them
         while self.epoch < settings.epochs:
             begun = time.monotonic()
             for number, batch in enumerate(self.sets(self.epoch).batches(self.seeds, self.epoch, settings.batch_size)):
                 step = self.epoch * per_pass + number
                 parts = self.step(batch, step, steps)
+                told_of = self._log_failures(log, told_of)
                 if time.monotonic() - told > PROGRESS_S:
                     told = time.monotonic()
                     self._progress(step + 1, steps, parts, told - begun)
@@ -202,26 +236,29 @@ class Trainer:
                 checkpoint.save(self.state() | {"log": log.state()})
                 saved = time.monotonic()
         self._progress(steps, steps, parts, 0.0)
-        if not torch.isfinite(self.best_score).all():
-            bad = [s for s, b in zip(self.seeds, self.best_score.tolist(), strict=True) if not math.isfinite(b)]
-            raise SolveError(
-                f"{self.name}: no validation forecast was finite for seeds {bad}; lower training.learning_rate"
-            )
+        reason = "no validation forecast had a finite error; lower training.learning_rate"
+        self._fail(~torch.isfinite(self.best_score), reason)
+        self._log_failures(log, told_of)
+
+    def _log_failures(self, log: RunLog, told_of: set[int]) -> set[int]:
+        for seed in sorted(self.failed.keys() - told_of):
+            log.event("seed_failed", seed=seed, reason=self.failed[seed])
+        return set(self.failed)
 
     def _select(self) -> Tensor:
         score = self.score()
-        better = score < self.best_score
+        better = (score < self.best_score) & self._alive()
         self.best_score = torch.where(better, score, self.best_score)
         self.best_epoch = torch.where(better, self.epoch, self.best_epoch)
         for key, value in self.model.state_dict().items():
-            mask = better.to(value.device).view(-1, *[1] * (value.dim() - 1))
-            self.best[key] = torch.where(mask, value, self.best[key])
+            self.best[key] = _chosen(better, value, self.best[key])
         return score
 
     def _progress(self, step: int, steps: int, parts: Mapping[str, Tensor], running: float) -> None:
         seconds = self.seconds + running
         left = seconds / step * (steps - step)
-        best = "–" if not torch.isfinite(self.best_score).any() else f"{self.best_score.mean():.2f}"
+        scores = self.best_score[torch.isfinite(self.best_score)]
+        best = f"{scores.mean():.2f}" if len(scores) else "–"
         logger.info(
             "%s: step %d/%d, loss %.4g, best validation log-MSE %s, %d s gone, %d s left",
             self.name, step, steps, parts["loss"].mean(), best, seconds, left,
@@ -239,6 +276,7 @@ class Trainer:
             "epoch": self.epoch,
             "seconds": self.seconds,
             "skipped": self.skipped,
+            "failed": self.failed,
             "snapshots": self.snapshots,
         }
 
@@ -247,5 +285,10 @@ class Trainer:
         self.model.load_state_dict(state["model"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.objective.restore(state["objective"])
-        for name in ("best", "best_score", "best_epoch", "epoch", "seconds", "skipped", "snapshots"):
+        for name in ("best", "best_score", "best_epoch", "epoch", "seconds", "skipped", "failed", "snapshots"):
             setattr(self, name, state[name])
+
+
+def _chosen(which: Tensor, one: Tensor, other: Tensor) -> Tensor:
+    """For each seed ``which`` (S,) its part of the first stacked tensor, for the others of the second."""
+    return torch.where(which.to(one.device).view(-1, *[1] * (one.dim() - 1)), one, other)

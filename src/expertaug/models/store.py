@@ -36,6 +36,11 @@ class StoredModel:
     def seeds(self) -> list[int]:
         return list(self.description["seeds"])
 
+    @property
+    def failed(self) -> list[int]:
+        """Those of the seeds that could not be trained."""
+        return list(self.description.get("failed", ()))
+
 
 def save(path: Path, model: nn.Module, description: Mapping) -> None:
     """Write a model file atomically."""

@@ -106,6 +106,10 @@ class RunLog:
         """Record an output file (model, figure) and copy it to the store."""
         self._write({"event": "artifact", "path": self._relative(path)})
 
+    def event(self, name: str, **fields: Any) -> None:
+        """Add a line that is no step: what happened, and to what (fields of plain JSON)."""
+        self._write({"event": name, "time": time.time(), **fields})
+
     def flush(self) -> None:
         """Bring the file to the disk, and to the store what is new.
 

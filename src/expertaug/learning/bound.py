@@ -1,0 +1,64 @@
+"""The bound on forecasts: what lies beyond it is a runaway, which counts as if it lay at the bound."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from expertaug.errors import SolveError
+from expertaug.models.hybrid import HybridModel
+from expertaug.systems.solver import Solver
+
+FACTOR = 10.0  # times the largest value of the training set
+FLOOR = 1e-3  # of the largest component's bound: a component that is zero in the training set may move a little
+FALLBACK = Solver("rk4")  # a fixed grid goes on where a solver with tolerances gives up
+
+
+def bound_of(y: np.ndarray) -> list[float]:
+    """The largest plausible size of each component of a state (K values), from a training set (N, T, *state)."""
+    found = largest(y)
+    found = np.maximum(found, FLOOR * found.max())
+    return (FACTOR * np.where(found > 0, found, 1.0)).tolist()
+
+
+def largest(y: np.ndarray) -> np.ndarray:
+    """The largest size (K,) of each component, the first axis of a state, in trajectories (N, T, *state)."""
+    return np.abs(np.moveaxis(y, 2, 0), dtype=float).reshape(y.shape[2], -1).max(1)
+
+
+def stored_bound(description: Mapping, device: torch.device | str = "cpu") -> Tensor | None:
+    """The bound (K,) that a model file's description has; None in files from before there was one."""
+    found = description.get("bound")
+    return None if found is None else torch.tensor(found, dtype=torch.float32, device=device)
+
+
+def within(y: Tensor, bound: Tensor | None) -> Tensor:
+    """Which samples (S, B) of forecasts y (T, S, B, *state) are finite, and beyond a bound (K,) at no time."""
+    y = y.detach()
+    near = torch.isfinite(y)
+    if bound is not None:
+        near = near & (y.abs() <= _shaped(bound, y))
+    return near.movedim(0, 2).flatten(2).all(-1)
+
+
+def bounded(y: Tensor, bound: Tensor | None) -> Tensor:
+    """Forecasts y (T, S, B, *state) with what lies beyond the bound (K,), or is no number, moved to it."""
+    if bound is None:
+        return y
+    limit = _shaped(bound, y).expand_as(y)
+    return torch.where(torch.isnan(y), limit, y.clamp(-limit, limit))
+
+
+def solved(model: HybridModel, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+    """A forecast (T, S, B, *state) that never raises: a runaway is in its values instead."""
+    try:
+        return model.forecast(y0, z_e, z_a, t, solver)
+    except SolveError:
+        return model.forecast(y0, z_e, z_a, t, FALLBACK)
+
+
+def _shaped(bound: Tensor, y: Tensor) -> Tensor:
+    return bound.to(y).view(-1, *[1] * (y.dim() - 4))
