@@ -1,4 +1,4 @@
-"""The house: every folder and module in its place, imports one way and without a circle, also those named by strings."""
+"""The house: every module in its place, imports one way and without a circle, also of those named by strings."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def modules() -> dict[str, Path]:
 
 @cache
 def imported(name: str) -> frozenset[str]:
-    """Modules of the package that a module imports, at its top or inside functions, or names in a text that is no docstring."""
+    """Modules of the package that a module imports, also inside functions, or names in a text (docstrings aside)."""
     known, path = modules(), modules()[name]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     texts = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)}
@@ -55,7 +55,7 @@ def imported(name: str) -> frozenset[str]:
 
 
 def floor(name: str) -> int:
-    room = (name.split(".") + ["__init__"])[1]
+    room = [*name.split("."), "__init__"][1]
     return next((k for k, rooms in enumerate(FLOORS) if room in rooms), -1)
 
 

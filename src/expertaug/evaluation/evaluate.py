@@ -136,7 +136,7 @@ def score(
 
     Arguments:
         options: ``from_s`` and ``solver``, as in :func:`evaluate`.
-        start: y0 or y_t1 (:meth:`HybridModel.predict`).
+        start: y0 or y_t1 (:meth:`HybridNet.predict`).
         keep: number of forecasts to keep, evenly spread.
     """
     system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)

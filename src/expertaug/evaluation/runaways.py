@@ -36,7 +36,7 @@ def forecast(
         model: with a method ``predict``.
         observed: (T1, S, B, *state).
         t: (T,) in s.
-        start: y0 or y_t1 (:meth:`HybridModel.predict`).
+        start: y0 or y_t1 (:meth:`HybridNet.predict`).
         bound: (K,), largest size of each component; None keeps what is not finite.
     """
     states, z_e, unsolved = _solve(model, observed, t, solver, start, bound)

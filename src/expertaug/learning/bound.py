@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import SolveError
-from expertaug.models.hybrid import HybridModel
+from expertaug.models.hybrid import HybridNet
 from expertaug.systems.solver import Solver
 
 FACTOR = 10.0  # times the largest value of the training set
@@ -52,7 +52,7 @@ def bounded(y: Tensor, bound: Tensor | None) -> Tensor:
     return torch.where(torch.isnan(y), limit, y.clamp(-limit, limit))
 
 
-def solved(model: HybridModel, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+def solved(model: HybridNet, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
     """A forecast (T, S, B, *state) that never raises: a runaway is in its values instead."""
     try:
         return model.forecast(y0, z_e, z_a, t, solver)
