@@ -118,7 +118,7 @@ def test_figures_and_metrics_are_artifacts_of_the_tracked_run(folder, tmp_path):
     import mlflow
 
     tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/mlflow.db", "experiment": "test", "tags": {}}
-    initialise(tracking["uri"], "test", tmp_path / "marker.json")
+    initialise(tracking, tmp_path / "marker.json")
     settings = COMMON | {
         "method": "aphynity",
         "label": "APHYNITY",
@@ -175,10 +175,10 @@ def test_a_solver_that_gives_up_on_one_sample_costs_that_sample_alone(folder, mo
     whole, _ = run(folder)
     refused, solve = np.load(folder / "test.npz")["y"][5, 0], Solver.__call__
 
-    def refusing(self, f, y0, t, flow=None):
+    def refusing(self, f, y0, t, flow=None, rank=1):
         if self.method == "dopri5" and (y0 == torch.from_numpy(refused)).all(-1).any():
             raise SolveError("dopri5 failed (underflow in dt)")
-        return solve(self, f, y0, t, flow)
+        return solve(self, f, y0, t, flow, rank)
 
     monkeypatch.setattr(Solver, "__call__", refusing)
     values, forecasts = run(folder, samples=12)
