@@ -11,7 +11,7 @@ class Fisher(System):
     """du/dt = D u_xx + r u (1 − u) on a ring of 64 cells; z_e = D, and r is hidden."""
 
     state = (Parameter("u"),)
-    expert_parameters = (Parameter("D", "1/s", scale=5e-3),)
+    expert_parameters = (Parameter("D", "1/s", scale=2e-3),)
     interaction_parameters = (Parameter("r", "1/s"),)
 
     @property

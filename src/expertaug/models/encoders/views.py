@@ -76,9 +76,11 @@ def _select(system: System, name: str, window: Sequence[float], times: Tensor) -
     names = [p.name for p in system.state]
     if name not in names:
         raise InputError(f"model.encoder.windows.{name}", "unknown", f"components: {', '.join(names)}")
+    where = f"model.encoder.windows.{name}"
     first, last = window
+    if last > float(times[-1]) + 1.5 * float(times[-1] - times[-2]):  # a last point may be left out
+        raise InputError(where, f"[{first}, {last}] s", f"the encoder sees 0 to {float(times[-1]):g} s")
     inside = [k for k, t in enumerate(times.tolist()) if first - 1e-9 <= t <= last + 1e-9]
     if not inside:
-        where = f"model.encoder.windows.{name}"
         raise InputError(where, f"[{first}, {last}] s", f"choose within 0 to {float(times[-1]):g} s")
     return names.index(name), sorted({0, *inside})

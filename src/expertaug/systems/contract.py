@@ -1,0 +1,234 @@
+"""Checks that a system keeps its contract, before hours of training find out: each mistake is one line.
+
+Every method is called on a few samples, without and with an axis of seeds, and must give a finite tensor of the right
+shape and precision, the same when asked twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from expertaug.errors import InputError, SolveError
+from expertaug.systems import Parameter, System
+from expertaug.systems.solver import Solver
+
+SAMPLES, SEEDS = 3, 2
+LEADS = ((SAMPLES,), (SEEDS, SAMPLES))
+TOLERANCE = 1e-4  # relative: a seed's rates alone and beside others are the same to rounding
+
+Ranges = Mapping[str, Sequence[float]]
+
+
+def check_system(
+    system: System,
+    where: str = "system",
+    z_e: Ranges | None = None,
+    z_a: Ranges | None = None,
+    simulated: bool = True,
+    solver: Solver | None = None,
+    step_s: float = 0.01,
+) -> None:
+    """Call every method of a system and check what it gives.
+
+    Arguments:
+        system: to be checked.
+        where: file or key, for messages.
+        z_e: range of every expert parameter over all sets and priors; their scales without.
+        z_a: range of every interaction parameter, likewise.
+        simulated: whether the data are simulated, so that truth and a sampler are needed.
+        solver: of the training; lawson4 needs the linear part's flow.
+        step_s: between two data times, in s.
+
+    Raises:
+        InputError: the first mistake: class, method, what was found and what would be right.
+    """
+    name = type(system).__name__
+    _check_attributes(system, where, simulated)
+    _check_ranges(system.expert_parameters, z_e, where, name)
+    _check_ranges(system.interaction_parameters, z_a, where, name)
+    generator = torch.Generator().manual_seed(0)
+    parameters = _samples(system.expert_parameters, z_e, generator)
+    latent = _samples(system.interaction_parameters, z_a, generator)
+    y0 = torch.rand(SAMPLES, *system.state_shape, generator=generator, dtype=torch.float64)
+    if simulated:
+        y0 = _check_sampler(system, where)
+        _check(system, where, "truth", (torch.tensor(step_s).to(y0), y0, parameters, latent), y0)
+    for y in (y0, y0.float()):
+        z = parameters.to(y)
+        _check(system, where, "expert", (torch.tensor(step_s).to(y), y, z), y)
+        _check(system, where, "initial_state", (y, z), y)
+        _check(system, where, "kinematics", (y,), y)
+        _check(system, where, "observe", (y,), y, same_shape=False)
+        _check(system, where, "features", (y,), y, same_shape=False)
+        _check_linear_flow(system, where, y, z, solver, step_s)
+    _check_gradient(system, where, y0, parameters)
+
+
+def _check_attributes(system: System, where: str, simulated: bool) -> None:
+    name = type(system).__name__
+    if not isinstance(system, System):
+        raise InputError(where, f"{name} is no System", "derive the class from expertaug.systems.System")
+    for attribute in ("state", "expert_parameters", *(("interaction_parameters",) if simulated else ())):
+        value = getattr(system, attribute, None)
+        if not isinstance(value, tuple) or not all(isinstance(p, Parameter) for p in value):
+            remedy = 'give a tuple of Parameter, as (Parameter("x", "m"),)'
+            raise InputError(where, f"{name}.{attribute} is {_brief(value)}", remedy)
+        names = [p.name for p in value]
+        if len(set(names)) < len(names):
+            raise InputError(where, f"{name}.{attribute} names {', '.join(names)}", "every name once")
+        for parameter in value:
+            if not parameter.scale > 0:
+                found = f"{name}.{attribute}: {parameter.name} has the scale {parameter.scale}"
+                raise InputError(where, found, "a scale is its typical magnitude, above 0")
+    if not system.state:
+        raise InputError(where, f"{name}.state is empty", "name every component")
+    shape = system.state_shape
+    if not isinstance(shape, tuple) or not shape or not all(type(n) is int and n > 0 for n in shape):
+        raise InputError(where, f"{name}.state_shape is {_brief(shape)}", "give a tuple of whole numbers above 0")
+    if shape[0] != len(system.state):
+        found = f"{name}.state_shape is {shape} and state has {len(system.state)} components"
+        raise InputError(where, found, "components come first: (components, *grid)")
+    for method in ("truth", "sample_initial_state") if simulated else ():
+        if getattr(type(system), method) is getattr(System, method):
+            raise InputError(where, f"{name} does not define {method}", "simulated data need it")
+
+
+def _check_ranges(parameters: tuple[Parameter, ...], ranges: Ranges | None, where: str, name: str) -> None:
+    for parameter in parameters if ranges else ():
+        if parameter.name not in ranges:
+            raise InputError(where, f"no range for {name}'s {parameter.name}", "give [min, max]")
+        low, high = ranges[parameter.name]
+        if not low <= high:
+            raise InputError(where, f"the range of {parameter.name} is [{low}, {high}]", "min must not exceed max")
+        if parameter.positive and low < 0:
+            remedy = "narrow the range, or declare the parameter with positive=False"
+            raise InputError(where, f"{parameter.name} of {name} is positive and its range starts at {low:g}", remedy)
+
+
+def _samples(parameters: tuple[Parameter, ...], ranges: Ranges | None, generator: torch.Generator) -> Tensor:
+    """(SAMPLES, P) within the ranges, or between half and one and a half of the scales."""
+    ends = [(ranges or {}).get(p.name, (0.5 * p.scale, 1.5 * p.scale)) for p in parameters]
+    low, high = (torch.tensor([float(end[k]) for end in ends], dtype=torch.float64) for k in (0, 1))
+    return low + (high - low) * torch.rand(SAMPLES, len(parameters), generator=generator, dtype=torch.float64)
+
+
+def _check_sampler(system: System, where: str) -> Tensor:
+    name = f"{type(system).__name__}.sample_initial_state"
+
+    def drawn(n: int) -> Tensor:
+        return _called(lambda: system.sample_initial_state(n, torch.Generator().manual_seed(1)), where, name)
+
+    first = drawn(SAMPLES)
+    expected = (SAMPLES, *system.state_shape)
+    _check_tensor(first, expected, torch.float64, where, name)
+    if not torch.equal(first, drawn(SAMPLES)):
+        raise InputError(where, f"{name} gives other states for the same generator", "draw with generator=generator")
+    _check_tensor(drawn(1), (1, *system.state_shape), torch.float64, where, name)
+    return first
+
+
+def _check(
+    system: System, where: str, method: str, arguments: tuple[Tensor, ...], like: Tensor, same_shape: bool = True
+) -> None:
+    """One method on samples, with and without an axis of seeds in all of its arguments but the time."""
+    name = f"{type(system).__name__}.{method}"
+    call = getattr(system, method)
+    alone = _called(lambda: call(*arguments), where, name)
+    _check_tensor(alone, tuple(like.shape) if same_shape else None, like.dtype, where, name)
+    if not same_shape and tuple(alone.shape[:1]) != (SAMPLES,):
+        raise InputError(where, f"{name} gives shape {tuple(alone.shape)}", f"begin with the samples, ({SAMPLES}, …)")
+    again = _called(lambda: call(*arguments), where, name)
+    if not torch.equal(alone, again):
+        remedy = "nothing in it may be random or change from call to call"
+        raise InputError(where, f"{name} gives other values when called twice", remedy)
+    first = _called(lambda: call(*(a if a.dim() == 0 else a[:1] for a in arguments)), where, name, " for one sample")
+    if not _close(first, alone[:1]):
+        raise InputError(where, f"{name} mixes samples", "every sample's values depend on that sample alone")
+    stacked = [a if a.dim() == 0 else a.expand(SEEDS, *a.shape) for a in arguments]
+    group = _called(lambda: call(*stacked), where, name, " with an axis of seeds before the samples")
+    if tuple(group.shape) != (SEEDS, *alone.shape):
+        found = f"{name} gives shape {_shape(group)} for {SEEDS} seeds"
+        remedy = f"give {(SEEDS, *alone.shape)}: index components from the end, as y[..., 0] or y.unbind(-1)"
+        raise InputError(where, found, remedy)
+    if not _close(group, alone.expand_as(group)):
+        raise InputError(where, f"{name} mixes seeds", "every sample's values depend on that sample alone")
+
+
+def _check_linear_flow(
+    system: System, where: str, y: Tensor, z_e: Tensor, solver: Solver | None, step_s: float
+) -> None:
+    """The flow of the linear part, and that nonlinear is the rest: their sum is the expert."""
+    name = f"{type(system).__name__}.linear_flow"
+    flow = _called(lambda: system.linear_flow(z_e, step_s), where, name, tensor=False)
+    if flow is None:
+        if solver is not None and solver.splits and type(system).nonlinear is not System.nonlinear:
+            raise InputError(where, f"{name} gives None, and nonlinear leaves a part out", "define both or neither")
+        return
+    moved = _called(lambda: flow(y), where, name)
+    _check_tensor(moved, tuple(y.shape), y.dtype, where, name)
+    _check(system, where, "nonlinear", (torch.tensor(step_s).to(y), y, z_e), y)
+    if y.dtype != torch.float64:
+        return
+    # Two small steps tell dy/dt = L y up to the second order of the step.
+    h, t = 1e-3 * step_s, torch.tensor(step_s).to(y)
+    ahead, back = (_called(lambda: system.linear_flow(z_e, s)(y), where, name) for s in (h, -h))  # noqa: B023
+    linear = (ahead - back) / (2 * h)
+    rest = system.expert(t, y, z_e) - system.nonlinear(t, y, z_e)
+    if not torch.allclose(linear, rest, rtol=1e-2, atol=1e-2 * float(rest.abs().max()) + 1e-8):
+        remedy = "expert(t, y, z_e) = L y + nonlinear(t, y, z_e), and linear_flow(z_e, h) is exp(h L)"
+        raise InputError(where, f"{name} and nonlinear do not add up to expert", remedy)
+
+
+def _check_gradient(system: System, where: str, y: Tensor, z_e: Tensor) -> None:
+    """Training goes through the expert: its rates must carry the gradient of z_e, or start where z_e says."""
+    name = f"{type(system).__name__}.expert"
+    z = z_e.clone().requires_grad_()
+    time = torch.tensor(0.0).to(y)
+    found = _called(lambda: torch.stack((system.expert(time, y, z), system.initial_state(y, z))), where, name)
+    if not found.requires_grad:
+        remedy = "compute with torch on z_e itself: no numpy, no .item(), no .detach()"
+        raise InputError(where, f"{name} does not depend on z_e, or loses its gradient", remedy)
+    (gradient,) = torch.autograd.grad(found.sum(), z)
+    if not torch.isfinite(gradient).all():
+        raise InputError(where, f"{name} has a gradient by z_e that is not finite", "avoid √ and division at 0")
+
+
+def _called(call: Callable, where: str, name: str, how: str = "", tensor: bool = True) -> Tensor:
+    """What a method gives; any exception as one line, and anything that is no tensor refused."""
+    try:
+        found = call()
+    except (InputError, SolveError):
+        raise
+    except Exception as error:
+        raise InputError(where, f"{name} fails{how} ({type(error).__name__}: {error})", "correct the class") from error
+    if tensor and not isinstance(found, Tensor):
+        raise InputError(where, f"{name} gives {_brief(found)}", "give a torch tensor, not numpy or a number")
+    return found
+
+
+def _check_tensor(found: Tensor, shape: tuple[int, ...] | None, dtype: torch.dtype, where: str, name: str) -> None:
+    if shape is not None and tuple(found.shape) != shape:
+        raise InputError(where, f"{name} gives shape {tuple(found.shape)}", f"give {shape}: (samples, *state)")
+    if found.dtype != dtype:
+        remedy = f"give {dtype}: make constants with the states' precision, as torch.zeros_like(y) or y.new_tensor(…)"
+        raise InputError(where, f"{name} gives {found.dtype} for {dtype}", remedy)
+    if not torch.isfinite(found).all():
+        raise InputError(where, f"{name} gives a value that is not finite", "check it at typical states and parameters")
+
+
+def _close(found: Tensor, expected: Tensor) -> bool:
+    if found.shape != expected.shape:
+        return False
+    size = float(expected.abs().max()) if expected.numel() else 0.0
+    return torch.allclose(found, expected, rtol=TOLERANCE, atol=TOLERANCE * size)
+
+
+def _brief(value: object) -> str:
+    return f"{type(value).__name__} {value!r}" if isinstance(value, int | float | str | tuple) else type(value).__name__
+
+
+def _shape(value: Tensor) -> str:
+    return str(tuple(value.shape))

@@ -1,0 +1,160 @@
+"""What is wrong with an encoder, an interaction model or an objective is one line, before a training."""
+
+from functools import partial
+
+import pytest
+import torch
+from torch import nn
+
+import plain_parts as parts
+from expertaug import systems
+from expertaug.config.presets import resolve
+from expertaug.errors import InputError
+from expertaug.learning.contract import check_parts
+from expertaug.learning.hvae import HybridVAE
+from expertaug.learning.objectives import Aphynity
+from expertaug.learning.task import Task
+from expertaug.models.recipe import HybridModel
+from expertaug.systems.solver import Solver
+
+SYSTEM = systems.load({"name": "rlc"})
+TASK = Task(torch.arange(8) * 0.1, 5, 5, Solver("rk4"))
+CHOICES = resolve("corrected")
+WINDOW = {"kind": "window", "windows": {"U": [0, 0.4], "I": [0, 0.4]}, "layers": [6], "latent": 2}
+
+
+def check(encoder=parts.LinearEncoder, interaction=parts.LinearInteraction, objective=Aphynity, **options):
+    check_parts(HybridModel(SYSTEM, encoder, interaction), TASK, lambda seeds: objective(seeds, CHOICES, **options))
+
+
+@pytest.mark.parametrize(
+    ("encoder", "interaction"),
+    [
+        (parts.LinearEncoder, parts.LinearInteraction),
+        (parts.GRUEncoder, parts.SpectralInteraction),
+        (partial(parts.KeywordEncoder, gain=2.0), parts.OwnInteraction),
+        (parts.GaussianEncoder, {"kind": "polynomial"}),
+        (parts.InheritedEncoder, None),
+        (WINDOW, {"kind": "damping"}),
+        ({"kind": "recurrent", "hidden": 4, "layers": [4]}, {"kind": "mlp", "layers": [4]}),
+    ],
+)
+def test_good_parts_pass(encoder, interaction):
+    check(encoder, interaction)
+
+
+def test_fields_and_the_hybrid_vae_pass():
+    two_step = {"kind": "two_step", "latent_layers": [4], "filter_layers": [4], "expert_layers": [4]}
+    check(two_step, {"kind": "mlp", "layers": [4]}, HybridVAE, prior={"L": [1.0, 5.0], "C": [0.5, 2.5]})
+    fisher = systems.load({"name": "field_systems:Fisher"})
+    check_parts(HybridModel(fisher, {"kind": "moments", "layers": [8]}, {"kind": "polynomial"}), TASK)
+
+
+class FromSeed(parts.LinearInteraction):
+    """Draws a constant that is no buffer."""
+
+    def __init__(self, system, latent):
+        super().__init__(system, latent)
+        self.mask = torch.rand(2)
+
+    def forward(self, y, z_a):
+        return self.mask * super().forward(y, z_a)
+
+
+class Forgetful(parts.LinearEncoder):
+    """fit keeps what it learns where no file sees it."""
+
+    size = 1.0
+
+    def fit(self, observed):
+        self.size = float(observed.std())
+
+    def forward(self, observed):
+        z_e, z_a = super().forward(observed / self.size)
+        return z_e, z_a
+
+
+class Failing(parts.LinearEncoder):
+    def forward(self, observed):
+        return self.trunk(observed)
+
+
+class NaN(parts.LinearInteraction):
+    def forward(self, y, z_a):
+        return super().forward(y, z_a) / 0 * 0
+
+
+class Double(parts.LinearInteraction):
+    def forward(self, y, z_a):
+        return super().forward(y, z_a).double()
+
+
+class Negative(parts.LinearEncoder):
+    def forward(self, observed):
+        z_e, z_a = super().forward(observed)
+        return parts.Posterior(parts.Delta(-z_e.abs()), parts.Delta(z_a))
+
+
+class BadFit(parts.LinearEncoder):
+    def fit(self, observed):
+        raise KeyError("scale")
+
+
+class OwnLoss(Aphynity):
+    """Gives what it is made with."""
+
+    def __init__(self, seeds, choices, give):
+        super().__init__(seeds, choices)
+        self.give = give
+
+    def loss(self, model, batch, task):
+        loss, found = super().loss(model, batch, task)
+        return self.give(loss, found)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ({"encoder": parts.FlatEncoder}, r"FlatEncoder gives z_e of shape"),
+        ({"encoder": parts.DropoutEncoder}, r"DropoutEncoder draws random numbers"),
+        ({"encoder": Failing}, r"Failing fails \(RuntimeError"),
+        ({"encoder": Negative}, r"Negative gives a positive parameter a value that is not"),
+        ({"encoder": BadFit}, r"fit of BadFit fails \(KeyError"),
+        ({"encoder": Forgetful}, r"Forgetful is another after it was saved and loaded; register_buffer"),
+        ({"interaction": parts.WrongShape}, r"WrongShape gives shape"),
+        ({"interaction": FromSeed}, r"FromSeed gives a seed other values in a group than alone; keep what differs"),
+        ({"interaction": NaN}, r"NaN's rates: a value is not finite"),
+        ({"interaction": Double}, r"Double's rates: torch\.float64; compute in float32"),
+        ({"interaction": {"kind": "mlp", "width": 3}}, r"model\.interaction\.width: unknown to mlp"),
+        (
+            {"objective": parts.ScalarLoss},
+            r"the loss of ScalarLoss has shape \(\); give one number for each seed, \(2,\)",
+        ),
+        ({"objective": OwnLoss, "give": lambda loss, found: loss}, r"OwnLoss\.loss gives Tensor; return the loss and"),
+        ({"objective": OwnLoss, "give": lambda loss, found: (loss, {})}, r"no part called loss"),
+        ({"objective": OwnLoss, "give": lambda loss, found: (loss.detach(), found)}, r"OwnLoss\.loss has no gradient"),
+        ({"objective": OwnLoss, "give": lambda loss, found: (loss / 0, found)}, r"a loss that is not finite"),
+        ({"objective": OwnLoss, "give": lambda loss, found: (loss, found | {"x": 1.0})}, r"no \(2,\) tensor for x"),
+    ],
+)
+def test_each_mistake_is_one_line(arguments, expected):
+    with pytest.raises(InputError, match=expected) as caught:
+        check(**arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_step_that_changes_nothing_is_told():
+    class Constant(nn.Module):
+        def __init__(self, system):
+            super().__init__()
+            self.size = len(system.expert_parameters)
+            self.unused = nn.Parameter(torch.ones(()))
+
+        def forward(self, observed):
+            return observed.new_zeros(observed.shape[1], self.size) * self.unused
+
+    def frozen(loss, found):
+        return 0 * loss, found
+
+    with pytest.raises(InputError, match="a step of OwnLoss changes no parameter"):
+        check_parts(HybridModel(SYSTEM, Constant), TASK, lambda seeds: OwnLoss(seeds, CHOICES, frozen))
