@@ -21,6 +21,7 @@ class Trajectories:
         y: states, (N, T, *state), float32, finite.
         z_e: expert parameters, (N, P), float32, finite.
         z_a: true interaction latent where it is known, (N, Q), float32; Q = 0 where it is not.
+        id: where each sample comes from, (N,) texts: ``recording/first frame`` of a chunk; None where nobody asks.
 
     Raises:
         InputError: an array has the wrong number of axes, sizes disagree or a value is not finite.
@@ -30,6 +31,7 @@ class Trajectories:
     y: np.ndarray
     z_e: np.ndarray
     z_a: np.ndarray = field(default=None)  # type: ignore[assignment]
+    id: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.z_a is None:
@@ -48,6 +50,11 @@ class Trajectories:
                 raise InputError(
                     "trajectories", f"{name} has shape {value.shape} for {len(self.y)} samples", f"{name} is (N, P)"
                 )
+        if self.id is not None:
+            object.__setattr__(self, "id", np.asarray(self.id))
+            if self.id.shape != (len(self.y),) or self.id.dtype.kind != "U":
+                found = f"id has shape {self.id.shape} and type {self.id.dtype} for {len(self.y)} samples"
+                raise InputError("trajectories", found, "id is (N,), texts")
         for name in ("t", "y", "z_e", "z_a"):
             bad = ~np.isfinite(getattr(self, name))
             if bad.any():
@@ -61,16 +68,18 @@ class Trajectories:
 
     def subset(self, index: object) -> Trajectories:
         """The samples that ``index`` (a slice, a mask or integers along N) selects."""
-        return Trajectories(self.t, self.y[index], self.z_e[index], self.z_a[index])
+        identity = None if self.id is None else self.id[index]
+        return Trajectories(self.t, self.y[index], self.z_e[index], self.z_a[index], identity)
 
     def window(self, start: int, stop: int) -> Trajectories:
         """The points ``start`` to ``stop`` (not included) along time."""
-        return Trajectories(self.t[start:stop], self.y[:, start:stop], self.z_e, self.z_a)
+        return Trajectories(self.t[start:stop], self.y[:, start:stop], self.z_e, self.z_a, self.id)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed npz without pickle, atomically."""
         with atomic(path) as temporary, temporary.open("wb") as stream:
-            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a)
+            identity = {} if self.id is None else {"id": self.id}
+            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **identity)
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectories:
@@ -80,7 +89,7 @@ class Trajectories:
             InputError: the file is missing, is no npz, lacks an array or holds no trajectories.
         """
         remedy = "make it again with its stage"
-        arrays = read_npz(path, "trajectory file", remedy, ("t", "y", "z_e", "z_a"))
+        arrays = read_npz(path, "trajectory file", remedy, ("t", "y", "z_e", "z_a"), optional=("id",))
         try:
             return cls(**arrays)
         except (InputError, TypeError, ValueError) as error:

@@ -14,6 +14,7 @@ from expertaug.models import store
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
 from expertaug.tracking.mlflow_store import initialise
+from expertaug.trajectories import Trajectories
 
 RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}
@@ -67,6 +68,21 @@ def test_metrics_of_every_seed_and_set_follow_from_the_forecasts(folder):
         wrong = np.abs(forecasts.estimates["test"][place] / forecasts.truths["test"] - 1)
         assert values[seed, "test", "relative_error"] == pytest.approx(100 * wrong.mean(), rel=1e-4)
     assert values[4, "test", "log_mse_sum"] - values[4, "test", "log_mse_dim"] == pytest.approx(np.log(2))
+
+
+def test_forecasts_carry_where_their_samples_come_from(folder, tmp_path):
+    assert run(folder)[1].id == {}
+    for name in DATA["sets"]:
+        one = Trajectories.load(folder / f"{name}.npz")
+        names = None if name == "train" else np.array([f"r{k % 3}/{10 * k}" for k in range(len(one))])
+        Trajectories(one.t, one.y, one.z_e, one.z_a, names).save(tmp_path / f"{name}.npz")
+    (tmp_path / "model.safetensors").write_bytes((folder / "model.safetensors").read_bytes())
+    forecasts = run(tmp_path, samples=3, max_samples=9)[1]
+    truth = Trajectories.load(tmp_path / "test.npz")
+    own = {str(name): y for name, y in zip(truth.id, truth.y, strict=True)}
+    assert set(forecasts.id) == {"validation", "test"}
+    for name, y in zip(forecasts.id["test"], forecasts.truth["test"], strict=True):
+        np.testing.assert_array_equal(y, own[str(name)])
 
 
 def test_parts_of_a_set_give_the_metrics_of_the_whole(folder, monkeypatch):

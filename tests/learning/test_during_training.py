@@ -12,7 +12,8 @@ from expertaug.learning import snapshots
 from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
-from expertaug.tracking.runlog import initialise, read_log
+from expertaug.tracking.log_file import read_log
+from expertaug.tracking.mlflow_store import initialise
 
 PRIOR = {"omega0": [0.5, 3.5]}
 CPU = torch.device("cpu")

@@ -81,6 +81,7 @@ def test_chunks_hold_the_states_of_their_frames(tmp_path):
     for name in SPLITS:
         chunks, rows = Trajectories.load(tmp_path / "data" / f"{name}.npz"), table[table["split"] == name]
         assert np.array_equal(rows["chunk"], np.arange(len(chunks)))
+        assert chunks.id.tolist() == [f"r0/{frame}" for frame in rows["first_frame"]]
         points = y[rows["first_frame"].to_numpy()[:, None] + 4 * np.arange(20)]
         turns = (points - chunks.y)[..., :2] / (2 * np.pi)
         assert np.abs(turns - np.round(turns[:, :1])).max() < 1e-5

@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from angle_files import summary
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, write_video
 
 from expertaug.errors import InputError
@@ -16,7 +17,7 @@ COUNT, MARKERS = 200, ("pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """A folder with a video, markers.csv and angles.csv of which frames 60 to 80 are unusable and 100 to 103 filled."""
+    """A folder with a video and its measurement, of which frames 60 to 80 are unusable and 100 to 103 filled."""
     folder = tmp_path_factory.mktemp("overlay") / "r0"
     folder.mkdir()
     y = swinging(COUNT)
@@ -32,11 +33,16 @@ def recording(tmp_path_factory):
     theta = np.where(quality[:, None] > 0, y, np.nan)
     states = dict(zip(("theta1", "theta2", "omega1", "omega2"), theta.T, strict=True))
     table.assign(**states, energy=1.0, quality=quality, reason=reason).to_csv(folder / "angles.csv", index=False)
+    summary("r0", COUNT, RATE, ARMS, PIVOT).save(folder / "angles.json")
     return folder
 
 
+def files_of(folder):
+    return [folder / name for name in ("video.mp4", "markers.csv", "angles.csv", "angles.json")]
+
+
 def run(folder, output, settings=None, **more):
-    overlay(folder / "video.mp4", folder / "markers.csv", folder / "angles.csv", output, settings, **more)
+    overlay(*files_of(folder), output, settings, **more)
     with av.open(str(output)) as container:
         stream = container.streams.video[0]
         frames = [frame.to_ndarray(format="bgr24") for frame in container.decode(video=0)]
@@ -61,8 +67,8 @@ def test_a_part_of_the_recording(recording, tmp_path):
 
 
 def test_markers_are_ringed_where_measured_alone(recording):
-    seen = _read(recording / "markers.csv", recording / "angles.csv")
-    painter = Painter(seen, [], SIZE, "r0")
+    seen = _read(*files_of(recording)[1:])
+    painter = Painter(seen, [], SIZE)
     black = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
 
     def drawn(row):
@@ -79,42 +85,69 @@ def test_markers_are_ringed_where_measured_alone(recording):
 
 
 def test_an_arm_from_the_angles_lies_on_the_markers(recording):
-    seen = _read(recording / "markers.csv", recording / "angles.csv")
-    painter = Painter(seen, [], SIZE, "r0")
+    seen = _read(*files_of(recording)[1:])
+    painter = Painter(seen, [], SIZE)
     for row in (0, 90, 150):
         assert painter.places(seen.theta[row]) == pytest.approx(seen.place[row], abs=0.1)
 
 
-def forecast_file(folder, recording, first, off=0.3, names=("theta1", "theta2", "omega1", "omega2")):
+def forecast_file(folder, recording, first, off=0.3, names=("theta1", "theta2", "omega1", "omega2"), **change):
+    """A file of forecasts of two chunks that start alike: of r0 at frame ``first`` and of another recording."""
     y = pd.read_csv(recording / "angles.csv")[["theta1", "theta2", "omega1", "omega2"]].to_numpy()
-    truth = y[first + 3 * np.arange(10)][None]
-    predicted = truth[None] + off * np.linspace(0, 1, 10)[:, None]
-    arrays = {"t": np.arange(10) * 3 / RATE, "state_names": np.array(names), "test_truth": truth + 2 * np.pi}
-    np.savez(folder / "forecasts.npz", test_prediction=predicted, **arrays)
-    rows = {"chunk": [0, 1], "recording": ["r0", "r0"], "first_frame": [3, first], "split": ["test", "test"]}
-    pd.DataFrame(rows).to_csv(folder / "chunks.csv", index=False)
-    return {"X+": folder / "forecasts.npz"}, folder / "chunks.csv"
+    truth = np.stack([y[first + 3 * np.arange(10)]] * 2)
+    texts = {"state_units": ["rad"] * 4, "parameter_names": ["a"], "parameter_units": [""], "state_names": list(names)}
+    arrays = {
+        "t": np.arange(10) * 3 / RATE,
+        "observed": np.array(5),
+        "seeds": np.array([0]),
+        "test_index": np.arange(2),
+        "test_truth": truth + 2 * np.pi,
+        "test_prediction": truth[None] + off * np.linspace(0, 1, 10)[:, None],
+        "test_z_e": np.zeros((2, 1)),
+        "test_id": np.array(["r1/120", f"r0/{first}"]),
+        **{name: np.array(text) for name, text in texts.items()},
+        **change,
+    }
+    np.savez(folder / "forecasts.npz", **{name: array for name, array in arrays.items() if array is not None})
+    return {"X+": folder / "forecasts.npz"}
 
 
-def test_forecasts_are_found_by_their_first_state(recording, tmp_path):
-    files, chunks = forecast_file(tmp_path, recording, 120)
-    (found,) = read_forecasts(files, chunks, recording / "angles.csv", "r0")
+def test_forecasts_are_placed_by_the_chunk_that_they_carry(recording, tmp_path):
+    files, frame = forecast_file(tmp_path, recording, 120), np.arange(COUNT)
+    (found,) = read_forecasts(files, "r0", frame, RATE)
     assert (found.label, found.rows.tolist()) == ("X+", list(range(120, 148, 3)))
     truth = pd.read_csv(recording / "angles.csv")[["theta1", "theta2"]].to_numpy()
     off = np.angle(np.exp(1j * (found.at(147) - truth[147])))
     assert off == pytest.approx([0.3, 0.3], abs=1e-6)
-    assert read_forecasts(files, chunks, recording / "angles.csv", "r1") == []
-    files, chunks = forecast_file(tmp_path, recording, 120, names=("a", "b", "c", "d"))
-    assert read_forecasts(files, chunks, recording / "angles.csv", "r0") == []
+    (found,) = read_forecasts(files, "r0", frame + 20, RATE)  # a recording whose first frame is number 20
+    assert found.rows[0] == 100
+    assert [f.rows[0] for f in read_forecasts(files, "r1", frame, RATE)] == [120]
+    assert read_forecasts(files, "r2", frame, RATE) == []
+    files = forecast_file(tmp_path, recording, 120, names=("a", "b", "c", "d"))
+    assert read_forecasts(files, "r0", frame, RATE) == []
+
+
+def test_forecasts_that_cannot_be_placed_are_refused(recording, tmp_path):
+    frame = np.arange(COUNT)
     with pytest.raises(InputError, match="not a forecast file"):
-        read_forecasts({"X": chunks}, chunks, recording / "angles.csv", "r0")
+        read_forecasts({"X": recording / "angles.csv"}, "r0", frame, RATE)
+    for change, message in (
+        ({"test_id": None}, "does not say of which chunks its test forecasts are; run evaluate again"),
+        ({"test_id": np.array(["r0/999", "r0/120"])}, "forecasts 'r0/999' over 28 frames; r0 has no such frames"),
+        ({"test_id": np.array(["r0/x", "r0/120"])}, "forecasts 'r0/x' over"),
+        ({"test_id": np.array(["r0/180", "r0/120"])}, "forecasts 'r0/180' over"),
+        ({"test_id": np.array(["r0/120"])}, r"test_id \(1,\) of type <U6; identities are \(2,\), texts"),
+        ({"test_id": np.array([1, 2])}, r"identities are \(2,\), texts"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_forecasts(forecast_file(tmp_path, recording, 120, **change), "r0", frame, RATE)
 
 
 def test_a_forecast_is_shown_held_and_outside_of_the_chosen_part(recording, tmp_path):
-    files, chunks = forecast_file(tmp_path, recording, 120, off=1.0)
+    files = forecast_file(tmp_path, recording, 120, off=1.0)
     settings = {"duration_s": 0.05, "speed": 1.0, "fps": 60}
     _, _, plain = run(recording, tmp_path / "a.mp4", settings)
-    _, _, frames = run(recording, tmp_path / "b.mp4", settings, forecasts=files, chunks=chunks)
+    _, _, frames = run(recording, tmp_path / "b.mp4", settings, forecasts=files)
     assert len(plain) == 3 and len(frames) > 3 + 10 + 60  # held for a second
     colour = np.array(GHOSTS[0])
     near = [(np.abs(frame[70:400].astype(int) - colour).max(axis=2) < 60).sum() for frame in frames]
@@ -122,9 +155,9 @@ def test_a_forecast_is_shown_held_and_outside_of_the_chosen_part(recording, tmp_
 
 
 def test_a_ghost_swings_where_the_forecast_says(recording):
-    seen = _read(recording / "markers.csv", recording / "angles.csv")
+    seen = _read(*files_of(recording)[1:])
     one = Forecast("X", np.array([10, 20]), np.array([[0.0, 0.0], [0.0, np.pi]]))
-    painter = Painter(seen, [one], SIZE, "r0")
+    painter = Painter(seen, [one], SIZE)
     image = painter.paint(np.zeros((SIZE[1], SIZE[0], 3), np.uint8), 10)
     x, y = PIVOT[0] * painter.factor, (PIVOT[1] + sum(ARMS)) * painter.factor
     ring = image[int(y - painter.radius - 3) : int(y + painter.radius + 3), int(x - 20) : int(x + 20)].astype(int)
@@ -132,14 +165,23 @@ def test_a_ghost_swings_where_the_forecast_says(recording):
 
 
 def test_files_that_do_not_fit_are_refused(recording, tmp_path):
-    files = [recording / name for name in ("video.mp4", "markers.csv", "angles.csv")]
+    files = files_of(recording)
     with pytest.raises(InputError, match=r"o\.webm: suffix '\.webm'; an overlay is \.mp4"):
         overlay(*files, tmp_path / "o.webm")
     with pytest.raises(InputError, match=r"video\.mp4: 200 frames at 100 Hz; .*markers\.csv has 200 at 240 Hz"):
         overlay(*files, tmp_path / "o.mp4", {"rate_hz": 100.0})
     pd.read_csv(files[1])[:50].to_csv(tmp_path / "markers.csv", index=False)
-    with pytest.raises(InputError, match=r"50 frames, .*angles\.csv has 200"):
-        overlay(files[0], tmp_path / "markers.csv", files[2], tmp_path / "o.mp4")
+    with pytest.raises(InputError, match=r"50 frames, .*angles\.csv has 200, .*angles\.json has 200"):
+        overlay(files[0], tmp_path / "markers.csv", *files[2:], tmp_path / "o.mp4")
+    for text, message in (("{}", "recording: Field required"), ("[1]", "JSON: Input should be an object")):
+        (tmp_path / "angles.json").write_text(text)
+        with pytest.raises(InputError, match=rf"angles\.json: {message}; run measure_angles again"):
+            overlay(*files[:3], tmp_path / "angles.json", tmp_path / "o.mp4")
+    table = pd.read_csv(files[2], keep_default_na=False)
+    table["quality"] = 0.7
+    table.to_csv(tmp_path / "angles.csv", index=False)
+    with pytest.raises(InputError, match=r"a frame without a time or a quality of 0, \.5 or 1"):
+        overlay(*files[:2], tmp_path / "angles.csv", files[3], tmp_path / "o.mp4")
     assert not (tmp_path / "o.mp4").exists()
 
 

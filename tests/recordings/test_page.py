@@ -7,8 +7,11 @@ import pandas as pd
 import pytest
 from pendulum_motion import CONSTANTS, markers, truth
 
+from expertaug.config import stage_settings
 from expertaug.errors import InputError
-from expertaug.recordings.angles.measure import NO_PIVOT, measure_angles
+from expertaug.recordings.angles.measure import measure_angles
+from expertaug.recordings.angles.quality import NO_PIVOT
+from expertaug.recordings.angles.summary import RecordingSummary
 from expertaug.recordings.angles.tilt import implied_tilt
 from expertaug.recordings.chunks.cut import split_chunks
 from expertaug.recordings.reports.page import _heading, plot_recording, plot_refused
@@ -77,25 +80,53 @@ def test_page(flagged, tmp_path):
 
 
 def test_heading_says_the_rates(flagged):
-    summary = json.loads((flagged / "angles.json").read_text())
+    summary = RecordingSummary.load(flagged / "angles.json")
     text = _heading(summary)
     assert "stated 400 Hz (a label); the motion implies 50" in text and "(+25." in text
     assert "the longest of 40 frames" in text
-    text = _heading(summary | {"implied_rate_hz": None, "implied_rotation_deg": None, "gaps": 0})
+    nothing = {"implied_rate_hz": None, "implied_rotation_deg": None, "gaps": 0}
+    text = _heading(summary.model_copy(update=nothing))
     assert "implies none: recordings.arms_m is not known" in text and "no gaps" in text
 
 
 def test_what_does_not_fit_is_refused(flagged, tmp_path):
     markers_csv, angles, summary = (flagged / name for name in ("markers.csv", "angles.csv", "angles.json"))
-    (tmp_path / "angles.json").write_text("{}")
-    with pytest.raises(InputError, match=r"angles\.json: no 'implied_rate_hz' in it; run measure_angles again"):
-        plot_recording(markers_csv, angles, tmp_path / "angles.json", tmp_path / "page.png")
+    said = json.loads(summary.read_text())
+    for change, message in (
+        ({"implied_rate_hz": "fast"}, "implied_rate_hz: Input should be a valid number"),
+        ({"constants": {"B1": 1.0}}, "constants: Dictionary should have at least 4 items after validation, not 1"),
+        ({"constants": None}, "constants: Input should be an object"),
+        ({"reasons": {"edge": "many"}}, r"reasons\.edge: Input should be a valid integer"),
+        ({"warnings": "none"}, "warnings: Input should be a valid array"),
+        ({"rate_hz": 0.0}, "rate_hz: Input should be greater than 0"),
+        ({"arm1_px": float("nan")}, "arm1_px: Input should be a finite number"),
+    ):
+        (tmp_path / "angles.json").write_text(json.dumps(said | change))
+        with pytest.raises(InputError, match=rf"angles\.json: {message}; run measure_angles again"):
+            plot_recording(markers_csv, angles, tmp_path / "angles.json", tmp_path / "page.png")
+    for text in ("", "{", "[" * 100_000, "3", "null"):
+        (tmp_path / "angles.json").write_text(text)
+        with pytest.raises(InputError, match=r"angles\.json: JSON: .*; run measure_angles again"):
+            plot_recording(markers_csv, angles, tmp_path / "angles.json", tmp_path / "page.png")
     pd.read_csv(angles)[:100].to_csv(tmp_path / "angles.csv", index=False)
     with pytest.raises(InputError, match=r"6000 frames, .*angles\.csv has 100"):
         plot_recording(markers_csv, tmp_path / "angles.csv", summary, tmp_path / "page.png")
     with pytest.raises(InputError, match="column theta1 is missing"):
         plot_recording(markers_csv, markers_csv, summary, tmp_path / "page.png")
     assert not (tmp_path / "page.png").exists()
+
+
+def test_what_the_project_rendered_itself_raises_no_alarm(tmp_path):
+    """It moves by the real recordings' constants in their nominal time, which a real pendulum would contradict."""
+    (tmp_path / "r0").mkdir()
+    files = [tmp_path / "r0" / name for name in ("markers.csv", "angles.csv", "angles.json")]
+    markers(truth()[0, :2000]).to_csv(files[0], index=False)
+    config = {"recordings": {"source": "rendered", "angles": {}, "arms_m": [0.091, 0.07], "analysis_rate_hz": 400.0}}
+    settings = stage_settings.measure_angles(config)
+    for provenance, warnings in ((settings["rate_provenance"], 0), ("a label", 1)):
+        measure_angles(*files, settings | {"rate_provenance": provenance})
+        found = RecordingSummary.load(files[2])
+        assert found.implied_rate_hz == pytest.approx(500, rel=0.01) and len(found.warnings) == warnings
 
 
 @pytest.mark.parametrize("tilt", [-20.0, 0.0, 10.0])

@@ -165,12 +165,6 @@ def forecasts_to_draw():
     return {stage_settings.label(CONFIG, v): path for v, path in paths.items() if os.path.exists(path)}
 
 
-def chunks_to_draw():
-    """Where the forecasts' chunks are listed."""
-    found = stage_settings.overlaid(CONFIG)
-    return results(f"{found[0]}/data/chunks.csv") if found else ""
-
-
 def tables_of(experiment):
     named = [f"_{name}" for name in studies_of(experiment)] + ["_published"] * (experiment in COMPARED)
     of_others = [f"{name}{end}" for name in named for end in ENDS]

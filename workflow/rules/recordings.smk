@@ -227,6 +227,7 @@ rule overlay_video:
         video=lambda w: video_of(w.recording),
         markers=results("recordings/{recording}/markers.csv"),
         angles=results("recordings/{recording}/angles.csv"),
+        summary=results("recordings/{recording}/angles.json"),
         code=code("overlay"),
         constraints=CONSTRAINTS,
     output:
@@ -245,12 +246,12 @@ rule overlay_video:
         # No inputs: an overlay draws what is there, it does not start a training.
         forecasts=lambda w: [f"{label}={path}" for label, path in forecasts_to_draw().items()],
         drawn=lambda w: [sha256(path) for path in forecasts_to_draw().values()],
-        chunks=chunks_to_draw(),
     message:
         "draw over the video of {wildcards.recording}"
     shell:
-        "expertaug overlay {input.video:q} --markers {input.markers:q} --angles {input.angles:q} --output {output:q}"
-        " --forecasts {params.forecasts:q} --chunks {params.chunks:q} --settings {params.settings:q} --log {log:q}"
+        "expertaug overlay {input.video:q} --markers {input.markers:q} --angles {input.angles:q}"
+        " --summary {input.summary:q} --output {output:q} --forecasts {params.forecasts:q}"
+        " --settings {params.settings:q} --log {log:q}"
 
 
 rule split_chunks_of_experiment:

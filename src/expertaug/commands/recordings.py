@@ -53,9 +53,9 @@ def add_to(commands: Commands) -> None:
 
     p = commands.add("overlay", _overlay, "draw markers, arms, angles and forecasts over a recording's video")
     p.add_argument("video", type=Path)
-    add_paths(p, markers="CSV of the marker positions", angles="CSV of the angles", output="video, .mp4")
+    add_paths(p, markers="CSV of the marker positions", angles="CSV of the angles", summary="JSON of the calibration")
+    add_paths(p, output="video, .mp4")
     p.add_argument("--forecasts", nargs="*", default=[], metavar="LABEL=PATH", help="forecasts.npz to draw")
-    p.add_argument("--chunks", type=Path, metavar="PATH", help="chunks.csv of the sets that they forecast")
 
     p = commands.add("inspect", _inspect, "show what a video shows and propose its configuration", settings=False)
     p.add_argument("video", type=Path)
@@ -154,7 +154,7 @@ def _overlay(a: argparse.Namespace) -> None:
             raise InputError("--forecasts", f"found '{label or path}'", "give LABEL=PATH")
     reason = refusal(a.angles)
     if reason is None:
-        overlay(a.video, a.markers, a.angles, a.output, read_settings(a.settings), forecasts, a.chunks)
+        overlay(a.video, a.markers, a.angles, a.summary, a.output, read_settings(a.settings), forecasts)
     else:
         note(f"left out: {reason}", a.output)
 

@@ -12,6 +12,7 @@ from expertaug import labels as naming
 from expertaug.config import signatures
 from expertaug.config.jobs import label, seed_groups, sets, snapshots, studied, variants
 from expertaug.config.load import merge
+from expertaug.recordings.provenance import RENDERED
 from expertaug.registry import full_name
 
 # Rows of the preset's table (expertaug.config.presets) that each stage of learning obeys.
@@ -46,7 +47,7 @@ def extract_frames(config: Mapping) -> dict:
     rendered = recordings["rendered"]
     return rate | {
         "rate_hz": rendered["rate_hz"],
-        "rate_provenance": "rendered at this rate",
+        "rate_provenance": RENDERED,
         "expected_frames": max(1, round(rendered["duration_s"] * rendered["rate_hz"])),
         "image_size_px": rendered["image_size_px"],
     }
@@ -327,7 +328,7 @@ def _rate(recordings: Mapping) -> tuple[float, str]:
     if source == "markers":
         return recordings["markers"]["rate_hz"], recordings["markers"]["rate_provenance"]
     if source == "rendered":
-        return recordings["analysis_rate_hz"], "rendered at this rate"
+        return recordings["analysis_rate_hz"], RENDERED
     videos = recordings["videos"]
     default = "the video's metadata" if videos["rate_hz"] is None else "recordings.videos.rate_hz"
     return recordings["analysis_rate_hz"], videos["rate_provenance"] or default

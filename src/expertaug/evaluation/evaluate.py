@@ -174,13 +174,16 @@ def score(
 
 
 def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:
-    """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state), _z_e (N, P) and _z_e_hat (S, N, P)."""
+    """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state), _z_e (N, P) and _z_e_hat (S, N, P), and
+    _id (K,) where the samples have one."""
     arrays = {
         f"{name}_index": scored.index,
         f"{name}_truth": truth.y[scored.index],
         f"{name}_prediction": scored.prediction.numpy(),
         f"{name}_z_e": truth.z_e,
     }
+    if truth.id is not None:
+        arrays[f"{name}_id"] = truth.id[scored.index]
     return arrays | ({} if scored.z_e is None else {f"{name}_z_e_hat": scored.z_e.numpy()})
 
 

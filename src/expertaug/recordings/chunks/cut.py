@@ -96,7 +96,8 @@ def split_chunks(
     Arguments:
         angles: the ``angles.csv`` of each recording, named by its folder, in any order.
         output_dir: gets train.npz, validation.npz, test.npz (:class:`Trajectories`: t from 0 in s,
-            y (N, length, 4) with the first angles in (−π, π], z_e the initial speeds), chunks.csv and splits.json.
+            y (N, length, 4) with the first angles in (−π, π], z_e the initial speeds, id recording and first frame),
+            chunks.csv and splits.json.
         settings: see :class:`ChunkSettings`.
 
     Raises:
@@ -206,6 +207,7 @@ def _write(
     thresholds: dict[str, float] | None,
 ) -> None:
     tables, counts, speeds = [], {}, {}
+    times = np.arange(options.length) / options.rate_hz
     for name, rows in chosen.items():
         y, level, first = [], [], []
         for index, recording in enumerate(recordings):
@@ -219,13 +221,15 @@ def _write(
         # Whole turns before the chunk are of no interest, and single precision would lose digits to them.
         y[..., :2] -= 2 * np.pi * np.round(y[:, :1, :2] / (2 * np.pi))
         speeds[name] = np.quantile(np.abs(y[:, 0, 2:]), 0.99, axis=0).round(3).tolist()
-        Trajectories(np.arange(options.length) / options.rate_hz, y, y[:, 0, 2:]).save(output_dir / f"{name}.npz")
+        names, frames = [recordings[i].name for i in rows[:, 0]], np.concatenate(first)
+        identity = np.array([f"{recording}/{frame}" for recording, frame in zip(names, frames, strict=True)])
+        Trajectories(times, y, y[:, 0, 2:], id=identity).save(output_dir / f"{name}.npz")
         tables.append(
             pd.DataFrame(
                 {
                     "chunk": np.arange(len(y)),
-                    "recording": [recordings[i].name for i in rows[:, 0]],
-                    "first_frame": np.concatenate(first),
+                    "recording": names,
+                    "first_frame": frames,
                     "split": name,
                     "energy": np.concatenate(level),
                 }

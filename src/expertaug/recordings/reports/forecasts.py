@@ -1,20 +1,17 @@
-"""Forecasts of a recording's chunks, found again by the states from which they start."""
+"""Forecasts of a recording's chunks, placed by the recording and the frame that they carry."""
 
 from __future__ import annotations
 
-import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from expertaug.errors import InputError
+from expertaug.evaluation.forecast_file import Forecasts
 
 ANGLES = ("theta1", "theta2")
-SAME = 1e-3  # rad by which a chunk's first angles may differ from the table's
 
 
 @dataclass(frozen=True)
@@ -31,68 +28,38 @@ class Forecast:
 
 
 def read_forecasts(
-    files: Mapping[str, str | Path], chunks: str | Path | None, angles: str | Path, recording: str
+    files: Mapping[str, str | Path], recording: str, frame: np.ndarray, rate_hz: float
 ) -> list[Forecast]:
     """Those forecasts that are of a recording, in order of time; by each method's first seed.
 
     Arguments:
-        files: forecasts.npz (:mod:`expertaug.evaluation.evaluate`) by the method's label.
-        chunks: chunks.csv that says of which recording and frame each chunk is.
-        angles: angles.csv of the recording.
+        files: forecasts.npz (:mod:`expertaug.evaluation.forecast_file`) by the method's label.
         recording: its name.
+        frame: (n,), the numbers of its rows' frames, ascending.
+        rate_hz: rows per second.
 
     Raises:
-        InputError: a file is missing or cannot be used.
+        InputError: a file cannot be used, does not say of which chunks it is or is of frames that are not there.
     """
-    if not files or chunks is None:
-        return []
-    listed = _table(chunks, {"recording": str})
-    table = _table(angles, {"reason": str})
-    wanted = [("recording", "first_frame", "split"), ("frame", "t", *ANGLES)]
-    for path, found, columns in ((chunks, listed, wanted[0]), (angles, table, wanted[1])):
-        if missing := [c for c in columns if c not in found]:
-            raise InputError(path, f"column {missing[0]} is missing", "make it again")
-    listed = listed[listed["recording"] == recording]
-    return sorted(
-        (f for label, path in files.items() for f in _of_method(label, Path(path), listed, table)),
-        key=lambda f: int(f.rows[0]),
-    )
+    found = [f for label, path in files.items() for f in _of_method(label, Path(path), recording, frame, rate_hz)]
+    return sorted(found, key=lambda f: int(f.rows[0]))
 
 
-def _table(path: str | Path, kinds: Mapping[str, type]) -> pd.DataFrame:
-    try:
-        return pd.read_csv(path, dtype=dict(kinds))
-    except FileNotFoundError as error:
-        raise InputError(path, "no such file", "run the stage that makes it") from error
-    except (ValueError, OSError) as error:
-        raise InputError(path, f"not a table ({error})", "make it again") from error
-
-
-def _of_method(label: str, path: Path, listed: pd.DataFrame, table: pd.DataFrame) -> list[Forecast]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            names = [str(name) for name in archive["state_names"]]
-            t = archive["t"]
-            sets = {
-                name.removesuffix("_truth"): (archive[name], archive[f"{name.removesuffix('_truth')}_prediction"][0])
-                for name in archive.files
-                if name.endswith("_truth")
-            }
-    except FileNotFoundError as error:
-        raise InputError(path, "no such file", "run evaluate") from error
-    except (KeyError, IndexError, ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(path, f"not a forecast file ({error})", "make it again with evaluate") from error
-    if not set(ANGLES) <= set(names):
-        return []
-    columns = [names.index(name) for name in ANGLES]
-    frame, own = table["frame"].to_numpy(), table[list(ANGLES)].to_numpy(float)
-    found = []
-    for name, (truth, prediction) in sets.items():
-        starts = np.searchsorted(frame, listed.loc[listed["split"] == name, "first_frame"].to_numpy())
-        rate = (len(table) - 1) / float(table["t"].iloc[-1] - table["t"].iloc[0])
-        rows = np.rint((t - t[0]) * rate).astype(int)
-        for first, angles in zip(truth[:, 0, columns], prediction[..., columns], strict=True):
-            off = np.abs(np.angle(np.exp(1j * (own[starts] - first)))).max(1) if len(starts) else np.ones(1)
-            if off.min() < SAME:
-                found.append(Forecast(label, int(starts[int(off.argmin())]) + rows, angles.astype(float)))
-    return found
+def _of_method(label: str, path: Path, recording: str, frame: np.ndarray, rate_hz: float) -> Iterator[Forecast]:
+    stored = Forecasts.load(path)
+    if not set(ANGLES) <= set(stored.state_names):
+        return
+    columns = [stored.state_names.index(name) for name in ANGLES]
+    steps = np.rint((stored.t - stored.t[0]) * rate_hz).astype(int)
+    for name, prediction in stored.prediction.items():
+        if name not in stored.id:
+            raise InputError(path, f"does not say of which chunks its {name} forecasts are", "run evaluate again")
+        for identity, states in zip(stored.id[name], prediction[0], strict=True):
+            of, _, first = str(identity).rpartition("/")
+            if of != recording:
+                continue
+            start = int(np.searchsorted(frame, int(first))) if first.isdecimal() else len(frame)
+            if start + steps[-1] >= len(frame) or frame[start] != int(first):
+                found = f"forecasts {str(identity)!r} over {steps[-1] + 1} frames"
+                raise InputError(path, found, f"{recording} has no such frames: run evaluate again")
+            yield Forecast(label, start + steps, states[:, columns].astype(float))

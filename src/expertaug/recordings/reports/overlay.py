@@ -14,7 +14,8 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.recordings.angles.measure import INTERPOLATED, MEASURED
+from expertaug.recordings.angles.quality import INTERPOLATED, MEASURED, UNUSABLE
+from expertaug.recordings.angles.summary import RecordingSummary
 from expertaug.recordings.columns import PLACES
 from expertaug.recordings.options import read_settings
 from expertaug.recordings.reports import drawing
@@ -29,8 +30,8 @@ AROUND_S = 0.5  # shown before and after a forecast outside of the chosen part
 HOLD_S = 1.0  # for which the end of a forecast is held
 CRF, SPEED = 23, "veryfast"
 THETA = ((255, 200, 90), (90, 170, 255))  # B, G, R of the angles
-SHADES = {MEASURED: (90, 200, 90), INTERPOLATED: (0, 170, 255), 0.0: (60, 60, 255)}
-STATES = {MEASURED: "measured", INTERPOLATED: "not used", 0.0: "unusable"}
+SHADES = {MEASURED: (90, 200, 90), INTERPOLATED: (0, 170, 255), UNUSABLE: (60, 60, 255)}
+STATES = {MEASURED: "measured", INTERPOLATED: "not used", UNUSABLE: "unusable"}
 GHOSTS = ((255, 90, 255), (90, 255, 255), (90, 255, 90), (255, 255, 90))
 
 
@@ -55,8 +56,11 @@ class OverlaySettings:
 
 @dataclass(frozen=True)
 class Measured:
-    """One recording: times (n,), marker places (n, 3, 2) px, angles (n, 2) rad, quality (n,) and reasons (n,)."""
+    """One recording: its summary, frame numbers (n,), times (n,), marker places (n, 3, 2) px, angles (n, 2) rad,
+    quality (n,) and reasons (n,)."""
 
+    summary: RecordingSummary
+    frame: np.ndarray
     t: np.ndarray
     place: np.ndarray
     theta: np.ndarray
@@ -68,10 +72,10 @@ def overlay(
     video: str | Path,
     markers: str | Path,
     angles: str | Path,
+    summary: str | Path,
     output: str | Path,
     settings: Mapping[str, object] | None = None,
     forecasts: Mapping[str, str | Path] | None = None,
-    chunks: str | Path | None = None,
 ) -> None:
     """Draw the measurement of a recording over its frames, as H.264 video that a browser plays.
 
@@ -80,11 +84,10 @@ def overlay(
 
     Arguments:
         video: of the recording.
-        markers, angles: of its measurement, one row for each frame that was analysed.
+        markers, angles, summary: of its measurement (:func:`expertaug.recordings.angles.measure.measure_angles`).
         output: .mp4.
         settings: see :class:`OverlaySettings`.
         forecasts: forecasts.npz by the label to print.
-        chunks: chunks.csv of the sets that they forecast.
 
     Raises:
         InputError: a file cannot be used or does not fit the others, or nothing of the recording is in the chosen part.
@@ -93,9 +96,9 @@ def overlay(
     options = read_settings(OverlaySettings, settings, "overlay")
     if Path(output).suffix.lower() != ".mp4":
         raise InputError(output, f"suffix '{Path(output).suffix}'", "an overlay is .mp4")
-    seen = _read(markers, angles)
-    predicted = read_forecasts(forecasts or {}, chunks, angles, Path(angles).parent.name)
-    rate = (len(seen.t) - 1) / (seen.t[-1] - seen.t[0])
+    seen = _read(markers, angles, summary)
+    name, rate = seen.summary.recording, seen.summary.rate_hz
+    predicted = read_forecasts(forecasts or {}, name, seen.frame, rate)
     stride = max(1, round(rate * options.speed / options.fps))
     fps = rate * options.speed / stride
     rows = _rows(seen, predicted, options, stride)
@@ -107,7 +110,7 @@ def overlay(
         if step < 1 or abs(step * rate / source.rate_hz - 1) > 1e-3 or (len(seen.t) - 1) * step >= source.count:
             found = f"{source.count} frames at {source.rate_hz:g} Hz"
             raise InputError(video, found, f"{markers} has {len(seen.t)} at {rate:g} Hz: give the video that it is of")
-        painter = Painter(seen, predicted, (source.width, source.height), Path(angles).parent.name)
+        painter = Painter(seen, predicted, (source.width, source.height))
         wanted = {int(row) * step for row in rows}
 
         def painted() -> Iterator[np.ndarray]:
@@ -135,23 +138,29 @@ def note(words: str, output: str | Path) -> None:
         encode(temporary, iter([image] * 50), (960, 120), 25, CRF, SPEED, flags="+faststart")
 
 
-def _read(markers: str | Path, angles: str | Path) -> Measured:
+def _read(markers: str | Path, angles: str | Path, summary: str | Path) -> Measured:
     tables = []
-    for path, columns in ((markers, PLACES), (angles, ("t", "theta1", "theta2", "quality", "reason"))):
+    for path, numbers, texts in ((markers, PLACES, ()), (angles, ("t", "theta1", "theta2", "quality"), ("reason",))):
+        kinds = {"frame": np.int64} | dict.fromkeys(numbers, np.float64) | dict.fromkeys(texts, str)
         try:
-            table = pd.read_csv(path, dtype={"reason": str})
-            tables.append(table[list(columns)])
+            table = pd.read_csv(path, dtype=kinds)
+            tables.append(table[list(kinds)])
         except FileNotFoundError as error:
             raise InputError(path, "no such file", "run the stage that makes it") from error
         except (KeyError, ValueError, OSError) as error:
             raise InputError(path, f"not a table of a recording ({error})", "make it again") from error
     points, table = tables
-    if len(points) != len(table) or len(table) < 10:
-        raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
+    found = RecordingSummary.load(summary)
+    if not len(points) == len(table) == found.frames or not (points["frame"] == table["frame"]).all():
+        counts = f"{len(points)} frames, {angles} has {len(table)}, {summary} has {found.frames}"
+        raise InputError(markers, counts, "they are not of one measurement: run measure_angles again")
+    if not table["quality"].isin(list(SHADES)).all() or not np.isfinite(table["t"]).all():
+        raise InputError(angles, "a frame without a time or a quality of 0, .5 or 1", "run measure_angles again")
     theta = table[["theta1", "theta2"]].to_numpy(float)
     reason = table["reason"].fillna("").to_numpy(str)
-    place = points.to_numpy(float).reshape(-1, 3, 2)
-    return Measured(table["t"].to_numpy(float), place, theta, table["quality"].to_numpy(float), reason)
+    place = points[list(PLACES)].to_numpy(float).reshape(-1, 3, 2)
+    frame, t, quality = (table[name].to_numpy() for name in ("frame", "t", "quality"))
+    return Measured(found, frame, t, place, theta, quality, reason)
 
 
 def _rows(seen: Measured, predicted: Sequence[Forecast], options: OverlaySettings, stride: int) -> np.ndarray:
@@ -168,25 +177,23 @@ def _rows(seen: Measured, predicted: Sequence[Forecast], options: OverlaySetting
 class Painter:
     """Paints frames with what was measured in them, and a panel of the angles below."""
 
-    def __init__(self, seen: Measured, predicted: Sequence[Forecast], size: tuple[int, int], name: str) -> None:
-        self.seen, self.predicted, self.name = seen, predicted, name
+    def __init__(self, seen: Measured, predicted: Sequence[Forecast], size: tuple[int, int]) -> None:
+        self.seen, self.predicted = seen, predicted
         labels = dict.fromkeys(one.label for one in predicted)
         self.ghosts = {label: GHOSTS[k % len(GHOSTS)] for k, label in enumerate(labels)}
         width, height = size
         self.factor = max(1.0, HEIGHTS[0] / height) if height < HEIGHTS[1] else HEIGHTS[1] / height
         self.frame_size = round(width * self.factor), round(height * self.factor)
         self.size = self.frame_size[0] + self.frame_size[0] % 2, self.frame_size[1] + PANEL + (self.frame_size[1] % 2)
-        length = np.linalg.norm(np.diff(seen.place, axis=1), axis=2)
-        self.arms, self.pivot = np.nanmedian(length, axis=0), np.nanmedian(seen.place[:, 0], axis=0)
-        used = seen.quality == MEASURED
-        vector = np.diff(seen.place[used], axis=1)
-        off = np.arctan2(vector[..., 0], vector[..., 1]) - seen.theta[used]
-        self.tilt = float(np.angle(np.nanmean(np.exp(1j * off))))  # of gravity in the image
+        found = seen.summary
+        self.arms = np.array((found.arm1_px, found.arm2_px))
+        self.pivot = np.array((found.pivot_x_px, found.pivot_y_px))
+        self.gravity = math.radians(found.rotation_deg)  # its direction in the image
         self.radius = max(4.0, 0.11 * float(self.arms.min())) * self.factor
 
     def places(self, theta: np.ndarray) -> np.ndarray:
         """Pivot, joint and tip (3, 2) in px of angles (2,)."""
-        at = theta + self.tilt
+        at = theta + self.gravity
         step = self.arms[:, None] * np.stack((np.sin(at), np.cos(at)), axis=1)
         return np.stack((self.pivot, self.pivot + step[0], self.pivot + step.sum(0)))
 
@@ -211,7 +218,7 @@ class Painter:
 
     def _words(self, view: np.ndarray, row: int, quality: float, now: Sequence[Forecast]) -> None:
         seen = self.seen
-        drawing.text(view, f"{self.name}   t = {seen.t[row]:.3f} s", (MARGIN, 20))
+        drawing.text(view, f"{seen.summary.recording}   t = {seen.t[row]:.3f} s", (MARGIN, 20))
         why = f": {seen.reason[row]}" if seen.reason[row] else ""
         drawing.text(view, f"{STATES[quality]}{why}", (MARGIN, 40), SHADES[quality])
         for k, one in enumerate(now):

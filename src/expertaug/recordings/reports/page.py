@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.files import read_json
-from expertaug.recordings.angles.measure import INTERPOLATED, MEASURED, UNUSABLE
+from expertaug.recordings.angles.quality import INTERPOLATED, MEASURED, UNUSABLE
+from expertaug.recordings.angles.summary import RecordingSummary
 from expertaug.recordings.columns import PLACES
 
 WRONG = "#B00020"
@@ -37,19 +37,12 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
     Raises:
         InputError: a file is missing or lacks a column or a value.
     """
-    points, table, found = (
-        _read(markers, PLACES),
-        _read(angles, ("t", "theta1", "energy", "quality")),
-        read_json(summary),
-    )
+    points, table = _read(markers, PLACES), _read(angles, ("t", "theta1", "theta2", "energy", "quality"))
+    found = RecordingSummary.load(summary)
     if len(points) != len(table):
         raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
-    try:
-        heading = _heading(found)
-        reasons = dict(found["reasons"])
-    except (KeyError, TypeError) as error:
-        raise InputError(summary, f"no {error} in it", "run measure_angles again") from error
-    warned = "\n".join(textwrap.fill(f"Warning: {text}.", WIDTH - 14) for text in found["warnings"])
+    heading, reasons = _heading(found), found.reasons
+    warned = "\n".join(textwrap.fill(f"Warning: {text}.", WIDTH - 14) for text in found.warnings)
     lines, warned_lines = heading.count("\n") + 1, warned.count("\n") + 1 if warned else 0
     above = 0.35 + LINE * (lines + 1.3 * warned_lines)  # inches
     heights = [0.75, 0.75, 1.5, 1.2, 0.2, 0.1 + 0.2 * max(1, len(reasons))]
@@ -62,11 +55,11 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         def write(inches: float, text: str, **look: object) -> None:
             figure.text(0.02, 1 - inches / height, text, ha="left", va="top", linespacing=1.4, **look)
 
-        write(0.08, f"Recording {found['recording']}", fontsize=11, fontweight="bold")
+        write(0.08, f"Recording {found.recording}", fontsize=11, fontweight="bold")
         write(0.35, heading)
         write(0.35 + LINE * (lines + 0.2), warned, color=WRONG, fontweight="bold")
         t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
-        _lengths(over_time[:2], t, points.to_numpy(float), quality, found)
+        _lengths(over_time[:2], t, points.to_numpy(float), quality, (found.arm1_px, found.arm2_px))
         _angles(over_time[2], t, table, quality)
         _energy(over_time[3], t, table["energy"].to_numpy(float), quality)
         _used(band, t, quality)
@@ -91,7 +84,7 @@ def plot_refused(name: str, reason: str, output: str | Path) -> None:
 
 def _read(path: str | Path, columns: tuple[str, ...]) -> pd.DataFrame:
     try:
-        table = pd.read_csv(path, usecols=lambda name: name in (*columns, "theta2"), dtype=float)
+        table = pd.read_csv(path, usecols=lambda name: name in columns, dtype=float)
         missing = [name for name in columns if name not in table]
     except FileNotFoundError as error:
         raise InputError(path, "no such file", "run measure_angles") from error
@@ -102,22 +95,22 @@ def _read(path: str | Path, columns: tuple[str, ...]) -> pd.DataFrame:
     return table
 
 
-def _heading(found: Mapping) -> str:
-    implied = found["implied_rate_hz"]
+def _heading(found: RecordingSummary) -> str:
+    implied = found.implied_rate_hz
     rate = "the motion implies none: recordings.arms_m is not known"
     if implied is not None:
-        rate = f"the motion implies {implied:.1f} Hz ({implied / found['rate_hz'] - 1:+.1%})"
-    tilt, turned = found["implied_rotation_deg"], f"gravity stated at {found['rotation_deg']:g}°"
+        rate = f"the motion implies {implied:.1f} Hz ({implied / found.rate_hz - 1:+.1%})"
+    tilt, turned = found.implied_rotation_deg, f"gravity stated at {found.rotation_deg:g}°"
     turned += "; the motion implies none" if tilt is None else f", implied at {tilt:.1f}°"
-    constants = ", ".join(f"{name} {value:.4g}" for name, value in found["constants"].items())
-    gaps = f"{found['gaps']} gaps, the longest of {found['longest_gap_frames']} frames" if found["gaps"] else "no gaps"
+    constants = ", ".join(f"{name} {value:.4g}" for name, value in found.constants.items())
+    gaps = f"{found.gaps} gaps, the longest of {found.longest_gap_frames} frames" if found.gaps else "no gaps"
     lines = [
-        f"{found['frames']} frames, {found['duration_s']:.1f} s; tracked {found['tracked_share']:.2%}, used"
-        f" {found['usable_share']:.2%}; {gaps}; {found['interpolated']} frames interpolated",
-        f"Frame rate: stated {found['rate_hz']:g} Hz ({found['rate_provenance']}); {rate}; {turned}",
-        f"Arms {found['arm1_px']:.2f} ± {found['arm1_std_px']:.2f} px and {found['arm2_px']:.2f} ±"
-        f" {found['arm2_std_px']:.2f} px; angle noise {found['noise1_deg']:.3f}° and {found['noise2_deg']:.3f}°",
-        f"Constants {constants} (G in s⁻²); R² {found['r2_1']:.4f} and {found['r2_2']:.4f}",
+        f"{found.frames} frames, {found.duration_s:.1f} s; tracked {found.tracked_share:.2%}, used"
+        f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
+        f"Frame rate: stated {found.rate_hz:g} Hz ({found.rate_provenance}); {rate}; {turned}",
+        f"Arms {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px and {found.arm2_px:.2f} ±"
+        f" {found.arm2_std_px:.2f} px; angle noise {found.noise1_deg:.3f}° and {found.noise2_deg:.3f}°",
+        f"Constants {constants} (G in s⁻²); R² {found.r2_1:.4f} and {found.r2_2:.4f}",
     ]
     return "\n".join(textwrap.fill(line, WIDTH) for line in lines)
 
@@ -128,9 +121,11 @@ def _dots(axis: Axes, t: np.ndarray, values: np.ndarray, quality: np.ndarray, co
     axis.plot(t[used], values[used], ".", color=colour, markersize=1.3, label=label, rasterized=True)
 
 
-def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, quality: np.ndarray, found: Mapping) -> None:
+def _lengths(
+    axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, quality: np.ndarray, arms: Sequence[float]
+) -> None:
     length = np.linalg.norm(np.diff(points.reshape(-1, 3, 2), axis=1), axis=2)
-    off = length - [found["arm1_px"], found["arm2_px"]]
+    off = length - arms
     reach = 1.3 * float(np.nanquantile(np.abs(off), 0.999)) + 0.05
     for k, (axis, colour) in enumerate(zip(axes, (FIRST, SECOND), strict=True)):
         _dots(axis, t, off[:, k], quality, colour, "")

@@ -8,7 +8,8 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.files import atomic, read_json, write_text
+from expertaug.files import atomic, write_text
+from expertaug.recordings.angles.summary import RecordingSummary
 from expertaug.recordings.names import natural_key
 
 # Columns of the table: key in a recording's summary → heading and format of the Markdown table.
@@ -78,16 +79,8 @@ def summarise(
 
 
 def _row(path: Path) -> dict[str, object]:
-    summary = read_json(path)
-    try:
-        row = {key: value for key, value in summary.items() if key not in ("constants", "friction")}
-        row |= summary["constants"]
-        row["reasons"] = "; ".join(f"{reason} {count}" for reason, count in summary["reasons"].items())
-        row["warnings"] = "; ".join(summary["warnings"])
-        wanted = ("recording", "arm1_px", "noise1_deg", "implied_rate_hz", "B1", "r2_1")
-        missing = [key for key in wanted if key not in row]
-    except (AttributeError, KeyError, TypeError):
-        missing = ["constants"]
-    if missing:
-        raise InputError(path, f"no {missing[0]} in it", "run measure_angles again")
+    found = RecordingSummary.load(path).model_dump()
+    row = {key: value for key, value in found.items() if key not in ("constants", "friction")} | found["constants"]
+    row["reasons"] = "; ".join(f"{reason} {count}" for reason, count in found["reasons"].items())
+    row["warnings"] = "; ".join(found["warnings"])
     return row

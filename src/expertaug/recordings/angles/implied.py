@@ -1,0 +1,73 @@
+"""What a recording's motion says of itself: the pendulum's constants, the frame rate and the direction of gravity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants, implied_rate
+from expertaug.recordings.angles.tilt import implied_tilt
+from expertaug.recordings.provenance import RENDERED
+
+SPAN_S = 0.01  # between the points by which the constants are fitted
+MAX_RATE_ERROR = 0.05  # of the stated frame rate, beyond which the motion contradicts it
+MAX_TILT_DEG = 1.5  # off the stated direction of gravity, beyond which the motion contradicts it
+
+
+@dataclass(frozen=True)
+class Implied:
+    """What the motion implies.
+
+    Attributes:
+        fit: of the pendulum's constants.
+        rate_hz: frame rate; None where the first arm's length is not known.
+        tilt_deg: by how much gravity is off its stated direction; None where the fits do not tell.
+    """
+
+    fit: Fit
+    rate_hz: float | None
+    tilt_deg: float | None
+
+
+def explain(y: np.ndarray, rate_hz: float, arm1_m: float | None) -> Implied:
+    """Fit the pendulum to its motion.
+
+    Arguments:
+        y: states (n, 4); NaN where they were not measured.
+        rate_hz: stated frames per second.
+        arm1_m: length of the first arm in m; None where it is not known.
+
+    Raises:
+        InputError: the motion does not determine the constants, or they are those of no pendulum.
+    """
+    every = max(1, round(rate_hz * SPAN_S))
+    fit = fit_constants(y, every / rate_hz, friction=True, every=every)
+    implied = None if arm1_m is None else implied_rate(fit.constants, rate_hz, arm1_m)
+    return Implied(fit, implied, implied_tilt(y, every / rate_hz, every))
+
+
+def contradictions(
+    implied: Implied, rate_hz: float, provenance: str, arm1_m: float | None, rotation_deg: float
+) -> list[str]:
+    """What the motion contradicts, in plain words.
+
+    Arguments:
+        implied: by the motion.
+        rate_hz, provenance: stated frame rate and where it is known from.
+        arm1_m, rotation_deg: stated length of the first arm in m and direction of gravity in the image.
+    """
+    found, rate, tilt = [], implied.rate_hz, implied.tilt_deg
+    # What this project rendered moves by the real recordings' constants in their nominal time.
+    if rate is not None and provenance != RENDERED and abs(rate / rate_hz - 1) > MAX_RATE_ERROR:
+        side = "above" if rate > rate_hz else "below"
+        found.append(
+            f"the motion implies {rate:.1f} Hz, {abs(rate / rate_hz - 1):.0%} {side} the stated {rate_hz:g} Hz"
+            f" ({provenance}): that rate or the first arm's length of {arm1_m:g} m is wrong"
+        )
+    if tilt is not None and abs(tilt) > MAX_TILT_DEG:
+        found.append(
+            f"by the motion gravity points {tilt:+.1f}° off the stated direction: set recordings.angles.rotation_deg to"
+            f" {rotation_deg + tilt:.1f}"
+        )
+    return found

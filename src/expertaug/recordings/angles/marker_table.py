@@ -1,0 +1,80 @@
+"""A recording's markers as tracking or import left them: markers.csv, read and checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from expertaug.errors import InputError
+from expertaug.recordings.columns import MARKERS, PLACES
+
+FEWEST = 10  # frames of a recording
+
+
+@dataclass(frozen=True)
+class MarkerTable:
+    """Markers of n evenly timed frames.
+
+    Attributes:
+        frame: their numbers, (n,).
+        t: their times in s, (n,).
+        rate_hz: frames per second.
+        pivot, joint, tip: places (x, y) in px, y down, (n, 2); NaN where a marker was not found.
+        quality: (n,), 0 where a frame is unusable.
+        reason: (n,) texts: why, or empty.
+    """
+
+    frame: np.ndarray
+    t: np.ndarray
+    rate_hz: float
+    pivot: np.ndarray
+    joint: np.ndarray
+    tip: np.ndarray
+    quality: np.ndarray
+    reason: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def read_markers(path: Path) -> MarkerTable:
+    """Read a markers.csv.
+
+    Raises:
+        InputError: the file is missing or no such table, has too few frames, text for a number or uneven times.
+    """
+    try:
+        table = pd.read_csv(path, dtype={"reason": str}, keep_default_na=True)
+    except FileNotFoundError as error:
+        raise InputError(path, "no such file", "run track_markers") from error
+    except (ValueError, OSError) as error:
+        raise InputError(path, f"not a marker table ({error})", "run track_markers again") from error
+    missing = [c for c in MARKERS if c not in table]
+    if missing:
+        raise InputError(path, f"column {missing[0]} is missing", f"expected {','.join(MARKERS)}")
+    if len(table) < FEWEST:
+        raise InputError(path, f"{len(table)} frames", f"a recording needs at least {FEWEST}")
+    for name in MARKERS[:-1]:
+        if not pd.api.types.is_numeric_dtype(table[name]):
+            bad = pd.to_numeric(table[name], errors="coerce").isna() & table[name].notna()
+            row = int(np.argmax(bad.to_numpy()))
+            cell = table[name].iloc[row]
+            raise InputError(path, f"row {row + 2}, column {name}: '{cell}' is no number", "expected numbers")
+    t = table["t"].to_numpy(float)
+    pivot, joint, tip = table[list(PLACES)].to_numpy(float).reshape(-1, 3, 2).swapaxes(0, 1)
+    reason = table["reason"].fillna("").astype(str).to_numpy(object)
+    quality = table["quality"].to_numpy(float)
+    return MarkerTable(table["frame"].to_numpy(), t, _frame_rate(path, t), pivot, joint, tip, quality, reason)
+
+
+def _frame_rate(path: Path, t: np.ndarray) -> float:
+    rate = (len(t) - 1) / (t[-1] - t[0]) if t[-1] > t[0] else np.nan
+    uneven = ~(np.abs(np.diff(t) * rate - 1) < 0.01)
+    if uneven.any():
+        row = int(np.argmax(uneven))
+        found = f"times are uneven: {t[row]} s, then {t[row + 1]} s"
+        raise InputError(path, found, "expected every analysed frame, evenly timed")
+    return float(round(rate, 6))
