@@ -1,8 +1,9 @@
 """A training step of stacked seeds against the usual way: `python benchmarks/training_step.py`.
 
 The usual way is one seed at a time, ordinary layers (torch.nn.GRU, torch.nn.Linear) and torchdiffeq's dopri5 at a
-tolerance of 1e-5.  The same architecture, data, batch size and loss (paper, appendix, damped pendulum) on one thread;
-``--vmap`` adds torch.vmap over ordinary layers, the road not taken.
+tolerance of 1e-5.  The same architecture, data, batch size and loss (paper, appendix, damped pendulum) on one thread.
+Ordinary modules may also be given to this package, which then calls them by torch.vmap, or one seed after the other
+where a layer (torch.nn.GRU) has no rule for that; ``--vmap`` adds torch.vmap over the whole of the usual step.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 
 os.environ["OMP_NUM_THREADS"] = "1"
@@ -26,14 +28,14 @@ from expertaug.config.presets import resolve
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
-from expertaug.models import store
+from expertaug.models.recipe import HybridModel, Part
 from expertaug.systems.simulate import sample
 
 POINTS, STEP = 51, 0.1
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 TYPICAL = 2.2  # softplus of it is an ω0 amid the data, as after some training: dopri5 then needs its usual steps
 DATA = {"seed": 0, "step_s": STEP, "t2_s": 20.0, "noise": 0.01}
-MODEL = {"encoder": {"kind": "recurrent"}, "interaction": {"kind": "mlp"}}
+OURS = {"encoder": {"kind": "recurrent"}, "interaction": {"kind": "mlp"}}
 
 
 def training_data(size: int = 1000, name: str = "train") -> StackedSet:
@@ -46,6 +48,33 @@ def mlp(*widths: int) -> nn.Sequential:
     """Fully connected layers with ReLU between them."""
     layers = [part for a, b in pairwise(widths) for part in (nn.Linear(a, b), nn.ReLU())]
     return nn.Sequential(*layers[:-1])
+
+
+class UsualEncoder(nn.Module):
+    """The encoder for one seed, as a user of this package writes it."""
+
+    latent = 128
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.gru, self.head = nn.GRU(2, 128), mlp(128, 150, 150, 150, 1)
+
+    def forward(self, observed: Tensor) -> tuple[Tensor, Tensor]:
+        """(T1, B, 2) → z_e (B, 1), unbounded, and z_a (B, 128)."""
+        z_a = self.gru(observed)[1][0]
+        return self.head(z_a), z_a
+
+
+class UsualInteraction(nn.Module):
+    """F_a for one seed, likewise."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.f_a = mlp(130, 50, 50, 50, 2)
+
+    def forward(self, y: Tensor, z_a: Tensor) -> Tensor:
+        """(B, 2) and (B, 128) → (B, 2)."""
+        return self.f_a(torch.cat((y, z_a), -1))
 
 
 class UsualModel(nn.Module):
@@ -107,12 +136,13 @@ def rk4(field: Callable, y: Tensor, t: Tensor) -> Tensor:
     return torch.stack(path)
 
 
-def stacked_steps(seeds: int, data: StackedSet) -> Callable[[], None]:
-    """One step of all seeds the way this package does it."""
+def stacked_steps(seeds: int, data: StackedSet, **parts: Part) -> Callable[[], None]:
+    """One step of all seeds the way this package does it, with its own parts but for those given."""
     system, t = systems.load({"name": "pendulum"}), [k * STEP for k in range(201)]
-    description = {"model": MODEL, "t": t, "observed": POINTS, "seeds": list(range(seeds))}
-    model = store.make(system, description | {"expert": True, "interaction": True})
-    nn.init.constant_(model.encoder.head.layers[-1].bias, TYPICAL)
+    description = {"t": t, "observed": POINTS, "seeds": list(range(seeds))}
+    model = HybridModel(system, **(OURS | parts)).build(t[:POINTS], description["seeds"])
+    head = model.encoder.module.head[-1] if "encoder" in parts else model.encoder.head.layers[-1]
+    nn.init.constant_(head.bias, TYPICAL)
     objective = Aphynity(description["seeds"], resolve("corrected"))
     task = task_of({}, description, torch.device("cpu"))
     batch = next(data.batches(description["seeds"], 0, 100))
@@ -177,7 +207,12 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
     data = training_data()
-    ways = {"usual, dopri5 1e-5": usual_steps, "stacked, fixed grid": stacked_steps}
+    ways = {
+        "usual, dopri5 1e-5": usual_steps,
+        "stacked, fixed grid": stacked_steps,
+        "own F_a, fixed grid": partial(stacked_steps, interaction=UsualInteraction),
+        "own encoder and F_a": partial(stacked_steps, interaction=UsualInteraction, encoder=UsualEncoder),
+    }
     if options.vmap:
         ways["torch.vmap, fixed grid"] = vmapped_steps
     base = None

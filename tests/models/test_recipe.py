@@ -80,7 +80,7 @@ def test_what_a_file_cannot_say_is_refused_when_it_is_written():
         ({"kind": "window", "windows": WINDOWS, "layers": "16"}, r"layers: a width of '\d'; widths are whole numbers"),
         ({"kind": "window", "windows": WINDOWS, "layers": [-1]}, r"layers: a width of -1; widths"),
         ({"kind": "window", "windows": WINDOWS, "latent": "a"}, r"layers: a width of 'a'"),
-        ({"kind": "window", "windows": {"U": ["~", 5]}}, r"model\.encoder: window refuses its arguments \(\w+Error"),
+        ({"kind": "window", "windows": {"U": ["~", 5]}}, r"windows\.U: \[~, 5\] s; the encoder sees 0 to 0\.2 s"),
         ({"kind": "conv"}, r"model\.encoder\.kind: RLC has states of shape \(2,\); choose one for plain states"),
         (partial(parts.LinearEncoder, 3), r"model\.encoder: arguments without a name"),
         (3, r"model\.encoder: found int; give a class"),

@@ -119,7 +119,9 @@ def _check_seeds(group: HybridNet, alone: HybridNet, batch: Tensor, task: Task, 
     """The last seed of a group must compute what it does alone."""
     together, one = (_outputs(model, y, task) for model, y in ((group, batch), (alone, batch[:, -1:])))
     for part, a, b in zip(_parts(group), together, one, strict=True):
-        if not torch.allclose(a[-1], b[0], rtol=TOLERANCE, atol=TOLERANCE * _size(b)):
+        if not all(
+            torch.allclose(x[-1], y[0], rtol=TOLERANCE, atol=TOLERANCE * _size(y)) for x, y in zip(a, b, strict=True)
+        ):
             remedy = "keep what differs from seed to seed in parameters or buffers, made in its constructor"
             raise InputError(where, f"{part} gives a seed other values in a group than alone", remedy)
 
@@ -128,7 +130,7 @@ def _check_kept(model: HybridNet, other: HybridNet, batch: Tensor, task: Task, w
     """A model made anew from the state that a file holds must be the same."""
     other.load_state_dict(model.state_dict())
     for part, a, b in zip(_parts(model), *(_outputs(m, batch, task) for m in (model, other.eval())), strict=True):
-        if not torch.equal(a, b):
+        if not all(torch.equal(x, y) for x, y in zip(a, b, strict=True)):
             remedy = "register_buffer what fit or the constructor makes"
             raise InputError(where, f"{part} is another after it was saved and loaded", remedy)
 
@@ -149,13 +151,11 @@ def _check_step(model: HybridNet, objective: Objective, batch: Tensor, task: Tas
         raise InputError(where, f"{name}.loss gives {type(found).__name__}", "return the loss and a dict of its parts")
     loss, parts = found
     check_loss(objective, loss, seeds)
-    for key, value in {"loss": loss, **parts}.items():
+    for key, value in [("loss", loss), *parts.items()]:
         if not isinstance(value, Tensor) or tuple(value.shape) != (seeds,):
             raise InputError(where, f"{name}.loss gives no ({seeds},) tensor for {key}", "one number for each seed")
         if not torch.isfinite(value).all():
-            raise InputError(
-                where, f"{name}.loss gives a {key} that is not finite", "check its forecasts and divisions"
-            )
+            raise InputError(where, f"{name}.loss: its {key} is not finite", "check divisions and logarithms")
     if "loss" not in parts:
         raise InputError(where, f"{name}.loss gives no part called loss", "name the loss itself too: it is logged")
     if not loss.requires_grad:
@@ -174,16 +174,15 @@ def _parts(model: HybridNet) -> list[str]:
     return [_name(part) for part in (model.encoder, model.interaction) if part is not None]
 
 
-def _outputs(model: HybridNet, batch: Tensor, task: Task) -> list[Tensor]:
-    """What the encoder and the interaction model give, seeds first; one tensor each."""
+def _outputs(model: HybridNet, batch: Tensor, task: Task) -> list[tuple[Tensor, ...]]:
+    """What the encoder and the interaction model give, seeds first."""
     with torch.no_grad():
         z_e, z_a = model.encode(batch[: task.observed]).mean
-        found = [torch.cat((z_e / _size(z_e), z_a), dim=-1)]
+        found = [(z_e, z_a)]
         if model.interaction is not None:
             # The same latents for all: what the encoder gives has its own check.
-            found.append(
-                model.interaction(batch[0], model.interaction.context(torch.zeros_like(z_a), torch.ones_like(z_e)))
-            )
+            context = model.interaction.context(torch.zeros_like(z_a), torch.ones_like(z_e))
+            found.append((model.interaction(batch[0], context),))
     return found
 
 

@@ -55,7 +55,6 @@ def check_system(
     y0 = torch.rand(SAMPLES, *system.state_shape, generator=generator, dtype=torch.float64)
     if simulated:
         y0 = _check_sampler(system, where)
-        _check(system, where, "truth", (torch.tensor(step_s).to(y0), y0, parameters, latent), y0)
     for y in (y0, y0.float()):
         z = parameters.to(y)
         _check(system, where, "expert", (torch.tensor(step_s).to(y), y, z), y)
@@ -65,6 +64,8 @@ def check_system(
         _check(system, where, "features", (y,), y, same_shape=False)
         _check_linear_flow(system, where, y, z, solver, step_s)
     _check_gradient(system, where, y0, parameters)
+    if simulated:
+        _check(system, where, "truth", (torch.tensor(step_s).to(y0), y0, parameters, latent), y0)
 
 
 def _check_attributes(system: System, where: str, simulated: bool) -> None:

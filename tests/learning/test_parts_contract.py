@@ -14,6 +14,7 @@ from expertaug.learning.contract import check_parts
 from expertaug.learning.hvae import HybridVAE
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.task import Task
+from expertaug.models.posterior import Delta, Posterior
 from expertaug.models.recipe import HybridModel
 from expertaug.systems.solver import Solver
 
@@ -92,7 +93,7 @@ class Double(parts.LinearInteraction):
 class Negative(parts.LinearEncoder):
     def forward(self, observed):
         z_e, z_a = super().forward(observed)
-        return parts.Posterior(parts.Delta(-z_e.abs()), parts.Delta(z_a))
+        return Posterior(Delta(-z_e.abs()), Delta(z_a))
 
 
 class BadFit(parts.LinearEncoder):
@@ -133,7 +134,10 @@ class OwnLoss(Aphynity):
         ({"objective": OwnLoss, "give": lambda loss, found: loss}, r"OwnLoss\.loss gives Tensor; return the loss and"),
         ({"objective": OwnLoss, "give": lambda loss, found: (loss, {})}, r"no part called loss"),
         ({"objective": OwnLoss, "give": lambda loss, found: (loss.detach(), found)}, r"OwnLoss\.loss has no gradient"),
-        ({"objective": OwnLoss, "give": lambda loss, found: (loss / 0, found)}, r"a loss that is not finite"),
+        (
+            {"objective": OwnLoss, "give": lambda loss, found: (loss / 0, found)},
+            r"OwnLoss\.loss: its loss is not finite",
+        ),
         ({"objective": OwnLoss, "give": lambda loss, found: (loss, found | {"x": 1.0})}, r"no \(2,\) tensor for x"),
     ],
 )
