@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import os
@@ -92,6 +93,53 @@ def test_interrupts_and_bugs(error, status, monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(simulate, "simulate", fail)
     assert run("simulate", "train", "--output", tmp_path / "x.npz", "--settings", "{}") == status
     assert ("Traceback" in capsys.readouterr().err) == (status == 1)
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (IsADirectoryError(errno.EISDIR, "Is a directory", "somewhere"), 2),
+        (NotADirectoryError(errno.ENOTDIR, "Not a directory", "somewhere"), 2),
+        (OSError(errno.ELOOP, "Too many levels of symbolic links", "somewhere"), 2),
+        (OSError(errno.ENOSPC, "No space left on device"), 2),
+        (OSError(errno.EBADF, "Bad file descriptor"), 1),
+        (ConnectionResetError(errno.ECONNRESET, "Connection reset by peer"), 1),
+    ],
+)
+def test_an_error_about_a_file_is_one_line_and_any_other_a_bug(error, status, monkeypatch, capsys, tmp_path):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(simulate, "simulate", fail)
+    assert run("simulate", "train", "--output", tmp_path / "x.npz", "--settings", "{}") == status
+    text = capsys.readouterr().err
+    assert ("Traceback" in text) == (status == 1) and error.strerror in text
+    assert status == 1 or (text.count("\n") == 1 and (error.filename or "output") in text)
+
+
+LONG, LOOP, FOLDER = "a" * 5000, "loop/x", "folder"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["rebuild-tracking", LONG],
+        ["rebuild-tracking", LOOP],
+        ["simulate", "train", f"--output={LONG}", f"--settings={json.dumps(PENDULUM)}"],
+        ["summarise-recordings", FOLDER, "--output=a.csv", "--markdown=a.md"],
+        ["evaluate", "--model=m", "--data=d", "--output=o", "--forecasts=f", "--settings={}", f"--tracking={FOLDER}"],
+        ["publish", FOLDER, "--to=x", "--command=c"],
+        ["inspect", LOOP],
+    ],
+    ids=lambda arguments: f"{arguments[0]} {arguments[1][:10]}",
+)
+def test_paths_that_cannot_be_used_are_one_line(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    Path("folder").mkdir()
+    assert run(*arguments) == 2
+    text = capsys.readouterr().err
+    assert text.startswith(f"expertaug {arguments[0]}: ") and text.count("\n") == 1
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, capsys):

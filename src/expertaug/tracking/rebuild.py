@@ -26,7 +26,8 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
             in its place.
     """
     database = mlflow_store.database(uri)
-    logs = sorted(_find_logs(Path(results), database), key=lambda found: found[1].header["time"])
+    found = _find_logs(Path(results), database) if Path(results).is_dir() else ()
+    logs = sorted(found, key=lambda found: found[1].header["time"])
     if not logs:
         raise InputError(results, "no run log and no metrics.csv below it", "give the results folder of a run")
     moved = _move_aside(database) if database is not None else []
