@@ -83,8 +83,8 @@ def overlay(
     is unusable.  Each forecast of a chunk of this recording swings beside it, and its end is held.
 
     Arguments:
-        video: of the recording.
-        markers, angles, summary: of its measurement (:func:`expertaug.recordings.angles.measure.measure_angles`).
+        video: the recording's video.
+        markers, angles, summary: what :func:`expertaug.recordings.angles.measure.measure_angles` read and wrote.
         output: .mp4.
         settings: see :class:`OverlaySettings`.
         forecasts: forecasts.npz by the label to print.

@@ -32,7 +32,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
     how many frames have which reason.  Frames that are not used have lighter dots.
 
     Arguments:
-        markers, angles, summary: of :func:`expertaug.recordings.angles.measure.measure_angles`.
+        markers, angles, summary: what :func:`expertaug.recordings.angles.measure.measure_angles` read and wrote.
         output: .png or .pdf.
 
     Raises:
