@@ -56,7 +56,7 @@ def read_file(case: Case, folder: Path) -> object:
     path.write_bytes(case.data)
     if case.kind == "video":
         extract_frames(path, folder / "frames.b2frame", {"rate_hz": 400.0} if case.suffix == ".h264" else {})
-        store = FrameStore.open(folder / "frames.b2frame")
+        store = FrameStore(folder / "frames.b2frame")
         return store.read(0, len(store)), store.rate_hz
     if case.kind == "markers":
         import_markers(path, folder / "markers.csv")

@@ -49,7 +49,7 @@ def main(duration_s: float) -> None:
                 alone.append(seconds(lambda: opencv_alone(video)))
                 ours.append(seconds(lambda: extract_frames(video, store, {"analysis_rate_hz": RATE_HZ / step})))  # noqa: B023
             alone_rate, our_rate = (frames / statistics.median(times) for times in (alone, ours))
-            kept = len(FrameStore.open(store))
+            kept = len(FrameStore(store))
             print(
                 f"analysis at {RATE_HZ / step:g} Hz: OpenCV alone {alone_rate:.0f} frames/s, extraction {our_rate:.0f}"
                 f" frames/s, ratio {our_rate / alone_rate:.2f};"

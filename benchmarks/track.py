@@ -109,7 +109,7 @@ def main() -> None:
 
 def measure(store: Path, look: dict, truth: np.ndarray, rate_hz: float) -> None:
     """Track frames that lie decoded in memory, all and every fourth, and then those of the store."""
-    frames = FrameStore.open(store).read(0, len(truth))
+    frames = FrameStore(store).read(0, len(truth))
     checked = TrackSettings.from_mapping(look)
     geometry, _ = estimate_geometry(frames[:: max(1, len(frames) // checked.calibration_frames)], checked)
     for step in (1, 4):

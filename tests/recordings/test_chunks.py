@@ -171,7 +171,7 @@ def test_two_recordings_of_one_name_and_a_broken_table(tmp_path):
     with pytest.raises(InputError, match="different names"):
         split_chunks([angles, angles], tmp_path / "data")
     angles.write_text("frame,t\n0,0\n")
-    with pytest.raises(InputError, match="not a table of angles"):
+    with pytest.raises(InputError, match="column theta1 is missing"):
         split_chunks([angles], tmp_path / "data")
 
 

@@ -34,14 +34,14 @@ def store(video, tmp_path_factory):
 
 
 def test_frames_are_those_of_the_decoder(store, decoded):
-    frames = FrameStore.open(store)
+    frames = FrameStore(store)
     assert len(frames) == FRAMES
     np.testing.assert_array_equal(frames.read(0, FRAMES), decoded)
     np.testing.assert_array_equal(np.stack(list(frames)), decoded)
 
 
 def test_seeking(store, decoded):
-    frames = FrameStore.open(store)
+    frames = FrameStore(store)
     for index in (37, 0, 7, 8, FRAMES - 1, -1, -FRAMES):
         np.testing.assert_array_equal(frames[index], decoded[index])
     np.testing.assert_array_equal(frames.read(5, 19), decoded[5:19])
@@ -53,7 +53,7 @@ def test_seeking(store, decoded):
 
 
 def test_times_and_source(store):
-    frames = FrameStore.open(store)
+    frames = FrameStore(store)
     assert frames.rate_hz == 400
     np.testing.assert_allclose(frames.t, np.arange(FRAMES) / 400)
     assert frames.source["rate_provenance"] == "video metadata"
@@ -64,7 +64,7 @@ def test_analysis_rate_keeps_every_fourth_frame(video, decoded, tmp_path):
     extract_frames(
         video, tmp_path / "s.b2frame", {"analysis_rate_hz": 100, "image_size_px": 480, "expected_frames": FRAMES}
     )
-    frames = FrameStore.open(tmp_path / "s.b2frame")
+    frames = FrameStore(tmp_path / "s.b2frame")
     np.testing.assert_array_equal(frames.read(0, FRAMES), decoded[::4])
     np.testing.assert_allclose(frames.t, np.arange(FRAMES)[::4] / 400)
 
@@ -73,7 +73,7 @@ def test_configured_rate_stretches_time(video, tmp_path):
     extract_frames(
         video, tmp_path / "s.b2frame", {"analysis_rate_hz": 100, "rate_hz": 500, "rate_provenance": "motion"}
     )
-    frames = FrameStore.open(tmp_path / "s.b2frame")
+    frames = FrameStore(tmp_path / "s.b2frame")
     assert (len(frames), frames.rate_hz, frames.source["rate_provenance"]) == (10, 100, "motion")
 
 
@@ -117,12 +117,12 @@ def test_damaged_store_is_named(store, tmp_path, damage):
     path = tmp_path / "frames.b2frame"
     path.write_bytes(damage(store.read_bytes()))
     with pytest.raises(InputError, match="not a frame store"):
-        FrameStore.open(path)
+        FrameStore(path)
 
 
 def test_missing_store(tmp_path):
     with pytest.raises(InputError, match="no such file; run extract_frames"):
-        FrameStore.open(tmp_path / "frames.b2frame")
+        FrameStore(tmp_path / "frames.b2frame")
 
 
 def test_interrupted_writer_leaves_nothing(tmp_path):
@@ -146,7 +146,7 @@ def test_reading_on_holds_one_chunk_at_a_time(tmp_path, monkeypatch):
     with writing(tmp_path / "s.b2frame", layout, 10, {}) as out:
         for level in range(160):
             out.append(np.full((64, 64, 3), level, np.uint8))
-    frames = FrameStore.open(tmp_path / "s.b2frame")
+    frames = FrameStore(tmp_path / "s.b2frame")
     tracemalloc.start()
     try:
         levels = [int(image[0, 0, 0]) for image in frames]

@@ -158,7 +158,7 @@ def test_the_turn_that_a_phone_writes_into_its_file_is_obeyed(states, tmp_path):
     data[matrix : matrix + 36] = struct.pack(">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, 0, 0, 1 << 30)
     (tmp_path / "phone.mp4").write_bytes(data)
     extract_frames(tmp_path / "phone.mp4", tmp_path / "frames.b2", {})
-    store = FrameStore.open(tmp_path / "frames.b2")
+    store = FrameStore(tmp_path / "frames.b2")
     assert store.shape == (20, 640, 360, 3)
     settings = settings_of("disk", ("red", "green", "blue"), True)
     geometry, _ = estimate_geometry(list(store), settings)

@@ -60,8 +60,8 @@ def test_table_has_one_row_a_frame_and_empty_positions_where_lost(clip, tmp_path
             assert np.array(row[2:8], float) == pytest.approx(truth[i].ravel(), abs=0.3)
             assert float(row[8]) == pytest.approx(track.quality[i], abs=1e-4)
             assert row[9] == ""
-    assert track.found[:40].all()
-    assert not track.found[40:50].any()
+    assert np.isfinite(track.position[:40]).all()
+    assert np.isnan(track.position[40:50]).all()
 
 
 def test_given_arm_lengths_are_used(clip, tmp_path):

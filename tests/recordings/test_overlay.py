@@ -180,7 +180,7 @@ def test_files_that_do_not_fit_are_refused(recording, tmp_path):
     table = pd.read_csv(files[2], keep_default_na=False)
     table["quality"] = 0.7
     table.to_csv(tmp_path / "angles.csv", index=False)
-    with pytest.raises(InputError, match=r"a frame without a time or a quality of 0, \.5 or 1"):
+    with pytest.raises(InputError, match=r"a frame without a quality of 0, \.5 or 1"):
         overlay(*files[:2], tmp_path / "angles.csv", files[3], tmp_path / "o.mp4")
     assert not (tmp_path / "o.mp4").exists()
 

@@ -55,7 +55,7 @@ def test_images_are_those_of_opencv(tmp_path, given, kept, share):
     with Video(path) as video:
         np.testing.assert_array_equal(np.stack([image for _, image in video.frames()]), expected)
     extract_frames(path, tmp_path / "s.b2frame", {})
-    store = FrameStore.open(tmp_path / "s.b2frame")
+    store = FrameStore(tmp_path / "s.b2frame")
     assert (store.layout.pixel_format, store.layout.frame_bytes) == (kept, share * expected[0].size)
     np.testing.assert_array_equal(store.read(0, len(store)), expected)
     np.testing.assert_array_equal(np.stack(list(store)), expected)

@@ -14,7 +14,6 @@ from pathlib import Path
 from expertaug.errors import InputError
 from expertaug.files import sha256, write_json
 
-MODES = ("stop", "skip")
 START, LONGEST = b'{\n  "refused": "', 10_000  # bytes of a file that says why
 logger = logging.getLogger(__name__)
 

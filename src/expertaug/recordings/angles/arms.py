@@ -18,7 +18,7 @@ class Arms:
         pivot: place of each frame's pivot in px, (n, 2).
         borrowed: (n,), frames whose pivot was taken from their neighbours.
         vectors: from pivot to joint and from joint to tip in px, (n, 2, 2); NaN where a marker is missing.
-        lengths: of these vectors in px, (n, 2).
+        lengths: lengths of these vectors in px, (n, 2).
         typical: their medians over the usable frames in px, (2,).
     """
 
@@ -42,7 +42,7 @@ def find_arms(markers: MarkerTable, usable: np.ndarray, tolerance: float, window
     """Calibrate pivot and arms.
 
     Arguments:
-        markers: of a recording in which the pivot was seen at least once.
+        markers: those of a recording in which the pivot was seen at least once.
         usable: (n,), frames whose joint and tip may be used.
         tolerance: a pivot's marker off its median by more than this share of the first arm is another thing.
         window_s: the pivot is averaged over so many seconds.

@@ -51,8 +51,8 @@ def forecast(
         y0: initial states (N, 4).
         times: number of points, the first of which is ``y0``.
         interval: seconds between points.
-        constants: of the rigid body; None forecasts constant speeds.
-        friction: of the joints in s⁻¹.
+        constants: the rigid body's; None forecasts constant speeds.
+        friction: viscous friction of the joints in s⁻¹.
         step: longest step in s.
 
     Returns:

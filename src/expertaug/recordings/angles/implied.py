@@ -20,7 +20,7 @@ class Implied:
     """What the motion implies.
 
     Attributes:
-        fit: of the pendulum's constants.
+        fit: the pendulum's constants and friction, and how well they explain the motion.
         rate_hz: frame rate; None where the first arm's length is not known.
         tilt_deg: by how much gravity is off its stated direction; None where the fits do not tell.
     """

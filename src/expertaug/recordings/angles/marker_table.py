@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.recordings.columns import MARKERS, PLACES
+from expertaug.recordings.tables import read_table
 
 FEWEST = 10  # frames of a recording
 
@@ -44,30 +44,15 @@ def read_markers(path: Path) -> MarkerTable:
     """Read a markers.csv.
 
     Raises:
-        InputError: the file is missing or no such table, has too few frames, text for a number or uneven times.
+        InputError: the file is missing or no such table (:func:`expertaug.recordings.tables.read_table`), has too few
+            frames or uneven times.
     """
-    try:
-        table = pd.read_csv(path, dtype={"reason": str}, keep_default_na=True)
-    except FileNotFoundError as error:
-        raise InputError(path, "no such file", "run track_markers") from error
-    except (ValueError, OSError) as error:
-        raise InputError(path, f"not a marker table ({error})", "run track_markers again") from error
-    missing = [c for c in MARKERS if c not in table]
-    if missing:
-        raise InputError(path, f"column {missing[0]} is missing", f"expected {','.join(MARKERS)}")
+    table = read_table(path, MARKERS[:-1], MARKERS[-1:], "track_markers")
     if len(table) < FEWEST:
         raise InputError(path, f"{len(table)} frames", f"a recording needs at least {FEWEST}")
-    for name in MARKERS[:-1]:
-        if not pd.api.types.is_numeric_dtype(table[name]):
-            bad = pd.to_numeric(table[name], errors="coerce").isna() & table[name].notna()
-            row = int(np.argmax(bad.to_numpy()))
-            cell = table[name].iloc[row]
-            raise InputError(path, f"row {row + 2}, column {name}: '{cell}' is no number", "expected numbers")
-    t = table["t"].to_numpy(float)
+    frame, t, quality, reason = (table[name].to_numpy() for name in ("frame", "t", "quality", "reason"))
     pivot, joint, tip = table[list(PLACES)].to_numpy(float).reshape(-1, 3, 2).swapaxes(0, 1)
-    reason = table["reason"].fillna("").astype(str).to_numpy(object)
-    quality = table["quality"].to_numpy(float)
-    return MarkerTable(table["frame"].to_numpy(), t, _frame_rate(path, t), pivot, joint, tip, quality, reason)
+    return MarkerTable(frame, t, _frame_rate(path, t), pivot, joint, tip, quality, reason)
 
 
 def _frame_rate(path: Path, t: np.ndarray) -> float:

@@ -30,9 +30,9 @@ class Fit:
     """Fitted constants.
 
     Attributes:
-        constants: of the rigid body, in the time of the data.
+        constants: the rigid body's, in the time of the data.
         friction: viscous friction of the two joints in s⁻¹ (zeros where it was not fitted).
-        std_errors: of B1, G1, B2, G2 and, where fitted, friction1, friction2; clustered, since neighbouring points
+        std_errors: standard errors of B1, G1, B2, G2 and, where fitted, friction1, friction2; clustered, since neighbouring points
             share their errors.
         r2: explained share of the variance of the changes of θ1' and θ2' over a span.
     """

@@ -54,7 +54,7 @@ def smooth_motion(
         theta: wrapped angles in rad, (n, 2); NaN where a frame is unusable.
         rate: frames per second.
         window: frames of the local polynomial, odd; shorter stretches are dropped.
-        order: of the polynomial.
+        order: the polynomial's order.
         longest_gap: gaps of at most so many frames are filled, longer ones end a stretch.
         sigmas, floor: an angle is an outlier if it is off by more than ``sigmas`` times the noise and ``floor`` rad.
     """

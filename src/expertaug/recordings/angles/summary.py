@@ -33,7 +33,8 @@ class RecordingSummary(BaseModel):
         rotation_deg: stated direction of gravity in the image: 0 down, 90 right.
         implied_rotation_deg: by the motion; None where it does not tell.
         warnings: what the motion contradicts.
-        constants, friction: of the pendulum that moves like that, in the stated time; r2_1, r2_2 how well it does.
+        constants, friction: those of the pendulum that moves like that, in the stated time.
+        r2_1, r2_2: shares of the motion of the two angles that they explain.
         energy_start, energy_end: in s⁻².
     """
 

@@ -12,10 +12,12 @@ import pandas as pd
 from expertaug.errors import InputError
 from expertaug.files import atomic, write_json
 from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants
+from expertaug.recordings.angles.quality import MEASURED
 from expertaug.recordings.angles.smoothing import stretches
 from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, label_by_energy, label_by_time
 from expertaug.recordings.names import natural_key
 from expertaug.recordings.options import read_settings
+from expertaug.recordings.tables import read_table
 from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
 
@@ -180,20 +182,13 @@ def _step(recording: Recording, options: ChunkSettings) -> int:
 
 
 def _read_angles(path: Path) -> Recording:
-    wanted = ("frame", "t", *STATE, "quality")
-    try:
-        table = pd.read_csv(path, usecols=lambda name: name in wanted)
-        values = table[list(wanted)].to_numpy(np.float64)
-    except FileNotFoundError as error:
-        raise InputError(path, "no such file", "run measure_angles") from error
-    except (KeyError, ValueError, OSError) as error:
-        raise InputError(path, f"not a table of angles ({error})", "run measure_angles again") from error
-    t = values[:, 1]
+    table = read_table(path, ("frame", "t", *STATE, "quality"))
+    t, y, quality = table["t"].to_numpy(), table[list(STATE)].to_numpy(), table["quality"].to_numpy()
     if len(t) < 10 or not t[-1] > t[0]:
         raise InputError(path, f"{len(t)} frames", "run measure_angles again")
-    measured = (values[:, 6] == 1) & np.isfinite(values[:, 2:6]).all(1)
     rate = (len(t) - 1) / (t[-1] - t[0])
-    return Recording(path.parent.name, values[:, 0].astype(int), values[:, 2:6], measured, float(rate))
+    measured = (quality == MEASURED) & np.isfinite(y).all(1)
+    return Recording(path.parent.name, table["frame"].to_numpy(), y, measured, float(rate))
 
 
 def _write(

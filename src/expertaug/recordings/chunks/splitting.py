@@ -16,7 +16,7 @@ def label_by_time(measured: np.ndarray, shares: Shares) -> np.ndarray:
 
     Arguments:
         measured: (n,), frames that may be used.
-        shares: of the recording's duration.
+        shares: each split's part of the recording's duration.
     """
     n = len(measured)
     label = np.zeros(n, dtype=np.int8)
@@ -53,7 +53,7 @@ def label_by_energy(
         measured: per recording, (n,), frames that may be used.
         energies: per recording, (n,), in s⁻².
         sizes: per recording, frames of a segment.
-        shares: of the segments of all recordings.
+        shares: each split's part of the segments of all recordings.
 
     Returns:
         per recording the labels (n,), and the two thresholds in s⁻².

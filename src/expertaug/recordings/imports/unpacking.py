@@ -50,7 +50,7 @@ def unpack(archive: Path, folder: Path, choose: Callable[[list[PurePosixPath]], 
 
     Arguments:
         archive, folder: from where and to where.
-        choose: of the files in the archive those that are wanted.
+        choose: picks from the files in the archive those that are wanted.
 
     Raises:
         InputError: a damaged archive, one of too many members, a member that would land outside of ``folder`` (``..``,

@@ -46,8 +46,8 @@ class Pendulum:
     """Markers with their roles.
 
     Attributes:
-        style: of the markers.
-        spots: of pivot, joint and tip, by frame; None for a pivot that bears none.
+        style: the markers' style.
+        spots: sightings of pivot, joint and tip, by frame; None for a pivot that bears none.
         spread: how constant the arms are, as a share of their lengths.
         hang: mean of (x, y) from pivot to joint, in lengths of that arm.
     """

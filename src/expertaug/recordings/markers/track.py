@@ -40,7 +40,7 @@ def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, 
     """
     cv2.setNumThreads(1)
     checked = TrackSettings.from_mapping(settings)
-    frames = FrameStore.open(store)
+    frames = FrameStore(store)
     checked, geometry = _calibrate(store, frames, checked)
     track = track_frames(frames, geometry, checked)
     _refuse_lost(store, track, checked)

@@ -39,11 +39,6 @@ class Track:
     quality: np.ndarray
     reason: list[str]
 
-    @property
-    def found(self) -> np.ndarray:
-        """(n, 3) whether each marker was found."""
-        return np.isfinite(self.position[:, :, 0])
-
 
 def track_frames(frames: Iterable[np.ndarray], geometry: Geometry, settings: TrackSettings) -> Track:
     """Track consecutive, evenly timed BGR frames (H, W, 3) of a pendulum with these lengths."""
@@ -57,7 +52,7 @@ class Tracker:
     """Finds the markers of one frame after the other.
 
     Arguments:
-        geometry: of the recording.
+        geometry: the recording's lengths and pivot.
         settings: checked settings.
     """
 

@@ -61,8 +61,8 @@ def simulate(start: np.ndarray, times: np.ndarray, constants: Constants, frictio
     Arguments:
         start: states (N, 4) at ``times[0]``.
         times: (T,) in s, evenly spaced.
-        constants: of the rigid body.
-        friction: of the two joints in s⁻¹, as in :func:`expertaug.systems.double_pendulum.accelerations`.
+        constants: the rigid body's.
+        friction: viscous friction of the two joints in s⁻¹, as in :func:`expertaug.systems.double_pendulum.accelerations`.
 
     Returns:
         (N, T, 4) float64.

@@ -151,7 +151,7 @@ def render_recording(index: int, video: Path, truth: Path, settings: Mapping | R
         index: number of the recording, from 0.
         video: file to write; mp4 by its name.
         truth: CSV to write, one row a frame: t in s, angles in rad, speeds in rad/s, marker centres in px.
-        settings: of :class:`RenderSettings`.
+        settings: see :class:`RenderSettings`.
 
     Raises:
         InputError: a setting or the output folder cannot be used.

@@ -53,10 +53,10 @@ class Scene:
 
     Arguments:
         size: side of the image in px; even.
-        pivot: of the fixed marker in px; it does not move within a recording.
+        pivot: place of the fixed marker in px; it does not move within a recording.
         arms: lengths of the two arms in px.
         noise: standard deviation of the sensor noise in grey levels; 0 for none.
-        rng: of the noise.
+        rng: source of the noise.
     """
 
     def __init__(

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
@@ -20,6 +19,7 @@ from expertaug.recordings.columns import PLACES
 from expertaug.recordings.options import read_settings
 from expertaug.recordings.reports import drawing
 from expertaug.recordings.reports.forecasts import Forecast, read_forecasts
+from expertaug.recordings.tables import read_table
 from expertaug.recordings.video.reader import Video
 from expertaug.recordings.video.writer import encode
 
@@ -83,8 +83,8 @@ def overlay(
     is unusable.  Each forecast of a chunk of this recording swings beside it, and its end is held.
 
     Arguments:
-        video: of the recording.
-        markers, angles, summary: of its measurement (:func:`expertaug.recordings.angles.measure.measure_angles`).
+        video: the recording's video.
+        markers, angles, summary: what :func:`expertaug.recordings.angles.measure.measure_angles` read and wrote.
         output: .mp4.
         settings: see :class:`OverlaySettings`.
         forecasts: forecasts.npz by the label to print.
@@ -139,28 +139,17 @@ def note(words: str, output: str | Path) -> None:
 
 
 def _read(markers: str | Path, angles: str | Path, summary: str | Path) -> Measured:
-    tables = []
-    for path, numbers, texts in ((markers, PLACES, ()), (angles, ("t", "theta1", "theta2", "quality"), ("reason",))):
-        kinds = {"frame": np.int64} | dict.fromkeys(numbers, np.float64) | dict.fromkeys(texts, str)
-        try:
-            table = pd.read_csv(path, dtype=kinds)
-            tables.append(table[list(kinds)])
-        except FileNotFoundError as error:
-            raise InputError(path, "no such file", "run the stage that makes it") from error
-        except (KeyError, ValueError, OSError) as error:
-            raise InputError(path, f"not a table of a recording ({error})", "make it again") from error
-    points, table = tables
+    points = read_table(markers, ("frame", *PLACES), made_by="track_markers")
+    table = read_table(angles, ("frame", "t", "theta1", "theta2", "quality"), ("reason",))
     found = RecordingSummary.load(summary)
-    if not len(points) == len(table) == found.frames or not (points["frame"] == table["frame"]).all():
+    if not len(points) == len(table) == found.frames or (points["frame"] != table["frame"]).any():
         counts = f"{len(points)} frames, {angles} has {len(table)}, {summary} has {found.frames}"
         raise InputError(markers, counts, "they are not of one measurement: run measure_angles again")
-    if not table["quality"].isin(list(SHADES)).all() or not np.isfinite(table["t"]).all():
-        raise InputError(angles, "a frame without a time or a quality of 0, .5 or 1", "run measure_angles again")
-    theta = table[["theta1", "theta2"]].to_numpy(float)
-    reason = table["reason"].fillna("").to_numpy(str)
-    place = points[list(PLACES)].to_numpy(float).reshape(-1, 3, 2)
-    frame, t, quality = (table[name].to_numpy() for name in ("frame", "t", "quality"))
-    return Measured(found, frame, t, place, theta, quality, reason)
+    if not table["quality"].isin(list(SHADES)).all():
+        raise InputError(angles, "a frame without a quality of 0, .5 or 1", "run measure_angles again")
+    place = points[list(PLACES)].to_numpy().reshape(-1, 3, 2)
+    frame, t, quality, reason = (table[name].to_numpy() for name in ("frame", "t", "quality", "reason"))
+    return Measured(found, frame, t, place, table[["theta1", "theta2"]].to_numpy(), quality, reason)
 
 
 def _rows(seen: Measured, predicted: Sequence[Forecast], options: OverlaySettings, stride: int) -> np.ndarray:

@@ -17,6 +17,7 @@ from expertaug.errors import InputError
 from expertaug.recordings.angles.quality import INTERPOLATED, MEASURED, UNUSABLE
 from expertaug.recordings.angles.summary import RecordingSummary
 from expertaug.recordings.columns import PLACES
+from expertaug.recordings.tables import read_table
 
 WRONG = "#B00020"
 FIRST, SECOND = "#0072B2", "#D55E00"  # of the two arms
@@ -31,13 +32,13 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
     how many frames have which reason.  Frames that are not used have lighter dots.
 
     Arguments:
-        markers, angles, summary: of :func:`expertaug.recordings.angles.measure.measure_angles`.
+        markers, angles, summary: what :func:`expertaug.recordings.angles.measure.measure_angles` read and wrote.
         output: .png or .pdf.
 
     Raises:
         InputError: a file is missing or lacks a column or a value.
     """
-    points, table = _read(markers, PLACES), _read(angles, ("t", "theta1", "theta2", "energy", "quality"))
+    points, table = read_table(markers, PLACES), read_table(angles, ("t", "theta1", "theta2", "energy", "quality"))
     found = RecordingSummary.load(summary)
     if len(points) != len(table):
         raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
@@ -80,19 +81,6 @@ def plot_refused(name: str, reason: str, output: str | Path) -> None:
         figure.text(0.02, 0.95, f"Recording {name}", ha="left", va="top", fontsize=11, fontweight="bold")
         figure.text(0.02, 0.05, text, ha="left", va="bottom", color=WRONG, linespacing=1.4)
         plotting.save(figure, output)
-
-
-def _read(path: str | Path, columns: tuple[str, ...]) -> pd.DataFrame:
-    try:
-        table = pd.read_csv(path, usecols=lambda name: name in columns, dtype=float)
-        missing = [name for name in columns if name not in table]
-    except FileNotFoundError as error:
-        raise InputError(path, "no such file", "run measure_angles") from error
-    except (ValueError, OSError) as error:
-        raise InputError(path, f"not a table of numbers ({error})", "make it again") from error
-    if missing:
-        raise InputError(path, f"column {missing[0]} is missing", "make it again")
-    return table
 
 
 def _heading(found: RecordingSummary) -> str:

@@ -32,10 +32,10 @@ class FrameStore:
     """Read frames by number.
 
     Attributes:
-        path: of the file.
+        path: the file's path.
         shape: (n, height, width, 3) of the images, uint8 BGR.
-        layout: of the kept frames.
-        rate_hz: of the stored frames.
+        layout: how the kept frames' bytes are laid out.
+        rate_hz: stored frames per second.
         t: nominal times of the frames in s from the first, (n,) float64.
         source: what the frames were taken from: file name, its frame rate and where that is known from.
     """
@@ -64,11 +64,6 @@ class FrameStore:
             raise InputError(
                 path, f"holds {self._chunks.nbytes} bytes for {self.shape[0]} frames", "run extract_frames again"
             )
-
-    @classmethod
-    def open(cls, path: str | Path) -> FrameStore:
-        """Open a store to read."""
-        return cls(path)
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -174,8 +169,8 @@ def writing(path: str | Path, layout: Layout, rate_hz: float, source: Mapping) -
     """Write a new frame store, which appears at ``path`` only when the block ends well.
 
     Arguments:
-        layout: of the frames.
-        rate_hz: of the stored frames.
+        layout: how the frames' bytes are laid out.
+        rate_hz: stored frames per second.
         source: plain values that describe where the frames come from.
 
     Raises:
@@ -244,7 +239,7 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
     Arguments:
         video: a file as :class:`~expertaug.recordings.video.reader.Video` takes.
         store: file to write.
-        settings: of :class:`ExtractSettings`.
+        settings: see :class:`ExtractSettings`.
 
     Raises:
         InputError: the video or a setting cannot be used, or the store cannot be written.

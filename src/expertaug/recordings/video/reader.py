@@ -32,11 +32,11 @@ class Video:
     rest.
 
     Attributes:
-        path: of the file.
+        path: the file's path.
         count: frames that it must have.
         rate_hz: frames per second, and ``rate_provenance`` where that number comes from.
-        layout: of its frames, as they are kept.
-        width, height: of its upright images in px.
+        layout: how its frames are kept.
+        width, height: size of its upright images in px.
     """
 
     def __init__(

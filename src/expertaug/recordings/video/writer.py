@@ -24,12 +24,12 @@ def encode(
 
     Arguments:
         path: mp4 or mkv by its suffix.
-        frames: uint8.
+        frames: images, uint8.
         size: side of square frames, or (width, height), even.
         rate_hz: frames per second.
         crf: constant rate factor, 0 (lossless) to 51.
         speed: x264's preset: faster ones make larger files.
-        flags: of the mp4 container; ``+faststart`` lets a browser play it while it loads.
+        flags: FFmpeg's flags of the mp4 container; ``+faststart`` lets a browser play it while it loads.
     """
     rate = Fraction(rate_hz).limit_denominator(1001)
     width, height = (size, size) if isinstance(size, int) else size
