@@ -159,7 +159,13 @@ def parser() -> argparse.ArgumentParser:
     _files(p, output="folder of the figures")
 
     p = commands.add("validate", _validate, "check configuration files", settings=False)
-    p.add_argument("config", type=Path, nargs="+", help="YAML files, later ones win")
+    p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
+
+    p = commands.add("config", _config, "show what each job of a method gets, and where it comes from", settings=False)
+    p.add_argument("action", choices=("show",))
+    p.add_argument("experiment", help="name of the experiment")
+    p.add_argument("method", help="name of its method")
+    p.add_argument("--configfile", type=Path, nargs="+", default=[], metavar="YAML", help="files as in the workflow")
 
     p = commands.add("rebuild-tracking", _rebuild_tracking, "make the MLflow store again from the logs", settings=False)
     p.add_argument("results", type=Path, help="results folder")
@@ -412,8 +418,18 @@ def _overview(a: argparse.Namespace) -> None:
 def _validate(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
 
-    config.validate(config.load(a.config))
-    logger.info("%s: valid", ", ".join(map(str, a.config)))
+    files = config.with_defaults(a.config)
+    config.validate(config.load(files))
+    below = ", ".join(str(file) for file in files if file not in a.config)
+    logger.info("%s%s: valid", ", ".join(map(str, a.config)), f" over {below}" if below else "")
+
+
+def _config(a: argparse.Namespace) -> None:
+    from expertaug.config import load as config
+    from expertaug.config.show import show
+
+    for line in show(config.load(config.with_defaults(a.configfile)), a.experiment, a.method):
+        print(line)
 
 
 def _rebuild_tracking(a: argparse.Namespace) -> None:

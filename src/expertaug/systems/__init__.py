@@ -5,11 +5,21 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from expertaug.errors import InputError
-from expertaug.systems.base import Parameter, System
+
+if TYPE_CHECKING:
+    from expertaug.systems.base import Parameter, System
 
 __all__ = ["Parameter", "System", "load"]
+
+
+def __getattr__(name: str) -> object:
+    """The classes of :mod:`expertaug.systems.base`, which load torch, when they are asked for."""
+    if name in ("Parameter", "System"):
+        return getattr(importlib.import_module(f"{__name__}.base"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def load(settings: Mapping[str, object]) -> System:
@@ -22,6 +32,8 @@ def load(settings: Mapping[str, object]) -> System:
     Raises:
         InputError: there is no such module, it defines no system, or the constructor refuses an argument.
     """
+    from expertaug.systems.base import System
+
     arguments = dict(settings)
     name = str(arguments.pop("name", ""))
     try:
