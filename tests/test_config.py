@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 import yaml
+from jsonschema import Draft202012Validator
 
 from expertaug.config import jobs, recording_checks, reference, schema, stage_settings
 from expertaug.config import load as config
-from expertaug.errors import InputError
+from expertaug.errors import InputError, InputErrors, lines
 from expertaug.learning.settings import TrainSettings
 from expertaug.recordings.angles.settings import AngleSettings, CalibrationSettings
 from expertaug.recordings.chunks.settings import ChunkSettings
@@ -186,6 +188,101 @@ def test_shipped_files_are_valid(base, name, tmp_path):
 )
 def test_each_mistake_is_one_clear_line(base, text, expected):
     assert expected in refused(base, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("device: gpu", "device: found 'gpu'; did you mean 'cuda'?"),
+        ("seeds: [4294967296]", "seeds[0]: found 4294967296; give less than 4294967296"),
+        ("seeds: [18446744073709551616]", "seeds[0]: found 18446744073709551616; give less than"),
+        ("experiments: {pendulum: {seeds: [1, 1]}}", "experiments.pendulum.seeds[1]: 1 is there twice"),
+        ("results: ~no_such_user/x", "results: found '~no_such_user/x'; there is no such user"),
+        ('results: "a\\0b"', "results: found 'a\\x00b'; remove its control characters"),
+        ('recordings: {videos: {path: "a\\0b"}}', "recordings.videos.path: found 'a\\x00b'; remove its control"),
+        (
+            "recordings: {rendered: {count: 100000000000000000000000000}}",
+            "recordings.rendered.count: found 100000000000000000000000000; give 10000 or less",
+        ),
+        ("recordings: {angles: {max_speed: 1" + "0" * 400 + "}}", "angles.max_speed: found 1000"),
+        ("recordings: {rendered: {pivot_px: [1, 2]}}", "pivot_px: found [1.0, 2.0]; it must lie in the 480 px image"),
+        ("recordings: {rendered: {arms_m: [1]}}", "arms_m: found [1]; give 2 values"),
+        ("recordings: {tracking: {markers: {joint: {hue: [1, 2], x: 1}}}}", "markers.joint.x: unknown key"),
+        ("experiments: {double_pendulum: {data: {split: {max_chunks: [1]}}}}", "give one value or a mapping of keys"),
+        ("experiments: {double_pendulum: {data: {split: {max_chunks: {tran: 1}}}}}", "max_chunks.tran: unknown key"),
+        ("experiments: {pendulum: {data: {step_s: null}}}", "data.step_s: found null; give a number"),
+        ("experiments: 3", "experiments: found 3; give a mapping of keys"),
+        ("{run: [x], experiments: {x: {system: {name: rlc}}}}", "experiments.x.data: missing; give data (where"),
+    ],
+)
+def test_limits_of_machines_are_told_before_they_are_met(base, text, expected):
+    assert expected in refused(base, text)
+
+
+def test_everything_that_is_wrong_is_told(base):
+    experiments = "{pendulum: {training: {epochs: 0, batch_size: x}}, rlc: {methods: [m]}}"
+    text = f"{{sedes: [1], device: gpu, experiments: {experiments}}}"
+    with pytest.raises(InputErrors) as caught:
+        config.validate(config.merge(base, yaml.safe_load(text)))
+    assert [line.partition(": ")[0] for line in lines(caught.value)] == [
+        "sedes",
+        "device",
+        "experiments.pendulum.training.batch_size",
+        "experiments.pendulum.training.epochs",
+        "experiments.rlc.methods[0]",
+    ]
+    assert str(caught.value) == lines(caught.value)[0]
+
+
+def test_what_an_experiment_inherits_is_told_once(base):
+    with pytest.raises(InputErrors) as caught:
+        config.validate(config.merge(base, {"experiments": {"pendulum": {"data": {"t1_s": 5.05}}}}))
+    assert [line.partition(": ")[0] for line in lines(caught.value)] == ["experiments.pendulum.data.t1_s"]
+
+
+def test_experiments_that_are_not_run_need_not_be_sound(base):
+    over = {"experiments": {"pendulum": {"methods": ["mean"]}}}
+    with pytest.raises(InputError):
+        config.validate(config.merge(base, over))
+    found = config.validate(config.merge(base, over | {"run": ["double_pendulum"]}))
+    assert "pendulum" not in found["experiments"] and "rlc" in found["experiments"]
+
+
+def test_a_long_chain_of_experiments_is_one_line(base):
+    chain = {f"e{k}": {"based_on": f"e{k + 1}"} for k in range(1500)} | {"e1500": {"based_on": "pendulum"}}
+    found = refused(base, yaml.safe_dump({"experiments": chain}))
+    assert "based_on: more than 100 experiments, one based on the next" in found
+
+
+def test_results_may_begin_with_the_home_folder(base, monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert config.validate(config.merge(base, {"results": "~/x/"}))["results"] == f"{tmp_path}/x"
+
+
+def test_an_experiment_may_have_seeds_of_its_own(base):
+    found = config.validate(config.merge(base, {"experiments": {"rlc": {"seeds": [7, 8]}}}))
+    assert jobs.seed_groups(found, "rlc") == {"seeds_7_8": [7, 8]}
+    assert jobs.seed_groups(found, "pendulum") == jobs.seed_groups(found) == {"seeds_0_1_2": [0, 1, 2]}
+    for stage, method in ((stage_settings.train, "aphynity"), (stage_settings.finetune, "aphynity+")):
+        assert stage(found, "rlc", method, "seeds_7_8")["seeds"] == [7, 8]
+
+
+def test_editors_see_what_the_files_may_say():
+    validator = Draft202012Validator(schema.schema())
+    files = [*(ROOT / "config").glob("*.yaml"), *(ROOT / "config" / "experiments").glob("*.yaml")]
+    assert len(files) > 7
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        found = re.match(r"# yaml-language-server: \$schema=(\S+)", text)
+        assert found and (file.parent / found[1]).resolve() == ROOT / "config" / "schema.json"
+        assert not list(validator.iter_errors(yaml.safe_load(text)))
+    wrong = {
+        "model": {"encoder": {"kind": "window", "layers": "x"}},
+        "training": {"epoch": 1},
+        "overrides": {"hvae": {"training": {"epochs": 0}}},
+    }
+    places = {tuple(e.absolute_path)[2:4] for e in validator.iter_errors({"experiments": {"x": wrong}})}
+    assert places == {("model", "encoder"), ("training",), ("overrides", "hvae")}
 
 
 def test_what_augmented_methods_need_is_named(base):

@@ -146,15 +146,25 @@ def check(kind: type[BaseModel], settings: object, where: str, whole: bool = Tru
 
 
 def complaints(error: ValidationError, kind: type[BaseModel], where: str, whole: bool = True) -> list[InputError]:
-    """One line for each mistake of a validation, in the order of their keys."""
+    """One line for each mistake of a validation, in the order of their blocks."""
     found = {}
-    for one in error.errors(include_url=False):
+    every = error.errors(include_url=False)
+    for one in sorted(every, key=_place):
+        inside = any(len(e["loc"]) > len(one["loc"]) and e["loc"][: len(one["loc"])] == one["loc"] for e in every)
+        if one["type"] == "too_short" and inside:  # what is wrong is not there in pydantic's count
+            continue
         of_a_part = one["type"] == "disagree" or (one["type"] == "missing" and isinstance(one["loc"][-1], str))
         if of_a_part and not whole:
             continue
         said = wording.explain(one, where, lambda path: _described(kind, path))
         found.setdefault(str(said), said)
     return list(found.values())
+
+
+def _place(error: Mapping[str, Any]) -> list[str]:
+    """By which mistakes are ordered: a key that is unknown or missing is one of its block."""
+    of_block = error["type"] in ("missing", "extra_forbidden")
+    return [str(part) for part in (error["loc"][:-1] if of_block else error["loc"])]
 
 
 def _described(kind: Any, path: Sequence[str | int]) -> wording.Described:

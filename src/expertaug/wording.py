@@ -107,9 +107,8 @@ def explain(error: Mapping[str, Any], where: str, described: Callable[[Sequence[
         at = [part for part in context["at"].split(".") if part]
         return InputError(path_of(where, [*loc, *at]), context["found"], context["remedy"])
     if kind == "literal_error":
-        return InputError(
-            place, found, suggest(value, re.findall(r"'([^']*)'", context["expected"]) or [context["expected"]])
-        )
+        known = [text or word.lower() for text, word in re.findall(r"'([^']*)'|(True|False)", context["expected"])]
+        return InputError(place, found, suggest(value, known))
     return InputError(place, *_of_a_value(kind, value, context, described(loc)))
 
 
@@ -138,5 +137,6 @@ def _of_a_value(kind: str, value: object, context: Mapping[str, Any], place: Des
         "string_pattern_mismatch": "it must match {pattern}",
     }
     if kind in remedies:
-        return found, remedies[kind].format(**context)
+        numbers = {k: f"{v:g}" if isinstance(v, float) else v for k, v in context.items()}
+        return found, remedies[kind].format(**numbers)
     return found, "correct it"

@@ -94,13 +94,17 @@ def experiment(where: str, one: Mapping, config: Mapping) -> Iterator[InputError
         return
     known, wrong = options.system(one["system"], f"{where}.system")
     yield from wrong
-    state = known.state if known else None
+    own = []
     for part in ("encoder", "interaction"):
-        yield from options.part(part, one["model"][part], f"{where}.model.{part}", state, one["data"]["t1_s"])
+        own += options.part(part, one["model"][part], f"{where}.model.{part}", known, one["data"]["t1_s"])
+    yield from own
     yield from _objectives(where, one, methods)
     for method in [m for m in one["methods"] if m in one["overrides"]]:
         over = one["overrides"][method]
-        yield from _overridden(f"{where}.overrides.{method}", one, over, state, methods[method])
+        here, inherited = f"{where}.overrides.{method}", {str(error) for error in own}
+        for error in _overridden(here, one, over, known, methods[method]):
+            if str(error).replace(here, where, 1) not in inherited:
+                yield error
     yield from unknown(one["augmented"], one["methods"], f"{where}.augmented", "method of this experiment")
     for k, method in enumerate(one["augmented"]):
         if methods.get(method, {}).get("kind") == "mean":
@@ -139,19 +143,20 @@ def _objectives(where: str, one: Mapping, methods: Mapping) -> Iterator[InputErr
                 yield from (e for e in of_it if e.where == f"{at}.{option}" or e.where.startswith(f"{at}.{option}["))
 
 
-def _overridden(where: str, one: Mapping, over: Mapping, state: list | None, build: Mapping) -> Iterator[InputError]:
+def _overridden(
+    where: str, one: Mapping, over: Mapping, known: options.KnownSystem | None, build: Mapping
+) -> Iterator[InputError]:
     """What a method has otherwise, as it is together with what it keeps."""
     merged = merge(one, over)
     if "system" in over:
         known, wrong = options.system(merged["system"], f"{where}.system")
         yield from wrong
-        state = known.state if known else None
     for part in over.get("model", {}):
         if part not in ("encoder", "interaction"):
             yield from unknown([part], ("encoder", "interaction"), f"{where}.model", "part of a model")
             continue
         if build.get(part) is not False:
-            yield from options.part(part, merged["model"][part], f"{where}.model.{part}", state, one["data"]["t1_s"])
+            yield from options.part(part, merged["model"][part], f"{where}.model.{part}", known, one["data"]["t1_s"])
     for block in ("training", "finetuning"):
         given = over.get(block, {}).get("objective", {})
         if given and build["kind"] != "mean":

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from expertaug.config import signatures
 from expertaug.errors import InputError
 from expertaug.learning.settings import OBJECTIVES, ObjectiveSettings
-from expertaug.models.settings import ENCODERS, INTERACTIONS
-from expertaug.settings import Settings, check
+from expertaug.models.settings import ENCODERS, INTERACTIONS, PartSettings
+from expertaug.settings import check
 from expertaug.systems.settings import SYSTEMS
 from expertaug.wording import show, suggest
 
-PARTS: Mapping[str, Mapping[str, type[Settings]]] = {"encoder": ENCODERS, "interaction": INTERACTIONS}
+PARTS: Mapping[str, Mapping[str, type[PartSettings]]] = {"encoder": ENCODERS, "interaction": INTERACTIONS}
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class KnownSystem:
     state: Sequence[str] | None
     expert: Sequence[str] | None
     interaction: Sequence[str] | None
+    fields: bool | None = None
     kind: type | None = None
 
 
@@ -37,7 +38,7 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
         return None, [InputError(f"{where}.name", found, "give name (a module of expertaug.systems, or a dotted path)")]
     if name in SYSTEMS:
         kind = SYSTEMS[name]
-        known = KnownSystem(kind.STATE, kind.EXPERT, kind.INTERACTION)
+        known = KnownSystem(kind.STATE, kind.EXPERT, kind.INTERACTION, kind.FIELDS)
         return known, check(kind, settings, where)
     if "." not in name:
         remedy = f"{suggest(name, SYSTEMS)}, or the dotted path of a module elsewhere"
@@ -48,7 +49,7 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
         return None, [error]
     given = {k: v for k, v in settings.items() if k != "name"}
     names = (signatures.names_of(own, a) for a in ("state", "expert_parameters", "interaction_parameters"))
-    return KnownSystem(*names, own), list(signatures.wrong_options(own, "system", given, where))
+    return KnownSystem(*names, kind=own), list(signatures.wrong_options(own, "system", given, where))
 
 
 def simulated(name: str, known: KnownSystem, where: str) -> Iterator[InputError]:
@@ -62,11 +63,11 @@ def simulated(name: str, known: KnownSystem, where: str) -> Iterator[InputError]
             yield error
 
 
-def part(of: str, settings: Mapping, where: str, state: Sequence[str] | None, t1_s: float) -> Iterator[InputError]:
+def part(of: str, settings: Mapping, where: str, known: KnownSystem | None, t1_s: float) -> Iterator[InputError]:
     """What is wrong with an encoder (``of``) or an interaction model.
 
     Arguments:
-        state: names of the state's components, None where they are not known.
+        known: of the system.
         t1_s: end of the observed window.
     """
     kind = settings.get("kind")
@@ -84,8 +85,13 @@ def part(of: str, settings: Mapping, where: str, state: Sequence[str] | None, t1
         return
     wrong = check(PARTS[of][kind], settings, where)
     yield from wrong
-    if not wrong and state is not None:
-        yield from _components(PARTS[of][kind].from_mapping(settings), where, state, t1_s)
+    if wrong or known is None:
+        return
+    if known.fields is False and PARTS[of][kind].FIELDS:
+        fitting = [name for name, one in PARTS[of].items() if not one.FIELDS]
+        yield InputError(f"{where}.kind", f"'{kind}' is for states that are fields", f"give {' or '.join(fitting)}")
+    if known.state is not None:
+        yield from _components(PARTS[of][kind].from_mapping(settings), where, known.state, t1_s)
 
 
 def _own(of: str, kind: str, settings: Mapping, where: str) -> Iterator[InputError]:
@@ -97,9 +103,9 @@ def _own(of: str, kind: str, settings: Mapping, where: str) -> Iterator[InputErr
     yield from signatures.wrong_options(own, of, {k: v for k, v in settings.items() if k != "kind"}, where)
 
 
-def _components(made: Settings, where: str, state: Sequence[str], t1_s: float) -> Iterator[InputError]:
+def _components(made: PartSettings, where: str, state: Sequence[str], t1_s: float) -> Iterator[InputError]:
     """Components that the state has not, and windows that the encoder does not see."""
-    for name in getattr(made, "COMPONENTS", ()):
+    for name in made.COMPONENTS:
         value = getattr(made, name, None) or ()
         for k, component in enumerate(value):
             if component not in state:

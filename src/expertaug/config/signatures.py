@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import sys
 import types
 import typing
 from collections.abc import Iterator, Mapping
@@ -56,9 +57,9 @@ def load_system(name: str, where: str) -> type:
     if not PATH.fullmatch(name):
         raise InputError(where, f"found {show(name)}", "name a module as package.module")
     module = _module(name, where)
-    from expertaug.systems.base import System
-
-    found = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, System) and c.__module__ == name]
+    # A module that has not loaded the base class, and torch with it, defines no System.
+    base = getattr(sys.modules.get("expertaug.systems.base"), "System", ())
+    found = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, base) and c.__module__ == name]
     if len(found) != 1:
         number = "no System" if not found else f"{len(found)} systems"
         raise InputError(where, f"{name} defines {number}", "name a module with one class whose base is System")

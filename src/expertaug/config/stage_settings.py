@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from expertaug import labels as naming
 from expertaug.config import options
 from expertaug.config.jobs import label, seed_groups, sets, snapshots, studied, variants
-from expertaug.config.layers import merge
+from expertaug.config.layers import merge, plain
 from expertaug.registry import full_name
 
 # Rows of the preset's table (expertaug.config.presets) that each stage of learning obeys.
@@ -276,7 +276,7 @@ def _identity(config: Mapping, experiment: str, variant: str) -> dict:
 def _experiment(config: Mapping, experiment: str, method: str) -> dict:
     """An experiment with what it overrides for a method."""
     one = config["experiments"][experiment]
-    return merge(one, one["overrides"].get(method, {}))
+    return plain(merge(one, one["overrides"].get(method, {})))
 
 
 def _build(config: Mapping, experiment: str, method: str) -> dict:

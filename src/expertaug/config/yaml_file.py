@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -27,13 +28,8 @@ class Located(dict):
         self.origin: dict[str, str] = dict(origin or {})
 
 
-def located(value: Any, origin: str) -> Any:
-    """Plain mappings, lists and scalars with one origin for all of it; what has one keeps it."""
-    if isinstance(value, Located):
-        return value
-    if isinstance(value, Mapping):
-        return Located({str(k): located(v, origin) for k, v in value.items()}, {str(k): origin for k in value})
-    return value
+# Written as the mapping that it is.
+yaml.SafeDumper.add_representer(Located, yaml.SafeDumper.represent_dict)
 
 
 def read(path: str | Path) -> Located:
@@ -51,7 +47,9 @@ def read(path: str | Path) -> Located:
     if len(data) > LARGEST:
         raise InputError(path, f"more than {LARGEST} bytes", "give a configuration file")
     try:
-        root = yaml.compose(data.decode("utf-8-sig"), Loader=yaml.SafeLoader)
+        text = data.decode("utf-8-sig")
+        _check_brackets(text, path)
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
         if root is not None:
             _check(root, path)
         value = None if root is None else _Reader(str(path)).construct_document(root)
@@ -72,6 +70,15 @@ def read(path: str | Path) -> Located:
 
 def _deep(path: object) -> InputError:
     return InputError(path, f"nested more than {DEEPEST} levels deep", "a configuration is not that deep")
+
+
+def _check_brackets(text: str, path: object) -> None:
+    """Refuse what PyYAML would take minutes for: its time grows with the square of the open brackets."""
+    depth = 0
+    for bracket in re.findall(r"[\[\]{}]", text):
+        depth += 1 if bracket in "[{" else -1
+        if depth > 10 * DEEPEST:
+            raise _deep(path)
 
 
 def _check(root: yaml.Node, path: object) -> None:

@@ -21,17 +21,22 @@ LATENT = "size of z_a"
 ACTIVATION = "of the network"
 
 
-class EncoderSettings(Settings):
-    """Arguments of an encoder's class.
+class PartSettings(Settings):
+    """Arguments of a class that a model is made of.
 
     Attributes:
         COMPONENTS: keys that name components of the state.
         FIELDS: whether it is for states that are fields on a grid.
     """
 
-    WHERE: ClassVar[str] = "model.encoder"
     COMPONENTS: ClassVar[tuple[str, ...]] = ()
     FIELDS: ClassVar[bool] = False
+
+
+class EncoderSettings(PartSettings):
+    """Arguments of an encoder's class."""
+
+    WHERE: ClassVar[str] = "model.encoder"
 
 
 class WindowSettings(EncoderSettings):
@@ -125,12 +130,11 @@ class MomentSettings(EncoderSettings):
     activation: Activation = key("silu", ACTIVATION)
 
 
-class InteractionSettings(Settings):
+class InteractionSettings(PartSettings):
     """Arguments of an interaction model's class."""
 
     WHERE: ClassVar[str] = "model.interaction"
-    COMPONENTS: ClassVar[tuple[str, ...]] = ("components", "reads")
-    FIELDS: ClassVar[bool] = False
+    COMPONENTS = ("components", "reads")
 
     expert_parameters: bool = key(False, "whether F_a sees z_e too")
 
@@ -183,13 +187,13 @@ class DampingSettings(InteractionSettings):
     components: Names | None = key(None, "components that are damped, each in proportion to itself; null = all")
 
 
-def _by_kind(*kinds: type[Settings]) -> dict[str, type[Settings]]:
+def _by_kind(*kinds: type[PartSettings]) -> dict[str, type[PartSettings]]:
     return {kind.model_fields["kind"].default: kind for kind in kinds}
 
 
-ENCODERS: Mapping[str, type[Settings]] = _by_kind(
+ENCODERS: Mapping[str, type[PartSettings]] = _by_kind(
     WindowSettings, RecurrentSettings, TwoStepSettings, ConvSettings, ConvTwoStepSettings, MomentSettings
 )
-INTERACTIONS: Mapping[str, type[Settings]] = _by_kind(
+INTERACTIONS: Mapping[str, type[PartSettings]] = _by_kind(
     MLPSettings, ConvInteractionSettings, PolynomialSettings, DampingSettings
 )

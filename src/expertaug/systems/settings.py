@@ -31,6 +31,7 @@ class SystemSettings(Settings):
     Attributes:
         STATE, EXPERT, INTERACTION: names of the state's components, of z_e and of the simulation's z_a.
         SIMULATED: whether it can be simulated.
+        FIELDS: whether its state is fields on a grid.
     """
 
     WHERE: ClassVar[str] = "system"
@@ -38,6 +39,7 @@ class SystemSettings(Settings):
     EXPERT: ClassVar[tuple[str, ...]]
     INTERACTION: ClassVar[tuple[str, ...]] = ()
     SIMULATED: ClassVar[bool] = True
+    FIELDS: ClassVar[bool] = False
 
 
 class PendulumSettings(SystemSettings):
@@ -70,6 +72,7 @@ class ReactionDiffusionSettings(SystemSettings):
     STATE = ("u", "v")
     EXPERT = ("a", "b")
     INTERACTION = ("k",)
+    FIELDS = True
 
     name: Literal["reaction_diffusion"] = key("reaction_diffusion", "reaction–diffusion on a periodic grid")
     reaction: Literal[False, "without_k"] = key(
