@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
+import json
+import re
 from pathlib import Path
 
 import pytest
 import yaml
+from jsonschema import Draft202012Validator
 
-from expertaug.config import checks, jobs, reference, stage_settings
+from expertaug.config import jobs, recording_checks, reference, schema, stage_settings
 from expertaug.config import load as config
-from expertaug.errors import InputError
-from expertaug.learning.trainer import TrainSettings
-from expertaug.recordings.angles.calibration import CalibrationSettings
-from expertaug.recordings.angles.measure import AngleSettings
-from expertaug.recordings.chunks.cut import ChunkSettings
-from expertaug.recordings.imports.ibm import ArchiveSettings, MarkerSettings
-from expertaug.recordings.markers.appearance import Appearance
+from expertaug.errors import InputError, InputErrors, lines
+from expertaug.learning.settings import TrainSettings
+from expertaug.recordings.angles.settings import AngleSettings, CalibrationSettings
+from expertaug.recordings.chunks.settings import ChunkSettings
+from expertaug.recordings.imports.settings import ArchiveSettings, MarkerSettings
 from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.rendering.motion import Launch
-from expertaug.recordings.rendering.render import RenderSettings
-from expertaug.recordings.video.frame_store import ExtractSettings
-from expertaug.systems.solver import Solver
+from expertaug.recordings.rendering.settings import RenderSettings
+from expertaug.recordings.video.settings import ExtractSettings
+from expertaug.wording import number_in
 
 ROOT = Path(__file__).parents[1]
 
@@ -40,12 +39,12 @@ def refused(base: dict, text: str) -> str:
 
 
 @pytest.mark.parametrize("name", ["smoke", "ibm", "paper", "code"])
-def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
+def test_shipped_files_are_valid(base, name, tmp_path):
     over = config.load([ROOT / "config" / f"{name}.yaml"])
     if name == "ibm":
-        (tmp_path / "shared" / "recordings").mkdir(parents=True)
-        (tmp_path / "here").mkdir()
-        monkeypatch.chdir(tmp_path / "here")
+        with pytest.raises(InputError, match=r"recordings\.markers\.path: missing; .* set recordings\.markers\.path"):
+            config.validate(config.merge(base, over))
+        over = config.merge(over, {"recordings": {"markers": {"path": str(tmp_path)}}})
     assert config.validate(config.merge(base, over))["results"] == f"results/{name}"
 
 
@@ -75,15 +74,19 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
         ("experiments: {pendulum: {model: {encoder: {latnt: 3}}}}", "encoder.latnt: unknown key; did you mean"),
         ("experiments: {pendulum: {model: {encoder: {kind: cnn}}}}", "model.encoder.kind: 'cnn' is no encoder"),
         ("experiments: {double_pendulum: {system: {l3: 0.1}}}", "double_pendulum.system.l3: unknown key"),
-        ("methods: {aphynity: {system: {expertt: compound}}}", "methods.aphynity.system.expertt: unknown key"),
+        (
+            "experiments: {double_pendulum: {overrides: {aphynity: {system: {expertt: compound}}}}}",
+            "double_pendulum.overrides.aphynity.system.expertt: unknown key",
+        ),
+        ("methods: {aphynity: {system: {expert: compound}}}", "methods.aphynity.system: unknown key; say it in the"),
         ("experiments: {pendulum: {training: {objective: {tau: 1.0}}}}", "training.objective.tau: unknown key"),
         (
             "experiments: {pendulum: {overrides: {aphynity: {training: {epoch: 3}}}}}",
-            "experiments.pendulum.overrides.aphynity",
+            "experiments.pendulum.overrides.aphynity.training.epoch: unknown key; did you mean 'epochs'?",
         ),
         ("experiments: {pendulum: {choices: {resample: onec}}}", "choices.resample: 'onec'"),
         ("preset: papr", "preset: found 'papr'; did you mean 'paper'?"),
-        ("choices: {resample: onec}", "choices.resample: 'onec'"),
+        ("choices: {resample: once}", "choices: unknown key; say it in the experiments"),
         ("run: [pendulm]", "run[0]: 'pendulm' is no experiment; did you mean 'pendulum'?"),
         ("run: [pendulum, pendulum]", "run[1]: 'pendulum' is there twice"),
         (
@@ -95,7 +98,7 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
         ("experiments: {x: {based_on: pendulu}}", "experiments.x.based_on: found 'pendulu'"),
         ("experiments: {x: {based_on: y}, y: {based_on: x}}", "is based on"),
         ("experiments: {x: {based_on: pendulum, training: {epochs: 0}}}", "experiments.x.training.epochs: found 0"),
-        ("experiments: {x: {}}", "experiments.x.system: missing"),
+        ("{run: [x], experiments: {x: {}}}", "experiments.x.system: missing"),
         (
             "experiments: {recordings: {based_on: pendulum}}",
             "experiments.recordings: the results folder needs this name",
@@ -158,10 +161,8 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
             "studies.during_training.epochs[1]: found 9999; the training ends after",
         ),
         (
-            "experiments: {pendulum: {studies: {during_training: {method: aphynity, epochs: [1], "
-            "finetuning: {epoch: 1}}}}}",
-            "experiments.pendulum.studies.during_training.finetuning: "
-            "experiments.pendulum.finetuning.epoch: unknown key",
+            "experiments: {pendulum: {studies: {along: {}}}}",
+            "experiments.pendulum.studies.along: unknown key; it is called during_training now",
         ),
         (
             "experiments: {pendulum: {studies: {out_of_expertise: {distances: [a], panels: {x: [tests]}}}}}",
@@ -176,7 +177,7 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
         ("experiments: {pendulum: {evaluation: {set_titles: {tes: x}}}}", "evaluation.set_titles.tes: unknown key"),
         (
             "experiments: {pendulum: {presets: {code: {training: {epoch: 3}}}}}",
-            "experiments.pendulum.presets.code: experiments.pendulum.training.epoch: unknown key",
+            "experiments.pendulum.presets.code.training.epoch: unknown key; did you mean 'epochs'?",
         ),
         ("experiments: {pendulum: {presets: {cod: {}}}}", "presets.cod: unknown key; did you mean 'code'?"),
         (
@@ -187,6 +188,101 @@ def test_shipped_files_are_valid(base, name, tmp_path, monkeypatch):
 )
 def test_each_mistake_is_one_clear_line(base, text, expected):
     assert expected in refused(base, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("device: gpu", "device: found 'gpu'; did you mean 'cuda'?"),
+        ("seeds: [4294967296]", "seeds[0]: found 4294967296; give less than 4294967296"),
+        ("seeds: [18446744073709551616]", "seeds[0]: found 18446744073709551616; give less than"),
+        ("experiments: {pendulum: {seeds: [1, 1]}}", "experiments.pendulum.seeds[1]: 1 is there twice"),
+        ("results: ~no_such_user/x", "results: found '~no_such_user/x'; there is no such user"),
+        ('results: "a\\0b"', "results: found 'a\\x00b'; remove its control characters"),
+        ('recordings: {videos: {path: "a\\0b"}}', "recordings.videos.path: found 'a\\x00b'; remove its control"),
+        (
+            "recordings: {rendered: {count: 100000000000000000000000000}}",
+            "recordings.rendered.count: found 100000000000000000000000000; give 10000 or less",
+        ),
+        ("recordings: {angles: {max_speed: 1" + "0" * 400 + "}}", "angles.max_speed: found 1000"),
+        ("recordings: {rendered: {pivot_px: [1, 2]}}", "pivot_px: found [1.0, 2.0]; it must lie in the 480 px image"),
+        ("recordings: {rendered: {arms_m: [1]}}", "arms_m: found [1]; give 2 values"),
+        ("recordings: {tracking: {markers: {joint: {hue: [1, 2], x: 1}}}}", "markers.joint.x: unknown key"),
+        ("experiments: {double_pendulum: {data: {split: {max_chunks: [1]}}}}", "give one value or a mapping of keys"),
+        ("experiments: {double_pendulum: {data: {split: {max_chunks: {tran: 1}}}}}", "max_chunks.tran: unknown key"),
+        ("experiments: {pendulum: {data: {step_s: null}}}", "data.step_s: found null; give a number"),
+        ("experiments: 3", "experiments: found 3; give a mapping of keys"),
+        ("{run: [x], experiments: {x: {system: {name: rlc}}}}", "experiments.x.data: missing; give data (where"),
+    ],
+)
+def test_limits_of_machines_are_told_before_they_are_met(base, text, expected):
+    assert expected in refused(base, text)
+
+
+def test_everything_that_is_wrong_is_told(base):
+    experiments = "{pendulum: {training: {epochs: 0, batch_size: x}}, rlc: {methods: [m]}}"
+    text = f"{{sedes: [1], device: gpu, experiments: {experiments}}}"
+    with pytest.raises(InputErrors) as caught:
+        config.validate(config.merge(base, yaml.safe_load(text)))
+    assert [line.partition(": ")[0] for line in lines(caught.value)] == [
+        "sedes",
+        "device",
+        "experiments.pendulum.training.batch_size",
+        "experiments.pendulum.training.epochs",
+        "experiments.rlc.methods[0]",
+    ]
+    assert str(caught.value) == lines(caught.value)[0]
+
+
+def test_what_an_experiment_inherits_is_told_once(base):
+    with pytest.raises(InputErrors) as caught:
+        config.validate(config.merge(base, {"experiments": {"pendulum": {"data": {"t1_s": 5.05}}}}))
+    assert [line.partition(": ")[0] for line in lines(caught.value)] == ["experiments.pendulum.data.t1_s"]
+
+
+def test_experiments_that_are_not_run_need_not_be_sound(base):
+    over = {"experiments": {"pendulum": {"methods": ["mean"]}}}
+    with pytest.raises(InputError):
+        config.validate(config.merge(base, over))
+    found = config.validate(config.merge(base, over | {"run": ["double_pendulum"]}))
+    assert "pendulum" not in found["experiments"] and "rlc" in found["experiments"]
+
+
+def test_a_long_chain_of_experiments_is_one_line(base):
+    chain = {f"e{k}": {"based_on": f"e{k + 1}"} for k in range(1500)} | {"e1500": {"based_on": "pendulum"}}
+    found = refused(base, yaml.safe_dump({"experiments": chain}))
+    assert "based_on: more than 100 experiments, one based on the next" in found
+
+
+def test_results_may_begin_with_the_home_folder(base, monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert config.validate(config.merge(base, {"results": "~/x/"}))["results"] == f"{tmp_path}/x"
+
+
+def test_an_experiment_may_have_seeds_of_its_own(base):
+    found = config.validate(config.merge(base, {"experiments": {"rlc": {"seeds": [7, 8]}}}))
+    assert jobs.seed_groups(found, "rlc") == {"seeds_7_8": [7, 8]}
+    assert jobs.seed_groups(found, "pendulum") == jobs.seed_groups(found) == {"seeds_0_1_2": [0, 1, 2]}
+    for stage, method in ((stage_settings.train, "aphynity"), (stage_settings.finetune, "aphynity+")):
+        assert stage(found, "rlc", method, "seeds_7_8")["seeds"] == [7, 8]
+
+
+def test_editors_see_what_the_files_may_say():
+    validator = Draft202012Validator(schema.schema())
+    files = [*(ROOT / "config").glob("*.yaml"), *(ROOT / "config" / "experiments").glob("*.yaml")]
+    assert len(files) > 7
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        found = re.match(r"# yaml-language-server: \$schema=(\S+)", text)
+        assert found and (file.parent / found[1]).resolve() == ROOT / "config" / "schema.json"
+        assert not list(validator.iter_errors(yaml.safe_load(text)))
+    wrong = {
+        "model": {"encoder": {"kind": "window", "layers": "x"}},
+        "training": {"epoch": 1},
+        "overrides": {"hvae": {"training": {"epochs": 0}}},
+    }
+    places = {tuple(e.absolute_path)[2:4] for e in validator.iter_errors({"experiments": {"x": wrong}})}
+    assert places == {("model", "encoder"), ("training",), ("overrides", "hvae")}
 
 
 def test_what_augmented_methods_need_is_named(base):
@@ -209,62 +305,21 @@ def test_a_file_that_is_not_yaml_is_named_with_its_line(tmp_path):
 
 
 def test_completion_inherits_fills_and_resolves(base):
-    over = {"experiments": {"x": {"based_on": "pendulum", "data": {"noise": 0}}}, "choices": {"resample": "epoch"}}
+    x = {"based_on": "pendulum", "data": {"noise": 0}, "choices": {"resample": "once"}}
+    over = {"experiments": {"x": x}}
     found = config.validate(config.merge(base, over))
     x, pendulum = found["experiments"]["x"], found["experiments"]["pendulum"]
     assert x["data"] == pendulum["data"] | {"noise": 0.0} and isinstance(x["data"]["noise"], float)
     assert "based_on" not in x
     assert x["training"]["checkpoint_s"] == 30.0
-    assert found["choices"]["resample"] == "epoch" and found["choices"]["selection"] == "observed"
+    assert x["choices"]["resample"] == "once" and x["choices"]["selection"] == "observed"
     assert found["tracking"]["uri"] == "sqlite:///results/mlflow/mlflow.db"
-    assert config.validate(base)["choices"]["resample"] == "once", "the input must not be changed"
+    chosen = config.validate(base)["experiments"]["pendulum"]["choices"]
+    assert chosen["resample"] == "epoch", "the input must not be changed"
 
 
 def test_completed_configuration_is_valid_again(base):
     assert config.validate(config.validate(base)) == config.validate(base)
-
-
-def defaults(kind: type) -> dict:
-    fields = {f.name: f.default for f in dataclasses.fields(kind)}
-    plain = {k: dataclasses.asdict(v) if dataclasses.is_dataclass(v) else v for k, v in fields.items()}
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in plain.items()}
-
-
-def lists(value: object) -> object:
-    if isinstance(value, dict):
-        return {k: lists(v) for k, v in value.items()}
-    return [lists(v) for v in value] if isinstance(value, tuple | list) else value
-
-
-@pytest.mark.parametrize(
-    ("path", "kind"),
-    [
-        ("rendered", RenderSettings),
-        ("rendered.launch", Launch),
-        ("track", TrackSettings),
-        ("angles", AngleSettings),
-        ("split", ChunkSettings),
-        ("calibration", CalibrationSettings),
-        ("training", TrainSettings),
-        ("solver", Solver),
-    ],
-)
-def test_schema_has_the_keys_and_defaults_of_the_settings(path, kind):
-    schema = config.read_schema()
-    rule = schema["$defs"]
-    for part in path.split("."):
-        rule = rule[part] if rule is schema["$defs"] else rule["properties"][part]
-    keys = {k: config.resolved(v, schema) for k, v in rule["properties"].items()}
-    # Filled in by the workflow, or (training) read by others than the trainer and without a default.
-    elsewhere = {"rate_provenance", "arm1_m", "arm2_m", "nominal_rate_hz"} & set(defaults(kind)) - set(keys)
-    assert set(keys) - {"horizon_s", "objective", "solver"} == set(defaults(kind)) - elsewhere
-    filled = config.fill({}, rule, schema)
-    if kind is RenderSettings:
-        filled["count"] = None  # how many there are is the workflow's to know
-    if kind is TrackSettings:
-        assert Appearance.from_mapping(filled.pop("markers")) == Appearance()
-        del keys["markers"]
-    assert filled == {k: v for k, v in lists(defaults(kind)).items() if k in keys}
 
 
 def test_slices_are_settings_of_their_stages(base, tmp_path):
@@ -293,9 +348,14 @@ def test_slices_hold_only_what_their_stage_uses(base):
         config.merge(
             base,
             {
-                "choices": {"resample": "epoch", "forecast_start": "y_t1"},
                 "recordings": {"rendered": {"count": 3}},
-                "experiments": {"pendulum": {"finetuning": {"epochs": 7}, "data": {"sets": {"test": {"size": 7}}}}},
+                "experiments": {
+                    "pendulum": {
+                        "choices": {"resample": "once", "forecast_start": "y_t1"},
+                        "finetuning": {"epochs": 7},
+                        "data": {"sets": {"test": {"size": 7}}},
+                    }
+                },
             },
         )
     )
@@ -333,11 +393,11 @@ def test_noise_follows_the_preset(base):
 def test_videos_of_one_name_are_refused(tmp_path):
     for name in ("a.mp4", "b.mkv", "notes.txt"):
         (tmp_path / name).touch()
-    assert list(checks.list_videos(str(tmp_path))) == ["a", "b"]
-    assert list(checks.list_videos(str(tmp_path / "*.mkv"))) == ["b"]
+    assert list(recording_checks.list_videos(str(tmp_path))) == ["a", "b"]
+    assert list(recording_checks.list_videos(str(tmp_path / "*.mkv"))) == ["b"]
     (tmp_path / "A.avi").touch()
     with pytest.raises(InputError, match="two files of one name"):
-        checks.list_videos(str(tmp_path))
+        recording_checks.list_videos(str(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -345,14 +405,16 @@ def test_videos_of_one_name_are_refused(tmp_path):
     [("1e-3", "1.0e-3"), ("2E5", "2.0e+5"), (".5e3", ".5e+3"), ("12", "12"), ("e3", None), ("x", None)],
 )
 def test_numbers_are_written_as_yaml_wants_them(text, number):
-    assert checks.number_in(text) == number
+    assert number_in(text) == number
     if number:
         assert isinstance(yaml.safe_load(number), int | float)
 
 
-def test_readme_has_the_reference_of_the_schema():
+def test_what_is_made_from_the_models_is_as_they_are():
     text = (ROOT / "config" / "README.md").read_text(encoding="utf-8")
     assert text.partition(reference.BEGIN)[2].strip() == reference.reference().strip(), "see the README's marker"
+    found = json.loads((ROOT / "config" / "schema.json").read_text(encoding="utf-8"))
+    assert found == schema.schema(), "python -m expertaug.config.schema config/schema.json"
 
 
 def test_results_that_cannot_be_written(base: dict, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -390,9 +452,6 @@ def test_choices_win_over_those_of_an_experiments_presets(base: dict) -> None:
     assert (by_default["resample"], by_default["supervision"]) == ("epoch", "raw")
     of_code = config.validate(config.merge(base, over | {"preset": "code"}))["experiments"]["pendulum"]["choices"]
     assert of_code["resample"] == "once"
-    common = config.validate(config.merge(base, over | {"choices": {"resample": "once"}}))["experiments"]
-    assert common["pendulum"]["choices"]["resample"] == "once" and common["pendulum"]["choices"]["supervision"] == "raw"
-    assert common["rlc"]["choices"]["supervision"] == "standardised"
     over["experiments"]["pendulum"]["choices"] = {"resample": "once"}
     chosen = config.validate(config.merge(base, over))["experiments"]["pendulum"]["choices"]
     assert (chosen["resample"], chosen["supervision"]) == ("once", "raw")
@@ -414,7 +473,7 @@ experiments:
     data: {sets: {near: {size: 5, z_e: {omega0: [1.5, 3.1]}, z_a: {alpha: [0.6, 1.0]}}}}
     augmentations: {wide: {prior: {omega0: [0.1, 7.0]}}}
     studies:
-      during_training: {method: aphynity, epochs: [5, 1], finetuning: {learning_rate: 0.5}}
+      during_training: {method: aphynity, epochs: [5, 1]}
       out_of_expertise: {distances: [none, near], panels: {z_a: [test, near]}, overview: near}
   x: {based_on: plain, augmentations: {wide: null}, studies: {during_training: null}}
 """
@@ -443,5 +502,6 @@ def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
     assert stage_settings.finetune(found, "plain", "aphynity+wide", group)["label"] == "APHYNITY+ (wide)"
     assert stage_settings.evaluate(found, "plain", "aphynity", group)["sets"][-1] == "near"
     along = stage_settings.during_training(found, "plain", "aphynity", group)
-    assert along["finetune"]["training"]["learning_rate"] == 0.5 and along["finetune_epochs"] == [1, 10]
+    assert along["finetune"] == stage_settings.finetune(found, "plain", "aphynity+", group)
+    assert along["finetune_epochs"] == [1, 10]
     assert stage_settings.tabulate(found, "plain") == stage_settings.tabulate(plain, "plain")

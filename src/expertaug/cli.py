@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from expertaug import commands
-from expertaug.errors import InputError, SolveError
+from expertaug.errors import InputError, SolveError, lines
 
 # One thread a job: two jobs of one thread each beat two of two. Set before any numerical library is loaded.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -28,7 +28,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         _log_to(arguments.log)
         arguments.run(arguments)
     except InputError as error:
-        return _fail(stage, error, BAD_INPUT)
+        for line in lines(error):
+            _fail(stage, line, BAD_INPUT)
+        return BAD_INPUT
     except SolveError as error:
         return _fail(stage, error, FAILED)
     except OSError as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 LONGEST = 300  # characters of each part of a message
 
 
@@ -22,6 +24,24 @@ class InputError(Exception):
         parts = (str(where), found, remedy) if remedy else (str(where), found)
         where, found, *rest = (_one_line(part) for part in parts)
         super().__init__("; ".join((f"{where}: {found}", *rest)))
+
+
+class InputErrors(InputError):
+    """Several of them at once; the message is the first one's.
+
+    Attributes:
+        errors: all of them, in order.
+    """
+
+    def __init__(self, errors: Sequence[InputError]) -> None:
+        self.errors = list(errors)
+        self.where = self.errors[0].where
+        Exception.__init__(self, str(self.errors[0]))
+
+
+def lines(error: InputError) -> list[str]:
+    """What a user sees: a line for each error."""
+    return [str(one) for one in (error.errors if isinstance(error, InputErrors) else [error])]
 
 
 def _one_line(text: str) -> str:

@@ -107,9 +107,9 @@ def copy_project(folder: Path) -> Path:
 
 
 def override(project: Path, change: dict) -> list[object]:
-    """Command-line arguments that add ``change`` to the smoke configuration."""
+    """Command-line arguments that add ``change`` to the smoke configuration, in its results folder."""
     path = project / "change.yaml"
-    path.write_text(yaml.safe_dump(change))
+    path.write_text(yaml.safe_dump({"overwrite": True} | change))
     return [*SMOKE, path]
 
 

@@ -24,7 +24,6 @@ RECORDED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "rec
 SIMULATED = [e for e in RUN if e not in RECORDED]
 RENDERED = ["video.mp4"] if SOURCE == "rendered" else []
 LEARNING_SETS = ["train", "validation"]
-SEED_GROUPS = list(jobs.seed_groups(CONFIG))
 FIGURES = ["log_mse", "parameter_errors", "parameters", "forecasts", "curves"]
 ENDS = [".csv", ".md", ".tex"]
 COMPARED = [e for e in RUN if CONFIG["experiments"][e]["evaluation"]["published"] is not None]
@@ -69,6 +68,10 @@ def augmented_of(experiment):
     return [v for v in every_variant(experiment) if v not in methods_of(experiment)]
 
 
+def seed_groups_of(experiment):
+    return list(jobs.seed_groups(CONFIG, experiment))
+
+
 def method_of(variant):
     return labels.split(variant)[0]
 
@@ -76,7 +79,7 @@ def method_of(variant):
 def per_seed_group(pattern, experiment, methods):
     """Files of every group of an experiment's methods; ``pattern`` has {method} and {seed_group}."""
     folder = results(f"{experiment}/{{method}}/{{seed_group}}/{pattern}")
-    return expand(folder, method=methods, seed_group=SEED_GROUPS)
+    return expand(folder, method=methods, seed_group=seed_groups_of(experiment))
 
 
 def trained_of(experiment):
@@ -137,7 +140,7 @@ def checksum_of(name):
     if path is None:
         return ""
     file = os.path.basename(video_of(name) if SOURCE == "videos" else marker_csv(name))
-    return f"--sha256 {checks.read_checksums(path)[file]}"
+    return f"--sha256 {recording_checks.read_checksums(path)[file]}"
 
 
 def to_retry(name, file):
@@ -161,7 +164,7 @@ def forecasts_to_draw():
     found = stage_settings.overlaid(CONFIG)
     if found is None:
         return {}
-    paths = {v: results(f"{found[0]}/{v}/{SEED_GROUPS[0]}/forecasts.npz") for v in found[1]}
+    paths = {v: results(f"{found[0]}/{v}/{seed_groups_of(found[0])[0]}/forecasts.npz") for v in found[1]}
     return {stage_settings.label(CONFIG, v): path for v, path in paths.items() if os.path.exists(path)}
 
 
@@ -256,5 +259,5 @@ wildcard_constraints:
     method=one_of(CONFIG["methods"]),
     variant=one_of([v for e in RUN for v in every_variant(e)]),
     study=one_of({name for e in RUN for name in studies_of(e)}),
-    seed_group=one_of(SEED_GROUPS),
+    seed_group=one_of({group for e in RUN for group in seed_groups_of(e)}),
     set=r"\w+",

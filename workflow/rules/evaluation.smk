@@ -122,7 +122,7 @@ rule plot_experiment:
         settings=lambda w: settings("plot", w.experiment),
         # A training's log is no declared output: a killed job would lose it.
         logs=lambda w: per_seed_group("log.jsonl", w.experiment, trained_of(w.experiment)),
-        forecasts=lambda w, input: [path for path in input.forecasts if f"/{SEED_GROUPS[0]}/" in path],
+        forecasts=lambda w, input: [path for path in input.forecasts if f"/{seed_groups_of(w.experiment)[0]}/" in path],
         prefix=lambda w: results(f"figures/{w.experiment}"),
     message:
         "plot {wildcards.experiment}"

@@ -9,10 +9,10 @@ from __future__ import annotations
 import argparse
 
 from expertaug import __version__
-from expertaug.commands import evaluation, housekeeping, learning, recordings
+from expertaug.commands import configuration, evaluation, housekeeping, learning, recordings
 from expertaug.commands.options import Commands
 
-SUBJECTS = (recordings, learning, evaluation, housekeeping)
+SUBJECTS = (recordings, learning, evaluation, configuration, housekeeping)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""Subcommands about the configuration, the tracking store and finished runs."""
+"""Subcommands about the tracking store and finished runs."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ logger = logging.getLogger(__name__)
 
 def add_to(commands: Commands) -> None:
     """Add this module's subcommands."""
-    p = commands.add("validate", _validate, "check configuration files", settings=False)
-    p.add_argument("config", type=Path, nargs="+", help="YAML files, later ones win")
-
     p = commands.add("init-tracking", _init_tracking, "create or upgrade the MLflow store")
     add_paths(p, output="JSON that logging stages read")
 
@@ -42,13 +39,6 @@ def _rebuild_tracking(a: argparse.Namespace) -> None:
     uri = a.uri or f"sqlite:///{a.results}/mlflow/mlflow.db"
     count = rebuild(a.results, uri, a.experiment)
     logger.info("%s: %d logs stored", uri, count)
-
-
-def _validate(a: argparse.Namespace) -> None:
-    from expertaug.config import load as config
-
-    config.validate(config.load(a.config))
-    logger.info("%s: valid", ", ".join(map(str, a.config)))
 
 
 def _publish(a: argparse.Namespace) -> None:

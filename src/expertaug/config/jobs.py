@@ -8,9 +8,10 @@ from expertaug import labels as naming
 from expertaug.config import study_checks
 
 
-def seed_groups(config: Mapping) -> dict[str, list[int]]:
-    """Seeds that one job trains together, by the group's name."""
-    seeds, size = config["seeds"], config["seeds_per_job"]
+def seed_groups(config: Mapping, experiment: str | None = None) -> dict[str, list[int]]:
+    """Seeds that one job of an experiment trains together, by the group's name; without one those of the top level."""
+    own = config["experiments"][experiment].get("seeds") if experiment is not None else None
+    seeds, size = own or config["seeds"], config["seeds_per_job"]
     parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
     return {f"seeds_{'_'.join(map(str, part))}": part for part in parts}
 

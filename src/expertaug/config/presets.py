@@ -1,8 +1,8 @@
 """Where the paper and the authors' code disagree, and what each preset does.
 
 One row of :data:`ROWS` is one choice: its meaning and the value under each preset.  ``paper`` follows the text,
-``code`` the authors' release as it behaves, ``corrected`` (the default) what this project takes for right.  A config's
-``choices`` override single rows; whatever is listed here is what the stages obey.
+``code`` the authors' release as it behaves, ``corrected`` (the default) what this project takes for right.  A An
+experiment's ``choices`` override single rows; whatever is listed here is what the stages obey.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from expertaug.errors import InputError
+from expertaug.wording import suggest
 
 NAMES = ("paper", "code", "corrected")
 
@@ -142,6 +143,16 @@ ROWS: dict[str, Row] = {
 }
 
 
+def wrong_choice(choices: Mapping[str, object]) -> tuple[str, str, str] | None:
+    """The first row that does not exist, or not with its value: the row, what was found, what would be right."""
+    for name, value in choices.items():
+        if name not in ROWS:
+            return name, "unknown key", suggest(name, ROWS)
+        if value not in ROWS[name].values:
+            return name, f"'{value}' is no choice", suggest(value, ROWS[name].values)
+    return None
+
+
 def resolve(preset: str, choices: Mapping[str, object] | None = None) -> dict[str, object]:
     """All choices of a preset, single rows overridden.
 
@@ -150,11 +161,7 @@ def resolve(preset: str, choices: Mapping[str, object] | None = None) -> dict[st
     """
     if preset not in NAMES:
         raise InputError("preset", repr(preset), f"one of {', '.join(NAMES)}")
-    resolved = {name: getattr(row, preset) for name, row in ROWS.items()}
-    for name, value in (choices or {}).items():
-        if name not in ROWS:
-            raise InputError(f"choices.{name}", "unknown", f"known: {', '.join(ROWS)}")
-        if value not in ROWS[name].values:
-            raise InputError(f"choices.{name}", repr(value), f"one of {', '.join(ROWS[name].values)}")
-        resolved[name] = value
-    return resolved
+    found = wrong_choice(choices or {})
+    if found is not None:
+        raise InputError(f"choices.{found[0]}", *found[1:])
+    return {name: getattr(row, preset) for name, row in ROWS.items()} | dict(choices or {})

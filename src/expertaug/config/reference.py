@@ -1,83 +1,138 @@
-"""The reference of the configuration, made from its schema: ``python -m expertaug.config.reference FILE``."""
+"""The reference of the configuration, made from its models.
+
+``python -m expertaug.config.reference config/README.md`` writes it.
+"""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from expertaug.config import load as config
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from expertaug.config.models import Configuration
 from expertaug.files import write_text
+from expertaug.learning.settings import OBJECTIVES
+from expertaug.models.settings import ENCODERS, INTERACTIONS
+from expertaug.settings import is_left_out
+from expertaug.systems.settings import SYSTEMS
+from expertaug.wording import show
 
-BEGIN = "<!-- From here on made from the schema: python -m expertaug.config.reference config/README.md -->"
-UNITS = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false", "array": "list"}
+BEGIN = "<!-- From here on made from the models: python -m expertaug.config.reference config/README.md -->"
+KINDS = {float: "number", int: "whole number", str: "text", bool: "true, false", Any: "any"}
+SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+# An experiment under a preset, and what a method has otherwise, have the keys that stand elsewhere.
+AS_ELSEWHERE = ("experiments.<name>.presets", "experiments.<name>.overrides.<name>")
 
 
 def reference() -> str:
     """Markdown: a section for each block of keys, a table row for each key."""
-    schema = config.read_schema()
-    sections = []
-    for title, rows in _blocks("", schema, schema):
-        lines = [f"## {title or 'Top level'}", "", "| key | value | default | meaning |", "|---|---|---|---|"]
-        sections.append("\n".join([*lines, *rows]))
+    shown: dict[type[BaseModel], str] = {}
+    for path, kind in _blocks("", Configuration):
+        shown.setdefault(kind, path)
+    sections = [_section(path or "Top level", kind, _pointers(path, kind, shown)) for kind, path in shown.items()]
+    for name, kinds in (("system", SYSTEMS), ("model.encoder", ENCODERS), ("model.interaction", INTERACTIONS)):
+        key = "name" if name == "system" else "kind"
+        sections += [_section(f"{name}, {key}: {kind}", model) for kind, model in kinds.items()]
+    sections += [_section(f"training.objective, of the objective {kind}", model) for kind, model in OBJECTIVES.items()]
     return "\n\n".join(sections) + "\n"
 
 
-def _blocks(path: str, rule: Mapping, root: Mapping) -> Iterator[tuple[str, list[str]]]:
-    """A block's path and rows, then those of the blocks inside it."""
-    inside, rows = [], []
-    keys = dict(rule.get("properties", {}))
-    if isinstance(rule.get("additionalProperties"), Mapping):
-        keys["<name>"] = rule["additionalProperties"]
-    for key, value in keys.items():
-        value = config.resolved(value, root)
-        rows.append(_row(key, value, key in rule.get("required", ()), root))
-        if "properties" in value or isinstance(value.get("additionalProperties"), Mapping):
-            inside.append((f"{path}.{key}".lstrip("."), value))
-    yield path, rows
-    for name, value in inside:
-        yield from _blocks(name, value, root)
+def _section(title: str, kind: type[BaseModel], pointers: Mapping[str, str] = MappingProxyType({})) -> str:
+    rows = [_row(name, field, is_left_out(kind, name)) for name, field in kind.model_fields.items()]
+    for k, name in enumerate(kind.model_fields):
+        if name in pointers:
+            rows[k] = rows[k].replace("keys", f"keys of `{pointers[name]}`", 1)
+    return "\n".join([f"## {title}", "", "| key | value | default | meaning |", "|---|---|---|---|", *rows])
 
 
-def _row(key: str, rule: Mapping, required: bool, root: Mapping) -> str:
-    default = "–" if required else f"`{config.show(rule['default'])}`" if "default" in rule else "left out"
-    if rule.get("default") == {}:
-        default = ""
-    return f"| `{key}` | {_values(rule, root)} | {default} | {rule.get('description', '')} |".replace("\n", " ")
+def _pointers(path: str, kind: type[BaseModel], shown: Mapping[type[BaseModel], str]) -> dict[str, str]:
+    """Where the keys of a block's blocks stand, if not in a section of their own."""
+    found = {}
+    for name, field in kind.model_fields.items():
+        own = f"{path}.{name}".lstrip(".")
+        for model, _ in _models(field.annotation):
+            if model in shown and shown[model] not in (own, f"{own}.<name>"):
+                found[name] = shown[model]
+    return found
 
 
-def _values(rule: Mapping, root: Mapping) -> str:
-    if "enum" in rule:
-        return ", ".join(f"`{value}`" for value in rule["enum"])
-    kinds = rule.get("type", "object")
-    kinds = [kinds] if isinstance(kinds, str) else kinds
-    texts = []
-    for kind in kinds:
-        if kind == "array":
-            item = config.resolved(rule.get("items", {}), root)
-            count = (
-                f"{rule['minItems']} of " if rule.get("maxItems") == rule.get("minItems") and "minItems" in rule else ""
-            )
-            texts.append("[min, max]" if rule.get("ordered") else f"list: {count}{_values(item, root)}")
-        elif kind == "object":
-            texts.append("keys")
-        elif kind == "null":
-            texts.append("null")
-        else:
-            texts.append(UNITS[kind] + _limits(rule))
-    return " or ".join(texts)
+def _blocks(path: str, kind: type[BaseModel]) -> Iterator[tuple[str, type[BaseModel]]]:
+    """A block's path and model, then those of the blocks inside it."""
+    yield path, kind
+    for name, field in kind.model_fields.items():
+        below = f"{path}.{name}".lstrip(".")
+        for inside, named in _models(field.annotation):
+            at = f"{below}.<name>" if named else below
+            if below not in AS_ELSEWHERE and at not in AS_ELSEWHERE:
+                yield from _blocks(at, inside)
 
 
-def _limits(rule: Mapping) -> str:
-    signs = {"exclusiveMinimum": ">", "minimum": "≥", "maximum": "≤"}
-    found = [f"{sign} {rule[key]}" for key, sign in signs.items() if key in rule]
+def _models(annotation: Any) -> Iterator[tuple[type[BaseModel], bool]]:
+    """Models in a type, and whether they stand below names."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation, False
+    named = get_origin(annotation) is dict
+    inside = get_args(annotation)
+    for part in inside[1:] if named else inside[:1] if get_origin(annotation) is Annotated else inside:
+        for model, below in _models(part):
+            yield model, named or below
+
+
+def _row(name: str, field: FieldInfo, left_out: bool) -> str:
+    default = (
+        "left out"
+        if left_out
+        else "–"
+        if field.is_required()
+        else _default(field.get_default(call_default_factory=True))
+    )
+    extra = field.json_schema_extra if isinstance(field.json_schema_extra, Mapping) else {}
+    value = _value(field.annotation, field.metadata)
+    unit = f" in {extra['unit']}" if extra.get("unit") else ""
+    return f"| `{name}` | {value}{unit} | {default} | {field.description or ''} |".replace("\n", " ")
+
+
+def _default(value: object) -> str:
+    if isinstance(value, BaseModel) or value == {}:
+        return ""
+    return f"`{show(list(value) if isinstance(value, tuple) else value)}`"
+
+
+def _value(annotation: Any, metadata: list[Any]) -> str:
+    origin, inside = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _value(inside[0], [*inside[1:], *metadata])
+    if origin in (Union, UnionType):
+        return " or ".join("null" if a is type(None) else _value(a, metadata) for a in inside)
+    if origin is Literal:
+        return ", ".join(f"`{'false' if value is False else value}`" for value in inside)
+    if origin is dict or (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+        return "keys"
+    if origin is tuple and inside[-1] is not Ellipsis:
+        ordered = any((getattr(m, "json_schema_extra", None) or {}).get("ordered") for m in metadata)
+        return "[min, max]" if ordered else f"list: {len(inside)} of {_value(inside[0], [])}"
+    if origin in (list, tuple):
+        return f"list: {_value(inside[0], [])}"
+    return KINDS.get(annotation, "text") + _limits(metadata)
+
+
+def _limits(metadata: list[Any]) -> str:
+    parts = [part for one in metadata for part in (one, *getattr(one, "metadata", ()))]
+    found = [f"{sign} {getattr(p, key)}" for key, sign in SIGNS.items() for p in parts if hasattr(p, key)]
+    # A limit that only keeps a number within what machines count says nothing to a reader.
+    found = [text for text in found if float(text.split()[1]) < 1e8]
     return f" {', '.join(found)}" if found else ""
 
 
 def main() -> None:
-    """Rewrite the part of a file that is made from the schema."""
+    """Rewrite the part of a file that is made from the models."""
     path = Path(sys.argv[1])
-    head = path.read_text(encoding="utf-8").partition(BEGIN)[0]
+    head = path.read_text(encoding="utf-8").partition("<!-- From here on made from")[0]
     write_text(path, f"{head}{BEGIN}\n\n{reference()}")
 
 

@@ -1,116 +1,172 @@
-"""Arguments of the classes that a configuration names, read from their source: nothing is imported, so that checking a
-configuration does not wait for torch."""
+"""Classes of one's own that a configuration names: what they take and what they have, asked of the class itself.
+
+Only what looks like ``package.module:Class`` (a system: ``package.module``) is imported, and only for classes from
+elsewhere; the package's own kinds are described in the ``settings.py`` beside them.
+"""
 
 from __future__ import annotations
 
-import ast
-from functools import cache
-from pathlib import Path
+import importlib
+import inspect
+import re
+import sys
+import types
+import typing
+from collections.abc import Iterator, Mapping
 
-from expertaug import registry
-from expertaug.config import stage_code
 from expertaug.errors import InputError
+from expertaug.wording import number_in, show, suggest
 
+PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 # What the package itself passes; the configuration gives the rest.
 GIVEN = {
     "encoder": {"system", "times"},
     "interaction": {"system", "latent"},
     "objective": {"seeds", "choices", "prior"},
+    "system": set(),
 }
-# What a class must define that has this class as its only base.
+# What a class must define that inherits it from this package alone.
 NEEDED = {"System": ("state", "expert_parameters", "expert"), "Objective": ("loss",)}
 OF_SIMULATIONS = ("truth", "sample_initial_state")
+SIMPLE = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
 
 
-def of_kind(part: str, kind: str, where: str) -> list[str]:
-    """Arguments that a configuration may give to a kind: a built-in one or ``package.module:Class``.
+def load_class(kind: str, where: str) -> type:
+    """The class that ``package.module:Class`` names.
 
     Raises:
-        InputError: there is no such kind, module or class.
+        InputError: there is none, or its module cannot be imported.
     """
-    return [a for a in _all_of_kind(part, kind, where) if a not in GIVEN[part]]
+    module, _, name = kind.partition(":")
+    if not (PATH.fullmatch(module) and name.isidentifier()):
+        raise InputError(where, f"found {show(kind)}", "name it as package.module:Class")
+    found = getattr(_module(module, where), name, None)
+    if not isinstance(found, type):
+        known = [n for n, c in vars(_module(module, where)).items() if isinstance(c, type) and c.__module__ == module]
+        raise InputError(where, f"no class '{name}' in {module}", suggest(name, known))
+    _require(found, (), where)
+    return found
 
 
-def takes(part: str, kind: str, argument: str, where: str) -> bool:
-    """Whether a kind's class has an argument, be it one that the package gives."""
-    return argument in _all_of_kind(part, kind, where)
+def load_system(name: str, where: str) -> type:
+    """The one System that the module of a dotted path defines.
 
-
-def _all_of_kind(part: str, kind: str, where: str) -> list[str]:
-    module, _, name = registry.full_name(part, kind, where).partition(":")
-    return _arguments(_class(stage_code.find(where, module), name, where))
-
-
-def of_system(name: str, where: str) -> list[str]:
-    """Arguments of a system's class."""
-    return _arguments(_system(name, where))
-
-
-def require_simulation(name: str, where: str) -> None:
-    """A system's class must say how it is simulated."""
-    _require(_system(name, where), OF_SIMULATIONS, where)
-
-
-def parameters(name: str, attribute: str, where: str) -> list[str] | None:
-    """Names in one of a system's tuples of parameters; None where the class does not write them out."""
-    value = _defined(_system(name, where)).get(attribute)
-    items = value.elts if isinstance(value, ast.Tuple) else [None]
-    names = [item.args[0] for item in items if isinstance(item, ast.Call) and item.args]
-    texts = [n.value for n in names if isinstance(n, ast.Constant) and isinstance(n.value, str)]
-    return texts if len(texts) == len(items) else None
-
-
-def _system(name: str, where: str) -> ast.ClassDef:
-    """The one class with ``System`` among its bases in a system's module."""
-    body = _tree(stage_code.find(where, name if "." in name else f"expertaug.systems.{name}")).body
-    found = [n for n in body if isinstance(n, ast.ClassDef) and any("System" in ast.unparse(b) for b in n.bases)]
+    Raises:
+        InputError: there is not one, or it lacks what a system needs.
+    """
+    if not PATH.fullmatch(name):
+        raise InputError(where, f"found {show(name)}", "name a module as package.module")
+    module = _module(name, where)
+    # A module that has not loaded the base class, and torch with it, defines no System.
+    base = getattr(sys.modules.get("expertaug.systems.base"), "System", ())
+    found = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, base) and c.__module__ == name]
     if len(found) != 1:
-        number = {0: "no System"}.get(len(found), f"{len(found)} systems")
+        number = "no System" if not found else f"{len(found)} systems"
         raise InputError(where, f"{name} defines {number}", "name a module with one class whose base is System")
     _require(found[0], (), where)
     return found[0]
 
 
-def _defined(node: ast.ClassDef) -> dict[str, ast.AST | None]:
-    """What a class body defines: functions, and values by name."""
-    found: dict[str, ast.AST | None] = {}
-    for item in node.body:
-        if isinstance(item, ast.FunctionDef):
-            found[item.name] = item
-        elif isinstance(item, ast.Assign):
-            found |= {name.id: item.value for t in item.targets for name in ast.walk(t) if isinstance(name, ast.Name)}
-        elif isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name) and item.value is not None:
-            found[item.target.id] = item.value
-    return found
+def require_simulation(system: type, where: str) -> None:
+    """A system's class must say how it is simulated."""
+    _require(system, OF_SIMULATIONS, where)
 
 
-def _require(node: ast.ClassDef, names: tuple[str, ...], where: str) -> None:
-    """What a class must define, where it cannot inherit it from another base than this package's."""
-    base = ast.unparse(node.bases[0]).rpartition(".")[2] if len(node.bases) == 1 else ""
-    if base not in NEEDED:
+def names_of(system: type, attribute: str) -> list[str] | None:
+    """Names in one of a system's tuples of parameters; None where only the constructor makes it."""
+    value = getattr(system, attribute, None)
+    return [p.name for p in value] if isinstance(value, tuple) else None
+
+
+def takes(kind: type, argument: str) -> bool:
+    """Whether a class's constructor names an argument."""
+    return argument in _parameters(kind)
+
+
+def accepts(kind: type, part: str, option: str) -> bool:
+    """Whether a configuration may give a class this option."""
+    parameters = _parameters(kind)
+    anything = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    return option not in GIVEN[part] and (option in parameters or anything)
+
+
+def wrong_options(kind: type, part: str, options: Mapping, where: str) -> Iterator[InputError]:
+    """Options that a class's constructor does not take, that it needs, or that contradict a simple annotation.
+
+    A class that takes ``**kwargs`` takes any option.
+    """
+    parameters = _parameters(kind)
+    anything = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    named = {n: p for n, p in parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
+    known = [n for n in named if n not in GIVEN[part]]
+    hints = _hints(kind)
+    for name, value in options.items():
+        if name in GIVEN[part]:
+            yield InputError(f"{where}.{name}", "given by the package", "remove it")
+        elif name not in known and not anything:
+            yield InputError(f"{where}.{name}", "unknown key", suggest(name, known))
+        elif name in hints:
+            yield from _misfit(value, hints[name], f"{where}.{name}")
+    for name in known:
+        if named[name].default is inspect.Parameter.empty and name not in options:
+            yield InputError(f"{where}.{name}", "missing", f"{kind.__name__} needs it")
+
+
+def _misfit(value: object, hint: object, where: str) -> Iterator[InputError]:
+    """A scalar that is not what a simple annotation says; anything else is left to the class."""
+    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    wanted = typing.get_args(hint) if union else (hint,)
+    if any(kind not in (*SIMPLE, type(None)) for kind in wanted):
         return
-    # Attributes may also be set by the constructor.
-    own = {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute) and isinstance(n.ctx, ast.Store)}
-    for name in (*NEEDED[base], *names):
-        if name not in own and name not in _defined(node):
-            raise InputError(where, f"the class {node.name} does not define {name}", f"a {base} needs it")
+    fits = type(value) in wanted or (type(value) is int and float in wanted)
+    if not fits:
+        number = isinstance(value, str) and {int, float} & set(wanted) and number_in(value)
+        text = " or ".join(SIMPLE.get(kind, "null") for kind in wanted)
+        found = f"found {show(value)}" + (", which YAML takes for a text" if number else "")
+        yield InputError(where, found, f"write {number}" if number else f"give {text}")
 
 
-def _class(path: Path, name: str, where: str) -> ast.ClassDef:
-    for node in _tree(path).body:
-        if isinstance(node, ast.ClassDef) and node.name == name:
-            _require(node, (), where)
-            return node
-    raise InputError(where, f"no class '{name}' in {path.name}", "correct the name")
+def _parameters(kind: type) -> Mapping[str, inspect.Parameter]:
+    try:
+        return inspect.signature(kind).parameters
+    except (TypeError, ValueError):
+        return {"options": inspect.Parameter("options", inspect.Parameter.VAR_KEYWORD)}
 
 
-def _arguments(node: ast.ClassDef) -> list[str]:
-    init = _defined(node).get("__init__")
-    if not isinstance(init, ast.FunctionDef):
-        return []
-    return [a.arg for a in (*init.args.args, *init.args.kwonlyargs) if a.arg != "self"]
+def _hints(kind: type) -> Mapping[str, object]:
+    try:
+        return typing.get_type_hints(kind.__init__)
+    except Exception:
+        return {}
 
 
-@cache
-def _tree(path: Path) -> ast.Module:
-    return stage_code.parsed(path)
+def _module(name: str, where: str) -> types.ModuleType:
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name and (name == error.name or name.startswith(f"{error.name}.")):
+            found, remedy = f"no module '{name}'", "name a module that Python finds: is its package installed?"
+        else:
+            found, remedy = f"importing {name} fails ({error})", "correct that module"
+        raise InputError(where, found, remedy) from error
+    except SyntaxError as error:
+        raise InputError(f"{error.filename}:{error.lineno}", f"no Python ({error.msg})", "correct that file") from error
+    except (Exception, SystemExit) as error:
+        found = f"importing {name} fails ({type(error).__name__}: {error})"
+        raise InputError(where, found, "correct that module") from error
+
+
+def _require(kind: type, names: tuple[str, ...], where: str) -> None:
+    """What a class must define and this package's base class does not."""
+    for base in kind.__mro__:
+        if base.__module__.startswith("expertaug.") and base.__name__ in NEEDED:
+            for name in (*NEEDED[base.__name__], *names):
+                if getattr(kind, name, None) is getattr(base, name, None) and not _sets(kind, name):
+                    remedy = f"a {base.__name__} needs it"
+                    raise InputError(where, f"the class {kind.__name__} does not define {name}", remedy)
+
+
+def _sets(kind: type, name: str) -> bool:
+    """Whether a constructor of the class sets an attribute."""
+    own = (vars(base).get("__init__") for base in kind.__mro__)
+    return any(name in code.co_names for init in own if (code := getattr(init, "__code__", None)) is not None)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from expertaug import labels as naming
-from expertaug.config import signatures
+from expertaug.config import options
 from expertaug.config.jobs import label, seed_groups, sets, snapshots, studied, variants
-from expertaug.config.load import merge
+from expertaug.config.layers import merge, plain
 from expertaug.recordings.provenance import RENDERED
 from expertaug.registry import full_name
 
@@ -111,7 +111,7 @@ def simulate(config: Mapping, experiment: str, name: str) -> dict:
 
 
 def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
-    one, build = _experiment(config, experiment, method), config["methods"][method]
+    one, build = _experiment(config, experiment, method), _build(config, experiment, method)
     model, training = dict(one["model"]), one["training"]
     if build.get("interaction") is False:
         del model["interaction"]
@@ -120,11 +120,11 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
         model, training = {}, {}
     else:
         training = _with_own_options(training, build)
-        if signatures.takes("objective", _objective(build), "prior", "objective"):
+        if options.needs_prior(_objective(build), "objective"):
             given = {"prior": one["augmentation"]["prior"]}
     return {
         **_identity(config, experiment, method),
-        "system": one["system"],
+        "system": config["experiments"][experiment]["system"],
         "build": {k: v for k, v in build.items() if k != "label"},
         "model": model,
         "training": training,
@@ -132,7 +132,7 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
         **({"snapshots": kept} if (kept := snapshots(config, experiment, method)) else {}),
         "t1_s": one["data"]["t1_s"],
         "choices": _choices(config, experiment, "train"),
-        "seeds": seed_groups(config)[group],
+        "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
 
@@ -146,7 +146,7 @@ def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
         "prior": (one["augmentations"][name] if name else one["augmentation"])["prior"],
         "noise": _noise(one),
         "choices": _choices(config, experiment, "augment"),
-        "seeds": seed_groups(config)[group],
+        "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
 
@@ -157,7 +157,7 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
         **_identity(config, experiment, variant),
         "training": _with_own_options(_experiment(config, experiment, method)["finetuning"], config["methods"][method]),
         "choices": _choices(config, experiment, "finetune"),
-        "seeds": seed_groups(config)[group],
+        "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
 
@@ -168,7 +168,7 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
         "evaluation": _evaluation(config, experiment),
         "sets": sets(config, experiment),
         "choices": _choices(config, experiment, "evaluate"),
-        "seeds": seed_groups(config)[group],
+        "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
 
@@ -176,16 +176,15 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
 def during_training(config: Mapping, experiment: str, method: str, group: str) -> dict:
     """The settings of augmentation, of the fine-tunings and of their evaluation."""
     study = config["experiments"][experiment]["studies"]["during_training"]
-    tuned = finetune(config, experiment, f"{method}+", group)
     evaluation = {k: v for k, v in _evaluation(config, experiment).items() if k in ("from_s", "solver")}
     return {
         **_identity(config, experiment, method),
         "augment": augment(config, experiment, f"{method}+", group),
-        "finetune": tuned | {"training": merge(tuned["training"], study["finetuning"])},
+        "finetune": finetune(config, experiment, f"{method}+", group),
         "finetune_epochs": study["finetune_epochs"],
         "evaluation": evaluation | {"max_samples": study["max_samples"]},
         "choices": _choices(config, experiment, "evaluate"),
-        "seeds": seed_groups(config)[group],
+        "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
 
@@ -254,7 +253,7 @@ def plot(config: Mapping, experiment: str) -> dict:
 def modules(config: Mapping, experiment: str, method: str | None = None) -> list[str]:
     """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
     one = config["experiments"][experiment]
-    build = config["methods"][method] if method else {}
+    build = _build(config, experiment, method) if method else {}
     name = build.get("system", {}).get("name", one["system"]["name"])
     named = [name if "." in name else f"expertaug.systems.{name}"]
     if method:
@@ -278,7 +277,13 @@ def _identity(config: Mapping, experiment: str, variant: str) -> dict:
 def _experiment(config: Mapping, experiment: str, method: str) -> dict:
     """An experiment with what it overrides for a method."""
     one = config["experiments"][experiment]
-    return merge(one, one["overrides"].get(method, {}))
+    return plain(merge(one, one["overrides"].get(method, {})))
+
+
+def _build(config: Mapping, experiment: str, method: str) -> dict:
+    """How a method is built, with what the experiment's system is otherwise for it."""
+    over = config["experiments"][experiment]["overrides"].get(method, {})
+    return config["methods"][method] | ({"system": over["system"]} if "system" in over else {})
 
 
 def _objective(build: Mapping) -> str:
@@ -288,8 +293,8 @@ def _objective(build: Mapping) -> str:
 
 def _with_own_options(training: Mapping, build: Mapping) -> dict:
     """A block of training with those of the objective's options that are the method's own objective's."""
-    known = signatures.of_kind("objective", _objective(build), "objective")
-    return {**training, "objective": {k: v for k, v in training.get("objective", {}).items() if k in known}}
+    given, kind = training.get("objective", {}), _objective(build)
+    return {**training, "objective": {k: v for k, v in given.items() if options.takes_option(kind, k)}}
 
 
 def _reading(config: Mapping, experiment: str) -> dict:

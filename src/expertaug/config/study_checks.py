@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from expertaug.config.names import require, require_all, require_keys, require_parameters
+from expertaug.config.names import other_parameters, unknown, unknown_keys, unknown_one
 from expertaug.errors import InputError
 from expertaug.labels import MAIN_SETS
 
 PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"
 
 
-def check(where: str, experiment: Mapping, methods: Mapping) -> None:
-    """Check the blocks augmentations, studies and evaluation of an experiment.
-
-    Raises:
-        InputError: the first thing that is wrong.
-    """
-    _augmentations(where, experiment)
-    _out_of_expertise(where, experiment)
-    _during_training(where, experiment, methods)
-    require_keys(f"{where}.evaluation.set_titles", experiment["evaluation"]["set_titles"], sets_of(experiment))
-    published = experiment["evaluation"]["published"]
-    if published is not None:
-        require(published, published_systems(), f"{where}.evaluation.published", "system with published numbers")
+def check(where: str, experiment: Mapping, methods: Mapping) -> Iterator[InputError]:
+    """What is wrong with the blocks augmentations, studies and evaluation of an experiment."""
+    yield from _augmentations(where, experiment)
+    yield from _out_of_expertise(where, experiment)
+    yield from _during_training(where, experiment, methods)
+    evaluation = experiment["evaluation"]
+    yield from unknown_keys(evaluation["set_titles"], sets_of(experiment), f"{where}.evaluation.set_titles")
+    if evaluation["published"] is not None:
+        what = "system with published numbers"
+        yield from unknown_one(evaluation["published"], published_systems(), f"{where}.evaluation.published", what)
 
 
 def sets_of(experiment: Mapping) -> list[str]:
@@ -39,40 +36,51 @@ def published_systems() -> list[str]:
         return list(dict.fromkeys(row["system"] for row in csv.DictReader(stream)))
 
 
-def _augmentations(where: str, experiment: Mapping) -> None:
+def _augmentations(where: str, experiment: Mapping) -> Iterator[InputError]:
     expected = experiment.get("augmentation", {}).get("prior", {})
     for name, one in experiment["augmentations"].items():
         if not experiment["augmented"]:
-            raise InputError(f"{where}.augmentations", "no method is under augmented", "name one there")
-        what = "method under augmented"
-        require_all(one.get("methods", []), experiment["augmented"], f"{where}.augmentations.{name}.methods", what)
-        require_parameters(f"{where}.augmentations.{name}.prior", one["prior"], expected, "augmentation.prior")
+            yield InputError(f"{where}.augmentations", "no method is under augmented", "name one there")
+            return
+        here = f"{where}.augmentations.{name}"
+        yield from unknown(one.get("methods", []), experiment["augmented"], f"{here}.methods", "method under augmented")
+        yield from other_parameters(one["prior"], expected, f"{here}.prior", "augmentation.prior")
 
 
-def _out_of_expertise(where: str, experiment: Mapping) -> None:
+def _out_of_expertise(where: str, experiment: Mapping) -> Iterator[InputError]:
     shifted = experiment["studies"].get("out_of_expertise")
-    if shifted is not None:
-        here, known = f"{where}.studies.out_of_expertise", sets_of(experiment)
-        for title, names in shifted["panels"].items():
-            require_all(names, known, f"{here}.panels.{title}", "set of this experiment")
-            if len(names) != len(shifted["distances"]):
-                found = f"{len(names)} sets for {len(shifted['distances'])} distances"
-                raise InputError(f"{here}.panels.{title}", found, "give one set for each distance")
-        if shifted["overview"] is not None:
-            require(shifted["overview"], known, f"{here}.overview", "set of this experiment")
+    if shifted is None:
+        return
+    here, known, what = f"{where}.studies.out_of_expertise", sets_of(experiment), "set of this experiment"
+    yield from unknown(shifted["distances"], shifted["distances"], f"{here}.distances", "distance")
+    for title, names in shifted["panels"].items():
+        yield from unknown(names, known, f"{here}.panels.{title}", what)
+        if len(names) != len(shifted["distances"]):
+            found = f"{len(names)} sets for {len(shifted['distances'])} distances"
+            yield InputError(f"{here}.panels.{title}", found, "give one set for each distance")
+    if shifted["overview"] is not None:
+        yield from unknown_one(shifted["overview"], known, f"{here}.overview", what)
 
 
-def _during_training(where: str, experiment: Mapping, methods: Mapping) -> None:
-    along = experiment["studies"].get("during_training")
-    if along is not None:
-        here, method = f"{where}.studies.during_training", along["method"]
-        require(method, experiment["methods"], f"{here}.method", "method of this experiment")
-        if methods[method]["kind"] == "mean":
-            raise InputError(f"{here}.method", f"'{method}' is of kind mean", "only hybrid methods can be augmented")
-        for key in ("augmentation", "finetuning"):
-            if key not in experiment:
-                raise InputError(f"{where}.{key}", "missing", "studies.during_training needs it")
-        last = {**experiment["training"], **experiment["overrides"].get(method, {}).get("training", {})}["epochs"]
-        for k, epoch in enumerate(along["epochs"]):
-            if epoch > last:
-                raise InputError(f"{here}.epochs[{k}]", f"found {epoch}", f"the training ends after {last} passes")
+def _during_training(where: str, experiment: Mapping, methods: Mapping) -> Iterator[InputError]:
+    study = experiment["studies"].get("during_training")
+    if study is None:
+        return
+    here, method = f"{where}.studies.during_training", study["method"]
+    wrong = list(unknown_one(method, experiment["methods"], f"{here}.method", "method of this experiment"))
+    yield from wrong
+    if wrong:
+        return
+    if methods[method]["kind"] == "mean":
+        yield InputError(f"{here}.method", f"'{method}' is of kind mean", "only hybrid methods can be augmented")
+    for key in ("augmentation", "finetuning"):
+        if key not in experiment:
+            yield InputError(f"{where}.{key}", "missing", "studies.during_training needs it")
+    last = {**experiment["training"], **experiment["overrides"].get(method, {}).get("training", {})}["epochs"]
+    for key in ("epochs", "finetune_epochs"):
+        for k, epoch in enumerate(study[key]):
+            if epoch in study[key][:k]:
+                yield InputError(f"{here}.{key}[{k}]", f"{epoch} is there twice", "name each once")
+    for k, epoch in enumerate(study["epochs"]):
+        if epoch > last:
+            yield InputError(f"{here}.epochs[{k}]", f"found {epoch}", f"the training ends after {last} passes")

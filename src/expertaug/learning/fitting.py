@@ -12,8 +12,9 @@ import torch
 
 from expertaug.learning import snapshots
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
+from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import Task
-from expertaug.learning.trainer import Trainer, TrainSettings
+from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
 from expertaug.registry import find

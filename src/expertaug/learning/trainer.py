@@ -6,17 +6,18 @@ import logging
 import math
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from expertaug.errors import InputError, SolveError
+from expertaug.errors import SolveError
 from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.checkpoint import Checkpoint
 from expertaug.learning.contract import check_loss
 from expertaug.learning.objectives import Objective, mean_squared_error
 from expertaug.learning.sets import Batch, StackedSet
+from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.tracking.runlog import RunLog
@@ -27,65 +28,11 @@ FLUSH_S = 5.0
 SKIPPED_LIMIT = 50
 
 
-@dataclass(frozen=True)
-class TrainSettings:
-    """How to train; one block for training and one for fine-tuning.
-
-    Attributes:
-        epochs: passes over the training set.
-        batch_size: samples of each seed in a step.
-        learning_rate: its peak; ``schedule`` one_cycle warms up linearly over the share ``warmup`` of all steps and
-            decays by a cosine to zero, constant stays.
-        clip_norm: largest norm of a seed's gradient; null for none.
-        validate_every: passes between validations.
-        validation_samples: at most so many validation samples, evenly spread; null for all.
-        checkpoint_s: least seconds between two checkpoints.
-        supervision_weight: of the z_e term in fine-tuning.
-        horizon_warmup: share of all steps over which the loss window grows from its first points to its full length;
-            a long window from the start has minima at wrong frequencies.
-    """
-
-    epochs: int = 50
-    batch_size: int = 100
-    learning_rate: float = 5e-4
-    schedule: str = "one_cycle"
-    warmup: float = 0.1
-    clip_norm: float | None = 1.0
-    validate_every: int = 1
-    validation_samples: int | None = None
-    checkpoint_s: float = 30.0
-    supervision_weight: float = 1.0
-    horizon_warmup: float = 0.0
-
-    @classmethod
-    def from_mapping(cls, settings: Mapping) -> TrainSettings:
-        """Take the trainer's keys out of a training block and refuse what nobody knows."""
-        known = {f.name for f in fields(cls)} | {"objective", "solver", "horizon_s"}
-        for key in settings:
-            if key not in known:
-                raise InputError(f"training.{key}", "unknown", f"known: {', '.join(sorted(known))}")
-        return cls(**{k: v for k, v in settings.items() if k in cls.__dataclass_fields__})
-
-    def rate(self, step: int, steps: int) -> float:
-        """Learning rate of step ``step`` of ``steps``."""
-        if self.schedule == "constant":
-            return self.learning_rate
-        warm = max(self.warmup * steps, 1)
-        if step < warm:
-            return self.learning_rate * (step + 1) / warm
-        return self.learning_rate * 0.5 * (1 + math.cos(math.pi * (step - warm) / max(steps - warm, 1)))
-
-    def points(self, horizon: int, step: int, steps: int) -> int:
-        """Points of the loss window in step ``step`` of ``steps``, ``horizon`` at the end."""
-        growing = self.horizon_warmup * steps
-        return horizon if step + 1 >= growing else max(2, math.ceil(horizon * (step + 1) / growing))
-
-
 class Trainer:
     """Adam over stacked parameters: every seed has its own data order, optimiser state, loss and best model.
 
-    A seed sees the same batches alone and in any group; its numbers agree to float rounding only, for how many seeds are
-    multiplied at a time changes the order of sums.
+    A seed sees the same batches alone and in any group; its numbers agree to float rounding only, for how many seeds
+    are multiplied at a time changes the order of sums.
 
     Arguments:
         model: stacked (:func:`expertaug.models.stacking.stack`); parameters that need no gradient stay as they are.

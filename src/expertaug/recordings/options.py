@@ -1,31 +1,19 @@
-"""Reading a stage's settings: a mapping from the configuration into the stage's frozen dataclass."""
+"""Reading a stage's settings: a mapping from the configuration into the stage's model."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import TypeVar
 
-from expertaug.errors import InputError
+from expertaug.settings import Settings, read
 
-T = TypeVar("T")
+T = TypeVar("T", bound=Settings)
 
 
 def read_settings(kind: type[T], settings: Mapping[str, object] | T | None, stage: str) -> T:
-    """The dataclass ``kind`` filled from ``settings``; what is left out keeps its default.
+    """The settings ``kind`` from a mapping; what is left out keeps its default.
 
     Raises:
-        InputError: a key that the stage does not know, or text where a number belongs.
+        InputError: a key that the stage does not know, or a value that cannot be used.
     """
-    if settings is None:
-        return kind()
-    if isinstance(settings, kind):
-        return settings
-    known = {f.name: f for f in fields(kind)}
-    for key, value in settings.items():
-        if key not in known:
-            raise InputError(f"{stage} settings", f"unknown key '{key}'", f"known are {', '.join(known)}")
-        number = isinstance(known[key].default, int | float) and not isinstance(known[key].default, bool)
-        if number and isinstance(value, str | bool):
-            raise InputError(f"{stage} settings", f"{key} is {value!r}", "it must be a number")
-    return kind(**settings)
+    return read(kind, settings, f"{stage} settings")

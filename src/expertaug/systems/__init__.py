@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import json
 import pkgutil
 import sys
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from expertaug import registry
 from expertaug.errors import InputError
-from expertaug.systems.base import Parameter, System
+
+if TYPE_CHECKING:
+    from expertaug.systems.base import Parameter, System
 
 __all__ = ["Parameter", "System", "describe", "load"]
 
-OTHERS = {"base", "contract", "implicit", "simulate", "solver"}  # modules of this package that are no systems
+OTHERS = {
+    "base",
+    "contract",
+    "implicit",
+    "settings",
+    "simulate",
+    "solver",
+}  # modules of this package that are no systems
+
+
+def __getattr__(name: str) -> object:
+    """The classes of :mod:`expertaug.systems.base`, which load torch, when they are asked for."""
+    if name in ("Parameter", "System"):
+        return getattr(importlib.import_module(f"{__name__}.base"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def load(settings: Mapping[str, object]) -> System:
@@ -47,6 +65,8 @@ def load(settings: Mapping[str, object]) -> System:
 
 
 def _class(name: str) -> type[System]:
+    from expertaug.systems.base import System
+
     path, _, wanted = name.partition(":")
     here = [module.name for module in pkgutil.iter_modules(__path__)]
     if not wanted and "." not in path and path not in here:

@@ -3,50 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import torch
+from pydantic import ValidationError
 from torch import Tensor
 from torchdiffeq import odeint
 
-from expertaug.errors import InputError, SolveError
+from expertaug.errors import SolveError
+from expertaug.settings import complaints
 from expertaug.systems.implicit import SCIPY, by_scipy, rodas3
+from expertaug.systems.settings import FIXED, SolverSettings
 
-FIXED = ("euler", "midpoint", "rk4", "lawson4", "rodas3")
-ADAPTIVE = ("dopri5", "dopri8", *SCIPY)
 # flow(h): the map y → exp(h L) y of a linear part L, or None where there is none.
 Flow = Callable[[float], Callable[[Tensor], Tensor] | None]
 
 
-@dataclass(frozen=True)
-class Solver:
+class Solver(SolverSettings):
     """How to solve.
 
-    Attributes:
-        method: on a fixed grid euler, midpoint, rk4, lawson4 or rodas3; to a tolerance dopri5, dopri8, radau or bdf.
-            lawson4 is the fourth-order Runge-Kutta method that has the linear part of dy/dt = L y + f(t, y) exact
-            (Lawson 1967), and rk4 where there is none.  For stiff systems: rodas3 to train with, radau and bdf, which
-            give no gradients, to simulate and evaluate (:mod:`expertaug.systems.implicit`).
-        rtol, atol: tolerances of an adaptive method; unused on a fixed grid.
-        substeps: steps of a fixed-grid method from data time to data time.
+    lawson4 is the fourth-order Runge-Kutta method that has the linear part of dy/dt = L y + f(t, y) exact (Lawson
+    1967), and rk4 where there is none; the tolerances are unused on a fixed grid, the substeps by adaptive methods.
     """
 
-    method: str = "rk4"
-    rtol: float = 1e-6
-    atol: float = 1e-6
-    substeps: int = 1
+    def __init__(self, *values: object, **settings: object) -> None:
+        """Settings of :class:`~expertaug.systems.settings.SolverSettings` by name, or in their order.
 
-    def __post_init__(self) -> None:
-        if self.method not in (*FIXED, *ADAPTIVE):
-            raise InputError("solver.method", repr(self.method), f"one of {', '.join((*FIXED, *ADAPTIVE))}")
+        Raises:
+            InputError: one of them cannot be used.
+        """
+        settings |= dict(zip(type(self).model_fields, values, strict=False))
+        try:
+            super().__init__(**settings)
+        except ValidationError as error:
+            raise complaints(error, SolverSettings, self.WHERE)[0] from None
 
     @classmethod
-    def from_mapping(cls, settings: Mapping[str, object]) -> Solver:
-        """Build from a config slice; unknown keys raise :class:`InputError`."""
-        for key in settings:
-            if key not in cls.__dataclass_fields__:
-                raise InputError(f"solver.{key}", "unknown", f"known: {', '.join(cls.__dataclass_fields__)}")
-        return cls(**settings)  # type: ignore[arg-type]
+    def from_mapping(cls, settings: Mapping[str, object] | Solver | None, where: str | None = None) -> Solver:
+        """Build from a config slice.
+
+        Raises:
+            InputError: a key is unknown or a value cannot be used.
+        """
+        return settings if isinstance(settings, Solver) else cls(**(settings or {}))
 
     @property
     def splits(self) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
@@ -14,27 +13,10 @@ from expertaug.errors import InputError
 from expertaug.files import write_json
 from expertaug.recordings import runge_kutta
 from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants, implied_rate
+from expertaug.recordings.angles.settings import CalibrationSettings
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import Constants, accelerations
 from expertaug.trajectories import Trajectories
-
-
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """Settings of :func:`calibrate`.
-
-    Attributes:
-        step_s: longest Runge-Kutta step of the forecasts that judge the fits.
-        arm1_m, arm2_m: arm lengths, for the implied frame rate and the report; None where they are not known.
-        nominal_rate_hz: frame rate by which the data's times were made.
-        rate_provenance: where that rate comes from.
-    """
-
-    step_s: float = 0.005
-    arm1_m: float | None = 0.091
-    arm2_m: float | None = 0.070
-    nominal_rate_hz: float = 400.0
-    rate_provenance: str = "nominal rate of the dataset"
 
 
 def forecast(
@@ -119,7 +101,7 @@ def calibrate(train: str | Path, output: str | Path, settings: Mapping[str, obje
     report |= {
         "implied_rate_hz": implied_rate(rubbed.constants, options.nominal_rate_hz, options.arm1_m) if known else None,
         "chunks": len(chunks),
-        **{name: value for name, value in asdict(options).items() if name != "step_s"},
+        **{name: value for name, value in options.model_dump().items() if name != "step_s"},
     }
     write_json(output, report)
 

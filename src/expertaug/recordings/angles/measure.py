@@ -17,48 +17,13 @@ from expertaug.recordings.angles.arms import Arms, find_arms
 from expertaug.recordings.angles.implied import Implied, contradictions, explain
 from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, read_markers
 from expertaug.recordings.angles.quality import MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
+from expertaug.recordings.angles.settings import AngleSettings
 from expertaug.recordings.angles.smoothing import Motion, smooth_motion, window_frames
 from expertaug.recordings.angles.summary import RecordingSummary
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import energy
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class AngleSettings:
-    """Settings of :func:`measure_angles`.
-
-    Attributes:
-        max_gap_frames: longest run of unusable frames that is interpolated.
-        max_speed: fastest rotation to expect, rad/s; a gap in which an arm could turn by more than half a turn at that
-            speed is never interpolated, since the number of its turns is unknown (16 frames at 400 Hz).
-        arm_tolerance: a frame with an arm off its median length by more than this share is unusable.
-        pivot_tolerance: red markers off their median by more than this share of the first arm are not the pivot.
-        pivot_window_s: the pivot is averaged over this time: its motion (the stand sways) stays, its labels' noise
-            goes; 0 takes each frame's own.
-        smoothing_window_s, smoothing_order: of the local polynomial that gives angles and speeds.
-        outlier_sigmas: an angle further from the local polynomial than this many standard deviations of the noise (and
-            than outlier_floor_deg degrees) is unusable.
-        min_usable_s: a recording with less usable time is refused.
-        rotation_deg: where gravity points in the image: 0 down, 90 right, -90 left, 180 up.
-        arm1_m: length of the first arm in m, for the implied frame rate; None where it is not known.
-        rate_provenance: where the frame rate comes from.
-    """
-
-    max_gap_frames: int = 8
-    max_speed: float = 80.0
-    arm_tolerance: float = 0.03
-    pivot_tolerance: float = 0.05
-    pivot_window_s: float = 0.04
-    smoothing_window_s: float = 0.08
-    smoothing_order: int = 5
-    outlier_sigmas: float = 12.0
-    outlier_floor_deg: float = 0.5
-    min_usable_s: float = 0.5
-    rotation_deg: float = 0.0
-    arm1_m: float | None = 0.091
-    rate_provenance: str = "not stated"
 
 
 @dataclass(frozen=True)

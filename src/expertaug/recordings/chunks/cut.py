@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from expertaug.files import atomic, write_json
 from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants
 from expertaug.recordings.angles.quality import MEASURED
 from expertaug.recordings.angles.smoothing import stretches
+from expertaug.recordings.chunks.settings import ChunkSettings
 from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, label_by_energy, label_by_time
 from expertaug.recordings.names import natural_key
 from expertaug.recordings.options import read_settings
@@ -22,59 +23,6 @@ from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
-
-
-@dataclass(frozen=True)
-class ChunkSettings:
-    """Settings of :func:`split_chunks`.
-
-    Attributes:
-        length: points of a chunk.
-        rate_hz: points per second; the analysis rate must be a multiple of it.
-        by: ``energy`` (low train, high test) or ``time`` (of each recording the start is test, the end train).
-        train_share, validation_share, test_share: of the energy's blocks or of each recording's duration.
-        guard_s: frames so close to another split are not used, since angles are smoothed over their neighbours (half
-            of ``pivot_window_s`` and half of ``smoothing_window_s`` of measure_angles).
-        phases: ``all`` takes chunks from each of the interleaved series of the analysis rate, ``first`` from one.
-        stride: points from one training chunk's start to the next, 1 to ``length`` (no overlap).
-        evaluation_stride: the same for validation and test.
-        max_chunks: at most so many, evenly spread: one number (or null) for all splits or one per split.
-        min_chunks: a split with fewer is refused.
-    """
-
-    length: int = 20
-    rate_hz: float = 100.0
-    by: str = "energy"
-    train_share: float = 0.4
-    validation_share: float = 0.3
-    test_share: float = 0.3
-    guard_s: float = 0.06
-    phases: str = "all"
-    stride: int = 5
-    evaluation_stride: int = 20
-    max_chunks: int | Mapping[str, int | None] | None = None
-    min_chunks: int = 100
-
-    def __post_init__(self) -> None:
-        where = "chunks settings"
-        if self.by not in ("energy", "time"):
-            raise InputError(where, f"by is '{self.by}'", "it must be energy or time")
-        if self.phases not in ("all", "first"):
-            raise InputError(where, f"phases is '{self.phases}'", "it must be all or first")
-        if min(self.shares) <= 0 or abs(sum(self.shares) - 1) > 1e-6:
-            raise InputError(where, f"the shares are {self.shares}", "they must be positive and sum to 1")
-        for name in ("stride", "evaluation_stride"):
-            if not 1 <= getattr(self, name) <= self.length:
-                raise InputError(
-                    where, f"{name} is {getattr(self, name)}", f"it must be 1 to {self.length}, the length"
-                )
-
-    @property
-    def shares(self) -> tuple[float, float, float]:
-        return self.train_share, self.validation_share, self.test_share
-
-    def limit(self, split: str) -> int | None:
-        return self.max_chunks.get(split) if isinstance(self.max_chunks, Mapping) else self.max_chunks
 
 
 @dataclass(frozen=True)
@@ -243,6 +191,6 @@ def _write(
             "initial_speeds_p99": speeds,
             "energy_constants": fit.constants.to_dict(),
             "energy_constants_note": "fitted on all recordings; a label to rank chunks by, used by no model",
-            "settings": {**asdict(options), "max_chunks": limits},
+            "settings": {**options.model_dump(), "max_chunks": limits},
         },
     )

@@ -7,7 +7,6 @@ import io
 import re
 import shutil
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -16,6 +15,7 @@ import pandas as pd
 from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
 from expertaug.recordings.columns import PLACES
+from expertaug.recordings.imports.settings import ArchiveSettings, MarkerSettings
 from expertaug.recordings.imports.unpacking import unpack
 from expertaug.recordings.names import P, by_name
 from expertaug.recordings.options import read_settings
@@ -25,33 +25,6 @@ IBM_COLUMNS = ("y_red", "x_red", "y_green", "x_green", "y_blue", "x_blue")
 MAX_CSV_BYTES = 2**26  # an hour and a half at 400 Hz
 MAX_PX = 1e5  # further from an image's corner lies no marker
 DIGITS = re.compile(r'[\d.eE+\-,"\s]*', re.ASCII)  # all that a table of numbers is written with
-
-
-@dataclass(frozen=True)
-class ArchiveSettings:
-    """Settings of :func:`unpack_archive`: ``sha256`` is the archive's expected checksum, None accepts any."""
-
-    sha256: str | None = None
-
-
-@dataclass(frozen=True)
-class MarkerSettings:
-    """Settings of :func:`import_markers`.
-
-    Attributes:
-        rate_hz: frame rate of the recordings.
-        rate_provenance: where that rate comes from; kept in the reports.
-        scale, offset: px = (number in the file − offset) / scale.
-        arm_tolerance: an arm whose length is off its median by more than this share is no arm ...
-        arm_outliers: ... and a file in which more than this share of the rows have such an arm is refused.
-    """
-
-    rate_hz: float = 400.0
-    rate_provenance: str = "nominal rate of the dataset"
-    scale: float = 5.0
-    offset: float = 2.0
-    arm_tolerance: float = 0.1
-    arm_outliers: float = 0.05
 
 
 def list_marker_files(path: str | Path) -> dict[str, Path]:
@@ -122,8 +95,6 @@ def import_markers(csv: str | Path, output: str | Path, settings: Mapping[str, o
         InputError: a missing column, text, NaN or points that make no arm; with row and column, both from 1.
     """
     options = read_settings(MarkerSettings, settings, "markers")
-    if not options.rate_hz > 0:
-        raise InputError("markers settings", f"rate_hz is {options.rate_hz}", "the frame rate must be positive")
     raw = _read_ibm(Path(csv))
     _check_arms(Path(csv), raw, options)
     px = (raw - options.offset) / options.scale

@@ -26,7 +26,7 @@ def tracking(found: Pendulum) -> list[dict[str, object]]:
     settings: dict[str, object] = {"marker_diameter_px": round(diameter, 1)}
     if diameter > 1.25 * PLAIN_DIAMETER:
         for name in TOLERANCES:
-            settings[name] = float(f"{getattr(TrackSettings, name) * diameter / PLAIN_DIAMETER:.2g}")
+            settings[name] = float(f"{getattr(TrackSettings(), name) * diameter / PLAIN_DIAMETER:.2g}")
     kinds = [kind for kind in (_names(tints), _ranges(tints)) if kind is not None]
     return [{"markers": {"style": found.style, **dict(zip(ROLES, kind, strict=True))}} | settings for kind in kinds]
 

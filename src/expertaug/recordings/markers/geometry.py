@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -83,7 +83,9 @@ def measure_diameter(frames: Sequence[np.ndarray], settings: TrackSettings) -> f
     count = math.floor(math.log(LARGEST * min(frames[0].shape[:2]) / smallest) / math.log(step)) + 1
     scores = []
     for diameter in smallest * step ** np.arange(max(1, count)):
-        tried = replace(settings, marker_diameter_px=diameter, diameter_tolerance_px=(step - 1) * diameter)
+        tried = settings.model_copy(
+            update={"marker_diameter_px": diameter, "diameter_tolerance_px": (step - 1) * diameter}
+        )
         finder = fitter(diameter, settings.min_level, settings.rim_tolerance_px, settings.markers)
         score, radii = 0.0, []
         for frame in frames:

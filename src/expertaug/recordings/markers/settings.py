@@ -1,79 +1,75 @@
-"""Settings of the marker tracker."""
+"""Settings of the marker tracker, and how a configuration says what the markers look like."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from typing import Annotated, ClassVar, Literal
 
-from expertaug.errors import InputError
+from pydantic import BeforeValidator, ConfigDict, Field
+
 from expertaug.recordings.markers.appearance import Appearance
-from expertaug.recordings.options import read_settings
-
-OPEN = ("marker_diameter_px", "arm1_px", "arm2_px")  # measured where they are null
+from expertaug.settings import KEYS, MANY, ONE, Pair, Positive, Range, Settings, Share, by_shape, key
 
 
-@dataclass(frozen=True)
-class TrackSettings:
-    """Settings of the tracker; lengths in px.
+class ColourKeys(Settings):
+    """A colour's ranges."""
 
-    Attributes:
-        markers: their style and colours.
-        marker_diameter_px: approximate diameter of a marker in the frames; null: measured.
-        arm1_px, arm2_px: pivot to joint and joint to tip; null: estimated from frames spread over the recording.
-        arm_tolerance_px: an arm further than this from its length makes the frame unusable (``arm_length``).
-        arm_search_px: half width of the ring round the parent in which a marker is searched.
-        diameter_tolerance_px: a fitted disk may differ this much from the expected diameter.
-        rim_tolerance_px: a rim point this near the fitted circle counts as on it.
-        min_rim_share: share of rim points on the circle up to which a disk is not taken for a marker.
-        max_residual_px: distance between the centres of the rim and of what is inside it above which a frame is
-            unusable (``residual``: something covers a part of the marker).
-        min_level: luma, 0 to 255, that the darkest sector of a quadrant disk exceeds and the background does not.
-        calibration_frames: frames from which arm lengths and diameter are estimated.
-        max_lost_share: share of unusable frames above which the video is refused.
-    """
+    hue: Pair = key(..., "first and last hue in degrees, 0 to 360; through 0 where the first is the larger", "deg")
+    saturation: Range = key((0.25, 1.0), "lowest and highest, 0 to 1")
+    value: Range = key((0.12, 1.0), "lowest and highest, 0 to 1")
 
-    markers: Appearance = field(default_factory=Appearance)
-    marker_diameter_px: float | None = 25.0
-    arm1_px: float | None = None
-    arm2_px: float | None = None
-    arm_tolerance_px: float = 2.0
-    arm_search_px: float = 10.0
-    diameter_tolerance_px: float = 4.0
-    rim_tolerance_px: float = 0.6
-    min_rim_share: float = 0.5
-    max_residual_px: float = 0.6
-    min_level: float = 24.0
-    calibration_frames: int = 60
-    max_lost_share: float = 0.25
 
-    @classmethod
-    def from_mapping(cls, settings: Mapping[str, object] | None) -> TrackSettings:
-        """Read and check a mapping.
+Colour = Annotated[Annotated[str, ONE] | Annotated[ColourKeys, KEYS], by_shape]
 
-        Raises:
-            InputError: a key is unknown or a value out of range.
-        """
-        where = "track_markers settings"
-        made = read_settings(cls, settings, "track_markers")
-        if not isinstance(made.markers, Appearance):
-            made = replace(made, markers=Appearance.from_mapping(made.markers))
-        for name, value in vars(made).items():
-            if name == "markers" or (value is None and name in OPEN):
-                continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
-                raise InputError(where, f"{name} is {value!r}", "it must be a number of 0 or more")
-        limits = {
-            "marker_diameter_px": (8, 400),
-            "min_rim_share": (0, 1),
-            "max_lost_share": (0, 1),
-            "min_level": (1, 254),
-        }
-        for name, (low, high) in limits.items():
-            if getattr(made, name) is not None and not low <= getattr(made, name) <= high:
-                raise InputError(where, f"{name} is {getattr(made, name)}", f"it must be from {low} to {high}")
-        for name in ("arm1_px", "arm2_px", "calibration_frames"):
-            value = getattr(made, name)
-            if value is not None and value < 1:
-                raise InputError(where, f"{name} is {value}", "it must be 1 or more")
-        return made
+
+class AppearanceKeys(Settings):
+    """How the markers look; a colour by its name, or its ranges."""
+
+    style: Literal["quadrant", "disk"] = key(
+        "quadrant", "quadrant = two coloured and two white sectors, on a dark background; disk = one colour"
+    )
+    pivot: Colour | None = key("red", "colour of the fixed point's marker; null = it bears none")
+    joint: Colour = key("green", "colour of the marker between the arms")
+    tip: Colour = key("blue", "colour of the marker at the end of the second arm")
+    pivot_px: Pair | None = key(
+        None, "x and y of a pivot without a marker; null = the centre of the circle on which the joint moves", "px"
+    )
+
+
+class TrackKeys(Settings):
+    """Of the marker tracker; lengths in px."""
+
+    WHERE: ClassVar[str] = "track_markers settings"
+
+    markers: AppearanceKeys = key(AppearanceKeys, "how the markers look; expertaug inspect VIDEO proposes it")
+    marker_diameter_px: Annotated[float, Field(ge=8, le=400)] | None = key(
+        25.0, "approximate diameter of a marker; null = measured", "px"
+    )
+    arm1_px: Annotated[float, Field(ge=1)] | None = key(
+        None, "pivot to joint; null = estimated from the recording", "px"
+    )
+    arm2_px: Annotated[float, Field(ge=1)] | None = key(None, "joint to tip; null = estimated from the recording", "px")
+    arm_tolerance_px: Positive = key(2.0, "an arm further than this from its length makes the frame unusable", "px")
+    arm_search_px: Positive = key(10.0, "half width of the ring in which a marker is searched", "px")
+    diameter_tolerance_px: Positive = key(4.0, "by how much a fitted disk may differ in diameter", "px")
+    rim_tolerance_px: Positive = key(0.6, "a rim point this near the fitted circle counts as on it", "px")
+    min_rim_share: Share = key(0.5, "share of rim points on the circle below which there is no marker")
+    max_residual_px: Positive = key(
+        0.6, "distance between the centres of a marker's rim and of its inside above which a frame is unusable", "px"
+    )
+    min_level: float = key(
+        24.0, "luma that the darkest sector of a quadrant disk exceeds and the background does not", ge=1, le=254
+    )
+    calibration_frames: int = key(60, "frames from which arm lengths and diameter are estimated", ge=1, le=MANY)
+    max_lost_share: Share = key(0.25, "share of unusable frames above which a video is refused")
+
+
+def _appearance(value: object) -> object:
+    return value if isinstance(value, Appearance) else Appearance.from_mapping(value)  # type: ignore[arg-type]
+
+
+class TrackSettings(TrackKeys):
+    """The same with the appearance that the keys mean."""
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    markers: Annotated[Appearance, BeforeValidator(_appearance)] = Appearance()  # type: ignore[assignment]

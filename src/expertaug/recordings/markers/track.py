@@ -56,7 +56,7 @@ def _calibrate(store: str | Path, frames: FrameStore, settings: TrackSettings) -
         diameter = measure_diameter(some, settings)
         if diameter is None:
             raise _no_markers(store, f"of {len(some)} frames looked at, none shows a marker", settings)
-        settings = replace(settings, marker_diameter_px=diameter)
+        settings = settings.model_copy(update={"marker_diameter_px": diameter})
     chosen = _spread(len(frames), settings.calibration_frames)
     try:
         geometry, found = estimate_geometry((frames[int(i)] for i in chosen), settings)

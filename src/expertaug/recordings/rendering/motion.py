@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from expertaug.errors import InputError
+from expertaug.recordings.rendering.settings import LaunchSettings
 from expertaug.recordings.runge_kutta import step
 from expertaug.systems.double_pendulum import Constants, energy
 
@@ -15,20 +15,8 @@ STEPS_PER_FRAME_AT_400_HZ = 4
 MAX_STEP = 1 / (400 * STEPS_PER_FRAME_AT_400_HZ)  # s; the fastest launches turn by .05 rad in one
 
 
-@dataclass(frozen=True)
-class Launch:
-    """How a hand lets the pendulum go; every value is drawn uniformly from its (low, high) range.
-
-    Attributes:
-        energy: mechanical energy at the start in s⁻² (:func:`expertaug.systems.double_pendulum.energy`).
-        theta1, theta2: angles in rad; half of the launches mirror them.
-        speed_ratio: θ2' / θ1', with θ1' turning back through the rest position.
-    """
-
-    energy: tuple[float, float] = (200.0, 330.0)
-    theta1: tuple[float, float] = (1.3, 3.1)
-    theta2: tuple[float, float] = (-0.5, 1.5)
-    speed_ratio: tuple[float, float] = (0.8, 2.5)
+class Launch(LaunchSettings):
+    """How a hand lets the pendulum go; every value is drawn uniformly from its (low, high) range."""
 
     def draw(self, rng: np.random.Generator, constants: Constants) -> np.ndarray:
         """One initial state (θ1, θ2, θ1', θ2'), (4,), in rad and rad/s.
@@ -62,7 +50,7 @@ def simulate(start: np.ndarray, times: np.ndarray, constants: Constants, frictio
         start: states (N, 4) at ``times[0]``.
         times: (T,) in s, evenly spaced.
         constants: the rigid body's.
-        friction: viscous friction of the two joints in s⁻¹, as in :func:`expertaug.systems.double_pendulum.accelerations`.
+        friction: viscous friction of the two joints in s⁻¹, as in :mod:`expertaug.systems.double_pendulum`.
 
     Returns:
         (N, T, 4) float64.

@@ -19,6 +19,7 @@ from expertaug.recordings.columns import PLACES
 from expertaug.recordings.options import read_settings
 from expertaug.recordings.reports import drawing
 from expertaug.recordings.reports.forecasts import Forecast, read_forecasts
+from expertaug.recordings.reports.settings import OverlaySettings
 from expertaug.recordings.tables import read_table
 from expertaug.recordings.video.reader import Video
 from expertaug.recordings.video.writer import encode
@@ -33,25 +34,6 @@ THETA = ((255, 200, 90), (90, 170, 255))  # B, G, R of the angles
 SHADES = {MEASURED: (90, 200, 90), INTERPOLATED: (0, 170, 255), UNUSABLE: (60, 60, 255)}
 STATES = {MEASURED: "measured", INTERPOLATED: "not used", UNUSABLE: "unusable"}
 GHOSTS = ((255, 90, 255), (90, 255, 255), (90, 255, 90), (255, 255, 90))
-
-
-@dataclass(frozen=True)
-class OverlaySettings:
-    """What is shown of a recording.
-
-    Attributes:
-        fps: frames per second of the overlay, at most.
-        speed: of the overlay's time; 1 is the recording's own.
-        start_s, duration_s: part of the recording; a duration of None goes to its end.
-        rate_hz, rate_provenance: of the video, as for extracting its frames.
-    """
-
-    fps: float = 25.0
-    speed: float = 0.25
-    start_s: float = 0.0
-    duration_s: float | None = 10.0
-    rate_hz: float | None = None
-    rate_provenance: str | None = None
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,9 @@ them.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict
 from pathlib import Path
 
 import av
@@ -22,6 +21,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.recordings.video.pixel_layout import Layout
 from expertaug.recordings.video.reader import Video
+from expertaug.recordings.video.settings import ExtractSettings
 
 FORMAT = "expertaug frames 2"
 CHUNK_BYTES = 16 * 480 * 480 * 3  # memory that writing needs, and what a sequential reader unpacks at once
@@ -186,51 +186,6 @@ def writing(path: str | Path, layout: Layout, rate_hz: float, source: Mapping) -
             raise InputError(
                 path, f"cannot be written ({error})", "free some space or choose another results folder"
             ) from error
-
-
-@dataclass(frozen=True)
-class ExtractSettings:
-    """How frames are taken from a video.
-
-    Attributes:
-        analysis_rate_hz: frames kept per second; must divide the video's rate evenly. None keeps all.
-        rate_hz: frame rate at which the video was taken; None takes the one in its metadata.
-        rate_provenance: where ``rate_hz`` is known from, in words.
-        expected_frames: frames that the video must have; None takes the number in its metadata.
-        image_size_px: side of a square image or [width, height] that the video must have; None takes any.
-    """
-
-    analysis_rate_hz: float | None = None
-    rate_hz: float | None = None
-    rate_provenance: str | None = None
-    expected_frames: int | None = None
-    image_size_px: int | tuple[int, int] | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("analysis_rate_hz", "rate_hz", "expected_frames"):
-            value = getattr(self, name)
-            if value is not None and not (isinstance(value, int | float) and 0 < value < math.inf):
-                raise InputError(f"recordings.{name}", f"is {value!r}", "give a positive number or null")
-        size = self.image_size_px
-        if size is not None and not isinstance(size, int):
-            if not (isinstance(size, list | tuple) and len(size) == 2 and all(isinstance(v, int) for v in size)):
-                raise InputError(
-                    "recordings.image_size_px", f"is {size!r}", "give a whole number or [width, height] or null"
-                )
-            object.__setattr__(self, "image_size_px", tuple(size))
-
-    @classmethod
-    def from_mapping(cls, mapping: Mapping) -> ExtractSettings:
-        """Settings from configuration.
-
-        Raises:
-            InputError: a key is unknown or a value cannot be used.
-        """
-        known = [f.name for f in fields(cls)]
-        for key in mapping:
-            if key not in known:
-                raise InputError(f"recordings.{key}", "unknown key", f"known are {', '.join(known)}")
-        return cls(**mapping)
 
 
 def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings) -> None:

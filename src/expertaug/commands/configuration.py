@@ -1,0 +1,40 @@
+"""Subcommands about configurations, before anything runs."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from pathlib import Path
+
+from expertaug.commands.options import Commands
+
+logger = logging.getLogger(__name__)
+
+
+def add_to(commands: Commands) -> None:
+    """Add this module's subcommands."""
+    p = commands.add("validate", _validate, "check configuration files", settings=False)
+    p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
+
+    p = commands.add("config", _config, "show what each job of a method gets, and where it comes from", settings=False)
+    p.add_argument("action", choices=("show",))
+    p.add_argument("experiment", help="name of the experiment")
+    p.add_argument("method", help="name of its method")
+    p.add_argument("--configfile", type=Path, nargs="+", default=[], metavar="YAML", help="files as in the workflow")
+
+
+def _validate(a: argparse.Namespace) -> None:
+    from expertaug.config import load as config
+
+    files = config.with_defaults(a.config)
+    config.validate(config.load(files))
+    below = ", ".join(str(file) for file in files if file not in a.config)
+    logger.info("%s%s: valid", ", ".join(map(str, a.config)), f" over {below}" if below else "")
+
+
+def _config(a: argparse.Namespace) -> None:
+    from expertaug.config import load as config
+    from expertaug.config.show import show
+
+    for line in show(config.load(config.with_defaults(a.configfile)), a.experiment, a.method):
+        print(line)

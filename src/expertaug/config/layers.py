@@ -1,0 +1,132 @@
+"""Layers of a configuration: files over files, an experiment over the one that it is based on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from expertaug.config.yaml_file import Located
+from expertaug.errors import InputError
+from expertaug.wording import suggest
+
+CHAIN = 100  # experiments of which one is based on the next, at most
+
+
+def merge(base: Mapping, over: Mapping) -> Located:
+    """``base`` overridden by ``over``: mappings are merged key by key, anything else is replaced.
+
+    A mapping that names another ``kind`` is replaced too: the arguments of one class are none of another's.
+    """
+    merged = _copied(base)
+    origins = getattr(over, "origin", {})
+    for key, value in over.items():
+        old = merged.get(key)
+        both = isinstance(old, Mapping) and isinstance(value, Mapping)
+        both = both and value.get("kind", old.get("kind")) == old.get("kind")
+        merged[key] = merge(old, value) if both else _copied(value)
+        merged.origin.pop(key, None)
+        if key in origins:
+            merged.origin[key] = origins[key]
+    return merged
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return Located({k: _copied(v) for k, v in value.items()}, getattr(value, "origin", {}))
+    return [_copied(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def marked(value: Any, by: str) -> Any:
+    """The same with ``by`` added to where each value was said."""
+    if not isinstance(value, Mapping):
+        return value
+    origin = {k: f"{where}, {by}" for k, where in getattr(value, "origin", {}).items()}
+    return Located({k: marked(v, by) for k, v in value.items()}, origin)
+
+
+def origin_of(value: Any, path: list[str]) -> str | None:
+    """Where the value at a path was said; None where nobody did."""
+    found = None
+    for part in path:
+        if not isinstance(value, Mapping) or part not in value:
+            return found if not isinstance(value, Mapping) else None
+        found = getattr(value, "origin", {}).get(part, found)
+        value = value[part]
+    return found
+
+
+def plain(value: Any) -> Any:
+    """Mappings, lists and scalars of JSON, copied; keys as text."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return value if isinstance(value, str | int | float | bool | None) else str(value)
+
+
+def layers(
+    experiments: Mapping, preset: str, broken: Iterable[str] = ()
+) -> tuple[dict[str, Located], list[InputError]]:
+    """Experiments with the keys of what they are based on and with what they override under a preset.
+
+    Arguments:
+        experiments: by name, as files say them.
+        broken: names of experiments that cannot be used; those that are based on them are left out.
+
+    Returns:
+        the experiments, and what is wrong with their ``based_on``.
+    """
+    errors: list[InputError] = []
+    made: dict[str, Located | None] = dict.fromkeys(broken)
+    for name in experiments:
+        _inherit(name, experiments, made, errors)
+    return {name: _under(preset, one) for name, one in made.items() if one is not None}, errors
+
+
+def _inherit(name: str, experiments: Mapping, made: dict[str, Located | None], errors: list[InputError]) -> None:
+    """Put an experiment with the keys of the one that it is based on into ``made``; None where it cannot be made."""
+    chain = [name]
+    while chain[-1] not in made and "based_on" in experiments[chain[-1]]:
+        here = chain[-1]
+        where, base = f"experiments.{here}.based_on", experiments[here]["based_on"]
+        error = None
+        if base not in experiments and base not in made:
+            error = InputError(where, f"found '{base}', which is no experiment", suggest(base, experiments))
+        elif base in chain:
+            remedy = "name an experiment that is not based on this one"
+            error = InputError(where, f"'{base}' is based on '{here}' itself", remedy)
+        elif len(chain) > CHAIN:
+            error = InputError(where, f"more than {CHAIN} experiments, one based on the next", "merge some of them")
+        if error is not None:
+            errors.append(error)
+            made.update(dict.fromkeys(chain))
+            return
+        chain.append(base)
+    for here in reversed(chain):
+        if here in made:
+            continue
+        own = _copied(experiments[here])
+        base = own.pop("based_on", None)
+        if base is None:
+            made[here] = own
+        else:
+            below = made[base]
+            made[here] = None if below is None else merge(marked(below, f"{here} is based on {base}"), own)
+
+
+def _under(preset: str, one: Located) -> Located:
+    """An experiment with what it overrides under a preset, and without the studies and priors that it takes away.
+
+    The preset's ``choices`` are defaults: the experiment's own win over them.
+    """
+    one = _copied(one)
+    over = marked((one.pop("presets", None) or {}).get(preset) or {}, f"under the preset {preset}")
+    merged = merge(one, over)
+    choices = merge(over.get("choices") or {}, one.get("choices") or {})
+    if choices:
+        merged["choices"] = choices
+    for block in ("studies", "augmentations"):
+        if isinstance(merged.get(block), Located):
+            for name in [name for name, value in merged[block].items() if value is None]:
+                del merged[block][name]
+    return merged

@@ -1,0 +1,255 @@
+"""The configuration as typed models: every key with its type, default, range, unit and description.
+
+What a class of the package takes (a system, an encoder, an interaction model, an objective) stands beside that class
+(``settings.py`` of its package); :mod:`expertaug.config.options` checks it, also for classes from elsewhere.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, Field, field_serializer
+
+from expertaug.config import presets
+from expertaug.learning.settings import TrainSettings
+from expertaug.recordings.angles.settings import CalibrationKeys
+from expertaug.recordings.chunks.settings import ChunkSettings
+from expertaug.recordings.settings import RecordingKeys
+from expertaug.settings import LEFT_OUT, Count, Name, NotNegative, Positive, Range, Seed, Settings, key, wrong
+from expertaug.systems.settings import SolverSettings
+
+Ranges = Annotated[dict[str, Range], Field(min_length=1)]
+Names = list[str]
+SomeNames = Annotated[list[str], Field(min_length=1)]
+
+
+def _choices(value: dict[str, str]) -> dict[str, str]:
+    found = presets.wrong_choice(value)
+    if found is not None:
+        raise wrong(found[1], found[2], found[0])
+    return value
+
+
+class TrackingKeys(Settings):
+    """The MLflow store that mirrors the logs of the trainings."""
+
+    enabled: bool = key(True, "whether to mirror the logs at all")
+    uri: str | None = key(None, "of the store; null = sqlite:///<results>/mlflow/mlflow.db")
+    experiment: str = key("expertaug", "name of the MLflow experiment")
+
+
+class Method(Settings):
+    """A way of building and training a model."""
+
+    RENAMED: ClassVar = {"system": "say it in the experiment: overrides: {METHOD: {system: …}}"}
+
+    kind: Literal["hybrid", "mean"] = key(
+        ..., "mean = forecasts the training set's mean; hybrid = encoder, expert and interaction model"
+    )
+    label: str = key(..., "what tables and figures print; augmented versions get a +", min_length=1)
+    expert: bool = key(LEFT_OUT, "false takes the expert model away")
+    interaction: bool = key(LEFT_OUT, "false takes the interaction model away")
+    objective: str = key(LEFT_OUT, "name of the objective, or package.module:Class; left out = aphynity")
+
+
+class SimulatedSet(Settings):
+    """One simulated set."""
+
+    size: int = key(..., "trajectories", ge=1, le=10**8)
+    z_e: dict[str, Range] = key(..., "range of each expert parameter, in its unit")
+    z_a: dict[str, Range] = key(dict, "range of each parameter of the true interaction, in its unit")
+
+
+class Data(Settings):
+    """Where the trajectories come from."""
+
+    source: Literal["simulation", "recordings"] = key(
+        ..., "simulation = the system's own; recordings = chunks of the recordings"
+    )
+    t1_s: Positive = key(..., "end of the observed window", "s")
+    noise: NotNegative = key(
+        0.0, "standard deviation of the noise on every value of the state; simulated sets and augmented samples get it"
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = key(0, "of the simulation")
+    step_s: Positive = key(LEFT_OUT, "time from point to point of simulated sets", "s")
+    t2_s: Positive = key(LEFT_OUT, "end of a simulated trajectory", "s")
+    sets: dict[Name, SimulatedSet] = key(LEFT_OUT, "the simulated sets; train, validation and test must be there")
+    split: ChunkSettings = key(LEFT_OUT, "chunks of the recordings and their division into sets")
+    calibrate: bool = key(False, "whether the expert's constants are fitted on the training chunks")
+    calibration: CalibrationKeys = key(CalibrationKeys, "how the constants of the compound expert are fitted")
+
+
+class Model(Settings):
+    """Of the methods of kind hybrid."""
+
+    encoder: dict[str, Any] = key(..., "kind (a name, or package.module:Class) and its class's arguments")
+    interaction: dict[str, Any] = key(..., "kind (a name, or package.module:Class) and its class's arguments")
+
+
+class Augmentation(Settings):
+    """How augmented samples are drawn."""
+
+    prior: Ranges = key(..., "p⁺(z_e), uniform over a range for each expert parameter, in its unit")
+
+
+class FurtherPrior(Settings):
+    """A further prior, which makes a version METHOD+NAME of augmented methods from the same trained model."""
+
+    prior: Ranges = key(..., "as augmentation.prior")
+    methods: SomeNames = key(LEFT_OUT, "methods that get this version; left out = all under augmented")
+
+
+class OutOfExpertise(Settings):
+    """Log-MSE on sets whose interaction parameters are shifted as well."""
+
+    distances: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)] = key(
+        ..., "names of the distances, in order"
+    )
+    panels: Annotated[dict[str, SomeNames], Field(min_length=1)] = key(
+        ..., "title of each panel, and its sets in the order of the distances"
+    )
+    overview: str | None = key(None, "set that the figure over all experiments (za_shifted) shows; null = none")
+
+
+class DuringTraining(Settings):
+    """Augmentation and fine-tuning of the model at several stages of its training."""
+
+    method: str = key(..., "method whose training is followed")
+    epochs: Annotated[list[Count], Field(min_length=1)] = key(
+        ..., "passes of the training after which its state is kept"
+    )
+    finetune_epochs: Annotated[list[Count], Field(min_length=1)] = key(
+        lambda: [1, 10], "lengths of the fine-tunings of each kept state, in passes"
+    )
+    max_samples: Count | None = key(1000, "samples of each set that are evaluated, at most, evenly spread; null = all")
+
+
+class Studies(Settings):
+    """Further questions to the experiment's models, each with a table and a figure of its own."""
+
+    RENAMED: ClassVar = {"along": "it is called during_training now"}
+
+    during_training: DuringTraining | None = key(
+        LEFT_OUT,
+        "augmentation and fine-tuning of the model at several stages of its training; null takes an inherited one away",
+    )
+    out_of_expertise: OutOfExpertise | None = key(
+        LEFT_OUT, "log-MSE on sets whose interaction parameters are shifted as well; null takes an inherited one away"
+    )
+
+
+class Evaluation(Settings):
+    """What is measured and kept of each set."""
+
+    samples: Count = key(3, "forecasts of each set that are kept for figures")
+    published: str | None = key(
+        None,
+        "system whose published numbers (src/expertaug/evaluation/paper.csv) this experiment is compared with; "
+        "null = none",
+    )
+    overview: bool = key(True, "whether the figures over all experiments of the run show this one")
+    from_s: NotNegative | None = key(None, "first time that the metric sees; null = after the observed window", "s")
+    convention: Literal["sum", "dim"] = key(
+        "sum",
+        "which log-MSE tables and figures show; sum = squared errors summed over the observed dimensions, dim = "
+        "averaged over them",
+    )
+    title: str | None = key(None, "how figures call the experiment; null = its name")
+    set_titles: dict[str, str] = key(
+        dict, "how tables and figures call the sets; default train, validation (IID) and test (OOD)"
+    )
+    max_samples: Count | None = key(None, "samples of each set, at most, evenly spread; null = all")
+    solver: SolverSettings = key(LEFT_OUT, "of the forecasts; left out = dopri5 with tolerances of 1.0e-6")
+
+
+class Override(Settings):
+    """What one method of an experiment has otherwise."""
+
+    system: dict[str, Any] = key(LEFT_OUT, "as the experiment's system")
+    model: dict[str, Any] = key(LEFT_OUT, "as the experiment's model")
+    training: TrainSettings = key(LEFT_OUT, "as the experiment's training")
+    augmentation: Augmentation = key(LEFT_OUT, "as the experiment's augmentation")
+    finetuning: TrainSettings = key(LEFT_OUT, "as the experiment's finetuning")
+
+
+class Experiment(Settings):
+    """An experiment: a system, its data, a model, how it is trained, and by which methods."""
+
+    based_on: str = key(LEFT_OUT, "name of an experiment whose keys are taken over")
+    seeds: Annotated[list[Seed], Field(min_length=1)] = key(
+        LEFT_OUT, "seeds of this experiment's trainings; left out = those of the top level"
+    )
+    choices: Annotated[dict[str, str], AfterValidator(_choices)] = key(
+        dict, "rows of the preset's table (expertaug/config/presets.py) that are to differ from it"
+    )
+    presets: Presets = key(LEFT_OUT, "what this experiment overrides of itself under a preset")
+    overrides: dict[str, Override] = key(dict, "what a method of this experiment has otherwise")
+    system: dict[str, Any] = key(
+        ..., "name (a module of expertaug.systems, or a dotted path) and its class's arguments"
+    )
+    data: Data = key(..., "where the trajectories come from")
+    model: Model = key(..., "of the methods of kind hybrid")
+    training: TrainSettings = key(..., "how a model is trained")
+    augmentation: Augmentation = key(LEFT_OUT, "how augmented samples are drawn")
+    augmentations: dict[Name, FurtherPrior | None] = key(
+        dict,
+        "further priors by name, which show how the gain depends on the width of p⁺; each makes a version METHOD+NAME "
+        "of every augmented method from the same trained model; null takes an inherited one away",
+    )
+    studies: Studies = key(
+        Studies, "further questions to the experiment's models, each with a table and a figure of its own"
+    )
+    finetuning: TrainSettings = key(LEFT_OUT, "how a model is fine-tuned")
+    evaluation: Evaluation = key(Evaluation, "what is measured and kept of each set")
+    methods: SomeNames = key(..., "names of the methods to train")
+    augmented: Names = key(list, "those of them that are also fine-tuned on augmented data")
+
+    @field_serializer("overrides")
+    def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:
+        return {name: one.model_dump(mode="json", exclude_unset=True) for name, one in overrides.items()}
+
+
+class Presets(Settings):
+    """What an experiment overrides of itself under each preset; its choices are defaults like the preset's own."""
+
+    paper: Experiment = key(LEFT_OUT, "keys of the experiment")
+    code: Experiment = key(LEFT_OUT, "keys of the experiment")
+    corrected: Experiment = key(LEFT_OUT, "keys of the experiment")
+
+
+class Common(Settings):
+    """All of a configuration but its experiments."""
+
+    RENAMED: ClassVar = {"choices": "say it in the experiments: experiments: {NAME: {choices: …}}"}
+
+    preset: Literal["paper", "code", "corrected"] = key(
+        "corrected",
+        "which choices to take where the paper and the authors' code disagree (expertaug/config/presets.py lists them)",
+    )
+    results: str = key("results", "folder for everything that is generated", pattern=r"^[^{}<>*?]+$")
+    overwrite: bool = key(
+        False, "whether a run may take over a results folder that holds the tables of other configuration files"
+    )
+    device: Literal["auto", "cpu", "cuda"] = key(
+        "auto", "where to train and evaluate; auto takes a GPU if there is one"
+    )
+    seeds: Annotated[list[Seed], Field(min_length=1)] = key(lambda: [0, 1, 2], "seeds of the trainings, each one model")
+    seeds_per_job: Count = key(3, "seeds that one job trains together")
+    tracking: TrackingKeys = key(TrackingKeys, "the MLflow store that mirrors the logs of the trainings")
+    recordings: RecordingKeys = key(RecordingKeys, "recordings of a double pendulum, from their source to angles")
+    methods: Annotated[dict[Name, Method], Field(min_length=1)] = key(
+        ..., "ways of building and training a model, by name"
+    )
+    run: SomeNames = key(..., "names of the experiments of this run")
+
+
+class Configuration(Common):
+    """Every key with its type, unit, default and limits."""
+
+    experiments: Annotated[dict[Name, Experiment], Field(min_length=1)] = key(
+        ..., "experiments by name; based_on takes over another one, whose keys are overridden"
+    )
+
+
+Experiment.model_rebuild()
+assert set(presets.NAMES) == set(Presets.model_fields)

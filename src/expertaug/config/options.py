@@ -1,0 +1,159 @@
+"""Options of what a configuration names: a system, an encoder, an interaction model, an objective.
+
+The package's own kinds are typed models; a class of one's own is asked itself (:mod:`expertaug.config.signatures`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from expertaug.config import signatures
+from expertaug.errors import InputError
+from expertaug.learning.settings import OBJECTIVES, ObjectiveSettings
+from expertaug.models.settings import ENCODERS, INTERACTIONS, PartSettings
+from expertaug.settings import check
+from expertaug.systems.settings import SYSTEMS
+from expertaug.wording import show, suggest
+
+PARTS: Mapping[str, Mapping[str, type[PartSettings]]] = {"encoder": ENCODERS, "interaction": INTERACTIONS}
+
+
+@dataclass(frozen=True)
+class KnownSystem:
+    """What is known of a system before it is made; None where only its constructor knows."""
+
+    state: Sequence[str] | None
+    expert: Sequence[str] | None
+    interaction: Sequence[str] | None
+    fields: bool | None = None
+    kind: type | None = None
+
+
+def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[InputError]]:
+    """A system by its settings, and what is wrong with them."""
+    name = settings.get("name")
+    if not isinstance(name, str):
+        found = "missing" if "name" not in settings else f"found {show(name)}"
+        return None, [InputError(f"{where}.name", found, "give name (a module of expertaug.systems, or a dotted path)")]
+    if name in SYSTEMS:
+        kind = SYSTEMS[name]
+        known = KnownSystem(kind.STATE, kind.EXPERT, kind.INTERACTION, kind.FIELDS)
+        return known, check(kind, settings, where)
+    if "." not in name:
+        remedy = f"{suggest(name, SYSTEMS)}, or the dotted path of a module elsewhere"
+        return None, [InputError(f"{where}.name", f"'{name}' is no system", remedy)]
+    try:
+        own = signatures.load_system(name, f"{where}.name")
+    except InputError as error:
+        return None, [error]
+    given = {k: v for k, v in settings.items() if k != "name"}
+    names = (signatures.names_of(own, a) for a in ("state", "expert_parameters", "interaction_parameters"))
+    return KnownSystem(*names, kind=own), list(signatures.wrong_options(own, "system", given, where))
+
+
+def simulated(name: str, known: KnownSystem, where: str) -> Iterator[InputError]:
+    """A system that cannot be simulated."""
+    if name in SYSTEMS and not SYSTEMS[name].SIMULATED:
+        yield InputError(where, f"'{name}' has no simulation", "its data come from recordings: data.source")
+    elif known.kind is not None:
+        try:
+            signatures.require_simulation(known.kind, where)
+        except InputError as error:
+            yield error
+
+
+def part(of: str, settings: Mapping, where: str, known: KnownSystem | None, t1_s: float) -> Iterator[InputError]:
+    """What is wrong with an encoder (``of``) or an interaction model.
+
+    Arguments:
+        known: of the system.
+        t1_s: end of the observed window.
+    """
+    kind = settings.get("kind")
+    if not isinstance(kind, str):
+        found = "missing" if "kind" not in settings else f"found {show(kind)}"
+        yield InputError(f"{where}.kind", found, f"{suggest('', PARTS[of])}, or package.module:Class")
+        return
+    if ":" in kind:
+        yield from _own(of, kind, settings, where)
+        return
+    if kind not in PARTS[of]:
+        yield InputError(
+            f"{where}.kind", f"'{kind}' is no {of}", f"{suggest(kind, PARTS[of])}, or package.module:Class"
+        )
+        return
+    wrong = check(PARTS[of][kind], settings, where)
+    yield from wrong
+    if wrong or known is None:
+        return
+    if known.fields is False and PARTS[of][kind].FIELDS:
+        fitting = [name for name, one in PARTS[of].items() if not one.FIELDS]
+        yield InputError(f"{where}.kind", f"'{kind}' is for states that are fields", f"give {' or '.join(fitting)}")
+    if known.state is not None:
+        yield from _components(PARTS[of][kind].from_mapping(settings), where, known.state, t1_s)
+
+
+def _own(of: str, kind: str, settings: Mapping, where: str) -> Iterator[InputError]:
+    try:
+        own = signatures.load_class(kind, f"{where}.kind")
+    except InputError as error:
+        yield error
+        return
+    yield from signatures.wrong_options(own, of, {k: v for k, v in settings.items() if k != "kind"}, where)
+
+
+def _components(made: PartSettings, where: str, state: Sequence[str], t1_s: float) -> Iterator[InputError]:
+    """Components that the state has not, and windows that the encoder does not see."""
+    for name in made.COMPONENTS:
+        value = getattr(made, name, None) or ()
+        for k, component in enumerate(value):
+            if component not in state:
+                at = f"{where}.{name}.{component}" if isinstance(value, Mapping) else f"{where}.{name}[{k}]"
+                yield InputError(at, f"'{component}' is no component of the state", suggest(component, state))
+    for component, (first, last) in (getattr(made, "windows", None) or {}).items():
+        if first < -1e-9 or last > t1_s + 1e-9:
+            found = f"found {show([first, last])} s"
+            yield InputError(f"{where}.windows.{component}", found, f"choose within the observed 0 to {t1_s:g} s")
+
+
+def objective(kind: str, where: str) -> tuple[type | None, list[InputError]]:
+    """The class of an objective, or the settings of a built-in one, and what is wrong with its name."""
+    if kind in OBJECTIVES:
+        return OBJECTIVES[kind], []
+    if ":" not in kind:
+        remedy = f"{suggest(kind, OBJECTIVES)}, or package.module:Class"
+        return None, [InputError(where, f"'{kind}' is no objective", remedy)]
+    try:
+        return signatures.load_class(kind, where), []
+    except InputError as error:
+        return None, [error]
+
+
+def needs_prior(kind: str, where: str) -> bool:
+    """Whether an objective takes p⁺ as its argument ``prior``."""
+    found, _ = objective(kind, where)
+    if found is None:
+        return False
+    return "prior" in found.NEEDS if issubclass(found, ObjectiveSettings) else signatures.takes(found, "prior")
+
+
+def takes_option(kind: str, option: str) -> bool:
+    """Whether an objective takes an option."""
+    found, _ = objective(kind, "objective")
+    if found is None:
+        return False
+    if issubclass(found, ObjectiveSettings):
+        return option in found.model_fields
+    return signatures.accepts(found, "objective", option)
+
+
+def of_objective(kind: str, options: Mapping, where: str) -> Iterator[InputError]:
+    """What is wrong with an objective's options; a name that is no objective is not said here."""
+    found, _ = objective(kind, where)
+    if found is None:
+        return
+    if issubclass(found, ObjectiveSettings):
+        yield from check(found, options, where)
+    else:
+        yield from signatures.wrong_options(found, "objective", options, where)

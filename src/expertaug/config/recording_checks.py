@@ -1,0 +1,153 @@
+"""What a configuration says of the recordings: files that are there, rates that divide each other, and their names."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from expertaug.config.checks import is_multiple
+from expertaug.config.names import unknown, unknown_one
+from expertaug.errors import InputError
+from expertaug.recordings.markers.appearance import Appearance
+from expertaug.recordings.names import by_name
+
+VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
+CHECKSUM = re.compile(r"([0-9a-fA-F]{64}) [ *](.+)")
+
+
+def check(config: Mapping) -> list[InputError]:
+    """What is wrong with the recordings of a completed configuration; nothing where its run takes none."""
+    if not _uses_recordings(config):
+        return []
+    errors = list(_overlay(config))
+    for look in (_appearance, _source):
+        try:
+            look(config["recordings"])
+        except InputError as error:
+            errors.append(error)
+    return errors
+
+
+def _overlay(config: Mapping) -> Iterator[InputError]:
+    chosen, where = config["recordings"]["overlay"], "recordings.overlay"
+    known = [e for e in config["run"] if config["experiments"][e]["data"]["source"] == "recordings"]
+    if chosen["experiment"] is not None and chosen["experiment"] not in known:
+        what = "experiment on recordings of this run"
+        yield from unknown_one(chosen["experiment"], known, f"{where}.experiment", what)
+    elif chosen["variants"]:
+        one = config["experiments"][chosen["experiment"] or known[0]]
+        variants = [v for m in one["methods"] for v in ((m, f"{m}+") if m in one["augmented"] else (m,))]
+        yield from unknown(chosen["variants"], variants, f"{where}.variants", "method of this experiment")
+
+
+def _appearance(recordings: Mapping) -> None:
+    if recordings["source"] != "markers":
+        Appearance.from_mapping(recordings["tracking"]["markers"])
+
+
+def _source(recordings: Mapping) -> None:
+    source = recordings["source"]
+    if source == "rendered":
+        if recordings["checksums"] is not None:
+            raise InputError("recordings.checksums", "the recordings are rendered", "remove it")
+        rate = recordings["rendered"]["rate_hz"]
+        if not is_multiple(rate, recordings["analysis_rate_hz"]):
+            remedy = f"recordings.rendered.rate_hz, {rate:g}, must be a multiple of it"
+            raise InputError("recordings.analysis_rate_hz", f"found {recordings['analysis_rate_hz']:g}", remedy)
+        return
+    where, path = f"recordings.{source}.path", recordings[source]["path"]
+    if path is None:
+        remedy = f"recordings.source is {source}: set {where}, here or on the command line: "
+        remedy += f"--config recordings='{{{source}: {{path: FOLDER}}}}'"
+        raise InputError(where, "missing", remedy)
+    if source == "videos":
+        list_videos(path)
+    elif not Path(path).exists():
+        raise InputError(where, f"'{path}' does not exist", f"relative paths start at {Path.cwd()}")
+    if recordings["checksums"] is not None:
+        _checksums(recordings)
+
+
+def _checksums(recordings: Mapping) -> None:
+    where, path = "recordings.checksums", recordings["checksums"]
+    files = _files(recordings)
+    if files is None:
+        raise InputError(where, "the recordings are in an archive", "set recordings.markers.sha256 instead")
+    known = read_checksums(path)
+    for file in files.values():
+        if file.name not in known:
+            raise InputError(where, f"'{path}' has no line for {file.name}", "add it with sha256sum")
+
+
+def read_checksums(path: str) -> dict[str, str]:
+    """SHA-256 by file name, from what ``sha256sum`` writes.
+
+    Raises:
+        InputError: no such file, or a line that is none of its.
+    """
+    where = "recordings.checksums"
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(where, f"'{path}' cannot be read ({error})", "name what sha256sum wrote") from error
+    found = {}
+    for number, line in enumerate(lines, 1):
+        match = CHECKSUM.fullmatch(line)
+        if match is None:
+            raise InputError(where, f"'{path}', line {number}: '{line}'", "expected a SHA-256 and a file's name")
+        found[Path(match[2]).name] = match[1].lower()
+    return found
+
+
+def list_recordings(config: Mapping) -> dict[str, str | int] | None:
+    """Recordings by name: the number of a rendered one, the path of a video or of a marker CSV.
+
+    Returns:
+        None where they are in an archive that has to be unpacked first; none at all where no experiment of the run
+        takes recordings.
+
+    Raises:
+        InputError: there is no recording, or there are two of one name.
+    """
+    recordings = config["recordings"]
+    source = recordings["source"]
+    if not _uses_recordings(config):
+        return {}
+    if source == "rendered":
+        return {f"rendered_{k:02d}": k for k in range(recordings["rendered"]["count"])}
+    files = _files(recordings)
+    return None if files is None else {name: str(path) for name, path in files.items()}
+
+
+def _files(recordings: Mapping) -> dict[str, Path] | None:
+    """The user's videos or marker CSVs by name; None where they are in an archive."""
+    path = recordings[recordings["source"]]["path"]
+    if recordings["source"] == "videos":
+        return list_videos(path)
+    if Path(path).is_file():
+        return None
+    from expertaug.recordings.imports.ibm import list_marker_files
+
+    return list_marker_files(path)
+
+
+def _uses_recordings(config: Mapping) -> bool:
+    return any(config["experiments"][name]["data"]["source"] == "recordings" for name in config["run"])
+
+
+def list_videos(path: str) -> dict[str, Path]:
+    """Videos by name (the file's stem): of a folder, of a glob, or one file.
+
+    Raises:
+        InputError: there is none, there are two of one name, or one is called what no recording can be.
+    """
+    where = "recordings.videos.path"
+    if Path(path).is_dir():
+        found = [p for p in Path(path).iterdir() if p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES]
+    else:
+        found = [Path(p) for p in sorted(glob.glob(path, recursive=True)) if Path(p).is_file()]  # noqa: PTH207
+    if not found:
+        raise InputError(where, f"no video at '{path}'", f"relative paths start at {Path.cwd()}")
+    return by_name(where, found)

@@ -1,0 +1,71 @@
+"""Whose results a folder holds: a run of other configuration files does not overwrite finished tables unasked.
+
+The folder remembers the files that a run was configured by, not what they said: changing a file and running again is
+the ordinary way to work, running another file into the same folder is most often a forgotten ``results``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from expertaug.errors import InputError
+from expertaug.files import read_json, write_json
+
+NAME = ".configuration.json"
+# Keys that change no table of an experiment.
+HARMLESS = ("run", "device", "tracking", "overwrite", "results")
+
+
+def refuse_another(config: Mapping, files: Iterable[str | Path]) -> None:
+    """Refuse a completed configuration whose results folder holds finished tables of other files.
+
+    Arguments:
+        files: those that override the default configuration, in order.
+
+    Raises:
+        InputError: the folder's record names other files, the configuration differs, and ``overwrite`` is not set.
+    """
+    folder = Path(config["results"])
+    runs = _runs(folder)
+    finished = any((folder / "tables").glob("*_long.csv")) if (folder / "tables").is_dir() else False
+    if not runs or not finished or config["overwrite"]:
+        return
+    names = _names(files)
+    if all(run["files"] != names and run["digest"] != _digest(config) for run in runs):
+        found = f"'{folder}' holds the tables of {_said(runs[-1]['files'])}, not of {_said(names)}"
+        raise InputError("results", found, "give another folder (results: …), or set overwrite: true to take this one")
+
+
+def remember(config: Mapping, files: Iterable[str | Path]) -> None:
+    """Write into the results folder by which files it is configured."""
+    folder, names = Path(config["results"]), _names(files)
+    run = {"files": names, "digest": _digest(config)}
+    runs = [one for one in _runs(folder) if one["files"] != names]
+    if [*runs, run] != _runs(folder):
+        write_json(folder / NAME, {"runs": [*runs, run]})
+
+
+def _runs(folder: Path) -> list[dict]:
+    if not (folder / NAME).is_file():
+        return []
+    found = read_json(folder / NAME)
+    runs = found.get("runs", []) if isinstance(found, dict) else []
+    known = [run for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
+    return [{"files": run.get("files"), "digest": run.get("digest")} for run in known]
+
+
+def _names(files: Iterable[str | Path]) -> list[str]:
+    return [os.path.relpath(file) for file in files]
+
+
+def _said(names: object) -> str:
+    return " and ".join(names) if isinstance(names, list) and names else "the default configuration"
+
+
+def _digest(config: Mapping) -> str:
+    kept = {k: v for k, v in config.items() if k not in HARMLESS}
+    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()

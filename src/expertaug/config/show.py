@@ -1,0 +1,112 @@
+"""What each job of a method gets, every value with where it comes from: ``expertaug config show``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from expertaug.config import jobs, stage_settings
+from expertaug.config.layers import layers, origin_of
+from expertaug.config.load import validate
+from expertaug.config.names import unknown_one
+from expertaug.config.yaml_file import Located
+from expertaug.errors import InputErrors
+from expertaug.wording import show as written
+
+WIDTH = 58  # columns of a key and its value
+# Where in an experiment a stage's settings stand, where it is not the key of the same name.
+ELSEWHERE = {"prior": ("augmentation", "prior"), "t1_s": ("data", "t1_s"), "noise": ("data", "noise")}
+NAMES = ("experiment", "method", "sets")
+
+
+def show(config: Located, experiment: str, method: str) -> Iterator[str]:
+    """Lines of text: the jobs of an experiment's method, and below each its settings.
+
+    Arguments:
+        config: files merged, not completed.
+
+    Raises:
+        InputErrors: the configuration is wrong, or has no such experiment or method.
+    """
+    complete = validate({**config, "run": [experiment]} if experiment in config.get("experiments", {}) else config)
+    errors = list(unknown_one(experiment, complete["experiments"], "EXPERIMENT", "experiment"))
+    if not errors:
+        known = complete["experiments"][experiment]["methods"]
+        errors = list(unknown_one(method.rstrip("+"), known, "METHOD", "method of this experiment"))
+    if errors:
+        raise InputErrors(errors)
+    origins = _Origins(config, complete, experiment, method.rstrip("+"))
+    for title, settings, own in _jobs(complete, experiment, method.rstrip("+")):
+        yield title
+        for path, value in _leaves(settings):
+            if path[0] not in NAMES:
+                text = f"  {'.'.join(path)}: {written(value)}"
+                yield f"{text:<{WIDTH}} # {origins.of(path, own)}"
+
+
+def _jobs(config: Mapping, experiment: str, method: str) -> Iterator[tuple[str, Mapping, Mapping[str, Sequence[str]]]]:
+    """Title and settings of each job, and where its keys stand in the experiment if not where most do."""
+    one = config["experiments"][experiment]
+    if one["data"]["source"] == "simulation":
+        for name in one["data"]["sets"]:
+            yield f"simulate {name}", stage_settings.simulate(config, experiment, name), {}
+    else:
+        yield "split_chunks", stage_settings.split_chunks(config, experiment), {"": ("data", "split")}
+    for group in jobs.seed_groups(config, experiment):
+        title = f"{method} {group}"
+        yield f"train {title}", stage_settings.train(config, experiment, method, group), {}
+        plus = [v for v in _variants(config, experiment) if v.partition("+")[0] == method and "+" in v]
+        for variant in plus:
+            name = variant.partition("+")[2]
+            prior = {"prior": ("augmentations", name, "prior")} if name else {}
+            here = f"{variant} {group}"
+            yield f"augment {here}", stage_settings.augment(config, experiment, variant, group), prior
+            settings = stage_settings.finetune(config, experiment, variant, group)
+            yield f"finetune {here}", settings, {"training": ("finetuning",)}
+        for variant in (method, *plus):
+            yield f"evaluate {variant} {group}", stage_settings.evaluate(config, experiment, variant, group), {}
+
+
+def _variants(config: Mapping, experiment: str) -> list[str]:
+    return [*jobs.variants(config, experiment), *jobs.further_variants(config, experiment)]
+
+
+def _leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    if isinstance(value, Mapping) and value:
+        for key, item in value.items():
+            yield from _leaves(item, (*path, key))
+    else:
+        yield path, value
+
+
+class _Origins:
+    """Where the values of an experiment's method were said."""
+
+    def __init__(self, config: Located, complete: Mapping, experiment: str, method: str) -> None:
+        self.config, self.preset, self.method = config, complete["preset"], method
+        self.experiment = layers(config["experiments"], self.preset)[0][experiment]
+        self.over = self.experiment.get("overrides", {}).get(method, {})
+
+    def of(self, path: tuple[str, ...], elsewhere: Mapping[str, Sequence[str]]) -> str:
+        """Of a value at a path of a stage's settings."""
+        first, *rest = path
+        if first in ("seeds", "device", "preset"):
+            said = origin_of(self.experiment, ["seeds"]) if first == "seeds" else None
+            return said or origin_of(self.config, [first]) or "default"
+        if first in ("build", "label"):
+            own = rest if first == "build" else ["label"]
+            if own[:1] == ["system"]:
+                return f"{origin_of(self.over, own)}, overrides of {self.method}"
+            return origin_of(self.config, ["methods", self.method, *own]) or "default"
+        if first == "snapshots":
+            return origin_of(self.experiment, ["studies", "during_training", "epochs"]) or "default"
+        if first == "choices":
+            return origin_of(self.experiment, list(path)) or f"preset {self.preset}"
+        if "" in elsewhere:
+            where = [*elsewhere[""], *path]
+        else:
+            where = [*elsewhere.get(first, ELSEWHERE.get(first, (first,))), *rest]
+        over = origin_of(self.over, where)
+        if over is not None:
+            return f"{over}, overrides of {self.method}"
+        return origin_of(self.experiment, where) or "default"

@@ -1,0 +1,92 @@
+"""Settings of training and options of the package's own objectives; torch is not loaded here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from expertaug.settings import LEFT_OUT, LIST, ONE, Count, NotNegative, Positive, Settings, Share, by_shape, key
+from expertaug.systems.settings import SolverSettings
+
+
+class ObjectiveSettings(Settings):
+    """Options of an objective.
+
+    Attributes:
+        NEEDS: what the package gives it besides seeds and choices.
+    """
+
+    WHERE: ClassVar[str] = "objective"
+    NEEDS: ClassVar[tuple[str, ...]] = ()
+
+
+class AphynitySettings(ObjectiveSettings):
+    """APHYNITY: the data term with a Lagrange multiplier, and the size of F_a."""
+
+    lambda0: Annotated[
+        Annotated[NotNegative, ONE] | Annotated[Annotated[tuple[NotNegative, ...], Field(strict=False)], LIST], by_shape
+    ] = key(10.0, "first multiplier of the data term; one value, or one for each seed")
+    tau2: NotNegative = key(5.0, "by this times the data term the multiplier is raised")
+    every: Count = key(1, "passes from one raise to the next")
+
+
+class HvaeSettings(ObjectiveSettings):
+    """The hybrid-VAE's evidence lower bound and its regularisers."""
+
+    NEEDS = ("prior",)
+
+    alpha: NotNegative = key(0.01, "weight of the term that pulls the forecast towards the expert's")
+    beta: NotNegative = key(0.01, "weight of the terms that regularise by augmented samples")
+    gamma: NotNegative = key(1.0, "weight of the divergence from the prior")
+
+
+OBJECTIVES: Mapping[str, type[ObjectiveSettings]] = {"aphynity": AphynitySettings, "hvae": HvaeSettings}
+
+
+class TrainSettings(Settings):
+    """How a model is trained, or fine-tuned."""
+
+    WHERE: ClassVar[str] = "training"
+
+    epochs: Count = key(50, "passes over the training set")
+    batch_size: Count = key(100, "samples of each seed in a step")
+    learning_rate: Positive = key(5.0e-4, "of Adam; the peak where the schedule has one")
+    schedule: Literal["one_cycle", "constant"] = key(
+        "one_cycle", "one_cycle = linear warm-up, then a cosine to zero; constant"
+    )
+    warmup: Share = key(0.1, "share of all steps over which one_cycle warms up")
+    clip_norm: Positive | None = key(1.0, "largest norm of a seed's gradient; null = not clipped")
+    validate_every: Count = key(1, "passes from one validation to the next")
+    validation_samples: Count | None = key(None, "validation samples, at most, evenly spread; null = all")
+    checkpoint_s: NotNegative = key(30.0, "least time between two checkpoints", "s")
+    supervision_weight: NotNegative = key(1.0, "of the z_e term of augmented samples")
+    horizon_warmup: Share = key(
+        0.0,
+        "share of all steps over which the loss window grows to its full length; against minima at wrong frequencies",
+    )
+    horizon_s: Positive = key(
+        LEFT_OUT,
+        "end of the part of a trajectory that the loss compares; left out = data.t1_s, for fine-tuning as in training",
+        "s",
+    )
+    objective: dict[str, Any] = key(LEFT_OUT, "options of the method's objective (fine-tuning takes over training's)")
+    solver: SolverSettings = key(
+        LEFT_OUT, "of the differential equation in training; left out = its defaults, for fine-tuning as in training"
+    )
+
+    def rate(self, step: int, steps: int) -> float:
+        """Learning rate of step ``step`` of ``steps``."""
+        if self.schedule == "constant":
+            return self.learning_rate
+        warm = max(self.warmup * steps, 1)
+        if step < warm:
+            return self.learning_rate * (step + 1) / warm
+        return self.learning_rate * 0.5 * (1 + math.cos(math.pi * (step - warm) / max(steps - warm, 1)))
+
+    def points(self, horizon: int, step: int, steps: int) -> int:
+        """Points of the loss window in step ``step`` of ``steps``, ``horizon`` at the end."""
+        growing = self.horizon_warmup * steps
+        return horizon if step + 1 >= growing else max(2, math.ceil(horizon * (step + 1) / growing))

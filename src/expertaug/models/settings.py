@@ -1,0 +1,199 @@
+"""Arguments of the package's own encoders and interaction models; torch is not loaded here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from expertaug.settings import Range, Settings, disagree, key
+
+WIDEST = 2**16
+Width = Annotated[int, Field(ge=1, le=WIDEST)]
+Widths = Annotated[tuple[Width, ...], Field(strict=False, max_length=100)]
+Hidden = Annotated[tuple[Width, ...], Field(strict=False, min_length=1, max_length=100)]
+Strides = Annotated[tuple[Annotated[int, Field(ge=1, le=64)], ...], Field(strict=False, max_length=100)]
+Powers = Annotated[tuple[Annotated[int, Field(ge=1, le=20)], ...], Field(strict=False, min_length=1, max_length=20)]
+Names = Annotated[tuple[str, ...], Field(strict=False)]
+Activation = Literal["relu", "silu", "selu", "tanh"]
+LATENT = "size of z_a"
+ACTIVATION = "of the network"
+
+
+class PartSettings(Settings):
+    """Arguments of a class that a model is made of.
+
+    Attributes:
+        COMPONENTS: keys that name components of the state.
+        FIELDS: whether it is for states that are fields on a grid.
+    """
+
+    COMPONENTS: ClassVar[tuple[str, ...]] = ()
+    FIELDS: ClassVar[bool] = False
+
+
+class EncoderSettings(PartSettings):
+    """Arguments of an encoder's class."""
+
+    WHERE: ClassVar[str] = "model.encoder"
+
+
+class WindowSettings(EncoderSettings):
+    """A fully connected network of windows of chosen components."""
+
+    COMPONENTS = ("windows", "angles")
+
+    kind: Literal["window"] = key("window", "a fully connected network of windows of chosen components")
+    windows: dict[str, Range] = key(
+        ..., "first and last time of each component that is seen; the first point is seen as well", "s", min_length=1
+    )
+    angles: Names = key((), "components that enter as angles: by sine, cosine and the sines of their increments")
+    layers: Hidden = key((300, 300, 300), "widths of the hidden layers")
+    latent: Width = key(10, LATENT)
+    activation: Activation = key("relu", ACTIVATION)
+    skip: bool = key(False, "whether a linear map of the inputs is added to the estimate of z_e")
+
+
+class RecurrentSettings(EncoderSettings):
+    """A recurrent network over the observed states."""
+
+    kind: Literal["recurrent"] = key("recurrent", "a GRU over the observed states, whose last state is z_a")
+    hidden: Width = key(128, "size of the recurrent state, which is z_a")
+    layers: Widths = key((150, 150, 150), "widths of the hidden layers that estimate z_e")
+
+
+class TwoStepSettings(EncoderSettings):
+    """The hybrid-VAE's encoder: z_a first, then z_e of what the expert alone could have made."""
+
+    COMPONENTS = ("windows", "angles")
+
+    kind: Literal["two_step"] = key("two_step", "the hybrid-VAE's encoder: z_a, then z_e of the filtered window")
+    latent: Width = key(1, LATENT)
+    latent_layers: Widths = key((256, 256, 128, 32), "hidden layers of g_a, which gives z_a")
+    filter_layers: Widths = key((128, 128), "hidden layers of g_p1, which takes away what the interaction did")
+    expert_layers: Widths = key((128, 128, 256, 64, 32), "hidden layers of g_p2, which gives z_e")
+    windows: Annotated[dict[str, Range], Field(min_length=1)] | None = key(
+        None, "first and last time of each component that is seen; null = every observed state", "s"
+    )
+    angles: Names = key((), "components of the windows that enter as angles")
+    skip: bool = key(False, "whether a linear map of the inputs is added to the estimate of z_e")
+    activation: Activation = key("selu", ACTIVATION)
+
+
+class _Convolutions(EncoderSettings):
+    """Layers of 3 × 3 convolutions."""
+
+    FIELDS = True
+
+    @model_validator(mode="after")
+    def _one_stride_a_layer(self) -> Self:
+        channels, strides = (getattr(self, name) for name in ("channels", "strides"))
+        if len(strides) != len(channels):
+            raise disagree(
+                f"found {list(strides)}", f"give {len(channels)} of them, one for each of channels", "strides"
+            )
+        return self
+
+
+class ConvSettings(_Convolutions):
+    """A convolutional network of the observed fields."""
+
+    kind: Literal["conv"] = key("conv", "a convolutional network of the observed fields")
+    channels: Hidden = key((32, 32, 64), "of the layers, 3 × 3 each")
+    strides: Strides = key((1, 2, 2), "of the layers")
+    layers: Hidden = key((128,), "hidden layers of the network on the layers' averages")
+    latent: Width = key(10, LATENT)
+
+
+class ConvTwoStepSettings(_Convolutions):
+    """The hybrid-VAE's encoder for fields."""
+
+    kind: Literal["conv_two_step"] = key("conv_two_step", "the hybrid-VAE's encoder for fields")
+    latent: Width = key(10, LATENT)
+    channels: Hidden = key((32, 32, 64), "of the layers of g_a and g_p2, 3 × 3 each")
+    strides: Strides = key((1, 2, 2), "of these layers")
+    layers: Widths = key((128,), "hidden layers of the networks on their averages")
+    filter_channels: Hidden = key((16, 32, 32), "of the levels of the U-Net g_p1")
+    powers: Powers | None = key(None, "powers of the fields whose moments g_a and g_p2 see; null = convolutions")
+
+
+class MomentSettings(EncoderSettings):
+    """A fully connected network of moments of the observed fields."""
+
+    FIELDS = True
+
+    kind: Literal["moments"] = key("moments", "a fully connected network of moments of the observed fields")
+    powers: Powers = key((1, 3), "powers of the fields whose moments are taken")
+    layers: Hidden = key((128, 128), "widths of the hidden layers")
+    latent: Width = key(1, LATENT)
+    activation: Activation = key("silu", ACTIVATION)
+
+
+class InteractionSettings(PartSettings):
+    """Arguments of an interaction model's class."""
+
+    WHERE: ClassVar[str] = "model.interaction"
+    COMPONENTS = ("components", "reads")
+
+    expert_parameters: bool = key(False, "whether F_a sees z_e too")
+
+
+class MLPSettings(InteractionSettings):
+    """A fully connected network of the state and z_a."""
+
+    kind: Literal["mlp"] = key("mlp", "a fully connected network of the state and z_a")
+    layers: Hidden = key((50, 50, 50), "widths of the hidden layers")
+    activation: Activation = key("relu", ACTIVATION)
+    components: Names | None = key(None, "components on whose rates F_a acts; null = all")
+    reads: Names | None = key(None, "components that F_a sees; null = all")
+
+
+class ConvInteractionSettings(InteractionSettings):
+    """A convolutional network of the fields and z_a."""
+
+    FIELDS = True
+
+    kind: Literal["conv"] = key("conv", "a convolutional network of the fields and z_a")
+    channels: Hidden = key((16, 16), "of the hidden layers")
+    kernels: Annotated[tuple[Annotated[int, Field(ge=1, le=99)], ...], Field(strict=False)] = key(
+        (3, 3, 3), "odd sizes of every layer's kernel, one more than channels; 1 = local"
+    )
+    precision: Literal["float32", "bfloat16"] = key("float32", "of the convolutions")
+
+    @model_validator(mode="after")
+    def _one_odd_kernel_a_layer(self) -> Self:
+        if len(self.kernels) != len(self.channels) + 1 or any(k % 2 == 0 for k in self.kernels):
+            wanted = f"give {len(self.channels) + 1} odd sizes, one for each layer"
+            raise disagree(f"found {list(self.kernels)}", wanted, "kernels")
+        return self
+
+
+class PolynomialSettings(InteractionSettings):
+    """A polynomial of the state."""
+
+    kind: Literal["polynomial"] = key("polynomial", "a polynomial of the state, whose coefficients z_a may set")
+    degree: int = key(3, "of the polynomial", ge=0, le=12)
+    latent_degree: int = key(0, "up to which degree z_a sets the coefficients", ge=-1, le=12)
+    layers: Widths = key((), "hidden layers of the network from z_a to these coefficients")
+    components: Names | None = key(None, "components on whose rates F_a acts; null = all")
+    reads: Names | None = key(None, "components that F_a sees; null = all")
+
+
+class DampingSettings(InteractionSettings):
+    """A linear damping whose rate grows with z_a."""
+
+    kind: Literal["damping"] = key("damping", "a linear damping, whose positive rate grows with z_a")
+    components: Names | None = key(None, "components that are damped, each in proportion to itself; null = all")
+
+
+def _by_kind(*kinds: type[PartSettings]) -> dict[str, type[PartSettings]]:
+    return {kind.model_fields["kind"].default: kind for kind in kinds}
+
+
+ENCODERS: Mapping[str, type[PartSettings]] = _by_kind(
+    WindowSettings, RecurrentSettings, TwoStepSettings, ConvSettings, ConvTwoStepSettings, MomentSettings
+)
+INTERACTIONS: Mapping[str, type[PartSettings]] = _by_kind(
+    MLPSettings, ConvInteractionSettings, PolynomialSettings, DampingSettings
+)

@@ -1,0 +1,63 @@
+"""Settings of measuring angles and of calibrating the expert."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from expertaug.settings import MANY, NotNegative, Positive, Settings, Share, key
+
+
+class AngleKeys(Settings):
+    """From marker positions to arm angles."""
+
+    WHERE: ClassVar[str] = "angles settings"
+
+    max_gap_frames: int = key(8, "longest run of unusable frames that is interpolated", ge=0, le=MANY)
+    max_speed: Positive = key(80.0, "fastest rotation to expect; longer gaps could hide a whole turn", "rad/s")
+    arm_tolerance: Share = key(0.03, "a frame with an arm off its median length by more than this share is unusable")
+    pivot_tolerance: Share = key(
+        0.05, "pivot markers off their median by more than this share of the first arm are not the pivot"
+    )
+    pivot_window_s: NotNegative = key(
+        0.04,
+        "time over which the pivot is averaged: its motion stays, its labels' noise goes; 0 = each frame's own",
+        "s",
+    )
+    rotation_deg: float = key(
+        0.0, "where gravity points in the image; 0 down, 90 right, -90 left, 180 up", "deg", ge=-360, le=360
+    )
+    smoothing_window_s: Positive = key(0.08, "window of the local polynomial that gives angles and speeds", "s")
+    smoothing_order: int = key(5, "its order", ge=1, le=9)
+    outlier_sigmas: Positive = key(
+        12.0, "an angle further from the polynomial than this many standard deviations of the noise is unusable"
+    )
+    outlier_floor_deg: NotNegative = key(0.5, "unless it is nearer than this", "deg")
+    min_usable_s: Positive = key(0.5, "a recording with less usable time is refused", "s")
+
+
+class AngleSettings(AngleKeys):
+    """The same with what the workflow knows of the recordings."""
+
+    arm1_m: Positive | None = key(0.091, "length of the first arm, for the implied frame rate; null = not known", "m")
+    rate_provenance: str = key("not stated", "where the frame rate comes from")
+
+
+class CalibrationKeys(Settings):
+    """How the constants of the compound expert are fitted."""
+
+    WHERE: ClassVar[str] = "calibration settings"
+
+    step_s: Annotated[float, Field(gt=0)] = key(
+        0.005, "longest Runge-Kutta step of the forecasts that judge the fits", "s"
+    )
+
+
+class CalibrationSettings(CalibrationKeys):
+    """The same with what the workflow knows of the recordings."""
+
+    arm1_m: Positive | None = key(0.091, "length of the first arm, for the implied frame rate; null = not known", "m")
+    arm2_m: Positive | None = key(0.070, "length of the second arm; null = not known", "m")
+    nominal_rate_hz: Positive = key(400.0, "frame rate by which the data's times were made", "Hz")
+    rate_provenance: str = key("nominal rate of the dataset", "where that rate comes from")

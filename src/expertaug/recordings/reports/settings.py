@@ -1,0 +1,38 @@
+"""Settings of drawing over a recording's video."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from expertaug.settings import NotNegative, Positive, Settings, key
+
+
+class OverlayView(Settings):
+    """What is shown of a recording."""
+
+    WHERE: ClassVar[str] = "overlay settings"
+
+    fps: float = key(25.0, "frames per second of the overlay, at most", "Hz", gt=0, le=240)
+    speed: Positive = key(0.25, "of the overlay's time; 1 = the recording's own")
+    start_s: NotNegative = key(0.0, "where it starts in the recording", "s")
+    duration_s: Positive | None = key(
+        10.0, "how much of the recording it shows; null = all; what is forecast is always shown", "s"
+    )
+
+
+class OverlaySettings(OverlayView):
+    """The same with the video's rate, as for extracting its frames."""
+
+    rate_hz: Positive | None = key(None, "frame rate of the video; null = the one in its metadata", "Hz")
+    rate_provenance: str | None = key(None, "where that rate is known from")
+
+
+class OverlayKeys(OverlayView):
+    """Videos with markers, arms, angles and forecasts drawn over the frames (the target overlay makes them)."""
+
+    experiment: str | None = key(
+        None, "of which forecasts are drawn where there are any; null = the run's first on recordings"
+    )
+    variants: list[str] | None = key(
+        None, "methods, with a + where augmented, whose forecasts are drawn; null = the experiment's last"
+    )

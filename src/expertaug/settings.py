@@ -1,0 +1,221 @@
+"""Settings as typed models: the one source of a key's type, default, range, unit and description.
+
+A stage's settings, the blocks of the configuration and the options of the package's own classes are subclasses of
+:class:`Settings`.  The configuration, its JSON schema and its reference are made from them; what is wrong with a
+mapping is said in one line for each mistake (:func:`read`, :func:`check`).  No numerical library is loaded here.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_serializer
+from pydantic_core import PydanticCustomError
+
+from expertaug import wording
+from expertaug.errors import InputError
+
+T = TypeVar("T", bound="Settings")
+MANY = 2**31 - 1  # what counts something is at most this
+
+
+class Settings(BaseModel):
+    """The base of all settings: unknown keys are refused, true is no number, nor is NaN, and nothing can be changed.
+
+    Attributes:
+        WHERE: how messages call these settings where they are read on their own.
+        RENAMED: former names of keys, and what to write instead.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    WHERE: ClassVar[str] = "settings"
+    RENAMED: ClassVar[Mapping[str, str]] = {}
+
+    @classmethod
+    def from_mapping(cls, settings: Mapping[str, object] | Self | None, where: str | None = None) -> Self:
+        """Settings from a mapping; what is left out keeps its default.
+
+        Raises:
+            InputError: a key is unknown or a value cannot be used.
+        """
+        return read(cls, settings, where)
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_left_out(self, handler: Any) -> dict[str, object] | None:
+        """Keys that have no default are missing, not null, where they are not given."""
+        if not isinstance(self, Settings):  # a block that is left out itself
+            return None
+        dumped = handler(self)
+        return {k: v for k, v in dumped.items() if k in self.model_fields_set or not is_left_out(type(self), k)}
+
+
+def key(default: Any, description: str, unit: str = "", **limits: Any) -> Any:
+    """A key of settings.
+
+    Arguments:
+        default: ... where it must be given, :data:`LEFT_OUT` where it may be left out.
+        description: one line.
+        unit: SI text, empty for a pure number.
+        limits: as of :func:`pydantic.Field`.
+    """
+    extra: dict[str, Any] = {"unit": unit} if unit else {}
+    if default is LEFT_OUT:
+        return Field(default=None, description=description, json_schema_extra={**extra, "left_out": True}, **limits)
+    made = {"default_factory": default} if callable(default) else {"default": default}
+    return Field(**made, description=description, json_schema_extra=extra or None, **limits)
+
+
+LEFT_OUT: Any = object()
+
+
+def is_left_out(kind: type[BaseModel], name: str) -> bool:
+    """Whether a key has no value at all where it is not given."""
+    field = kind.model_fields.get(name)
+    extra = field.json_schema_extra if field is not None else None
+    return isinstance(extra, Mapping) and bool(extra.get("left_out"))
+
+
+def wrong(found: str, remedy: str, at: str = "") -> PydanticCustomError:
+    """What a validator of a value raises: what was found, what would be right; ``at`` names a key inside the value."""
+    return PydanticCustomError("wrong", "{found}; {remedy}", {"found": found, "remedy": remedy, "at": at})
+
+
+def disagree(found: str, remedy: str, at: str = "") -> PydanticCustomError:
+    """What a validator of several keys raises, which cannot judge a part of them; ``at`` names one of the keys."""
+    return PydanticCustomError("disagree", "{found}; {remedy}", {"found": found, "remedy": remedy, "at": at})
+
+
+def _ordered(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] > value[1]:
+        raise wrong(f"found {wording.show(list(value))}", "min must not exceed max")
+    return value
+
+
+def _shape(value: object) -> str:
+    return "@keys" if isinstance(value, Mapping | BaseModel) else "@list" if isinstance(value, list | tuple) else "@one"
+
+
+# A value that may be written in several ways: as one scalar, a list or a mapping of keys.
+by_shape = Discriminator(_shape)
+ONE, LIST, KEYS = Tag("@one"), Tag("@list"), Tag("@keys")
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=1, le=MANY)]
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+Pair = Annotated[tuple[float, float], Field(strict=False)]
+PositivePair = Annotated[tuple[Positive, Positive], Field(strict=False)]
+Range = Annotated[
+    tuple[float, float], Field(strict=False, json_schema_extra={"ordered": True}), AfterValidator(_ordered)
+]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+
+
+def read(kind: type[T], settings: Mapping[str, object] | T | None, where: str | None = None) -> T:
+    """Settings of a kind from a mapping; what is left out keeps its default.
+
+    Raises:
+        InputError: the first thing that is wrong.
+    """
+    if isinstance(settings, kind):
+        return settings
+    where = kind.WHERE if where is None else where
+    if settings is not None and not isinstance(settings, Mapping):
+        raise InputError(where, f"found {wording.show(settings)}", "give a mapping of keys")
+    try:
+        return kind.model_validate(dict(settings or {}))
+    except ValidationError as error:
+        raise complaints(error, kind, where)[0] from None
+
+
+def check(kind: type[BaseModel], settings: object, where: str, whole: bool = True) -> list[InputError]:
+    """Everything that is wrong with settings of a kind.
+
+    Arguments:
+        where: path of the block, for the messages; empty for the whole configuration.
+        whole: whether keys that are not there count, and keys that disagree.
+    """
+    try:
+        kind.model_validate(settings)
+    except ValidationError as error:
+        return complaints(error, kind, where, whole)
+    return []
+
+
+def complaints(error: ValidationError, kind: type[BaseModel], where: str, whole: bool = True) -> list[InputError]:
+    """One line for each mistake of a validation, in the order of their blocks."""
+    found = {}
+    every = error.errors(include_url=False)
+    for one in sorted(every, key=_place):
+        inside = any(len(e["loc"]) > len(one["loc"]) and e["loc"][: len(one["loc"])] == one["loc"] for e in every)
+        if one["type"] == "too_short" and inside:  # what is wrong is not there in pydantic's count
+            continue
+        of_a_part = one["type"] == "disagree" or (one["type"] == "missing" and isinstance(one["loc"][-1], str))
+        if of_a_part and not whole:
+            continue
+        said = wording.explain(one, where, lambda path: _described(kind, path))
+        found.setdefault(str(said), said)
+    return list(found.values())
+
+
+def _place(error: Mapping[str, Any]) -> list[str]:
+    """By which mistakes are ordered: a key that is unknown or missing is one of its block."""
+    of_block = error["type"] in ("missing", "extra_forbidden")
+    return [str(part) for part in (error["loc"][:-1] if of_block else error["loc"])]
+
+
+def _described(kind: Any, path: Sequence[str | int]) -> wording.Described:
+    """What is known of the place ``path`` in settings: its type, description and keys."""
+    annotation, description = kind, ""
+    for part in path:
+        annotation = _plain(annotation, part)
+        if isinstance(part, str) and part.startswith("@"):
+            continue
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            field = annotation.model_fields.get(str(part))
+            if field is None:
+                return wording.Described()
+            annotation, description = field.annotation, field.description or ""
+        else:
+            inside = [a for a in get_args(annotation) if a is not Ellipsis]
+            annotation = inside[-1] if inside else Any
+    null = type(None) in get_args(annotation)
+    plain = _plain(annotation, None)
+    model = plain if isinstance(plain, type) and issubclass(plain, BaseModel) else None
+    keys = {n: f.description or "" for n, f in model.model_fields.items()} if model else {}
+    renamed = getattr(model, "RENAMED", {}) if model else {}
+    return wording.Described(keys, renamed, description, null, _shapes(annotation))
+
+
+def _members(annotation: Any) -> list[Any]:
+    if get_origin(annotation) in (Union, types.UnionType):
+        return [a for a in get_args(annotation) if a is not type(None)]
+    return [annotation]
+
+
+def _plain(annotation: Any, part: object) -> Any:
+    """A type without what is wrapped round it; of several shapes the one whose tag is ``part``."""
+    while get_origin(annotation) is Annotated or get_origin(annotation) in (Union, types.UnionType):
+        if get_origin(annotation) is Annotated:
+            annotation = get_args(annotation)[0]
+            continue
+        inside = _members(annotation)
+        if len(inside) > 1:
+            tagged = [a for a in inside if any(isinstance(m, Tag) and m.tag == part for m in get_args(a)[1:])]
+            if not tagged:
+                return annotation
+            inside = tagged
+        annotation = inside[0]
+    return annotation
+
+
+def _shapes(annotation: Any) -> Iterable[str]:
+    """Words for the shapes that a value of several shapes may have."""
+    words = {"@one": "one value", "@list": "a list", "@keys": "a mapping of keys"}
+    for one in _members(_plain(annotation, None)):
+        for tag in get_args(one)[1:]:
+            if isinstance(tag, Tag):
+                yield words[tag.tag]

@@ -1,0 +1,112 @@
+"""Settings of the solver and arguments of the package's own systems; torch is not loaded here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+from expertaug.settings import Positive, Settings, key
+
+FIXED = ("euler", "midpoint", "rk4", "lawson4", "rodas3")
+
+
+class SolverSettings(Settings):
+    """Of the differential equation."""
+
+    WHERE: ClassVar[str] = "solver"
+
+    method: Literal["euler", "midpoint", "rk4", "lawson4", "rodas3", "dopri5", "dopri8", "radau", "bdf"] = key(
+        "rk4",
+        "euler, midpoint, rk4, lawson4 (which has a linear part of the expert exact) and rodas3 (for stiff systems) step "
+        "from data time to data time; dopri5, dopri8 and, for stiff systems but without gradients, radau and bdf by "
+        "tolerance",
+    )
+    rtol: Positive = key(1.0e-6, "relative tolerance of an adaptive method")
+    atol: Positive = key(1.0e-6, "absolute tolerance of an adaptive method, in the state's units")
+    substeps: int = key(1, "steps of a fixed-grid method from data time to data time", ge=1, le=10_000)
+
+
+class SystemSettings(Settings):
+    """Arguments of a system's class.
+
+    Attributes:
+        STATE, EXPERT, INTERACTION: names of the state's components, of z_e and of the simulation's z_a.
+        SIMULATED: whether it can be simulated.
+        FIELDS: whether its state is fields on a grid.
+    """
+
+    WHERE: ClassVar[str] = "system"
+    STATE: ClassVar[tuple[str, ...]]
+    EXPERT: ClassVar[tuple[str, ...]]
+    INTERACTION: ClassVar[tuple[str, ...]] = ()
+    SIMULATED: ClassVar[bool] = True
+    FIELDS: ClassVar[bool] = False
+
+
+class PendulumSettings(SystemSettings):
+    """The damped pendulum."""
+
+    STATE = ("theta", "omega")
+    EXPERT = ("omega0",)
+    INTERACTION = ("alpha",)
+
+    name: Literal["pendulum"] = key("pendulum", "the damped pendulum")
+
+
+class RLCSettings(SystemSettings):
+    """The RLC circuit."""
+
+    STATE = ("U", "I")
+    EXPERT = ("L", "C")
+    INTERACTION = ("R",)
+
+    name: Literal["rlc"] = key("rlc", "the RLC circuit")
+    equations: Literal["kirchhoff", "additive", "code"] = key(
+        "kirchhoff", "by what the resistor's term is divided: kirchhoff = L; additive = C, the paper's; code = L C"
+    )
+    source_rad_s: float = key(2.0, "angular frequency of the source", "rad/s")
+
+
+class ReactionDiffusionSettings(SystemSettings):
+    """Reaction–diffusion on a periodic grid."""
+
+    STATE = ("u", "v")
+    EXPERT = ("a", "b")
+    INTERACTION = ("k",)
+    FIELDS = True
+
+    name: Literal["reaction_diffusion"] = key("reaction_diffusion", "reaction–diffusion on a periodic grid")
+    reaction: Literal[False, "without_k"] = key(
+        False, "what of the reaction the expert knows: false = nothing; without_k = all but k, as the authors' code"
+    )
+
+
+class PendulumConstants(Settings):
+    """Constants of the rigid double pendulum."""
+
+    B1: float = key(..., "coupling of the first arm to the second")
+    G1: float = key(..., "gravity on the first arm", "s⁻²")
+    B2: float = key(..., "coupling of the second arm to the first")
+    G2: float = key(..., "gravity on the second arm", "s⁻²")
+
+
+class DoublePendulumSettings(SystemSettings):
+    """The planar double pendulum."""
+
+    STATE = ("theta1", "theta2", "omega1", "omega2")
+    EXPERT = ("omega1", "omega2")
+    SIMULATED = False
+
+    name: Literal["double_pendulum"] = key("double_pendulum", "the planar double pendulum")
+    expert: Literal["compound", "point_mass"] = key(
+        "compound", "compound = a rigid body with fitted constants; point_mass = two equal point masses, the paper's"
+    )
+    constants: PendulumConstants | None = key(None, "of the compound expert; null = those that data.calibrate fits")
+    l1: Positive = key(0.091, "length of the first arm, for the point masses", "m")
+    l2: Positive = key(0.070, "length of the second arm, for the point masses", "m")
+
+
+SYSTEMS: Mapping[str, type[SystemSettings]] = {
+    kind.model_fields["name"].default: kind
+    for kind in (PendulumSettings, RLCSettings, ReactionDiffusionSettings, DoublePendulumSettings)
+}

@@ -1,0 +1,142 @@
+"""What users are told of a value that cannot be used, in the words of a configuration file."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from expertaug.errors import InputError
+
+TEXT_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?")
+KINDS = {
+    "float": "a number",
+    "finite_number": "a number",
+    "int": "a whole number",
+    "string": "a text",
+    "bool": "true or false",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "a mapping of keys",
+    "model": "a mapping of keys",
+}
+# What people write, and what it is called here.
+MEANT = {"gpu": "cuda", "none": "null", "off": "false", "on": "true"}
+
+
+@dataclass(frozen=True)
+class Described:
+    """What is known of a place in settings: its keys with their descriptions, its own description, whether it may be
+    null, and in which shapes it may be written."""
+
+    keys: Mapping[str, str] = field(default_factory=dict)
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    description: str = ""
+    null: bool = False
+    shapes: Iterable[str] = ()
+
+
+def show(value: object) -> str:
+    """A value as a short text that looks like YAML."""
+    if isinstance(value, str):
+        text = f"'{value}'"
+    elif isinstance(value, float) and not math.isfinite(value):
+        text = {"nan": ".nan", "inf": ".inf", "-inf": "-.inf"}[str(value)]
+    elif isinstance(value, float):
+        text = number_in(repr(value)) or repr(value)
+    else:
+        text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def number_in(text: str) -> str | None:
+    """The number in a text as YAML wants it written (``1e-3`` → ``1.0e-3``); None where it holds no number."""
+    text = text.strip()
+    match = TEXT_NUMBER.fullmatch(text)
+    if match is None:
+        return None
+    if match[2] is None:
+        return text
+    mantissa, exponent = text[: -len(match[2])], match[2][1:]
+    mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
+    return f"{mantissa}e{exponent if exponent[0] in '+-' else f'+{exponent}'}"
+
+
+def suggest(name: object, known: Iterable[object]) -> str:
+    """“did you mean …?” and what is known."""
+    known = [str(k) for k in known]
+    meant = MEANT.get(str(name).lower())
+    close = [meant] if meant in known else difflib.get_close_matches(str(name), known, 1)
+    return (f"did you mean '{close[0]}'? " if close else "") + f"known: {', '.join(known) or 'none'}"
+
+
+def path_of(where: str, parts: Sequence[str | int]) -> str:
+    """``a.b[0]``; what tells shapes apart (``@…``) is left out."""
+    named = [p for p in parts if not str(p).startswith("@")]
+    text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in named)
+    return f"{where}{text}".lstrip(".") or "configuration"
+
+
+def explain(error: Mapping[str, Any], where: str, described: Callable[[Sequence[str | int]], Described]) -> InputError:
+    """One of pydantic's complaints in words: the key, what was found, what would be right.
+
+    Arguments:
+        where: path of the block that was checked.
+        described: what is known of a place in it.
+    """
+    loc, kind, value, context = list(error["loc"]), error["type"], error["input"], error.get("ctx", {})
+    if kind == "missing" and isinstance(loc[-1], int):  # a list that is too short
+        kind, loc, context = "length", loc[:-1], {}
+    place, found = path_of(where, loc), f"found {show(value)}"
+    if loc and loc[-1] == "[key]":
+        return InputError(
+            path_of(where, loc[:-2]), f"found the name {found[6:]}", "use letters, digits and _, a letter first"
+        )
+    if kind == "missing":
+        meaning = described(loc).description
+        return InputError(place, "missing", f"give {loc[-1]}" + (f" ({meaning})" if meaning else ""))
+    if kind == "extra_forbidden":
+        known = described(loc[:-1])
+        remedy = known.renamed.get(str(loc[-1])) or suggest(loc[-1], known.keys)
+        return InputError(place, "unknown key", remedy)
+    if kind in ("wrong", "disagree"):
+        at = [part for part in context["at"].split(".") if part]
+        return InputError(path_of(where, [*loc, *at]), context["found"], context["remedy"])
+    if kind == "literal_error":
+        known = [text or word.lower() for text, word in re.findall(r"'([^']*)'|(True|False)", context["expected"])]
+        return InputError(place, found, suggest(value, known))
+    return InputError(place, *_of_a_value(kind, value, context, described(loc)))
+
+
+def _of_a_value(kind: str, value: object, context: Mapping[str, Any], place: Described) -> tuple[str, str]:
+    found = f"found {show(value)}"
+    if kind.startswith("union_tag"):
+        return found, f"give {' or '.join(place.shapes)}"
+    stem = kind.removesuffix("_type")
+    stem = {"model_attributes": "model", "int_from_float": "int", "mapping": "dict"}.get(stem, stem)
+    if stem in KINDS:
+        number = isinstance(value, str) and stem in ("float", "int") and number_in(value)
+        if number:
+            return f"{found}, which YAML takes for a text", f"write {number}"
+        return found, f"give {KINDS[stem]}{' or null' if place.null else ''}"
+    remedies = {
+        "greater_than_equal": "give {ge} or more",
+        "less_than_equal": "give {le} or less",
+        "greater_than": "give more than {gt}",
+        "less_than": "give less than {lt}",
+        "multiple_of": "give a multiple of {multiple_of}",
+        "too_short": "give {min_length} or more values" if isinstance(value, list | tuple) else "give at least one",
+        "too_long": "give {max_length} values" if isinstance(value, list | tuple) else "give fewer",
+        "length": "give 2 values",
+        "string_too_short": "give a text",
+        "string_too_long": "give a shorter text",
+        "string_pattern_mismatch": "it must match {pattern}",
+    }
+    if kind in remedies:
+        numbers = {k: f"{v:g}" if isinstance(v, float) else v for k, v in context.items()}
+        return found, remedies[kind].format(**numbers)
+    return found, "correct it"
