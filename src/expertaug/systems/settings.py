@@ -17,7 +17,7 @@ class SolverSettings(Settings):
 
     method: Literal["euler", "midpoint", "rk4", "lawson4", "rodas3", "dopri5", "dopri8", "radau", "bdf"] = key(
         "rk4",
-        "euler, midpoint, rk4, lawson4 (which has a linear part of the expert exact) and rodas3 (for stiff systems) step "
+        "euler, midpoint, rk4, lawson4 (which has a linear part of the expert exact) and rodas3 (stiff systems) step "
         "from data time to data time; dopri5, dopri8 and, for stiff systems but without gradients, radau and bdf by "
         "tolerance",
     )
