@@ -6,6 +6,7 @@ Only names stand here, so that checking a configuration does not wait for torch.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 
 from expertaug.errors import InputError
 
@@ -56,3 +57,18 @@ def find(part: str, kind: str, where: str) -> type:
         return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise InputError(where, repr(kind), f"one of {', '.join(KINDS[part])}, or package.module:Class") from error
+
+
+def modules(system: str, model: Mapping[str, Mapping], objective: str | None) -> list[str]:
+    """What a model and its training name: the module of the system, classes as ``package.module:Class``.
+
+    Arguments:
+        system: a module of ``expertaug.systems``, or a dotted path.
+        model: settings of the encoder and of the interaction, those that there are, with their kind.
+        objective: its kind; None where nothing is trained.
+    """
+    kinds = {part: model[part]["kind"] for part in ("encoder", "interaction") if part in model}
+    if objective is not None:
+        kinds["objective"] = objective
+    named = [full_name(part, kind, part) for part, kind in kinds.items()]
+    return [system if "." in system else f"expertaug.systems.{system}", *named]

@@ -75,7 +75,7 @@ def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, mo
 
 
 def test_a_changed_setting_starts_afresh(tmp_path):
-    first, other = (fingerprint({"rate": rate}, []) for rate in (1, 2))
+    first, other = (fingerprint({"rate": rate}, [], ["expertaug.learning.train"]) for rate in (1, 2))
     Checkpoint(tmp_path / "work", first).save({"epoch": 1})
     assert Checkpoint(tmp_path / "work", first).load() == {"epoch": 1}
     assert Checkpoint(tmp_path / "work", other).load() is None

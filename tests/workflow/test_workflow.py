@@ -20,6 +20,7 @@ import torch
 import yaml
 from safetensors.torch import load_file
 
+from expertaug import source_files
 from expertaug.config import load as config
 from expertaug.config import stage_code, stage_settings
 
@@ -279,7 +280,7 @@ def test_declared_modules_cover_what_every_job_has_loaded(project):
     found = config.validate(config.load(files))
     named = {m for e in found["run"] for m in stage_settings.modules(found, e, "aphynity")}
     package = project / "src"
-    without = {*(f"{m.replace('.', '/')}.py" for m in stage_code.WITHOUT_EFFECT)}
+    without = {*(f"{m.replace('.', '/')}.py" for m in source_files.WITHOUT_EFFECT)}
     stages = set()
     for record in (project / "record").iterdir():
         if record.suffix == ".py" or record.is_dir():

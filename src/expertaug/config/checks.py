@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from expertaug import source_files
 from expertaug.config import signatures, stage_code, study_checks
 from expertaug.config.names import require, require_all, require_keys, require_parameters, suggest
 from expertaug.errors import InputError
@@ -154,9 +155,9 @@ def _system_keys(where: str, system: Mapping) -> list[str]:
 
 def _system(where: str, name: str) -> None:
     if "." in name:
-        stage_code.find(where, name)
+        source_files.find(where, name)
         return
-    known = [module for module in stage_code.modules("expertaug.systems") if module not in NOT_SYSTEMS]
+    known = [module for module in source_files.modules_in("expertaug.systems") if module not in NOT_SYSTEMS]
     if name not in known:
         remedy = f"{suggest(name, known)}, or the dotted path of a module elsewhere"
         raise InputError(where, f"'{name}' is no system", remedy)

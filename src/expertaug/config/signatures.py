@@ -7,8 +7,7 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from expertaug import registry
-from expertaug.config import stage_code
+from expertaug import registry, source_files
 from expertaug.errors import InputError
 
 # What the package itself passes; the configuration gives the rest.
@@ -38,7 +37,7 @@ def takes(part: str, kind: str, argument: str, where: str) -> bool:
 
 def _all_of_kind(part: str, kind: str, where: str) -> list[str]:
     module, _, name = registry.full_name(part, kind, where).partition(":")
-    return _arguments(_class(stage_code.find(where, module), name, where))
+    return _arguments(_class(source_files.find(where, module), name, where))
 
 
 def of_system(name: str, where: str) -> list[str]:
@@ -62,7 +61,7 @@ def parameters(name: str, attribute: str, where: str) -> list[str] | None:
 
 def _system(name: str, where: str) -> ast.ClassDef:
     """The one class with ``System`` among its bases in a system's module."""
-    body = _tree(stage_code.find(where, name if "." in name else f"expertaug.systems.{name}")).body
+    body = _tree(source_files.find(where, name if "." in name else f"expertaug.systems.{name}")).body
     found = [n for n in body if isinstance(n, ast.ClassDef) and any("System" in ast.unparse(b) for b in n.bases)]
     if len(found) != 1:
         number = {0: "no System"}.get(len(found), f"{len(found)} systems")
@@ -113,4 +112,4 @@ def _arguments(node: ast.ClassDef) -> list[str]:
 
 @cache
 def _tree(path: Path) -> ast.Module:
-    return stage_code.parsed(path)
+    return source_files.parsed(path)

@@ -15,7 +15,7 @@ from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
 from expertaug.models.hybrid import HybridModel
-from expertaug.registry import find
+from expertaug.registry import find, modules
 from expertaug.tracking.runlog import RunLog
 
 
@@ -44,7 +44,10 @@ def fit(
     options, keep = TrainSettings.from_mapping(settings["training"]), settings.get("snapshots", ())
     trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep)
     with locked(work):
-        checkpoint = Checkpoint(work, fingerprint({k: v for k, v in settings.items() if k != "device"}, inputs))
+        wanted = {k: v for k, v in settings.items() if k != "device"}
+        named = modules(description["system"]["name"], description["model"], description["objective"])
+        code = [f"expertaug.learning.{description['stage']}", *named]
+        checkpoint = Checkpoint(work, fingerprint(wanted, inputs, code))
         state = checkpoint.load()
         if state is not None:
             trainer.restore(state)
