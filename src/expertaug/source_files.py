@@ -97,10 +97,14 @@ def parsed(path: Path) -> ast.Module:
         raise InputError(f"{path}{line}", f"no Python ({getattr(error, 'msg', error)})", "correct that file") from error
 
 
-def _all(modules: Iterable[str]) -> set[tuple[str, Path]]:
-    names = [name.partition(":")[0] for name in modules]
+def _all(modules: Iterable[str]) -> frozenset[tuple[str, Path]]:
+    return _all_of(tuple(name.partition(":")[0] for name in modules))
+
+
+@cache
+def _all_of(names: tuple[str, ...]) -> frozenset[tuple[str, Path]]:
     ignored = WITHOUT_EFFECT - set(names[:1])
-    return set().union(*(_reachable(name, ignored) for name in names))
+    return frozenset().union(*(_reachable(name, ignored) for name in names))
 
 
 @cache

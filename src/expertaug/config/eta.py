@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 UNMEASURED_S = 5.0  # a job that nobody has measured: a table, a figure
+TRUST_S = 60.0  # of published seconds: a few short jobs, mostly start-up, say little of how fast this host is
 _SEEDS = re.compile(r"_seeds_[\d_]+$")
 
 
@@ -46,7 +47,7 @@ def estimator(costs: Mapping[str, float], measured: Mapping[str, float]) -> Call
     other seeds, the mean of the stage; published costs times this host's factor, measured to published.
     """
     both = [job for job in measured if costs.get(job)]
-    factor = sum(measured[job] for job in both) / sum(costs[job] for job in both) if both else 1.0
+    factor = (TRUST_S + sum(measured[job] for job in both)) / (TRUST_S + sum(costs[job] for job in both))
     known = {job: seconds * factor for job, seconds in costs.items()} | dict(measured)
     means = [_means(known, without) for without in (_seedless, _stage)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sized
 from pathlib import Path
 
 from expertaug.config import eta
@@ -23,7 +24,7 @@ class Watch(logging.Handler):
     def __init__(self, results: Path, published: Path) -> None:
         super().__init__()
         self.benchmarks = Path(results) / "benchmarks"
-        self.published = eta.published_costs(published)
+        self.published = Path(published)
         self.began: dict[int, float] = {}
         self.ended: set[int] = set()
         self.failed: dict[int, tuple[str, list[str]]] = {}
@@ -37,23 +38,29 @@ class Watch(logging.Handler):
             cores: jobs that run at a time.
         """
         self.dag, self.cores = dag, cores
-        jobs = self.jobs()
-        name = eta.closest(self.published, jobs)
-        self.costs = self.published.get(name, {})
-        count = f"{len(jobs)} {'job' if len(jobs) == 1 else 'jobs'} on {cores} {'core' if cores == 1 else 'cores'}"
-        if name is None and not eta.measured_costs(self.benchmarks):
-            logger.info(f"{count}; how long they take is told when some have ended.")
-        else:
-            source = f" (by the costs of the published run '{name}')" if name else ""
-            logger.info(f"About {self.left(jobs)} for {count}{source}.")
         logger.addHandler(self)
+        try:
+            logger.info(self.first_estimate())
+        except Exception as error:  # it never ends a run
+            logger.warning(f"How long this takes cannot be estimated: {error}")
+
+    def first_estimate(self) -> str:
+        """How long the run will take, in one line."""
+        jobs, published = self.jobs(), eta.published_costs(self.published)
+        name = eta.closest(published, jobs)
+        self.costs = published.get(name, {})
+        cores = f"{self.cores} core{'s' * (self.cores > 1)}"
+        if name is None and not eta.measured_costs(self.benchmarks):
+            return f"{count(jobs)} on {cores}; how long they take is told when some have ended."
+        source = f" (by the costs of the published run '{name}')" if name else ""
+        return f"About {self.left(jobs)} for {count(jobs)} on {cores}{source}."
 
     def jobs(self) -> dict[str, float]:
         """Jobs that have not ended, called as in costs.csv, with the seconds that each has been running."""
         now, found = time.monotonic(), {}
         for job in self.dag.needrun_jobs():
             if not job.rule.norun and job.jobid not in self.ended:
-                found[self._name(job)] = now - self.began.get(job.jobid, now)
+                found[self.called(job)] = now - self.began.get(job.jobid, now)
         return found
 
     def left(self, jobs: dict[str, float]) -> str:
@@ -72,18 +79,24 @@ class Watch(logging.Handler):
             elif event == "job_error":
                 self.failed[record.jobid] = (record.rule_name, [str(path) for path in record.log])
             elif event == "progress" and (jobs := self.jobs()):
-                logger.info(f"About {self.left(jobs)} left for {len(jobs)} {'job' if len(jobs) == 1 else 'jobs'}.")
-        except Exception:  # an estimate never ends a run
+                logger.info(f"About {self.left(jobs)} left for {count(jobs)}.")
+        except Exception:  # it never ends a run
             self.handleError(record)
 
     def refusals(self) -> list[str]:
         """One line for each job that failed: what it said last, and where its log lies."""
         return [_said(rule, logs) for rule, logs in self.failed.values()]
 
-    def _name(self, job) -> str:
+    def called(self, job) -> str:
+        """A job as costs.csv calls it."""
         if job.benchmark is None:
             return f"{job.rule.name}/{job.jobid}"
         return Path(str(job.benchmark)).relative_to(self.benchmarks).with_suffix("").as_posix()
+
+
+def count(jobs: Sized) -> str:
+    """How many jobs there are, as a text."""
+    return "1 job" if len(jobs) == 1 else f"{len(jobs)} jobs"
 
 
 def _said(rule: str, logs: list[str]) -> str:

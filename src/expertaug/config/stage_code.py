@@ -37,7 +37,7 @@ STAGES = {
 
 
 def sources(stage: str, extra: Iterable[str] = ()) -> list[str]:
-    """Source files of a stage, relative to the working directory, sorted.
+    """Source files of a stage, relative to the working directory.
 
     Arguments:
         stage: a key of :data:`STAGES`.
@@ -46,7 +46,7 @@ def sources(stage: str, extra: Iterable[str] = ()) -> list[str]:
     Raises:
         InputError: a module does not exist.
     """
-    return sorted(os.path.relpath(file) for file in source_files.files([STAGES[stage], *extra]))
+    return [os.path.relpath(file) for file in source_files.files([STAGES[stage], *extra])]
 
 
 def versions(stage: str, extra: Iterable[str] = ()) -> list[str]:
