@@ -2,9 +2,10 @@
 
 A trial is a JSON mapping that overrides an experiment's blocks (model, training, augmentation, finetuning, choices) for
 one method.  It is trained, with ``--augmented`` also fine-tuned, and scored on the training and the validation set; the
-test set is never read.  Each trial adds a line to a CSV (results/published/search/<experiment>_<method>.csv unless
-``--table`` says otherwise) with the configuration files and the git revision whose settings it overrides; a trial that
-stands there already is not repeated.  With ``--from-best N`` the N best of the table are printed instead.
+test set is never read.  Each trial adds a line to a CSV (search/<experiment>_<method>.csv in the results folder of the
+configuration unless ``--table`` says otherwise) with the configuration files and the git revision whose settings it
+overrides; a trial that stands there already is not repeated.  With ``--from-best N`` the N best of the table are
+printed instead.
 """
 
 from __future__ import annotations
@@ -116,7 +117,9 @@ def main() -> None:
     parser.add_argument("--table", type=Path)
     parser.add_argument("--from-best", type=int)
     options = parser.parse_args()
-    table = options.table or Path("results/published/search", f"{options.experiment}_{options.method}.csv")
+    loaded = config.load(options.configfile)
+    folder = Path(config.validate(loaded)["results"], "search")
+    table = options.table or folder / f"{options.experiment}_{options.method}.csv"
     known = list(csv.DictReader(table.open(encoding="utf-8"))) if table.exists() else []
     if options.from_best:
         for line in sorted(known, key=lambda r: float(r["validation"]))[: options.from_best]:
@@ -129,13 +132,11 @@ def main() -> None:
         line = {"variant": variant, "trial": trial} | origin
         if any(all(r[k] == line[k] for k in line) for r in known):
             continue
-        loaded = config.load(options.configfile)
         over = json.loads(trial)
         override = {"choices": over.pop("choices", {}), "overrides": {options.method: over}}
         settings = config.validate(config.merge(loaded, {"experiments": {options.experiment: override}}))
-        folder = Path(settings["results"], "search", options.experiment)
         try:
-            model = run(settings, options.experiment, options.method, options.augmented, folder)
+            model = run(settings, options.experiment, options.method, options.augmented, folder / options.experiment)
         except SolveError as error:
             print(f"{variant} {trial}: {error}", file=sys.stderr)
             continue

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from expertaug import source_files
 from expertaug.config import stage_code
 from expertaug.errors import InputError
 
@@ -18,7 +19,9 @@ def test_declared_files_are_those_that_importing_the_stage_loads(module):
     code = f"import sys, {module}; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('expertaug')])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = {Path(line).resolve() for line in done.stdout.split()}
-    without = {stage_code.PACKAGE.parent.joinpath(*m.split(".")).with_suffix(".py") for m in stage_code.WITHOUT_EFFECT}
+    without = {
+        source_files.PACKAGE.parent.joinpath(*m.split(".")).with_suffix(".py") for m in source_files.WITHOUT_EFFECT
+    }
     declared = {Path(path).resolve() for path in stage_code.sources(stage)}
     assert loaded - without <= declared
     assert all(path.is_file() for path in declared)
@@ -50,6 +53,6 @@ def test_what_a_named_module_imports_is_followed(tmp_path, monkeypatch):
 
 def test_modules_that_do_not_exist_are_named():
     with pytest.raises(InputError, match=r"system\.name: no module 'no\.such'"):
-        stage_code.find("system.name", "no.such:Class")
+        source_files.find("system.name", "no.such:Class")
     with pytest.raises(InputError, match=r"expertaug\.systems\.none: no such module"):
         stage_code.sources("train", ["expertaug.systems.none"])

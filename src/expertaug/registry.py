@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+from collections.abc import Mapping
 from types import ModuleType
 
 from expertaug.errors import InputError
@@ -158,3 +159,18 @@ def _named(name: str, where: str) -> object:
         return getattr(imported(module, where), attribute)
     except AttributeError as error:
         raise InputError(where, f"no class '{attribute}' in {module}", "correct the name") from error
+
+
+def modules(system: str, model: Mapping[str, Mapping], objective: str | None) -> list[str]:
+    """What a model and its training name: the module of the system, classes as ``package.module:Class``.
+
+    Arguments:
+        system: a module of ``expertaug.systems``, or a dotted path.
+        model: settings of the encoder and of the interaction, those that there are, with their kind.
+        objective: its kind; None where nothing is trained.
+    """
+    kinds = {part: model[part]["kind"] for part in ("encoder", "interaction") if part in model}
+    if objective is not None:
+        kinds["objective"] = objective
+    named = [full_name(part, kind, part) for part, kind in kinds.items()]
+    return [system if "." in system else f"expertaug.systems.{system}", *named]

@@ -74,8 +74,33 @@ def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, mo
     assert losses[0] == losses[1] and len(losses[0]) == 3, "no line lost, none twice"
 
 
+def test_a_killed_training_begins_again_under_a_changed_own_module(data, tmp_path, settings, monkeypatch):
+    (tmp_path / "own_lab").mkdir()
+    own = tmp_path / "own_lab" / "system.py"
+    own.write_text("from expertaug.systems.pendulum import DampedPendulum\n\n\nclass Own(DampedPendulum):\n    pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    settings["system"] = {"name": "own_lab.system"}
+    steps, taken = Trainer.step, []
+
+    def dying(self, *args):
+        if len(taken) == 9:  # in the third pass
+            raise KeyboardInterrupt
+        taken.append(1)
+        return steps(self, *args)
+
+    monkeypatch.setattr(Trainer, "step", dying)
+    with pytest.raises(KeyboardInterrupt):
+        run(data, tmp_path, settings)
+    assert (tmp_path / "work/checkpoint.pt").exists()
+    monkeypatch.setattr(Trainer, "step", lambda self, *args: taken.append(1) or steps(self, *args))
+    own.write_text(own.read_text() + "# changed\n")
+    taken.clear()
+    run(data, tmp_path, settings)
+    assert len(taken) == 12, "all three passes"
+
+
 def test_a_changed_setting_starts_afresh(tmp_path):
-    first, other = (fingerprint({"rate": rate}, []) for rate in (1, 2))
+    first, other = (fingerprint({"rate": rate}, [], ["expertaug.learning.train"]) for rate in (1, 2))
     Checkpoint(tmp_path / "work", first).save({"epoch": 1})
     assert Checkpoint(tmp_path / "work", first).load() == {"epoch": 1}
     assert Checkpoint(tmp_path / "work", other).load() is None

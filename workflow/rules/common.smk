@@ -7,14 +7,13 @@ import shlex
 
 from expertaug import labels
 from expertaug.config import jobs
+from expertaug.config import stage_code
 from expertaug.config import stage_settings
 from expertaug.files import sha256
 from expertaug.recordings.intake import refusal
-from expertaug.config.stage_code import sources
 from expertaug.config.study_checks import PUBLISHED
 from expertaug.labels import MAIN_SETS
 
-CONSTRAINTS = os.path.relpath(HERE.parent / "constraints.txt")
 NUMBERS = os.path.relpath(PUBLISHED)
 SOURCE = CONFIG["recordings"]["source"]
 # Given to the rules as a resource, not as a parameter: recordings that are sound need not be redone when it changes.
@@ -49,7 +48,17 @@ def settings(stage, *names):
 
 def code(stage, experiment=None, method=None):
     """The package's files that a stage runs, with those that the experiment's configuration names."""
-    return sources(stage, stage_settings.modules(CONFIG, experiment, method) if experiment else ())
+    return stage_code.sources(stage, named_by(experiment, method))
+
+
+def versions(stage, experiment=None, method=None):
+    """Installed versions of the packages that compute a stage's numbers: a parameter of its jobs."""
+    return stage_code.versions(stage, named_by(experiment, method))
+
+
+def named_by(experiment, method):
+    """Modules that an experiment's configuration names."""
+    return stage_settings.modules(CONFIG, experiment, method) if experiment else ()
 
 
 def sets_of(experiment):
@@ -154,9 +163,9 @@ def of_recordings(file):
     return [results(f"recordings/{name}/{file}") for name in recording_names()]
 
 
-def pages(wildcards):
-    """The page of every recording."""
-    return of_recordings("page.png")
+def of_all(file):
+    """The same for a target, where there are recordings; those of an archive are known when it is unpacked."""
+    return (lambda wildcards: of_recordings(file)) if RECORDED else []
 
 
 def forecasts_to_draw():
@@ -183,73 +192,44 @@ def figures_of(experiment):
     )
 
 
-# Targets name every file on the way to theirs: Snakemake does not see that one is missing if what was made of it is there
-# (its issue 1978), as after a job that was stopped while it was redone.
+def and_before(files):
+    """Input of a target: files, or functions that give some, with every file on the way to them.
+
+    Snakemake does not see that a file on the way is missing if what was made of it is there (its issue 1978), as after
+    a job that was stopped while it was redone, or when somebody has deleted it.
+    """
+
+    def before(wildcards):
+        found, todo = {}, [files]
+        while todo:
+            file = todo.pop()
+            if callable(file):
+                todo.append(file(wildcards))
+            elif not isinstance(file, str):
+                todo += file
+            elif file not in found and (made := made_by(file)):
+                maker, flags = made
+                found[file] = "temp" not in flags
+                inputs, _, _, incomplete = maker.expand_input(type(wildcards)(fromdict=maker.get_wildcards(file)))
+                if incomplete:
+                    recording_names()  # waits for the checkpoint
+                todo += inputs
+        return [file for file, kept in found.items() if kept]
+
+    return [files, before]
 
 
-def tracks(wildcards):
-    """Markers of every recording, with its video where that is made."""
-    return [path for file in (*RENDERED, "markers.csv") for path in of_recordings(file)]
-
-
-def measurements(wildcards):
-    """Angles of every recording with the files on the way to them."""
-    return [*tracks(wildcards), *of_recordings("angles.csv")]
-
-
-def data_of(experiment, sets):
-    """Sets of an experiment and what its expert is fitted to, with the files on the way to them."""
-    found = expand(results(f"{experiment}/data/{{set}}.npz"), set=sets)
-    return [measurements, *found, calibration_of(experiment)] if experiment in RECORDED else found
-
-
-def models_of(experiment, variants, sets=LEARNING_SETS):
-    """Models of these variants with the files on the way to them."""
-    tuned = [v for v in variants if v not in methods_of(experiment)]
-    return [
-        *data_of(experiment, sets),
-        *per_seed_group("augmented.safetensors", experiment, tuned),
-        *per_seed_group("model.safetensors", experiment, dict.fromkeys([*map(method_of, variants), *tuned])),
-    ]
-
-
-def metrics_of(experiment, variants):
-    """Metrics of these variants with the files on the way to them."""
-    return [
-        *models_of(experiment, variants, sets_of(experiment)),
-        *per_seed_group("metrics.csv", experiment, variants),
-    ]
-
-
-def scores_of(experiment, study):
-    """What a study reads with the files on the way to it."""
-    if study != "during_training":
-        return metrics_of(experiment, jobs.studied(CONFIG, experiment, study))
-    method = CONFIG["experiments"][experiment]["studies"][study]["method"]
-    models = models_of(experiment, [method], MAIN_SETS)
-    return [*models, *per_seed_group("snapshots.safetensors", experiment, [method]), *during_training_of(experiment)]
-
-
-def everything_of(experiment):
-    """Tables and figures of an experiment with the files on the way to them."""
-    return [
-        *metrics_of(experiment, every_variant(experiment)),
-        *[path for study in studies_of(experiment) for path in scores_of(experiment, study)],
-        *tables_of(experiment),
-        *figures_of(experiment),
-    ]
+def made_by(file):
+    """The rule that makes a file, and the flags of that output; None for what no rule makes."""
+    if not file.startswith(results("")):
+        return None
+    return next(((maker, one.flags) for maker in workflow.rules for one in maker.output if one.match(file)), None)
 
 
 SUMMARY = [results("recordings/summary.csv"), results("recordings/summary.md")] if RECORDED else []
 OVERALL = expand(results("tables/published{end}"), end=ENDS) if COMPARED else []
 OVERALL += expand(results("figures/{name}.{suffix}"), name=OVERVIEWS, suffix=["png", "pdf"])
-ALL = [*SUMMARY, *([measurements, pages] if RECORDED else []), *map(everything_of, RUN), *OVERALL]
-
-
-# Trainings whose states at several stages are kept for the study along training, and the others; the condition is on
-# two wildcards, so that the one looks ahead to the other.
-_FOLLOWED = one_of(f"{e}/{m}/" for e in RUN for m in methods_of(e) if jobs.snapshots(CONFIG, e, m))
-FOLLOWED = {"yes": rf"(?={_FOLLOWED})(?:{one_of(RUN)})", "no": rf"(?!{_FOLLOWED})(?:{one_of(RUN)})"}
+ALL = [SUMMARY, of_all("page.png"), [[tables_of(e), figures_of(e)] for e in RUN], OVERALL]
 AUGMENTED = one_of([v for e in RUN for v in augmented_of(e)])
 
 

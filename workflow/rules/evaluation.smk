@@ -9,7 +9,6 @@ rule evaluate_seed_group:
         ),
         tracking=ancient(results("mlflow/tracking.json")),
         code=lambda w: code("evaluate", w.experiment, method_of(w.variant)),
-        constraints=CONSTRAINTS,
     output:
         metrics=results("{experiment}/{variant}/{seed_group}/metrics.csv"),
         forecasts=results("{experiment}/{variant}/{seed_group}/forecasts.npz"),
@@ -26,6 +25,7 @@ rule evaluate_seed_group:
     resources:
         mem_mb=4000,
     params:
+        versions=lambda w: versions("evaluate", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("evaluate", w.experiment, w.variant, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
     message:
@@ -40,7 +40,6 @@ rule tabulate_experiment:
         metrics=lambda w: per_seed_group("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
         forecasts=lambda w: per_seed_group("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
         code=code("tabulate"),
-        constraints=CONSTRAINTS,
     output:
         results("tables/{experiment}.csv"),
         results("tables/{experiment}_long.csv"),
@@ -59,6 +58,7 @@ rule tabulate_experiment:
     resources:
         mem_mb=1000,
     params:
+        versions=versions("tabulate"),
         settings=lambda w: settings("tabulate", w.experiment),
     message:
         "tabulate {wildcards.experiment}"
@@ -73,7 +73,6 @@ rule plot_experiment:
         forecasts=lambda w: per_seed_group("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
         models=lambda w: per_seed_group("model.safetensors", w.experiment, trained_of(w.experiment)),
         code=code("plot"),
-        constraints=CONSTRAINTS,
     output:
         report(
             results("figures/{experiment}_log_mse.png"),
@@ -119,6 +118,7 @@ rule plot_experiment:
     resources:
         mem_mb=2000,
     params:
+        versions=versions("plot"),
         settings=lambda w: settings("plot", w.experiment),
         # A training's log is no declared output: a killed job would lose it.
         logs=lambda w: per_seed_group("log.jsonl", w.experiment, trained_of(w.experiment)),
@@ -135,7 +135,6 @@ rule study_experiment:
     input:
         metrics=lambda w: studied(w.experiment, w.study),
         code=code("study"),
-        constraints=CONSTRAINTS,
     output:
         results("tables/{experiment}_{study}.csv"),
         results("tables/{experiment}_{study}.tex"),
@@ -162,6 +161,7 @@ rule study_experiment:
     resources:
         mem_mb=1000,
     params:
+        versions=versions("study"),
         settings=lambda w: settings("study", w.experiment, w.study),
     message:
         "study {wildcards.study} of {wildcards.experiment}"
@@ -174,7 +174,6 @@ rule compare_experiment:
         metrics=lambda w: per_seed_group("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
         published=NUMBERS,
         code=code("compare"),
-        constraints=CONSTRAINTS,
     output:
         results("tables/{experiment}_published.csv"),
         results("tables/{experiment}_published.md"),
@@ -189,6 +188,7 @@ rule compare_experiment:
     resources:
         mem_mb=1000,
     params:
+        versions=versions("compare"),
         settings=lambda w: settings("compare", [w.experiment]),
     message:
         "compare {wildcards.experiment} with the published numbers"
@@ -204,7 +204,6 @@ if COMPARED:
             metrics=[per_seed_group("metrics.csv", e, jobs.variants(CONFIG, e)) for e in COMPARED],
             published=NUMBERS,
             code=code("compare"),
-            constraints=CONSTRAINTS,
         output:
             results("tables/published.csv"),
             report(results("tables/published.md"), caption="../report/published.rst", category="Tables"),
@@ -212,6 +211,7 @@ if COMPARED:
         log:
             results("logs/compare.log"),
         params:
+            versions=versions("compare"),
             settings=settings("compare", COMPARED),
         message:
             "compare all experiments with the published numbers"
@@ -223,7 +223,6 @@ if OVERVIEWS:
         input:
             metrics=[per_seed_group("metrics.csv", one["name"], jobs.variants(CONFIG, one["name"])) for one in OVERVIEW],
             code=code("overview"),
-            constraints=CONSTRAINTS,
         output:
             [
                 report(
@@ -244,6 +243,7 @@ if OVERVIEWS:
         resources:
             mem_mb=1000,
         params:
+            versions=versions("overview"),
             settings=settings("overview", RUN),
             folder=lambda w, output: os.path.dirname(output[0]),
         message:
@@ -257,23 +257,24 @@ if OVERVIEWS:
 
 rule evaluate:
     input:
-        [metrics_of(experiment, every_variant(experiment)) for experiment in RUN],
+        and_before([per_seed_group("metrics.csv", e, every_variant(e)) for e in RUN]),
 
 
 rule studies:
     input:
-        [scores_of(experiment, name) for experiment in RUN for name in studies_of(experiment)],
-        [
-            results(f"{folder}/{experiment}_{name}.{end}")
-            for experiment in RUN
-            for name in studies_of(experiment)
-            for folder, end in (("tables", "md"), ("figures", "png"))
-        ],
+        and_before(
+            [
+                results(f"{folder}/{experiment}_{name}.{end}")
+                for experiment in RUN
+                for name in studies_of(experiment)
+                for folder, end in (("tables", "md"), ("figures", "png"))
+            ]
+        ),
 
 
 rule report:
     input:
-        ALL,
+        and_before(ALL),
 
 
 for name in RUN:
@@ -283,4 +284,4 @@ for name in RUN:
         name:
             name
         input:
-            everything_of(name),
+            and_before([tables_of(name), figures_of(name)]),

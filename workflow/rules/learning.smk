@@ -4,7 +4,6 @@
 rule init_tracking:
     input:
         code=code("init_tracking"),
-        constraints=CONSTRAINTS,
     output:
         results("mlflow/tracking.json"),
     log:
@@ -15,6 +14,7 @@ rule init_tracking:
     resources:
         mem_mb=1000,
     params:
+        versions=versions("init_tracking"),
         settings=lambda w: settings("init_tracking"),
     message:
         "prepare the tracking store"
@@ -29,21 +29,21 @@ rule train_seed_group:
         calibration=lambda w: calibration_of(w.experiment),
         tracking=ancient(results("mlflow/tracking.json")),
         code=lambda w: code("train", w.experiment, w.method),
-        constraints=CONSTRAINTS,
     output:
         model=results("{experiment}/{method}/{seed_group}/model.safetensors"),
+        # States at several of its stages, for the study during_training; an empty file where no study follows it.
+        snapshots=touch(results("{experiment}/{method}/{seed_group}/snapshots.safetensors")),
     log:
         results("logs/train/{experiment}_{method}_{seed_group}.log"),
     benchmark:
         results("benchmarks/train/{experiment}_{method}_{seed_group}.tsv")
-    wildcard_constraints:
-        experiment=FOLLOWED["no"],
     conda:
         "../envs/expertaug.yaml"
     threads: 1
     resources:
         mem_mb=4000,
     params:
+        versions=lambda w: versions("train", w.experiment, w.method),
         settings=lambda w: settings("train", w.experiment, w.method, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
         work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.seed_group}"),
@@ -55,22 +55,12 @@ rule train_seed_group:
         " --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
 
 
-# The same where the study along training needs the states at some of its stages.
-use rule train_seed_group as train_seed_group_with_snapshots with:
-    output:
-        model=results("{experiment}/{method}/{seed_group}/model.safetensors"),
-        snapshots=results("{experiment}/{method}/{seed_group}/snapshots.safetensors"),
-    wildcard_constraints:
-        experiment=FOLLOWED["yes"],
-
-
 rule during_training_seed_group:
     input:
         snapshots=results("{experiment}/{method}/{seed_group}/snapshots.safetensors"),
         sets=expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
         tracking=ancient(results("mlflow/tracking.json")),
         code=lambda w: code("during_training", w.experiment, w.method),
-        constraints=CONSTRAINTS,
     output:
         results("{experiment}/{method}/{seed_group}/during_training.csv"),
     log:
@@ -83,6 +73,7 @@ rule during_training_seed_group:
     resources:
         mem_mb=4000,
     params:
+        versions=lambda w: versions("during_training", w.experiment, w.method),
         settings=lambda w: settings("during_training", w.experiment, w.method, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
         work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.seed_group}_during_training"),
@@ -99,7 +90,6 @@ rule augment_seed_group:
         train=results("{experiment}/data/train.npz"),
         validation=results("{experiment}/data/validation.npz"),
         code=lambda w: code("augment", w.experiment, method_of(w.variant)),
-        constraints=CONSTRAINTS,
     output:
         results("{experiment}/{variant}/{seed_group}/augmented.safetensors"),
     log:
@@ -114,6 +104,7 @@ rule augment_seed_group:
     resources:
         mem_mb=4000,
     params:
+        versions=lambda w: versions("augment", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("augment", w.experiment, w.variant, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
     message:
@@ -131,7 +122,6 @@ rule finetune_seed_group:
         validation=results("{experiment}/data/validation.npz"),
         tracking=ancient(results("mlflow/tracking.json")),
         code=lambda w: code("finetune", w.experiment, method_of(w.variant)),
-        constraints=CONSTRAINTS,
     output:
         results("{experiment}/{variant}/{seed_group}/model.safetensors"),
     log:
@@ -146,6 +136,7 @@ rule finetune_seed_group:
     resources:
         mem_mb=4000,
     params:
+        versions=lambda w: versions("finetune", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("finetune", w.experiment, w.variant, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
         work=lambda w: results(f".work/{w.experiment}/{w.variant}/{w.seed_group}"),
@@ -162,20 +153,19 @@ rule finetune_seed_group:
 
 rule train:
     input:
-        [models_of(experiment, methods_of(experiment)) for experiment in RUN],
+        and_before([per_seed_group("model.safetensors", e, methods_of(e)) for e in RUN]),
 
 
 rule augment:
     input:
-        [models_of(experiment, [method_of(v) for v in augmented_of(experiment)]) for experiment in RUN],
-        [per_seed_group("augmented.safetensors", experiment, augmented_of(experiment)) for experiment in RUN],
+        and_before([per_seed_group("augmented.safetensors", e, augmented_of(e)) for e in RUN]),
 
 
 rule finetune:
     input:
-        [models_of(experiment, augmented_of(experiment)) for experiment in RUN],
+        and_before([per_seed_group("model.safetensors", e, augmented_of(e)) for e in RUN]),
 
 
 rule during_training:
     input:
-        [scores_of(experiment, "during_training") for experiment in RUN if during_training_of(experiment)],
+        and_before([during_training_of(e) for e in RUN]),

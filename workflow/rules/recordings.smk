@@ -4,7 +4,6 @@
 rule render_video_of_recording:
     input:
         code=code("render_video"),
-        constraints=CONSTRAINTS,
     output:
         video=results("recordings/{recording}/video.mp4"),
         truth=results("recordings/{recording}/truth.csv"),
@@ -18,6 +17,7 @@ rule render_video_of_recording:
     resources:
         mem_mb=1000,
     params:
+        versions=versions("render_video"),
         settings=lambda w: settings("render_video"),
         index=lambda w: RECORDINGS[w.recording],
     message:
@@ -31,7 +31,6 @@ rule extract_frames_of_recording:
     input:
         video=lambda w: video_of(w.recording),
         code=code("extract_frames"),
-        constraints=CONSTRAINTS,
     output:
         temp(results("recordings/{recording}/frames.b2frame")),
     log:
@@ -45,6 +44,7 @@ rule extract_frames_of_recording:
         mem_mb=1000,
         on_bad_recording=ON_BAD_RECORDING,
     params:
+        versions=versions("extract_frames"),
         settings=lambda w: settings("extract_frames"),
         checksum=lambda w: checksum_of(w.recording),
         retry=lambda w: to_retry(w.recording, "frames.b2frame"),
@@ -64,7 +64,6 @@ if SOURCE != "markers":
             video=lambda w: video_of(w.recording),
             extraction=code("extract_frames"),
             code=code("track_markers"),
-            constraints=CONSTRAINTS,
         output:
             results("recordings/{recording}/markers.csv"),
         log:
@@ -78,6 +77,7 @@ if SOURCE != "markers":
             mem_mb=1000,
             on_bad_recording=ON_BAD_RECORDING,
         params:
+            versions=versions("track_markers"),
             settings=lambda w: settings("track_markers"),
             extraction=lambda w: [settings("extract_frames"), checksum_of(w.recording)],
             retry=lambda w: to_retry(w.recording, "markers.csv"),
@@ -95,7 +95,6 @@ else:
             input:
                 archive=CONFIG["recordings"]["markers"]["path"],
                 code=code("unpack_markers"),
-                constraints=CONSTRAINTS,
             output:
                 folder=directory(results("recordings/archive")),
             log:
@@ -106,6 +105,7 @@ else:
             resources:
                 mem_mb=1000,
             params:
+                versions=versions("unpack_markers"),
                 settings=lambda w: settings("unpack_markers"),
             message:
                 "unpack the marker files of {input.archive}"
@@ -117,7 +117,6 @@ else:
         input:
             csv=lambda w: marker_csv(w.recording),
             code=code("import_markers"),
-            constraints=CONSTRAINTS,
         output:
             results("recordings/{recording}/markers.csv"),
         log:
@@ -129,6 +128,7 @@ else:
             mem_mb=1000,
             on_bad_recording=ON_BAD_RECORDING,
         params:
+            versions=versions("import_markers"),
             settings=lambda w: settings("import_markers"),
             checksum=lambda w: checksum_of(w.recording),
             retry=lambda w: to_retry(w.recording, "markers.csv"),
@@ -143,7 +143,6 @@ rule measure_angles_of_recording:
     input:
         markers=results("recordings/{recording}/markers.csv"),
         code=code("measure_angles"),
-        constraints=CONSTRAINTS,
     output:
         angles=results("recordings/{recording}/angles.csv"),
         summary=results("recordings/{recording}/angles.json"),
@@ -158,6 +157,7 @@ rule measure_angles_of_recording:
         mem_mb=1500,
         on_bad_recording=ON_BAD_RECORDING,
     params:
+        versions=versions("measure_angles"),
         settings=lambda w: settings("measure_angles"),
         retry=lambda w: to_retry(w.recording, "angles.csv"),
     message:
@@ -171,7 +171,6 @@ rule summarise_recordings:
     input:
         summaries=lambda w: of_recordings("angles.json"),
         code=code("summarise_recordings"),
-        constraints=CONSTRAINTS,
     output:
         csv=results("recordings/summary.csv"),
         markdown=report(
@@ -187,6 +186,8 @@ rule summarise_recordings:
     threads: 1
     resources:
         mem_mb=1000,
+    params:
+        versions=versions("summarise_recordings"),
     message:
         "summarise the recordings"
     shell:
@@ -200,7 +201,6 @@ rule plot_page_of_recording:
         angles=results("recordings/{recording}/angles.csv"),
         summary=results("recordings/{recording}/angles.json"),
         code=code("plot_recording"),
-        constraints=CONSTRAINTS,
     output:
         report(
             results("recordings/{recording}/page.png"),
@@ -215,6 +215,8 @@ rule plot_page_of_recording:
     threads: 1
     resources:
         mem_mb=1000,
+    params:
+        versions=versions("plot_recording"),
     message:
         "draw the page of {wildcards.recording}"
     shell:
@@ -229,7 +231,6 @@ rule overlay_video:
         angles=results("recordings/{recording}/angles.csv"),
         summary=results("recordings/{recording}/angles.json"),
         code=code("overlay"),
-        constraints=CONSTRAINTS,
     output:
         results("recordings/{recording}/overlay.mp4"),
     log:
@@ -242,6 +243,7 @@ rule overlay_video:
     resources:
         mem_mb=1500,
     params:
+        versions=versions("overlay"),
         settings=lambda w: settings("overlay"),
         # No inputs: an overlay draws what is there, it does not start a training.
         forecasts=lambda w: [f"{label}={path}" for label, path in forecasts_to_draw().items()],
@@ -258,7 +260,6 @@ rule split_chunks_of_experiment:
     input:
         angles=lambda w: of_recordings("angles.csv"),
         code=code("split_chunks"),
-        constraints=CONSTRAINTS,
     output:
         expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
@@ -275,6 +276,7 @@ rule split_chunks_of_experiment:
     resources:
         mem_mb=3000,
     params:
+        versions=versions("split_chunks"),
         settings=lambda w: settings("split_chunks", w.experiment),
         folder=lambda w: results(f"{w.experiment}/data"),
     message:
@@ -289,7 +291,6 @@ rule plot_splits_of_experiment:
         chunks=results("{experiment}/data/chunks.csv"),
         splits=results("{experiment}/data/splits.json"),
         code=code("plot_splits"),
-        constraints=CONSTRAINTS,
     output:
         report(
             results("figures/{experiment}_splits.png"),
@@ -308,6 +309,7 @@ rule plot_splits_of_experiment:
     resources:
         mem_mb=2000,
     params:
+        versions=versions("plot_splits"),
         folder=lambda w: results(f"{w.experiment}/data"),
     message:
         "draw the splits of {wildcards.experiment}"
@@ -319,7 +321,6 @@ rule calibrate_experiment:
     input:
         train=results("{experiment}/data/train.npz"),
         code=code("calibrate"),
-        constraints=CONSTRAINTS,
     output:
         results("{experiment}/data/calibration.json"),
     log:
@@ -334,6 +335,7 @@ rule calibrate_experiment:
     resources:
         mem_mb=2000,
     params:
+        versions=versions("calibrate"),
         settings=lambda w: settings("calibrate", w.experiment),
     message:
         "calibrate the expert of {wildcards.experiment}"
@@ -352,42 +354,44 @@ rule render_video:
 # A frame store is deleted when it has been tracked, unless it was asked for by this target.
 rule extract_frames:
     input:
-        of_recordings("frames.b2frame") if SOURCE != "markers" and RECORDED else [],
+        and_before(of_recordings("frames.b2frame") if SOURCE != "markers" and RECORDED else []),
 
 
 rule track_markers:
     input:
-        tracks if RECORDED else [],
+        and_before(of_all("markers.csv")),
 
 
 rule measure_angles:
     input:
-        measurements if RECORDED else [],
+        and_before(of_all("angles.csv")),
 
 
 rule plot_recording:
     input:
-        [measurements, pages] if RECORDED else [],
+        and_before(of_all("page.png")),
 
 
 rule overlay:
     input:
-        [measurements, of_recordings("overlay.mp4")] if SOURCE != "markers" and RECORDED else [],
+        and_before(of_recordings("overlay.mp4") if SOURCE != "markers" and RECORDED else []),
 
 
 rule recordings:
     input:
-        SUMMARY,
-        [measurements, pages] if RECORDED else [],
+        and_before([SUMMARY, of_all("page.png")]),
 
 
 rule split_chunks:
     input:
-        measurements if RECORDED else [],
-        expand(results("{experiment}/data/{set}.npz"), experiment=RECORDED, set=MAIN_SETS),
-        expand(results("figures/{experiment}_splits.png"), experiment=RECORDED),
+        and_before(
+            [
+                expand(results("{experiment}/data/{set}.npz"), experiment=RECORDED, set=MAIN_SETS),
+                expand(results("figures/{experiment}_splits.png"), experiment=RECORDED),
+            ]
+        ),
 
 
 rule calibrate:
     input:
-        [data_of(experiment, MAIN_SETS) for experiment in RECORDED if calibration_of(experiment)],
+        and_before([calibration_of(experiment) for experiment in RECORDED]),

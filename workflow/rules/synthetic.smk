@@ -4,7 +4,6 @@
 rule simulate_set:
     input:
         code=lambda w: code("simulate", w.experiment),
-        constraints=CONSTRAINTS,
     output:
         results("{experiment}/data/{set}.npz"),
     log:
@@ -19,6 +18,7 @@ rule simulate_set:
     resources:
         mem_mb=2000,
     params:
+        versions=lambda w: versions("simulate", w.experiment),
         settings=lambda w: settings("simulate", w.experiment, w.set),
     message:
         "simulate the {wildcards.set} set of {wildcards.experiment}"

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from expertaug import labels as naming
+from expertaug import registry
 from expertaug.config import options
 from expertaug.config.jobs import label, seed_groups, sets, snapshots, studied, variants
 from expertaug.config.layers import merge, plain
 from expertaug.recordings.provenance import RENDERED
-from expertaug.registry import full_name
 
 # Rows of the preset's table (expertaug.config.presets) that each stage of learning obeys.
 _TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection", "hvae_z_e")
@@ -253,21 +253,13 @@ def plot(config: Mapping, experiment: str) -> dict:
 def modules(config: Mapping, experiment: str, method: str | None = None) -> list[str]:
     """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
     one = config["experiments"][experiment]
-    build = _build(config, experiment, method) if method else {}
-    name = build.get("system", {}).get("name", one["system"]["name"])
-    named = [name if "." in name else f"expertaug.systems.{name}"]
-    if method:
-        named += _classes(build, _experiment(config, experiment, method)["model"])
-    return named
-
-
-def _classes(build: Mapping, model: Mapping) -> list[str]:
-    """Classes that a hybrid method is made of."""
+    build = _build(config, experiment, method) if method else {"kind": "none"}
+    system = build.get("system", {}).get("name", one["system"]["name"])
     if build["kind"] != "hybrid":
-        return []
-    parts = [part for part in ("encoder", "interaction") if build.get(part, True)]
-    objective = full_name("objective", _objective(build), "objective")
-    return [*(full_name(part, model[part]["kind"], part) for part in parts), objective]
+        return registry.modules(system, {}, None)
+    model = _experiment(config, experiment, method)["model"]
+    parts = {part: settings for part, settings in model.items() if build.get(part, True)}
+    return registry.modules(system, parts, _objective(build))
 
 
 def _identity(config: Mapping, experiment: str, variant: str) -> dict:

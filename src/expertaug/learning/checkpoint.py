@@ -8,31 +8,36 @@ import io
 import json
 import logging
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import torch
 
+from expertaug import source_files
 from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
 
 logger = logging.getLogger(__name__)
 
 MAGIC = b"expertaug-checkpoint-2"
-PACKAGE = Path(__file__).parents[1]
-CODE = ("learning", "models", "systems", "trajectories.py", "config/presets.py")
 
 
-def fingerprint(settings: Mapping, inputs: list[Path]) -> str:
-    """SHA-256 over the settings, the training code and the input files: a checkpoint of another one is not used."""
+def fingerprint(settings: Mapping, inputs: Iterable[Path], modules: Iterable[str]) -> str:
+    """SHA-256 of what a job's result depends on: a checkpoint of another one is not used.
+
+    Arguments:
+        settings: of the job.
+        inputs: files that it reads.
+        modules: of its stage, then those that its settings name (:func:`expertaug.registry.modules`); they stand for
+            all the files that the workflow declares for the stage and for the installed numeric packages.
+    """
+    modules = list(modules)
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode())
-    for entry in CODE:
-        path = PACKAGE / entry
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            digest.update(sha256(file).encode())
-    for file in inputs:
-        digest.update(sha256(file).encode())
+    for text in source_files.versions(modules):
+        digest.update(text.encode())
+    for one in [*sorted(map(sha256, source_files.files(modules))), *map(sha256, inputs)]:
+        digest.update(one.encode())
     return digest.hexdigest()
 
 

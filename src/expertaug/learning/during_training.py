@@ -13,6 +13,7 @@ from expertaug.learning.augment import augment
 from expertaug.learning.checkpoint import fingerprint
 from expertaug.learning.finetune import finetune
 from expertaug.models import store
+from expertaug.registry import modules
 
 BASE = 0  # as the length of a fine-tuning: the snapshot itself
 
@@ -34,7 +35,9 @@ def stages(
     file, work = Path(file), Path(work)
     inputs = [file, *(Path(data) / f"{name}.npz" for name in ("train", "validation"))]
     used = {key: settings[key] for key in ("augment", "finetune", "finetune_epochs")}
-    folder = work / fingerprint(used, inputs)[:16]
+    description = store.read_tensors(file)[0]["description"]
+    named = modules(description["system"]["name"], description["model"], description["objective"])
+    folder = work / fingerprint(used, inputs, [__name__, *named])[:16]
     for other in work.glob("*"):  # of other settings, code or data
         if other != folder:
             shutil.rmtree(other)

@@ -17,7 +17,7 @@ from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
-from expertaug.registry import find
+from expertaug.registry import find, modules
 from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 
@@ -49,7 +49,10 @@ def fit(
     failed = dict.fromkeys(description.get("failed", ()), "it failed in the training before")
     trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep, failed)
     with locked(work):
-        checkpoint = Checkpoint(work, fingerprint({k: v for k, v in settings.items() if k != "device"}, inputs))
+        wanted = {k: v for k, v in settings.items() if k != "device"}
+        named = modules(description["system"]["name"], description["model"], description["objective"])
+        code = [f"expertaug.learning.{description['stage']}", *named]
+        checkpoint = Checkpoint(work, fingerprint(wanted, inputs, code))
         state = checkpoint.load()
         if state is not None:
             trainer.restore(state)

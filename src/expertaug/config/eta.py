@@ -1,0 +1,92 @@
+"""How long a run will take: costs of a published run, corrected by what has been measured here."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+UNMEASURED_S = 5.0  # a job that nobody has measured: a table, a figure
+TRUST_S = 60.0  # of published seconds: a few short jobs, mostly start-up, say little of how fast this host is
+_SEEDS = re.compile(r"_seeds_[\d_]+$")
+
+
+def published_costs(folder: Path) -> dict[str, dict[str, float]]:
+    """Seconds by job (``train/pendulum_aphynity_seeds_0_1_2``) of every published run, by the run's name."""
+    found = {}
+    for path in sorted(Path(folder).glob("*/costs.csv")):
+        with path.open(encoding="utf-8", newline="") as stream:
+            found[path.parent.name] = {row["job"]: float(row["seconds"]) for row in csv.DictReader(stream)}
+    return found
+
+
+def measured_costs(benchmarks: Path) -> dict[str, float]:
+    """Seconds by job of what has been run in this results folder, from Snakemake's benchmark files."""
+    found = {}
+    for path in Path(benchmarks).rglob("*.tsv"):
+        with path.open(encoding="utf-8", newline="") as stream:
+            rows = [row["s"] for row in csv.DictReader(stream, delimiter="\t")]
+        if rows:
+            found[path.relative_to(benchmarks).with_suffix("").as_posix()] = float(rows[-1])
+    return found
+
+
+def closest(published: Mapping[str, Mapping[str, float]], jobs: Iterable[str]) -> str | None:
+    """The published run that has most of these jobs, None where none has any."""
+    jobs = set(jobs)
+    shared = {name: len(jobs & costs.keys()) for name, costs in published.items()}
+    best = max(shared, key=shared.__getitem__, default=None)
+    return best if best is not None and shared[best] else None
+
+
+def estimator(costs: Mapping[str, float], measured: Mapping[str, float]) -> Callable[[str], float]:
+    """A function: job → seconds.
+
+    The best that is known counts: the job's own measurement, its published cost, the mean of the same training with
+    other seeds, the mean of the stage; published costs times this host's factor, measured to published.
+    """
+    both = [job for job in measured if costs.get(job)]
+    factor = (TRUST_S + sum(measured[job] for job in both)) / (TRUST_S + sum(costs[job] for job in both))
+    known = {job: seconds * factor for job, seconds in costs.items()} | dict(measured)
+    means = [_means(known, without) for without in (_seedless, _stage)]
+
+    def seconds(job: str) -> float:
+        likely = [known.get(job), *(mean.get(of(job)) for mean, of in zip(means, (_seedless, _stage), strict=True))]
+        return next((value for value in likely if value is not None), UNMEASURED_S)
+
+    return seconds
+
+
+def remaining(jobs: Mapping[str, float], seconds: Callable[[str], float], cores: int) -> float:
+    """Seconds until all jobs have ended.
+
+    Arguments:
+        jobs: those that have not ended, with the seconds that each has been running.
+        seconds: see :func:`estimator`.
+        cores: jobs that run at a time.
+    """
+    left = [max(0.0, seconds(job) - elapsed) for job, elapsed in jobs.items()]
+    return max(sum(left) / max(1, cores), max(left, default=0.0))
+
+
+def text(seconds: float) -> str:
+    """A duration as one says it: ``40 seconds``, ``82 minutes``, ``3.5 hours``."""
+    if seconds < 90:
+        return f"{max(10, round(seconds, -1)):.0f} seconds"
+    return f"{seconds / 60:.0f} minutes" if seconds < 120 * 60 else f"{seconds / 3600:.1f} hours"
+
+
+def _means(known: Mapping[str, float], of: Callable[[str], str]) -> dict[str, float]:
+    groups: dict[str, list[float]] = {}
+    for job, seconds in known.items():
+        groups.setdefault(of(job), []).append(seconds)
+    return {name: sum(values) / len(values) for name, values in groups.items()}
+
+
+def _seedless(job: str) -> str:
+    return _SEEDS.sub("", job)
+
+
+def _stage(job: str) -> str:
+    return job.partition("/")[0]

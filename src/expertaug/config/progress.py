@@ -1,0 +1,112 @@
+"""What a run of the workflow tells while it goes on: how long it will take, and at its end what was refused."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sized
+from pathlib import Path
+
+from expertaug.config import eta
+
+logger = logging.getLogger("snakemake.logging")  # what is said here is on the terminal and in Snakemake's own log
+_ERROR = " ERROR "  # as expertaug.cli writes it
+
+
+class Watch(logging.Handler):
+    """Listens to the events that Snakemake logs; it changes nothing in the run.
+
+    Arguments:
+        results: the results folder.
+        published: folder of published runs, whose costs estimate this one's.
+    """
+
+    def __init__(self, results: Path, published: Path) -> None:
+        super().__init__()
+        self.benchmarks = Path(results) / "benchmarks"
+        self.published = Path(published)
+        self.began: dict[int, float] = {}
+        self.ended: set[int] = set()
+        self.failed: dict[int, tuple[str, list[str]]] = {}
+        self.dag, self.cores, self.costs = None, 1, {}
+
+    def start(self, dag, cores: int) -> None:
+        """Say how long the run will take, and listen from now on.
+
+        Arguments:
+            dag: Snakemake's, whose ``needrun_jobs`` are those to come; it may grow when a checkpoint has ended.
+            cores: jobs that run at a time.
+        """
+        self.dag, self.cores = dag, cores
+        logger.addHandler(self)
+        try:
+            logger.info(self.first_estimate())
+        except Exception as error:  # it never ends a run
+            logger.warning(f"How long this takes cannot be estimated: {error}")
+
+    def first_estimate(self) -> str:
+        """How long the run will take, in one line."""
+        jobs, published = self.jobs(), eta.published_costs(self.published)
+        name = eta.closest(published, jobs)
+        self.costs = published.get(name, {})
+        cores = f"{self.cores} core{'s' * (self.cores > 1)}"
+        if name is None and not eta.measured_costs(self.benchmarks):
+            return f"{count(jobs)} on {cores}; how long they take is told when some have ended."
+        source = f" (by the costs of the published run '{name}')" if name else ""
+        return f"About {self.left(jobs)} for {count(jobs)} on {cores}{source}."
+
+    def jobs(self) -> dict[str, float]:
+        """Jobs that have not ended, called as in costs.csv, with the seconds that each has been running."""
+        now, found = time.monotonic(), {}
+        for job in self.dag.needrun_jobs():
+            if not job.rule.norun and job.jobid not in self.ended:
+                found[self.called(job)] = now - self.began.get(job.jobid, now)
+        return found
+
+    def left(self, jobs: dict[str, float]) -> str:
+        """How long these jobs will take, as a text."""
+        seconds = eta.estimator(self.costs, eta.measured_costs(self.benchmarks))
+        return eta.text(eta.remaining(jobs, seconds, self.cores))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            event = getattr(record, "event", None)
+            if event == "job_started":
+                self.began |= dict.fromkeys(record.jobs, time.monotonic())
+            elif event == "job_finished":
+                self.ended.add(record.job_id)
+                self.failed.pop(record.job_id, None)  # it went well when it was tried again
+            elif event == "job_error":
+                self.failed[record.jobid] = (record.rule_name, [str(path) for path in record.log])
+            elif event == "progress" and (jobs := self.jobs()):
+                logger.info(f"About {self.left(jobs)} left for {count(jobs)}.")
+        except Exception:  # it never ends a run
+            self.handleError(record)
+
+    def refusals(self) -> list[str]:
+        """One line for each job that failed: what it said last, and where its log lies."""
+        return [_said(rule, logs) for rule, logs in self.failed.values()]
+
+    def called(self, job) -> str:
+        """A job as costs.csv calls it."""
+        if job.benchmark is None:
+            return f"{job.rule.name}/{job.jobid}"
+        return Path(str(job.benchmark)).relative_to(self.benchmarks).with_suffix("").as_posix()
+
+
+def count(jobs: Sized) -> str:
+    """How many jobs there are, as a text."""
+    return "1 job" if len(jobs) == 1 else f"{len(jobs)} jobs"
+
+
+def _said(rule: str, logs: list[str]) -> str:
+    path = next((path for path in map(Path, logs) if path.is_file()), None)
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path else []
+    at = next((k for k in reversed(range(len(lines))) if _ERROR in lines[k]), None)
+    if at is None:
+        said = f"{rule}: ended without a word (killed, or short of memory?)"
+    else:
+        said = lines[at].partition(_ERROR)[2]
+        if at + 1 < len(lines):  # a traceback: its last line says what happened
+            said = f"{said}: {lines[-1].strip()}"
+    return f"{said} (log: {path})" if path else said

@@ -1,0 +1,161 @@
+"""Which source files a module is made of, and which installed packages compute its numbers.
+
+Files are found by following the import statements, without importing anything: the workflow asks for every rule
+whenever it starts, and a checkpoint's fingerprint asks the same.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+from collections.abc import Iterable
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from expertaug.errors import InputError
+
+PACKAGE = Path(__file__).resolve().parent
+
+# Mirroring to the tracking store changes no result; neither does translating the command line or leaving out a
+# recording.
+WITHOUT_EFFECT = frozenset(
+    {
+        "expertaug.cli",
+        "expertaug.commands",
+        "expertaug.tracking.mlflow_mirror",
+        "expertaug.tracking.mlflow_store",
+        "expertaug.tracking.rebuild",
+        "expertaug.tracking.store_link",
+        "expertaug.tracking.store_lock",
+        "expertaug.recordings.intake",
+    }
+)
+
+# Packages whose version may change a number: what is imported → what may be installed to bring it.
+NUMERIC = {
+    "torch": ("torch",),
+    "torchdiffeq": ("torchdiffeq",),
+    "numpy": ("numpy",),
+    "scipy": ("scipy",),
+    "cv2": ("opencv-python-headless", "opencv-python"),
+    "av": ("av",),
+}
+
+
+def files(modules: Iterable[str]) -> list[Path]:
+    """Source files of these modules and of all that they import of this package and of their own, sorted.
+
+    Arguments:
+        modules: ``package.module`` or ``package.module:Class``; the first is never left out as without effect.
+
+    Raises:
+        InputError: a module does not exist.
+    """
+    return sorted(path for _, path in _all(modules))
+
+
+def versions(modules: Iterable[str]) -> list[str]:
+    """Installed versions of the numeric packages that these modules and all that they import use: ``numpy 2.4.6``."""
+    used = {name.partition(".")[0] for module, path in _all(modules) for name in _imported(path, module)}
+    return [_installed(name) for name in NUMERIC if name in used]
+
+
+def modules_in(package: str) -> list[str]:
+    """Names of the modules directly in a package of ``expertaug``."""
+    folder = PACKAGE.joinpath(*package.split(".")[1:])
+    return sorted(path.stem for path in folder.glob("*.py") if path.stem != "__init__")
+
+
+def find(where: str, name: str) -> Path:
+    """The file of the module that a configuration names as ``package.module`` or ``package.module:Class``.
+
+    Raises:
+        InputError: there is no such module.
+    """
+    module = name.partition(":")[0]
+    own = _path(module)  # without importing its package, which would load torch
+    if own is not None:
+        return own
+    try:
+        found = importlib.util.find_spec(module)
+    except (ImportError, ValueError):
+        found = None
+    if found is None or not found.origin:
+        raise InputError(where, f"no module '{module}'", "name a module that Python finds: is its package installed?")
+    return Path(found.origin)
+
+
+def parsed(path: Path) -> ast.Module:
+    """The syntax tree of a Python file.
+
+    Raises:
+        InputError: it is no Python.
+    """
+    try:
+        return ast.parse(path.read_text(encoding="utf-8"))
+    except (SyntaxError, ValueError) as error:
+        line = f":{error.lineno}" if getattr(error, "lineno", None) else ""
+        raise InputError(f"{path}{line}", f"no Python ({getattr(error, 'msg', error)})", "correct that file") from error
+
+
+def _all(modules: Iterable[str]) -> frozenset[tuple[str, Path]]:
+    return _all_of(tuple(name.partition(":")[0] for name in modules))
+
+
+@cache
+def _all_of(names: tuple[str, ...]) -> frozenset[tuple[str, Path]]:
+    ignored = WITHOUT_EFFECT - set(names[:1])
+    return frozenset().union(*(_reachable(name, ignored) for name in names))
+
+
+@cache
+def _reachable(name: str, ignored: frozenset[str]) -> frozenset[tuple[str, Path]]:
+    """A module and everything of this package and of its own that it imports, also inside functions: names, files."""
+    own = name.split(".")[0]
+    roots = {"expertaug": PACKAGE.parent}
+    if own not in roots:
+        file = find(name, name)
+        roots[own] = file.parents[name.count(".") + (file.name == "__init__.py")]
+    todo, found = [name], {}
+    while todo:
+        module = todo.pop()
+        path = _path(module, roots.get(module.split(".")[0], PACKAGE.parent))
+        if module in found or module in ignored or path is None:
+            continue
+        found[module] = path
+        todo += [other for other in _imported(path, module) if other.split(".")[0] in roots]
+        todo.append(module.rpartition(".")[0])
+    if name not in found:
+        raise InputError(name, "no such module of expertaug", "correct the name")
+    return frozenset(found.items())
+
+
+def _path(module: str, root: Path = PACKAGE.parent) -> Path | None:
+    base = root.joinpath(*module.split("."))
+    return next((p for p in (base.with_suffix(".py"), base / "__init__.py") if module and p.is_file()), None)
+
+
+@cache
+def _imported(path: Path, module: str) -> tuple[str, ...]:
+    """Modules that a file, which is ``module``, names in import statements."""
+    names = []
+    package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) + 1 - node.level] if node.level else []
+            source = ".".join([*above, *([node.module] if node.module else [])])
+            names += [source, *(f"{source}.{alias.name}" for alias in node.names)]
+    return tuple(names)
+
+
+@cache
+def _installed(name: str) -> str:
+    for distribution in NUMERIC[name]:
+        try:
+            return f"{distribution} {version(distribution)}"
+        except PackageNotFoundError:
+            continue
+    return f"{name} of an unknown version"

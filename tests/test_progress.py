@@ -1,0 +1,134 @@
+"""How long a run takes, and what is told at its end."""
+
+from __future__ import annotations
+
+import logging
+from types import SimpleNamespace
+
+import pytest
+
+from expertaug.config import eta
+from expertaug.config.progress import Watch, logger
+
+COSTS = {"train/a_x_seeds_0_1": 600.0, "train/a_x_seeds_2": 200.0, "train/b_x_seeds_0_1": 1000.0, "simulate/a": 40.0}
+
+
+def test_what_is_known_of_a_job_best_counts():
+    seconds = eta.estimator(COSTS, {})
+    assert seconds("train/a_x_seeds_0_1") == 600
+    assert seconds("train/a_x_seeds_7_8") == 400, "the mean of the same training with other seeds"
+    assert seconds("train/c_y_seeds_0") == 600, "the mean of the stage"
+    assert seconds("plot_experiment/3") == eta.UNMEASURED_S
+
+
+def test_published_costs_are_corrected_by_what_has_been_measured():
+    seconds = eta.estimator(COSTS, {"train/b_x_seeds_0_1": 2000.0})
+    factor = (2000 + eta.TRUST_S) / (1000 + eta.TRUST_S)
+    assert seconds("train/a_x_seeds_0_1") == pytest.approx(600 * factor)
+    assert seconds("train/b_x_seeds_0_1") == 2000, "its own measurement"
+    assert eta.estimator(COSTS, {"simulate/other": 9.0})("simulate/a") == 40, "nothing to compare"
+
+
+def test_one_short_job_says_little_of_the_host():
+    assert eta.estimator(COSTS | {"simulate/b": 1.0}, {"simulate/b": 10.0})("train/b_x_seeds_0_1") < 1200
+
+
+def test_remaining_time_is_that_of_all_cores_or_of_the_longest_job():
+    seconds = {"a": 100.0, "b": 60.0, "c": 20.0}.__getitem__
+    assert eta.remaining({"a": 0.0, "b": 0.0, "c": 0.0}, seconds, 1) == 180
+    assert eta.remaining({"a": 0.0, "b": 0.0, "c": 0.0}, seconds, 2) == 100
+    assert eta.remaining({"a": 70.0, "b": 200.0, "c": 0.0}, seconds, 1) == 50, "what has run; nothing below zero"
+    assert eta.remaining({}, seconds, 2) == 0
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(0, "10 seconds"), (44, "40 seconds"), (100, "2 minutes"), (4920, "82 minutes"), (12600, "3.5 hours")],
+)
+def test_durations_are_said_as_people_say_them(seconds, said):
+    assert eta.text(seconds) == said
+
+
+def test_costs_are_read_from_published_runs_and_benchmarks(tmp_path):
+    (tmp_path / "long").mkdir()
+    (tmp_path / "long" / "costs.csv").write_text("job,seconds,peak_memory_mb\ntrain/a,600.5,300\n")
+    (tmp_path / "benchmarks" / "train").mkdir(parents=True)
+    (tmp_path / "benchmarks" / "train" / "a.tsv").write_text("s\th:m:s\tmax_rss\n61.25\t0:01:01\t300\n")
+    (tmp_path / "benchmarks" / "train" / "half.tsv").write_text("s\th:m:s\n")
+    assert eta.published_costs(tmp_path) == {"long": {"train/a": 600.5}}
+    assert eta.measured_costs(tmp_path / "benchmarks") == {"train/a": 61.25}
+
+
+def test_the_published_run_with_most_of_the_jobs_is_taken():
+    published = {"default": {"a": 1.0, "b": 1.0, "x": 1.0}, "smoke": {"a": 1.0, "b": 1.0, "c": 1.0}}
+    assert eta.closest(published, ["a", "b", "c"]) == "smoke"
+    assert eta.closest(published, ["z"]) is None and eta.closest({}, ["a"]) is None
+
+
+class Dag:
+    """Jobs as Snakemake's graph of jobs shows them."""
+
+    def __init__(self, folder, *names):
+        self.all = [
+            SimpleNamespace(
+                jobid=k,
+                rule=SimpleNamespace(name="rule", norun=name is None),
+                benchmark=name and str(folder / "benchmarks" / f"{name}.tsv"),
+            )
+            for k, name in enumerate(names)
+        ]
+
+    def needrun_jobs(self):
+        return iter(self.all)
+
+
+@pytest.fixture
+def watch(tmp_path, caplog):
+    (tmp_path / "published" / "long").mkdir(parents=True)
+    (tmp_path / "published" / "long" / "costs.csv").write_text(
+        "job,seconds,peak_memory_mb\ntrain/a,900,1\ntrain/b,300,1\n"
+    )
+    found = Watch(tmp_path / "results", tmp_path / "published")
+    caplog.set_level(logging.INFO, logger.name)
+    yield found
+    logger.removeHandler(found)
+
+
+def test_a_run_is_announced_and_followed(watch, tmp_path, caplog):
+    watch.start(Dag(tmp_path / "results", "train/a", "train/b", None), 1)
+    assert caplog.messages == ["About 20 minutes for 2 jobs on 1 core (by the costs of the published run 'long')."]
+    logger.info("", extra={"event": "job_finished", "job_id": 1})
+    logger.info("", extra={"event": "progress"})
+    assert "About 15 minutes left for 1 job." in caplog.messages
+
+
+def test_nothing_is_estimated_from_nothing(watch, tmp_path, caplog):
+    watch.start(Dag(tmp_path / "results", "train/other"), 2)
+    assert caplog.messages == ["1 job on 2 cores; how long they take is told when some have ended."]
+
+
+def test_broken_costs_end_no_run(watch, tmp_path, caplog):
+    (tmp_path / "published" / "long" / "costs.csv").write_text("job,seconds\ntrain/a,many\n")
+    watch.start(Dag(tmp_path / "results", "train/a"), 2)
+    assert "cannot be estimated" in caplog.messages[-1]
+    logger.info("", extra={"event": "progress"})
+
+
+def test_each_refusal_is_told_once_with_its_log(watch, tmp_path):
+    watch.start(Dag(tmp_path / "results", "train/a"), 1)
+    logs = [tmp_path / f"{k}.log" for k in range(4)]
+    logs[0].write_text(
+        "t INFO begins\n2026-01-01 10:00:00,000 ERROR expertaug train: data: no such file; run simulate\n"
+    )
+    logs[1].write_text("t ERROR expertaug augment: failed\nTraceback (most recent call last):\n  …\nValueError: odd\n")
+    logs[2].write_text("t INFO begins\n")
+    for k, path in enumerate(logs):
+        fields = {"event": "job_error", "jobid": k, "rule_name": f"rule_{k}", "log": [str(path)]}
+        logger.error("", extra=fields)
+        logger.error("", extra=fields)
+    logger.info("", extra={"event": "job_finished", "job_id": 3})  # went well when it was tried again
+    assert watch.refusals() == [
+        f"expertaug train: data: no such file; run simulate (log: {logs[0]})",
+        f"expertaug augment: failed: ValueError: odd (log: {logs[1]})",
+        f"rule_2: ended without a word (killed, or short of memory?) (log: {logs[2]})",
+    ]

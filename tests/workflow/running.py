@@ -1,0 +1,108 @@
+"""What the tests of the workflow share: running Snakemake in a copy of the project."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).parents[2]
+DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "plot_recording", "overlay", "recordings"]
+DATA += ["split_chunks", "calibrate"]
+LEARNING_TARGETS = ["train", "augment", "finetune", "during_training", "evaluate", "studies", "report"]
+LEARNING_TARGETS += ["pendulum", "double_pendulum"]
+TARGETS = [*DATA, "simulate", *LEARNING_TARGETS, "everything", "all"]
+SMOKE = ["--configfile", "config/smoke.yaml", "studies.yaml"]
+# Simulated and recorded data, the quick methods; each study and the comparison with the paper, on the pendulum.
+STUDIES = """
+run: [pendulum, double_pendulum]
+experiments:
+  pendulum:
+    methods: [mean, expert_only, ml_only, aphynity]
+    augmented: [aphynity]
+    data: {sets: {near: {size: 9, z_e: {omega0: [1.5, 3.1]}, z_a: {alpha: [0.6, 1.0]}}}}
+    augmentations: {narrow: null, wide: {prior: {omega0: [0.1, 7.0]}, methods: [aphynity]}}
+    studies:
+      out_of_expertise: {distances: [none, near], panels: {z_a shifted: [validation, near]}, overview: near}
+      during_training: {method: aphynity, epochs: [1, 3], finetune_epochs: [1], max_samples: 9}
+    evaluation: {published: pendulum}
+  double_pendulum:
+    methods: [mean, expert_only_point_mass, expert_only, ml_only, aphynity]
+    augmented: [aphynity]
+    studies: {during_training: null}
+"""
+# The rules that a change redoes: all that follows its own.
+EVALUATION = {"evaluate_seed_group", "tabulate_experiment", "plot_experiment", "plot_overview"}
+AUGMENTED = {"finetune_seed_group"} | EVALUATION
+LEARNING = {"train_seed_group", "augment_seed_group"} | AUGMENTED
+CHUNKS = {"split_chunks_of_experiment", "plot_splits_of_experiment", "calibrate_experiment"} | LEARNING
+# Of the pendulum there is more.
+SCORED = {"study_experiment", "compare_experiment", "compare_all"} | EVALUATION
+TUNED = {"finetune_seed_group", "during_training_seed_group"} | SCORED
+TRAINED = {"train_seed_group", "augment_seed_group"} | TUNED
+ANGLES = {"measure_angles_of_recording", "plot_page_of_recording", "summarise_recordings"} | CHUNKS
+MARKERS = {"extract_frames_of_recording", "track_markers_of_recording"} | ANGLES
+
+
+def snakemake(project: Path, *arguments: object, **environment: str) -> subprocess.CompletedProcess:
+    """Run Snakemake in the project with the package that lies there."""
+    return subprocess.run(
+        [sys.executable, "-m", "snakemake", "--cores", "2", *map(str, arguments)],
+        cwd=project,
+        env=env_of(project) | environment,
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
+
+
+def env_of(project: Path) -> dict[str, str]:
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    return os.environ | {"PATH": path, "PYTHONPATH": str(project / "src"), "OMP_NUM_THREADS": "1"}
+
+
+def planned(project: Path, *arguments: object, **environment: str) -> dict[str, int]:
+    """Jobs that would be run, by rule; target rules left out."""
+    done = snakemake(project, "--quiet", "host", "-n", *arguments, **environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = (done.stdout + done.stderr).rpartition("Job stats:")[2].partition("total")[0]
+    jobs = {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
+    return {rule: count for rule, count in jobs.items() if rule not in TARGETS}
+
+
+def copy_project(folder: Path) -> Path:
+    for name in ("src", "workflow", "config", "profiles"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+    for name in ("Snakefile", "constraints.txt", "pyproject.toml"):
+        shutil.copy(ROOT / name, folder / name)
+    (folder / "studies.yaml").write_text(STUDIES)
+    return folder
+
+
+def override(project: Path, change: dict) -> list[object]:
+    """Command-line arguments that add ``change`` to the smoke configuration, in its results folder."""
+    path = project / "change.yaml"
+    path.write_text(yaml.safe_dump({"overwrite": True} | change))
+    return [*SMOKE, path]
+
+
+def kill_when_there(project: Path, arguments: list, checkpoint: Path) -> None:
+    """Start Snakemake, and kill it with its jobs as soon as a checkpoint is written."""
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", *map(str, arguments)]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    running = subprocess.Popen(command, cwd=project, env=env_of(project), start_new_session=True, **quiet)
+    try:
+        until = time.monotonic() + 300
+        while not checkpoint.exists():
+            assert running.poll() is None and time.monotonic() < until, "no checkpoint"
+            time.sleep(0.02)
+    finally:
+        os.killpg(running.pid, signal.SIGKILL)
+        running.wait()

@@ -1,0 +1,103 @@
+"""What is redone after a change: exactly the stages that it touches."""
+
+from __future__ import annotations
+
+import pytest
+from running import (
+    ANGLES,
+    CHUNKS,
+    LEARNING,
+    MARKERS,
+    SCORED,
+    SMOKE,
+    TRAINED,
+    TUNED,
+    override,
+    planned,
+    snakemake,
+)
+
+
+def test_a_second_run_does_nothing(project):
+    done = snakemake(project, *SMOKE)
+    assert "Nothing to be done" in done.stdout + done.stderr
+
+
+def test_touched_files_and_pinned_versions_that_are_not_installed_redo_nothing(project):
+    with (project / "constraints.txt").open("a") as stream:
+        stream.write("# a comment\n")
+    for path in [project / "constraints.txt", *(project / "src").rglob("*.py")]:
+        path.touch()
+    assert planned(project, *SMOKE) == {}
+
+
+WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
+
+
+@pytest.mark.parametrize(
+    ("change", "rules"),
+    [
+        ({"experiments": {"pendulum": {"finetuning": {"epochs": 5}}}}, TUNED),
+        ({"experiments": {"pendulum": {"overrides": {"aphynity": WIDER}}}}, {"augment_seed_group"} | TUNED),
+        ({"experiments": {"pendulum": {"evaluation": {"samples": 2}}}}, SCORED),
+        ({"experiments": {"pendulum": {"training": {"learning_rate": 0.001}}}}, TRAINED),
+        (
+            {"experiments": {"pendulum": {"data": {"sets": {"test": {"size": 21}}}}}},
+            {"simulate_set", "during_training_seed_group"} | SCORED,
+        ),
+        ({"experiments": {"pendulum": {"data": {"sets": {"near": {"size": 8}}}}}}, {"simulate_set"} | SCORED),
+        (
+            {"experiments": {"pendulum": {"studies": {"during_training": {"epochs": [2]}}}}},
+            TRAINED,
+        ),
+        ({"experiments": {"pendulum": {"evaluation": {"published": "rlc"}}}}, {"compare_experiment", "compare_all"}),
+        ({"experiments": {"double_pendulum": {"data": {"split": {"stride": 3}}}}}, CHUNKS),
+        ({"recordings": {"angles": {"max_gap_frames": 4}}}, ANGLES),
+        ({"recordings": {"tracking": {"min_level": 25}}}, MARKERS),
+        ({"choices": {"frozen": "interaction_and_z_e_head"}}, TUNED),
+        ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_seed_group"} | SCORED),
+        ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
+        ({"device": "cpu"}, TRAINED),
+    ],
+)
+def test_a_changed_parameter_redoes_exactly_its_stages(project, change, rules):
+    assert set(planned(project, *override(project, change))) == rules
+
+
+def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
+    jobs = planned(project, *override(project, {"experiments": {"pendulum": {"training": {"batch_size": 10}}}}))
+    assert (jobs["train_seed_group"], jobs["tabulate_experiment"]) == (3, 1)
+
+
+@pytest.mark.parametrize(
+    ("module", "rules"),
+    [
+        ("cli.py", set()),
+        ("systems/pendulum.py", {"simulate_set"} | TRAINED),
+        ("evaluation/tables.py", {"tabulate_experiment"}),
+        ("recordings/reports/drawing.py", {"plot_splits_of_experiment", "plot_page_of_recording"}),
+        ("recordings/reports/overlay.py", set()),
+        ("learning/finetune.py", TUNED),
+        ("evaluation/published.py", {"compare_experiment", "compare_all"}),
+        ("evaluation/paper.csv", {"compare_experiment", "compare_all"}),
+        ("recordings/angles/calibration.py", {"calibrate_experiment"} | LEARNING),
+        ("recordings/markers/tracker.py", MARKERS),
+    ],
+)
+def test_a_changed_module_redoes_exactly_its_stages(project, module, rules):
+    path = project / "src" / "expertaug" / module
+    before = path.read_text()
+    try:
+        path.write_text(f"{before}# changed\n")
+        assert set(planned(project, *SMOKE)) == rules
+    finally:
+        path.write_text(before)
+
+
+@pytest.mark.parametrize(("package", "rules"), [("scipy", ANGLES), ("av", MARKERS), ("pandas", set())])
+def test_another_installed_version_redoes_what_computes_with_it(project, tmp_path, package, rules):
+    metadata = tmp_path / f"{package}-999.0.dist-info" / "METADATA"
+    metadata.parent.mkdir()
+    metadata.write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 999.0\n")
+    path = f"{tmp_path}:{project / 'src'}"
+    assert set(planned(project, *SMOKE, PYTHONPATH=path)) - {"render_video_of_recording"} == rules
