@@ -12,7 +12,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "src" / "expertaug"
 # From the ground up: a module may import from its own floor and from those below.
 FLOORS = (
-    ("errors", "files", "trajectories", "labels", "plotting", "registry", "settings"),
+    ("errors", "files", "wording", "settings", "trajectories", "labels", "plotting", "registry", "source_files"),
     ("systems",),
     ("models",),
     ("tracking",),

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.evaluation.publish import publish
 
@@ -31,15 +32,15 @@ def run(tmp_path, monkeypatch):
     return tmp_path
 
 
-def configs(root):
-    return [Path(__file__).parents[1] / "config/config.yaml", root / "my.yaml"]
+def settings(root):
+    return config.validate(config.load([Path(__file__).parents[1] / "config/config.yaml", root / "my.yaml"]))
 
 
 def test_tables_figures_and_provenance_are_kept_and_nothing_else(run):
     (run / "out/tables/published.md").write_text("of an earlier run")
-    publish(configs(run), run / "kept", "snakemake")
+    publish(settings(run), run / "kept", "snakemake")
     (run / "out/tables/published.md").unlink()
-    publish(configs(run), run / "kept", "snakemake --cores 2")
+    publish(settings(run), run / "kept", "snakemake --cores 2")
     files = {str(p.relative_to(run / "kept")) for p in (run / "kept").rglob("*") if p.is_file()}
     assert files == {"tables/pendulum.md", "figures/pendulum_log_mse.png"} | {
         "config.yaml",
@@ -59,7 +60,7 @@ def test_an_unfinished_run_is_refused_and_the_old_stays(run):
     (run / "kept").mkdir()
     (run / "kept/old").write_text("of an earlier run")
     with pytest.raises(InputError, match=r"pendulum\.md.*run the workflow"):
-        publish(configs(run), run / "kept", "snakemake")
+        publish(settings(run), run / "kept", "snakemake")
     assert (run / "kept/old").exists()
 
 
@@ -81,13 +82,13 @@ def test_what_publishing_did_not_make_is_refused_and_stays(run, target):
     (run / "clone/provenance.json").write_text('{"command": "snakemake", "git_revisions": []}')
     before = everything(run)
     with pytest.raises(InputError, match="choose a folder that does not exist yet"):
-        publish(configs(run), run / target, "snakemake")
+        publish(settings(run), run / target, "snakemake")
     assert everything(run) == before
 
 
 @pytest.mark.parametrize("kept", ["", "out"], ids=["working directory", "results"])
 def test_a_published_folder_is_refused_once_it_holds_something_else(run, kept, monkeypatch):
-    publish(configs(run), run / "kept", "snakemake")
+    publish(settings(run), run / "kept", "snakemake")
     if kept:
         (run / "out").rename(run / "kept/out")
         (run / "my.yaml").write_text(yaml.safe_dump({"results": "kept/out", "run": ["pendulum"]}))
@@ -95,27 +96,27 @@ def test_a_published_folder_is_refused_once_it_holds_something_else(run, kept, m
         (run / "my.yaml").write_text(yaml.safe_dump({"results": str(run / "out"), "run": ["pendulum"]}))
         monkeypatch.chdir(run / "kept")
     with pytest.raises(InputError, match=r"is or contains the (working directory|results folder)"):
-        publish(configs(run), run / "kept", "snakemake")
+        publish(settings(run), run / "kept", "snakemake")
 
 
 def test_a_file_that_somebody_put_into_a_published_folder_is_named_and_stays(run):
-    publish(configs(run), run / "kept", "snakemake")
+    publish(settings(run), run / "kept", "snakemake")
     (run / "kept/tables/notes.md").write_text("mine")
     with pytest.raises(InputError, match=r"kept/tables/notes\.md: publish did not write this file"):
-        publish(configs(run), run / "kept", "snakemake")
+        publish(settings(run), run / "kept", "snakemake")
     assert (run / "kept/tables/notes.md").read_text() == "mine"
 
 
 def test_a_link_to_a_published_folder_stays_a_link(run):
-    publish(configs(run), run / "first", "snakemake")
+    publish(settings(run), run / "first", "snakemake")
     (run / "latest").symlink_to("first")
-    publish(configs(run), run / "latest", "snakemake again")
+    publish(settings(run), run / "latest", "snakemake again")
     assert (run / "latest").is_symlink()
     assert json.loads((run / "first/provenance.json").read_text())["command"] == "snakemake again"
 
 
 def test_a_failure_while_replacing_brings_the_old_back(run, monkeypatch):
-    publish(configs(run), run / "kept", "snakemake")
+    publish(settings(run), run / "kept", "snakemake")
     before = everything(run / "kept")
     rename = Path.rename
 
@@ -126,6 +127,6 @@ def test_a_failure_while_replacing_brings_the_old_back(run, monkeypatch):
 
     monkeypatch.setattr(Path, "rename", fail)
     with pytest.raises(OSError, match="no"):
-        publish(configs(run), run / "kept", "snakemake again")
+        publish(settings(run), run / "kept", "snakemake again")
     assert everything(run / "kept") == before
     assert {path.name for path in run.iterdir()} == {"kept", "my.yaml", "out"}

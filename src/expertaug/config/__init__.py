@@ -1,0 +1,1 @@
+"""What a configuration may say, reading and checking it, and what each job takes of it."""

@@ -13,7 +13,44 @@ from expertaug import registry
 from expertaug.config import options
 from expertaug.config.jobs import label, seed_groups, sets, snapshots, studied, variants
 from expertaug.config.layers import merge, plain
-from expertaug.recordings.provenance import RENDERED
+from expertaug.config.recording_settings import (
+    calibrate,
+    extract_frames,
+    import_markers,
+    measure_angles,
+    overlaid,
+    overlay,
+    render_video,
+    split_chunks,
+    track_markers,
+    unpack_markers,
+)
+
+__all__ = [
+    "augment",
+    "calibrate",
+    "compare",
+    "during_training",
+    "evaluate",
+    "extract_frames",
+    "finetune",
+    "import_markers",
+    "init_tracking",
+    "measure_angles",
+    "modules",
+    "overlaid",
+    "overlay",
+    "overview",
+    "plot",
+    "render_video",
+    "simulate",
+    "split_chunks",
+    "study",
+    "tabulate",
+    "track_markers",
+    "train",
+    "unpack_markers",
+]
 
 # Rows of the preset's table (expertaug.config.presets) that each stage of learning obeys.
 _TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection", "hvae_z_e")
@@ -32,75 +69,6 @@ SHOWING = (*READING, "published", "overview")
 
 def init_tracking(config: Mapping) -> dict:
     return dict(config["tracking"])
-
-
-def render_video(config: Mapping) -> dict:
-    """All but the number of recordings, on which no recording depends."""
-    return {k: v for k, v in config["recordings"]["rendered"].items() if k != "count"}
-
-
-def extract_frames(config: Mapping) -> dict:
-    recordings = config["recordings"]
-    rate = {"analysis_rate_hz": recordings["analysis_rate_hz"]}
-    if recordings["source"] == "videos":
-        return rate | {k: recordings["videos"][k] for k in ("rate_hz", "rate_provenance", "image_size_px")}
-    rendered = recordings["rendered"]
-    return rate | {
-        "rate_hz": rendered["rate_hz"],
-        "rate_provenance": RENDERED,
-        "expected_frames": max(1, round(rendered["duration_s"] * rendered["rate_hz"])),
-        "image_size_px": rendered["image_size_px"],
-    }
-
-
-def track_markers(config: Mapping) -> dict:
-    return dict(config["recordings"]["tracking"])
-
-
-def unpack_markers(config: Mapping) -> dict:
-    return {"sha256": config["recordings"]["markers"]["sha256"]}
-
-
-def import_markers(config: Mapping) -> dict:
-    return {k: v for k, v in config["recordings"]["markers"].items() if k not in ("path", "sha256")}
-
-
-def measure_angles(config: Mapping) -> dict:
-    recordings = config["recordings"]
-    own = {"arm1_m": _arms(recordings)[0], "rate_provenance": _rate(recordings)[1]}
-    return recordings["angles"] | own
-
-
-def overlay(config: Mapping) -> dict:
-    """What is shown, and the rate by which the video's frames are told."""
-    shown = {k: v for k, v in config["recordings"]["overlay"].items() if k not in ("experiment", "variants")}
-    rates = extract_frames(config)
-    return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance")}
-
-
-def overlaid(config: Mapping) -> tuple[str, list[str]] | None:
-    """The experiment and the variants of its methods whose forecasts are drawn over the videos."""
-    chosen = config["recordings"]["overlay"]
-    known = [e for e in config["run"] if config["experiments"][e]["data"]["source"] == "recordings"]
-    experiment = chosen["experiment"] or next(iter(known), None)
-    if experiment is None:
-        return None
-    return experiment, chosen["variants"] or variants(config, experiment)[-1:]
-
-
-def split_chunks(config: Mapping, experiment: str) -> dict:
-    return dict(config["experiments"][experiment]["data"]["split"])
-
-
-def calibrate(config: Mapping, experiment: str) -> dict:
-    recordings = config["recordings"]
-    rate, provenance = _rate(recordings)
-    return config["experiments"][experiment]["data"]["calibration"] | {
-        "arm1_m": _arms(recordings)[0],
-        "arm2_m": _arms(recordings)[1],
-        "nominal_rate_hz": rate,
-        "rate_provenance": provenance,
-    }
 
 
 def simulate(config: Mapping, experiment: str, name: str) -> dict:
@@ -312,20 +280,3 @@ def _choices(config: Mapping, experiment: str, stage: str) -> dict:
 def _noise(experiment: Mapping) -> float:
     """Standard deviation of the noise of an experiment's data."""
     return experiment["data"]["noise"] if experiment["choices"]["noise"] == "config" else 0.0
-
-
-def _arms(recordings: Mapping) -> list[float | None]:
-    """Lengths of the two arms in m, None where they are not known."""
-    return recordings["arms_m"] or [None, None]
-
-
-def _rate(recordings: Mapping) -> tuple[float, str]:
-    """Rate of the analysed frames in Hz, and where it is known from."""
-    source = recordings["source"]
-    if source == "markers":
-        return recordings["markers"]["rate_hz"], recordings["markers"]["rate_provenance"]
-    if source == "rendered":
-        return recordings["analysis_rate_hz"], RENDERED
-    videos = recordings["videos"]
-    default = "the video's metadata" if videos["rate_hz"] is None else "recordings.videos.rate_hz"
-    return recordings["analysis_rate_hz"], videos["rate_provenance"] or default

@@ -6,12 +6,11 @@ import csv
 import os
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import yaml
 
-from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.evaluation.plot import NAMES
 from expertaug.evaluation.studies import KINDS
@@ -31,21 +30,21 @@ OVERALL += [f"tables/published.{end}" for end in ("csv", "md", "tex")]
 OVERALL += [f"figures/{name}.png" for name in ("log_mse", "parameter_errors", "za_shifted")]
 
 
-def publish(configs: Sequence[Path], folder: Path, command: str) -> None:
+def publish(settings: Mapping, folder: Path, command: str) -> None:
     """Replace ``folder`` by the tables and figures of the finished run of a configuration.
 
     Besides them it holds config.yaml (the completed configuration), costs.csv (seconds and peak memory of every job)
     and provenance.json (command, git revisions, package versions, machine, jobs' seconds in sum, peak memory, files).
 
     Arguments:
-        configs: YAML files, later ones win: those of the run.
+        settings: the completed configuration of the run.
         folder: the target, which does not exist, is empty or was published before.
         command: how the run was started, for the record.
 
     Raises:
         InputError: a figure or table of the run is missing, or the folder holds anything that was not published.
     """
-    settings = config.validate(config.load(configs))
+    settings = {**settings, "tracking": dict(settings["tracking"])}
     results = Path(settings["results"])
     folder = Path(os.path.realpath(folder))  # a link stays, and what it leads to is replaced
     for experiment in settings["run"]:

@@ -1,0 +1,1 @@
+"""Training, augmentation and fine-tuning of groups of seeds."""

@@ -1,0 +1,1 @@
+"""Hybrid models: decoders, encoders, posteriors, and how seeds are stacked and stored."""

@@ -1,0 +1,1 @@
+"""Recordings of a double pendulum, from video or marker files to chunks of its motion."""

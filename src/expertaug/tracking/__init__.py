@@ -1,0 +1,1 @@
+"""The log of each run, and its mirror in an MLflow store."""

@@ -1,0 +1,1 @@
+"""Interaction models F_a(y; z_a), a file for each."""

@@ -1,0 +1,1 @@
+"""Layers and networks that compute one seed or a group of seeds alike."""

@@ -1,0 +1,1 @@
+"""Recordings cut into chunks and divided into train, validation and test."""

@@ -1,0 +1,1 @@
+"""Marker files of others, from folders and archives that nobody vouches for."""

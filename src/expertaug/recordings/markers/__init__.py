@@ -1,0 +1,1 @@
+"""Positions of the markers in every frame."""

@@ -1,0 +1,1 @@
+"""Pages, tables, figures and videos that show a recording."""

@@ -1,0 +1,1 @@
+"""Reading videos with distrust, keeping their frames, writing videos."""
