@@ -82,8 +82,8 @@ class TrainSettings:
 class Trainer:
     """Adam over stacked parameters: every seed has its own data order, optimiser state, loss and best model.
 
-    A seed sees the same batches alone and in any group; its numbers agree to float rounding only, for how many seeds are
-    multiplied at a time changes the order of sums.
+    A seed sees the same batches alone and in any group; its numbers agree to float rounding only, since how many seeds
+    are multiplied at a time changes the order of sums.
 
     Arguments:
         model: stacked (:func:`expertaug.models.hybrid.stack`); parameters that need no gradient stay as they are.
