@@ -116,7 +116,7 @@ def test_figures_and_metrics_are_artifacts_of_the_tracked_run(folder, tmp_path):
     import mlflow
 
     tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/mlflow.db", "experiment": "test", "tags": {}}
-    initialise(tracking["uri"], "test", tmp_path / "marker.json")
+    initialise(tracking, tmp_path / "marker.json")
     settings = COMMON | {
         "method": "aphynity",
         "label": "APHYNITY",

@@ -12,7 +12,8 @@ from expertaug.learning import snapshots
 from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
-from expertaug.tracking.runlog import initialise, read_log
+from expertaug.tracking.log_file import read_log
+from expertaug.tracking.mlflow_store import initialise
 
 PRIOR = {"omega0": [0.5, 3.5]}
 CPU = torch.device("cpu")
@@ -109,7 +110,7 @@ def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings
     from mlflow.tracking import MlflowClient
 
     tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/mlflow/mlflow.db", "experiment": "trial"}
-    initialise(tracking["uri"], tracking["experiment"], tmp_path / "tracking.json")
+    initialise(tracking, tmp_path / "tracking.json")
     train(data, tmp_path / "model.safetensors", tmp_path / "work", settings | {"snapshots": [1, 3]}, tracking)
     options = study_settings(settings) | {"finetune_epochs": [1, 2]}
     during_training(
