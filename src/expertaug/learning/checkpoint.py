@@ -46,7 +46,7 @@ class Checkpoint:
 
     Arguments:
         work: folder of the job, made when needed.
-        fingerprint: of the job; a file with another one is ignored.
+        fingerprint: what the job is made of; a file with another one is ignored.
     """
 
     def __init__(self, work: Path, fingerprint: str) -> None:

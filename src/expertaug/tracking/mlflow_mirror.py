@@ -66,7 +66,7 @@ class Mirror:
         with locked(uri, database(uri)):  # two jobs of one method must not make two parents
             self.parent = self._find_parent()
         self._supersede(f"tags.log_place = '{self._place}'")
-        if replaced is not None:
+        if replaced is not None and replaced.isalnum():  # it was read from a file
             self._supersede(f"tags.log_key LIKE '{replaced}/%'")
         self.runs = {str(seed): self._open(seed, (runs or {}).get(str(seed))) for seed in self._seeds}
 
