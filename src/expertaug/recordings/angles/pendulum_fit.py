@@ -32,8 +32,8 @@ class Fit:
     Attributes:
         constants: the rigid body's, in the time of the data.
         friction: viscous friction of the two joints in s⁻¹ (zeros where it was not fitted).
-        std_errors: standard errors of B1, G1, B2, G2 and, where fitted, friction1, friction2; clustered, since neighbouring points
-            share their errors.
+        std_errors: standard errors of B1, G1, B2, G2 and, where fitted, friction1, friction2; clustered, since
+            neighbouring points share their errors.
         r2: explained share of the variance of the changes of θ1' and θ2' over a span.
     """
 

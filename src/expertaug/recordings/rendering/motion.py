@@ -62,7 +62,8 @@ def simulate(start: np.ndarray, times: np.ndarray, constants: Constants, frictio
         start: states (N, 4) at ``times[0]``.
         times: (T,) in s, evenly spaced.
         constants: the rigid body's.
-        friction: viscous friction of the two joints in s⁻¹, as in :func:`expertaug.systems.double_pendulum.accelerations`.
+        friction: viscous friction of the two joints in s⁻¹
+            (:func:`expertaug.systems.double_pendulum.accelerations`).
 
     Returns:
         (N, T, 4) float64.
