@@ -47,6 +47,7 @@ def load(settings: Mapping[str, object]) -> System:
 
 
 def _class(name: str) -> type[System]:
+    """The class that ``name`` means."""
     path, _, wanted = name.partition(":")
     here = [module.name for module in pkgutil.iter_modules(__path__)]
     if not wanted and "." not in path and path not in here:
