@@ -9,6 +9,7 @@ import importlib
 import inspect
 from collections.abc import Mapping
 from types import ModuleType
+from typing import Any
 
 from expertaug.errors import InputError
 
@@ -71,7 +72,7 @@ def find(part: str, kind: str, where: str) -> type:
     return check(part, _named(full_name(part, kind, where), where), where)
 
 
-def check(part: str, cls: object, where: str) -> type:
+def check(part: str, cls: Any, where: str) -> type:
     """A class that can be used as ``part``: the one given.
 
     Raises:
@@ -152,7 +153,7 @@ def imported(module: str, where: str) -> ModuleType:
         raise InputError(where, found, "correct that file") from error
 
 
-def _named(name: str, where: str) -> object:
+def _named(name: str, where: str) -> Any:
     """What ``package.module:Name`` is."""
     module, _, attribute = name.partition(":")
     try:

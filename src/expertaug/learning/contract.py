@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -194,7 +195,7 @@ def _size(tensor: Tensor) -> float:
     return max(float(tensor.abs().max()), 1e-12) if tensor.numel() else 1.0
 
 
-def _called(call: Callable, where: str, name: str) -> object:
+def _called(call: Callable, where: str, name: str) -> Any:
     """What a part gives; any exception as one line."""
     try:
         return call()

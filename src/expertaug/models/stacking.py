@@ -9,17 +9,19 @@ their own class body (a subclass may do other things, so it does not inherit tha
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
-from torch.nn.parameter import UninitializedTensorMixin
+from torch.nn.parameter import is_lazy
 
 from expertaug.errors import InputError
 
 RANDOM = "draws random numbers, which cannot be reproduced for each seed"
 WITHOUT_RANDOM = "leave random layers such as dropout out"
 Parts = tuple[Tensor | None, ...]
+Network = TypeVar("Network", bound=nn.Module)
 
 
 def is_stackable(part: nn.Module) -> bool:
@@ -27,7 +29,7 @@ def is_stackable(part: nn.Module) -> bool:
     return vars(type(part)).get("stackable", False) is True
 
 
-def stack(models: Sequence[nn.Module]) -> nn.Module:
+def stack(models: Sequence[Network]) -> Network:
     """The first of equal modules, one a seed, with the parameters and buffers of all along a leading axis.
 
     Raises:
@@ -37,7 +39,7 @@ def stack(models: Sequence[nn.Module]) -> nn.Module:
     tensors = [_tensors(model) for model in models]
     made: dict[int, Tensor] = {}  # what two names share stays shared
     for name, value in list(tensors[0].items()):
-        if isinstance(value, UninitializedTensorMixin):
+        if is_lazy(value):
             raise InputError(name, "is a lazy layer's, without a shape yet", "give its number of inputs")
         owner = stacked.get_submodule(name.rpartition(".")[0])
         leaf = name.rpartition(".")[2]

@@ -65,6 +65,7 @@ def load(settings: Mapping[str, object]) -> System:
 
 
 def _class(name: str) -> type[System]:
+    """The class that ``name`` means."""
     from expertaug.systems.base import System
 
     path, _, wanted = name.partition(":")

@@ -7,6 +7,7 @@ shape and precision, the same when asked twice.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -16,7 +17,6 @@ from expertaug.systems import Parameter, System
 from expertaug.systems.solver import Solver
 
 SAMPLES, SEEDS = 3, 2
-LEADS = ((SAMPLES,), (SEEDS, SAMPLES))
 TOLERANCE = 1e-4  # relative: a seed's rates alone and beside others are the same to rounding
 
 Ranges = Mapping[str, Sequence[float]]
@@ -98,7 +98,9 @@ def _check_attributes(system: System, where: str, simulated: bool) -> None:
 
 
 def _check_ranges(parameters: tuple[Parameter, ...], ranges: Ranges | None, where: str, name: str) -> None:
-    for parameter in parameters if ranges else ():
+    if not ranges:
+        return
+    for parameter in parameters:
         if parameter.name not in ranges:
             raise InputError(where, f"no range for {name}'s {parameter.name}", "give [min, max]")
         low, high = ranges[parameter.name]
@@ -197,7 +199,7 @@ def _check_gradient(system: System, where: str, y: Tensor, z_e: Tensor) -> None:
         raise InputError(where, f"{name} has a gradient by z_e that is not finite", "avoid √ and division at 0")
 
 
-def _called(call: Callable, where: str, name: str, how: str = "", tensor: bool = True) -> Tensor:
+def _called(call: Callable, where: str, name: str, how: str = "", tensor: bool = True) -> Any:
     """What a method gives; any exception as one line, and anything that is no tensor refused."""
     try:
         found = call()

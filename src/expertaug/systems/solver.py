@@ -73,9 +73,9 @@ class Solver(SolverSettings):
                 grid = torch.cat(((t[:-1, None] + t.diff()[:, None] * share).flatten(), t[-1:]))
             if self.method == "rodas3":
                 return rodas3(f, y0, grid, rank)[:: self.substeps]
-            solve = _lawson4 if self.splits else odeint
-            options = {"flow": flow} if self.splits else {"method": self.method}
-            return solve(f, y0, grid, **options)[:: self.substeps]
+            if self.splits:
+                return _lawson4(f, y0, grid, flow)[:: self.substeps]
+            return odeint(f, y0, grid, method=self.method)[:: self.substeps]
         if self.method in SCIPY:
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
         try:
