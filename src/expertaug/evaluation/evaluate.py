@@ -143,8 +143,6 @@ def score(
     solver = Solver.from_mapping(options.get("solver") or {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6})
     t = torch.from_numpy(truth.t).float().to(device)
     bound = stored_bound(stored.description, device)
-    if bound is not None:  # the truth itself is no runaway
-        bound = torch.maximum(bound, torch.from_numpy(largest(truth.y)).to(bound))
     begin = observed
     if options.get("from_s") is not None:
         begin = int(np.searchsorted(truth.t, options["from_s"] - 1e-9))
@@ -153,7 +151,8 @@ def score(
     late, early, estimates, kept, runaways = [], [], [], [], []
     for first in range(0, len(truth), size):
         y = torch.from_numpy(truth.y[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
-        found = forecast(stored.model, y[:observed].expand(-1, seeds, *y.shape[2:]), t, solver, start, bound)
+        limit = None if bound is None else torch.maximum(bound, largest(y[:, 0]))  # to follow the truth is not to run
+        found = forecast(stored.model, y[:observed].expand(-1, seeds, *y.shape[2:]), t, solver, start, limit)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
         early.append(squared_errors(system, found.states[1:observed], y[1:observed]).cpu())
         kept.append(found.states[:, :, index[(index >= first) & (index < first + size)] - first].cpu())

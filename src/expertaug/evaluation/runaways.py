@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -27,6 +28,28 @@ class Forecast:
     runaways: Tensor
 
 
+class Stopping:
+    """A solver that leaves a trajectory where it went beyond the bound: to follow one to infinity takes for ever.
+
+    Arguments:
+        solver: solves the others, to the same bits as alone.
+        bound: (K,) or (B, K).
+    """
+
+    def __init__(self, solver: Solver, bound: Tensor) -> None:
+        self.solver, self.bound, self.splits = solver, bound, solver.splits
+
+    def __call__(self, f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, *args: object) -> Tensor:
+        """States (T, S, B, *state), as of :class:`Solver`."""
+
+        def stopped(s: Tensor, y: Tensor) -> Tensor:
+            near = within(y.unsqueeze(0), self.bound)
+            rate = f(s, y)
+            return rate if near.all() else torch.where(near.view(*near.shape, *[1] * (y.dim() - 2)), rate, 0.0)
+
+        return self.solver(stopped, y0, *args)
+
+
 def forecast(
     model: nn.Module, observed: Tensor, t: Tensor, solver: Solver, start: str, bound: Tensor | None
 ) -> Forecast:
@@ -37,33 +60,37 @@ def forecast(
         observed: (T1, S, B, *state).
         t: (T,) in s.
         start: y0 or y_t1 (:meth:`HybridNet.predict`).
-        bound: (K,), largest size of each component; None keeps what is not finite.
+        bound: (K,) or (B, K), largest size of each component; None keeps what is not finite.
     """
     states, z_e, unsolved = _solve(model, observed, t, solver, start, bound)
-    runaways = unsolved | ~within(states, bound)
+    near = within(states, bound)
+    # Seeds are solved together: those that a fixed grid shows to run away are at fault, all where it shows none.
+    runaways = ~near | (unsolved & near.all(0))
     return Forecast(bounded(states, bound) if runaways.any() else states, z_e, runaways)
 
 
 def _solve(
     model: nn.Module, observed: Tensor, t: Tensor, solver: Solver, start: str, bound: Tensor | None
 ) -> tuple[Tensor, Tensor | None, Tensor]:
-    """States, estimates, and which samples (S, B) the solver gave up on.
+    """States, estimates, and which samples (B,) the solver gave up on.
 
     A solver to a tolerance gives up on a whole batch for one sample: that is found by halving the batch, and solved on
     a fixed grid.
     """
-    seeds, size = observed.shape[1:3]
+    size = observed.shape[2]
+
+    def predict(one: Solver) -> tuple[Tensor, Tensor | None]:
+        return model.predict(observed, t, one if bound is None else Stopping(one, bound), start)
+
     try:
-        states, z_e = model.predict(observed, t, solver, start)
+        states, z_e = predict(solver)
     except SolveError:
-        if size > 1:
-            parts = (observed[:, :, : size // 2], observed[:, :, size // 2 :])
-            solved = [_solve(model, part, t, solver, start, bound) for part in parts]
-            (one, z_one, first), (other, z_other, second) = solved
-            z_e = None if z_one is None else torch.cat((z_one, z_other), dim=1)
-            return torch.cat((one, other), dim=2), z_e, torch.cat((first, second), dim=1)
-        states, z_e = model.predict(observed, t, FALLBACK, start)
-        near = within(states, bound)
-        # Seeds are solved together: those that the grid shows to run away are at fault, all where it shows none.
-        return states, z_e, torch.ones_like(near) if near.all() else ~near
-    return states, z_e, torch.zeros(seeds, size, dtype=torch.bool, device=states.device)
+        if size == 1:
+            states, z_e = predict(FALLBACK)
+            return states, z_e, torch.ones(1, dtype=torch.bool, device=states.device)
+        halves = [slice(size // 2), slice(size // 2, None)]
+        parts = [(observed[:, :, h], bound if bound is None or bound.dim() == 1 else bound[h]) for h in halves]
+        (one, z_one, first), (other, z_other, second) = (_solve(model, y, t, solver, start, b) for y, b in parts)
+        z_e = None if z_one is None else torch.cat((z_one, z_other), dim=1)
+        return torch.cat((one, other), dim=2), z_e, torch.cat((first, second))
+    return states, z_e, torch.zeros(size, dtype=torch.bool, device=states.device)

@@ -19,14 +19,14 @@ FALLBACK = Solver("rk4")  # a fixed grid goes on where a solver with tolerances 
 
 def bound_of(y: np.ndarray) -> list[float]:
     """The largest plausible size of each component of a state (K values), from a training set (N, T, *state)."""
-    found = largest(y)
-    found = np.maximum(found, FLOOR * found.max())
-    return (FACTOR * np.where(found > 0, found, 1.0)).tolist()
+    found = largest(torch.from_numpy(y).movedim(1, 0)).amax(0).double()
+    found = found.clamp_min(FLOOR * float(found.max()))
+    return (FACTOR * torch.where(found > 0, found, 1.0)).tolist()
 
 
-def largest(y: np.ndarray) -> np.ndarray:
-    """The largest size (K,) of each component, the first axis of a state, in trajectories (N, T, *state)."""
-    return np.abs(np.moveaxis(y, 2, 0), dtype=float).reshape(y.shape[2], -1).max(1)
+def largest(y: Tensor) -> Tensor:
+    """The largest size of each component, the first axis of a state, of every sample: (T, N, *state) → (N, K)."""
+    return y.abs().amax(0).reshape(*y.shape[1:3], -1).amax(-1)
 
 
 def stored_bound(description: Mapping, device: torch.device | str = "cpu") -> Tensor | None:
@@ -36,7 +36,7 @@ def stored_bound(description: Mapping, device: torch.device | str = "cpu") -> Te
 
 
 def within(y: Tensor, bound: Tensor | None) -> Tensor:
-    """Which samples (S, B) of forecasts y (T, S, B, *state) are finite, and beyond a bound (K,) at no time."""
+    """Which samples (S, B) of forecasts y (T, S, B, *state) are finite and nowhere beyond a bound (K,) or (B, K)."""
     y = y.detach()
     near = torch.isfinite(y)
     if bound is not None:
@@ -45,7 +45,7 @@ def within(y: Tensor, bound: Tensor | None) -> Tensor:
 
 
 def bounded(y: Tensor, bound: Tensor | None) -> Tensor:
-    """Forecasts y (T, S, B, *state) with what lies beyond the bound (K,), or is no number, moved to it."""
+    """Forecasts y (T, S, B, *state) with what lies beyond the bound (K,) or (B, K), or is no number, moved to it."""
     if bound is None:
         return y
     limit = _shaped(bound, y).expand_as(y)
@@ -61,4 +61,4 @@ def solved(model: HybridNet, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, so
 
 
 def _shaped(bound: Tensor, y: Tensor) -> Tensor:
-    return bound.to(y).view(-1, *[1] * (y.dim() - 4))
+    return bound.to(y).view(*bound.shape, *[1] * (y.dim() - 4))

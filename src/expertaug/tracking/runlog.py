@@ -2,7 +2,7 @@
 
 The file is the truth. Its first line is a header that says what ran; each further line is either a step,
 ``{"step": 3, "time": 1.7e9, "loss": [0.1, 0.2]}`` with one value per seed (or one number for all of them; non-finite
-values as the texts "nan", "inf", "-inf"), or an event (a dataset, an artifact, the end).
+values as the texts "nan", "inf", "-inf"), or an event (a dataset, an artifact, a seed that failed, the end).
 """
 
 from __future__ import annotations
