@@ -24,9 +24,7 @@ def finished(tmp_path, monkeypatch) -> dict:
 
 def test_other_files_are_refused_before_they_overwrite_tables(finished):
     other = finished | {"seeds": [1]}
-    with pytest.raises(
-        InputError, match=r"of the default configuration, not of my\.yaml; .*overwrite"
-    ):
+    with pytest.raises(InputError, match=r"of the default configuration, not of my\.yaml; .*overwrite"):
         results_record.refuse_another(other, ["my.yaml"])
     results_record.refuse_another(other | {"overwrite": True}, ["my.yaml"])
     results_record.remember(other, [Path("my.yaml").absolute()])

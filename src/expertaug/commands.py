@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from expertaug import __version__
-from expertaug.errors import InputError
+from expertaug.errors import InputError, SolveError
 
 logger = logging.getLogger(__name__)
 
@@ -23,7 +23,7 @@ class _Commands:
     def add(self, name: str, run: Callable, text: str, settings: bool = True) -> argparse.ArgumentParser:
         """A subcommand; ``settings`` says whether it takes any."""
         parser = self._subparsers.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
-        parser.set_defaults(run=run)
+        parser.set_defaults(run=_with_checked_settings(run) if settings else run)
         parser.add_argument("--log", type=Path, metavar="FILE", help="also write progress and errors to this file")
         if settings:
             parser.add_argument("--settings", required=True, metavar="JSON", help="JSON text, or a JSON or YAML file")
@@ -177,6 +177,23 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder, which is replaced")
     p.add_argument("--command", required=True, help="how the run was started, for the record")
     return parser
+
+
+def _with_checked_settings(run: Callable) -> Callable:
+    """A stage whose settings are looked at where it fails for no known reason: the workflow's hold what it needs."""
+
+    def checked(a: argparse.Namespace) -> None:
+        try:
+            run(a)
+        except (InputError, SolveError):
+            raise
+        except Exception:
+            from expertaug.config.stage_models import require
+
+            require(a.stage, read_settings(a.settings))
+            raise
+
+    return checked
 
 
 def _files(parser: argparse.ArgumentParser, **options: str) -> None:
