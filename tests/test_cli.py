@@ -76,6 +76,24 @@ def test_bad_settings(text, tmp_path, monkeypatch, capsys):
     assert not Path("x.npz").exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "settings", "expected"),
+    [
+        (["simulate", "train"], "{}", "--settings.system: missing; give system (name and arguments of the system)"),
+        (["simulate", "train"], '{"system": 3, "data": {}}', "--settings.system: found 3; give a mapping of keys"),
+        (["train", "--data=d", "--work=w"], '{"experiment": "x"}', "--settings.method: missing"),
+        (["init-tracking"], '{"enabled": true}', "--settings.uri: missing; give uri (of the store)"),
+        (["augment", "--model=m", "--data=d"], "{}", "--settings.choices: missing"),
+    ],
+)
+def test_settings_by_hand_are_told_what_they_lack(arguments, settings, expected, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(*arguments, "--output", "x.npz", "--settings", settings) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert all(line.startswith(f"expertaug {arguments[0]}: --settings") for line in lines)
+    assert any(expected in line for line in lines)
+
+
 def test_a_failed_solve_is_one_line_and_status_3(tmp_path, capsys, monkeypatch):
     def fail(*_):
         raise SolveError("sample 3 is not finite")
@@ -91,7 +109,7 @@ def test_interrupts_and_bugs(error, status, monkeypatch, capsys, tmp_path):
         raise error
 
     monkeypatch.setattr(simulate, "simulate", fail)
-    assert run("simulate", "train", "--output", tmp_path / "x.npz", "--settings", "{}") == status
+    assert run("simulate", "train", "--output", tmp_path / "x.npz", "--settings", json.dumps(PENDULUM)) == status
     assert ("Traceback" in capsys.readouterr().err) == (status == 1)
 
 

@@ -145,11 +145,11 @@ def test_segments_and_guard():
     ("settings", "message"),
     [
         ({"min_chunks": 10**6}, "too few chunks for the train split"),
-        ({"by": "speed"}, "by is 'speed'"),
+        ({"by": "speed"}, "by: found 'speed'"),
         ({"rate_hz": 150.0}, "multiple"),
-        ({"stride": 0}, "stride is 0"),
+        ({"stride": 0}, "stride: found 0"),
         ({"test_share": 0.5}, "sum to 1"),
-        ({"phase": "all"}, "unknown key 'phase'"),
+        ({"phase": "all"}, "settings.phase: unknown key"),
     ],
 )
 def test_bad_settings(tmp_path, settings, message):

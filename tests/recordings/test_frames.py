@@ -87,10 +87,10 @@ def test_analysis_rate_must_divide(video, tmp_path, rate):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"rate": 100}, "recordings.rate: unknown key; known are analysis_rate_hz"),
-        ({"rate_hz": "1e3"}, "recordings.rate_hz: is '1e3'"),
-        ({"analysis_rate_hz": -1}, "analysis_rate_hz: is -1"),
-        ({"image_size_px": [480]}, r"image_size_px: is \[480\]"),
+        ({"rate": 100}, "recordings.rate: unknown key; did you mean 'rate_hz'"),
+        ({"rate_hz": "1e3"}, "recordings.rate_hz: found '1e3', which YAML takes for a text"),
+        ({"analysis_rate_hz": -1}, "analysis_rate_hz: found -1"),
+        ({"image_size_px": [480]}, r"image_size_px: found \[480\]"),
     ],
 )
 def test_bad_settings_are_named(settings, message):

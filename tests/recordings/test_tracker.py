@@ -112,12 +112,12 @@ def test_marker_at_the_edge_is_doubtful(clip):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"marker_size": 25}, "unknown key 'marker_size'"),
-        ({"marker_diameter_px": 2}, "marker_diameter_px is 2"),
-        ({"arm1_px": -4}, "arm1_px is -4"),
-        ({"arm2_px": 0.5}, "arm2_px is 0.5"),
-        ({"max_lost_share": 1.5}, "max_lost_share is 1.5"),
-        ({"arm_search_px": float("nan")}, "arm_search_px is nan"),
+        ({"marker_size": 25}, "settings.marker_size: unknown key"),
+        ({"marker_diameter_px": 2}, "marker_diameter_px: found 2; give 8 or more"),
+        ({"arm1_px": -4}, "arm1_px: found -4"),
+        ({"arm2_px": 0.5}, "arm2_px: found 0.5"),
+        ({"max_lost_share": 1.5}, "max_lost_share: found 1.5"),
+        ({"arm_search_px": float("nan")}, "arm_search_px: found .nan"),
     ],
 )
 def test_wrong_settings_are_named(settings, message):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 TEXT = """
+results: results/mine
 run: [pendulum]
 methods: {later: {kind: hybrid, label: Later}}
 experiments:
@@ -19,24 +20,59 @@ experiments:
     augmented: []
     augmentations: {narrow: null, wide: null}
     model: {encoder: {kind: recurrent, hidden: 8}}
+    seeds: [7]
 """
 
 
-def test_another_kind_brings_its_own_arguments_and_own_methods_come_last(tmp_path):
-    (tmp_path / "my.yaml").write_text(TEXT)
+def plan(folder: Path, text: str, *more: str) -> subprocess.CompletedProcess:
+    """A dry run with a configuration of one's own."""
+    (folder / "my.yaml").write_text(text)
     command = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "Snakefile"), "-n", "-p", "--cores", "1"]
-    done = subprocess.run(
-        [*command, "--configfile", "my.yaml"],
-        cwd=tmp_path,
+    return subprocess.run(
+        [*command, "--configfile", "my.yaml", *more],
+        cwd=folder,
         env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=240,
     )
+
+
+def told(done: subprocess.CompletedProcess) -> list[str]:
+    return [line for line in done.stderr.splitlines() if line.startswith("configuration: ")]
+
+
+def test_another_kind_brings_its_own_arguments_and_own_methods_come_last(tmp_path):
+    done = plan(tmp_path, TEXT)
     said = done.stdout + done.stderr
     assert done.returncode == 0, said
     settings = [json.loads(text) for text in re.findall(r"--settings '(\{.*?\})' ", said)]
     later = next(one for one in settings if one.get("method") == "later" and "model" in one)
     assert later["model"]["encoder"] == {"kind": "recurrent", "hidden": 8}
+    assert later["seeds"] == [7] and "results/mine/pendulum/later/seeds_7/model.safetensors" in said
     methods = next(one["all_methods"] for one in settings if "all_methods" in one)
     assert methods[0] == "mean" and methods[-1] == "later"
+
+
+def test_everything_that_is_wrong_is_told_with_status_2(tmp_path):
+    done = plan(tmp_path, f"{TEXT}    training: {{epoch: 1, batch_size: x}}\n", "--config", "device=gpu")
+    assert done.returncode == 2
+    assert [line.split(": ")[1] for line in told(done)] == [
+        "device",
+        "experiments.pendulum.training.epoch",
+        "experiments.pendulum.training.batch_size",
+    ]
+    done = plan(tmp_path, f"{TEXT}run: [rlc]\n")
+    line = f"{TEXT}run".count("\n") + 1
+    assert done.returncode == 2 and f"my.yaml:{line}: 'run' is there twice" in told(done)[0]
+
+
+def test_tables_of_other_files_are_not_overwritten(tmp_path):
+    (tmp_path / "results" / "mine" / "tables").mkdir(parents=True)
+    (tmp_path / "results" / "mine" / "tables" / "pendulum_long.csv").touch()
+    record = {"runs": [{"files": ["other.yaml"], "digest": "0"}]}
+    (tmp_path / "results" / "mine" / ".configuration.json").write_text(json.dumps(record))
+    done = plan(tmp_path, TEXT)
+    assert done.returncode == 2
+    assert "results: 'results/mine' holds the tables of other.yaml, not of my.yaml" in told(done)[0]
+    assert plan(tmp_path, TEXT, "--config", "overwrite=true").returncode == 0

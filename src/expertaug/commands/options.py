@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from expertaug.errors import InputError
+from expertaug.errors import InputError, SolveError
 
 
 class Commands:
@@ -21,11 +21,28 @@ class Commands:
     ) -> argparse.ArgumentParser:
         """A subcommand; ``settings`` says whether it takes any."""
         parser = self._subparsers.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
-        parser.set_defaults(run=run)
+        parser.set_defaults(run=_with_checked_settings(run) if settings else run)
         parser.add_argument("--log", type=Path, metavar="FILE", help="also write progress and errors to this file")
         if settings:
             parser.add_argument("--settings", required=True, metavar="JSON", help="JSON text, or a JSON or YAML file")
         return parser
+
+
+def _with_checked_settings(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
+    """A stage whose settings are looked at where it fails for no known reason: the workflow's hold what it needs."""
+
+    def checked(a: argparse.Namespace) -> None:
+        try:
+            run(a)
+        except (InputError, SolveError, OSError):
+            raise
+        except Exception:
+            from expertaug.config.stage_models import require
+
+            require(a.stage, read_settings(a.settings))
+            raise
+
+    return checked
 
 
 def add_paths(parser: argparse.ArgumentParser, **options: str) -> None:

@@ -30,6 +30,13 @@ def merge(base: Mapping, over: Mapping) -> Located:
     return merged
 
 
+def of_command_line(values: Mapping) -> Located:
+    """What ``--config`` says; Snakemake takes true, false and null of its ``key=value`` for texts."""
+    words = {"true": True, "false": False, "null": None}
+    read = {k: words.get(v, v) if isinstance(v, str) else v for k, v in values.items()}
+    return Located(_copied(read), dict.fromkeys(read, "--config"))
+
+
 def _copied(value: Any) -> Any:
     if isinstance(value, Mapping):
         return Located({k: _copied(v) for k, v in value.items()}, getattr(value, "origin", {}))

@@ -1,0 +1,188 @@
+"""What each stage's ``settings`` must hold, for settings that somebody wrote by hand.
+
+The workflow's own come from :mod:`expertaug.config.stage_settings`.  Stages that are not here check theirs themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field
+
+from expertaug.config.models import Evaluation
+from expertaug.errors import InputErrors
+from expertaug.learning.settings import TrainSettings
+from expertaug.settings import LEFT_OUT, NotNegative, Positive, Range, Seed, Settings, check, key
+
+WHERE = "--settings"
+Seeds = Annotated[list[Seed], Field(min_length=1)]
+
+
+class StageSettings(Settings):
+    """Of a stage; what else it may be given is its own to know."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class InitTracking(StageSettings):
+    """The tracking store."""
+
+    enabled: bool = key(..., "whether there is one")
+    uri: str = key(..., "of the store")
+    experiment: str = key(..., "name of the MLflow experiment")
+
+
+class Simulated(StageSettings):
+    """What is simulated."""
+
+    seed: int = key(..., "of the simulation", ge=0)
+    step_s: Positive = key(..., "time from point to point", "s")
+    t2_s: Positive = key(..., "end of a trajectory", "s")
+    noise: NotNegative = key(..., "standard deviation of the noise")
+    sets: dict[str, dict[str, Any]] = key(..., "size, z_e and z_a of each set")
+
+
+class Simulate(StageSettings):
+    """A simulated set."""
+
+    system: dict[str, Any] = key(..., "name and arguments of the system")
+    data: Simulated = key(..., "what is simulated")
+
+
+class OfSeeds(StageSettings):
+    """A method of an experiment and a group of its seeds."""
+
+    experiment: str = key(..., "name of the experiment")
+    method: str = key(..., "name of the method's version")
+    choices: dict[str, str] = key(..., "rows of the preset's table that the stage obeys")
+    seeds: Seeds = key(..., "of the group")
+    device: Literal["auto", "cpu", "cuda"] = key(..., "where to compute")
+
+
+class Labelled(OfSeeds):
+    """The same with what logs and tables call it."""
+
+    label: str = key(..., "what tables print")
+    preset: str = key(..., "name of the preset")
+
+
+class Train(Labelled):
+    """A training."""
+
+    system: dict[str, Any] = key(..., "name and arguments of the system")
+    build: dict[str, Any] = key(..., "how the method is built")
+    model: dict[str, Any] = key(..., "encoder and interaction")
+    training: TrainSettings = key(..., "how it is trained")
+    t1_s: Positive = key(..., "end of the observed window", "s")
+
+
+class TrainMean(Train):
+    """The training of a method of kind mean, which has no settings."""
+
+    training: dict[str, Any] = key(..., "empty")  # type: ignore[assignment]
+
+
+class Augment(OfSeeds):
+    """An augmentation."""
+
+    prior: dict[str, Range] = key(..., "p⁺")
+    noise: NotNegative = key(..., "standard deviation of the noise of augmented samples")
+
+
+class Finetune(Labelled):
+    """A fine-tuning."""
+
+    training: TrainSettings = key(..., "how it is fine-tuned")
+
+
+class Evaluate(Labelled):
+    """An evaluation."""
+
+    evaluation: Evaluation = key(..., "what is computed")
+    sets: list[str] = key(..., "names of the sets")
+
+
+class Follow(Labelled):
+    """A study during training."""
+
+    augment: Augment = key(..., "settings of augment")
+    finetune: Finetune = key(..., "settings of finetune")
+    finetune_epochs: list[int] = key(..., "lengths of the fine-tunings")
+    evaluation: dict[str, Any] = key(..., "what is computed")
+
+
+class Reading(StageSettings):
+    """How metrics are to be read."""
+
+    from_s: NotNegative | None = key(..., "first time that the metric sees; null = after the observed window", "s")
+    convention: Literal["sum", "dim"] = key(..., "which log-MSE is shown")
+    set_titles: dict[str, str] = key(..., "how the sets are called")
+    title: str | None = key(..., "how the experiment is called; null = its name")
+
+
+class Tabulate(Reading):
+    """The tables of an experiment."""
+
+    labels: list[str] = key(..., "of the methods, in order")
+
+
+class Plot(Tabulate):
+    """The figures of an experiment."""
+
+    all_labels: list[str] = key(..., "of every method of the configuration")
+    training_range: dict[str, Range] = key(..., "of the expert parameters")
+    priors: dict[str, dict[str, Range]] = key(..., "p⁺ of each method")
+
+
+class Study(Reading):
+    """The table and the figure of a study."""
+
+    study: str = key(..., "name of the study")
+    labels: list[list[str]] = key(..., "version and label of each method, in order")
+    all_labels: list[str] = key(..., "of every method of the configuration")
+    options: dict[str, Any] = key(LEFT_OUT, "of the study")
+
+
+class Compare(StageSettings):
+    """A comparison with published numbers."""
+
+    published: list[list[str]] = key(..., "experiment and system of the published numbers")
+
+
+class Overview(StageSettings):
+    """The figures over several experiments."""
+
+    experiments: list[dict[str, Any]] = key(..., "what is shown of each")
+    all_labels: list[str] = key(..., "of every method of the configuration")
+
+
+STAGES: Mapping[str, type[StageSettings]] = {
+    "init-tracking": InitTracking,
+    "simulate": Simulate,
+    "train": Train,
+    "augment": Augment,
+    "finetune": Finetune,
+    "evaluate": Evaluate,
+    "during-training": Follow,
+    "tabulate": Tabulate,
+    "plot": Plot,
+    "study": Study,
+    "compare": Compare,
+    "overview": Overview,
+}
+
+
+def require(stage: str, settings: Mapping[str, object]) -> None:
+    """Settings must hold what the stage (``train``, ``during-training``, …) needs.
+
+    Raises:
+        InputErrors: everything that is missing or cannot be used.
+    """
+    kind = STAGES.get(stage)
+    build = settings.get("build")
+    if kind is Train and isinstance(build, Mapping) and build.get("kind") == "mean":
+        kind = TrainMean
+    errors = check(kind, settings, WHERE) if kind is not None else []
+    if errors:
+        raise InputErrors(errors)
