@@ -150,6 +150,10 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--output", type=Path, nargs="+", required=True, help="files, .csv, .md, .tex, .png or .pdf")
 
+    p = commands.add("grid", _grid, "make the table and the figure of a sweep over hyperparameters")
+    p.add_argument("models", type=Path, nargs="+", help="model files of every point and group of seeds")
+    p.add_argument("--output", type=Path, nargs="+", required=True, help="files, .csv, .md, .tex, .png or .pdf")
+
     p = commands.add("compare", _compare, "compare experiments with the published numbers")
     p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every method and group of seeds")
     p.add_argument("--output", type=Path, nargs="+", required=True, help="tables, .csv, .md or .tex")
@@ -395,6 +399,12 @@ def _study(a: argparse.Namespace) -> None:
     from expertaug.evaluation.studies import study
 
     study(a.metrics, a.output, read_settings(a.settings))
+
+
+def _grid(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.grid import grid
+
+    grid(a.models, a.output, read_settings(a.settings))
 
 
 def _compare(a: argparse.Namespace) -> None:

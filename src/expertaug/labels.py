@@ -1,7 +1,8 @@
 """Names of a method's versions.
 
 ``method`` is the method as trained, ``method+`` its augmented version, ``method+name`` the version augmented with the
-experiment's prior called ``name``; they are printed as ``Label``, ``Label+`` and ``Label+ (name)``.
+experiment's prior called ``name``; they are printed as ``Label``, ``Label+`` and ``Label+ (name)``.  A method may be a
+point of a grid: ``method@3``, printed as ``Label @3``.
 """
 
 from __future__ import annotations

@@ -240,6 +240,6 @@ wildcard_constraints:
     experiment=one_of(RUN),
     method=one_of(CONFIG["methods"]),
     variant=one_of([v for e in RUN for v in every_variant(e)]),
-    study=one_of({name for e in RUN for name in studies_of(e)}),
+    study=one_of({name for e in RUN for name in studies_of(e)} - {"grid"}),
     seed_group=one_of(SEED_GROUPS),
     set=r"\w+",

@@ -19,7 +19,7 @@ RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "b
 TARGETS = (*stage_code.STAGES, "recordings", "studies", "report", "all", "everything")
 NOT_SYSTEMS = ("base", "solver", "simulate")
 # Files of an experiment are called after it and one of these.
-ENDINGS = ("long", "published", "out_of_expertise", "prior_width", "during_training")
+ENDINGS = ("long", "published", "out_of_expertise", "prior_width", "during_training", "grid")
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
 CHECKSUM = re.compile(r"([0-9a-fA-F]{64}) [ *](.+)")
 TEXT_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?")

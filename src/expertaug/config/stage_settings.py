@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from expertaug import labels as naming
 from expertaug import registry
 from expertaug.config import signatures
+from expertaug.config.grid import points
 from expertaug.config.jobs import label, seed_groups, sets, snapshots, studied, variants
 from expertaug.config.load import merge
 
@@ -130,7 +131,7 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
         **given,
         **({"snapshots": kept} if (kept := snapshots(config, experiment, method)) else {}),
         "t1_s": one["data"]["t1_s"],
-        "choices": _choices(config, experiment, "train"),
+        "choices": _choices(one, "train"),
         "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
@@ -144,7 +145,7 @@ def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
         "method": variant,
         "prior": (one["augmentations"][name] if name else one["augmentation"])["prior"],
         "noise": _noise(one),
-        "choices": _choices(config, experiment, "augment"),
+        "choices": _choices(one, "augment"),
         "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
@@ -155,7 +156,7 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
     return {
         **_identity(config, experiment, variant),
         "training": _with_own_options(_experiment(config, experiment, method)["finetuning"], config["methods"][method]),
-        "choices": _choices(config, experiment, "finetune"),
+        "choices": _choices(config["experiments"][experiment], "finetune"),
         "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
@@ -166,7 +167,7 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
         **_identity(config, experiment, variant),
         "evaluation": _evaluation(config, experiment),
         "sets": sets(config, experiment),
-        "choices": _choices(config, experiment, "evaluate"),
+        "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
@@ -183,7 +184,7 @@ def during_training(config: Mapping, experiment: str, method: str, group: str) -
         "finetune": tuned | {"training": merge(tuned["training"], study["finetuning"])},
         "finetune_epochs": study["finetune_epochs"],
         "evaluation": evaluation | {"max_samples": study["max_samples"]},
-        "choices": _choices(config, experiment, "evaluate"),
+        "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config)[group],
         "device": config["device"],
     }
@@ -208,6 +209,18 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
     if name == "out_of_expertise":
         options = {"distances": options["distances"], "panels": [[k, v] for k, v in options["panels"].items()]}
     return settings | {"options": options}
+
+
+def grid(config: Mapping, experiment: str) -> dict:
+    """What a sweep's table and figure say: the method, the varied keys and their values at each point."""
+    method = config["experiments"][experiment]["studies"]["grid"]["method"]
+    found = points(config, experiment)
+    return {
+        "experiment": experiment,
+        "label": label(config, method),
+        "keys": list(next(iter(found.values()))),
+        "points": [[name, list(values.values())] for name, values in found.items()],
+    }
 
 
 def compare(config: Mapping, experiments: list[str]) -> dict:
@@ -252,13 +265,12 @@ def plot(config: Mapping, experiment: str) -> dict:
 
 def modules(config: Mapping, experiment: str, method: str | None = None) -> list[str]:
     """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
-    one = config["experiments"][experiment]
+    one = _experiment(config, experiment, method)
     build = config["methods"][method] if method else {"kind": "none"}
     system = build.get("system", {}).get("name", one["system"]["name"])
     if build["kind"] != "hybrid":
         return registry.modules(system, {}, None)
-    model = _experiment(config, experiment, method)["model"]
-    parts = {part: settings for part, settings in model.items() if build.get(part, True)}
+    parts = {part: settings for part, settings in one["model"].items() if build.get(part, True)}
     return registry.modules(system, parts, _objective(build))
 
 
@@ -266,7 +278,7 @@ def _identity(config: Mapping, experiment: str, variant: str) -> dict:
     return {"experiment": experiment, "method": variant, "label": label(config, variant), "preset": config["preset"]}
 
 
-def _experiment(config: Mapping, experiment: str, method: str) -> dict:
+def _experiment(config: Mapping, experiment: str, method: str | None) -> dict:
     """An experiment with what it overrides for a method."""
     one = config["experiments"][experiment]
     return merge(one, one["overrides"].get(method, {}))
@@ -295,15 +307,15 @@ def _evaluation(config: Mapping, experiment: str) -> dict:
 
 
 def _all_labels(config: Mapping) -> list[str]:
-    return [build["label"] for build in config["methods"].values()]
+    return [build["label"] for name, build in config["methods"].items() if "@" not in name]
 
 
 def _labels(config: Mapping, experiment: str) -> list[str]:
     return [label(config, variant) for variant in variants(config, experiment)]
 
 
-def _choices(config: Mapping, experiment: str, stage: str) -> dict:
-    return {row: config["experiments"][experiment]["choices"][row] for row in CHOICES[stage]}
+def _choices(experiment: Mapping, stage: str) -> dict:
+    return {row: experiment["choices"][row] for row in CHOICES[stage]}
 
 
 def _noise(experiment: Mapping) -> float:

@@ -20,8 +20,8 @@ from expertaug.tracking.log_file import read_log
 
 KEPT = ["tables/{0}.csv", "tables/{0}_long.csv", "tables/{0}.md", "tables/{0}.tex"]
 KEPT += [f"figures/{{0}}_{name}.png" for name in (*NAMES, "splits")]
-KEPT += [f"tables/{{0}}_{name}.{end}" for name in (*KINDS, "published") for end in ("csv", "md", "tex")]
-KEPT += [f"figures/{{0}}_{name}.png" for name in KINDS]
+KEPT += [f"tables/{{0}}_{name}.{end}" for name in (*KINDS, "grid", "published") for end in ("csv", "md", "tex")]
+KEPT += [f"figures/{{0}}_{name}.png" for name in (*KINDS, "grid")]
 KEPT += ["{0}/data/splits.json", "{0}/data/calibration.json"]
 OVERALL = ["recordings/summary.csv", "recordings/summary.md"]
 OVERALL += [f"tables/published.{end}" for end in ("csv", "md", "tex")]
