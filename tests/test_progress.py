@@ -16,6 +16,7 @@ COSTS = {"train/a_x_seeds_0_1": 600.0, "train/a_x_seeds_2": 200.0, "train/b_x_se
 def test_what_is_known_of_a_job_best_counts():
     seconds = eta.estimator(COSTS, {})
     assert seconds("train/a_x_seeds_0_1") == 600
+    assert seconds("train/a_x@3_seeds_2") == 200, "the method whose grid it is a point of"
     assert seconds("train/a_x_seeds_7_8") == 400, "the mean of the same training with other seeds"
     assert seconds("train/c_y_seeds_0") == 600, "the mean of the stage"
     assert seconds("plot_experiment/3") == eta.UNMEASURED_S
@@ -61,7 +62,7 @@ def test_costs_are_read_from_published_runs_and_benchmarks(tmp_path):
 
 def test_the_published_run_with_most_of_the_jobs_is_taken():
     published = {"default": {"a": 1.0, "b": 1.0, "x": 1.0}, "smoke": {"a": 1.0, "b": 1.0, "c": 1.0}}
-    assert eta.closest(published, ["a", "b", "c"]) == "smoke"
+    assert eta.closest(published, ["a", "b", "c"]) == eta.closest(published, ["a", "b", "c@1"]) == "smoke"
     assert eta.closest(published, ["z"]) is None and eta.closest({}, ["a"]) is None
 
 

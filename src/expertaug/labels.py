@@ -1,8 +1,9 @@
 """Names of sets and of a method's versions.
 
 ``method`` is the method as trained, ``method+`` its augmented version, ``method+name`` the version augmented with the
-experiment's prior called ``name``; they are printed as ``Label``, ``Label+`` and ``Label+ (name)``.  What a version is
-follows from its name alone: a printed label may contain anything.
+experiment's prior called ``name``; they are printed as ``Label``, ``Label+`` and ``Label+ (name)``.  A method may be a
+point of a grid: ``method@3``, printed as ``Label @3``.  What a version is follows from its name alone: a printed label
+may contain anything.
 """
 
 from __future__ import annotations

@@ -238,6 +238,6 @@ wildcard_constraints:
     experiment=one_of(RUN),
     method=one_of(CONFIG["methods"]),
     variant=one_of([v for e in RUN for v in every_variant(e)]),
-    study=one_of({name for e in RUN for name in studies_of(e)}),
+    study=one_of({name for e in RUN for name in studies_of(e)} - {"grid"}),
     seed_group=one_of({group for e in RUN for group in seed_groups_of(e)}),
     set=r"\w+",

@@ -169,6 +169,44 @@ rule study_experiment:
         "expertaug study {input.metrics:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
 
 
+rule grid_of_experiment:
+    input:
+        models=lambda w: per_seed_group("model.safetensors", w.experiment, jobs.grid(CONFIG, w.experiment)),
+        code=code("grid"),
+    output:
+        results("tables/{experiment}_grid.csv"),
+        results("tables/{experiment}_grid.tex"),
+        report(
+            results("tables/{experiment}_grid.md"),
+            caption="../report/study.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "grid", "content": "table"},
+        ),
+        report(
+            results("figures/{experiment}_grid.png"),
+            caption="../report/study.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "grid", "content": "figure"},
+        ),
+        results("figures/{experiment}_grid.pdf"),
+    log:
+        results("logs/grid/{experiment}.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        versions=versions("grid"),
+        settings=lambda w: settings("grid", w.experiment),
+    message:
+        "compare the points of the grid of {wildcards.experiment}"
+    shell:
+        "expertaug grid {input.models:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
 rule compare_experiment:
     input:
         metrics=lambda w: per_seed_group("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),

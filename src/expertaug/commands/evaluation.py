@@ -41,6 +41,10 @@ def add_to(commands: Commands) -> None:
     p.add_argument("metrics", type=Path, nargs="+", help=text)
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
 
+    p = commands.add("grid", _grid, "make the table and the figure of a sweep over hyperparameters")
+    p.add_argument("models", type=Path, nargs="+", help="model files of every point and group of seeds")
+    add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
+
     p = commands.add("compare", _compare, "compare experiments with the published numbers")
     p.add_argument("metrics", type=Path, nargs="+", help=METRICS)
     add_outputs(p, "tables, .csv, .md or .tex")
@@ -78,6 +82,12 @@ def _study(a: argparse.Namespace) -> None:
     from expertaug.evaluation.studies import study
 
     study(a.metrics, a.output, read_settings(a.settings))
+
+
+def _grid(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.grid import grid
+
+    grid(a.models, a.output, read_settings(a.settings))
 
 
 def _compare(a: argparse.Namespace) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 UNMEASURED_S = 5.0  # a job that nobody has measured: a table, a figure
 TRUST_S = 60.0  # of published seconds: a few short jobs, mostly start-up, say little of how fast this host is
+_POINT = re.compile(r"@\d+")
 _SEEDS = re.compile(r"_seeds_[\d_]+$")
 
 
@@ -34,7 +35,7 @@ def measured_costs(benchmarks: Path) -> dict[str, float]:
 
 def closest(published: Mapping[str, Mapping[str, float]], jobs: Iterable[str]) -> str | None:
     """The published run that has most of these jobs, None where none has any."""
-    jobs = set(jobs)
+    jobs = set(map(_without_point, jobs))
     shared = {name: len(jobs & costs.keys()) for name, costs in published.items()}
     best = max(shared, key=shared.__getitem__, default=None)
     return best if best is not None and shared[best] else None
@@ -43,8 +44,9 @@ def closest(published: Mapping[str, Mapping[str, float]], jobs: Iterable[str]) -
 def estimator(costs: Mapping[str, float], measured: Mapping[str, float]) -> Callable[[str], float]:
     """A function: job → seconds.
 
-    The best that is known counts: the job's own measurement, its published cost, the mean of the same training with
-    other seeds, the mean of the stage; published costs times this host's factor, measured to published.
+    The best that is known counts: the job's own measurement, its published cost (of a grid's point the method's), the
+    mean of the same training with other seeds, the mean of the stage; published costs times this host's factor,
+    measured to published.
     """
     both = [job for job in measured if costs.get(job)]
     factor = (TRUST_S + sum(measured[job] for job in both)) / (TRUST_S + sum(costs[job] for job in both))
@@ -52,7 +54,8 @@ def estimator(costs: Mapping[str, float], measured: Mapping[str, float]) -> Call
     means = [_means(known, without) for without in (_seedless, _stage)]
 
     def seconds(job: str) -> float:
-        likely = [known.get(job), *(mean.get(of(job)) for mean, of in zip(means, (_seedless, _stage), strict=True))]
+        likely = [known.get(job), known.get(_without_point(job))]
+        likely += [mean.get(of(job)) for mean, of in zip(means, (_seedless, _stage), strict=True)]
         return next((value for value in likely if value is not None), UNMEASURED_S)
 
     return seconds
@@ -85,7 +88,11 @@ def _means(known: Mapping[str, float], of: Callable[[str], str]) -> dict[str, fl
 
 
 def _seedless(job: str) -> str:
-    return _SEEDS.sub("", job)
+    return _SEEDS.sub("", _without_point(job))
+
+
+def _without_point(job: str) -> str:
+    return _POINT.sub("", job)
 
 
 def _stage(job: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from expertaug import labels as naming
+from expertaug.config import grid as grids
 from expertaug.config import study_checks
 
 
@@ -43,6 +44,11 @@ def studied(config: Mapping, experiment: str, name: str) -> list[str]:
         methods = [m for m in one["methods"] if any(naming.base(v) == m for v in further)]
         return [*methods, *(f"{m}+" for m in methods), *further]
     return variants(config, experiment)
+
+
+def grid(config: Mapping, experiment: str) -> list[str]:
+    """Names of the methods that are the points of an experiment's grid."""
+    return list(grids.points(config, experiment))
 
 
 def sets(config: Mapping, experiment: str) -> list[str]:

@@ -124,6 +124,15 @@ class DuringTraining(Settings):
     max_samples: Count | None = key(1000, "samples of each set that are evaluated, at most, evenly spread; null = all")
 
 
+class Grid(Settings):
+    """A sweep: one training for every combination of some keys' values, on the same data."""
+
+    method: str = key(..., "hybrid method that is trained")
+    keys: dict[str, Annotated[list[Any], Field(min_length=1)]] = key(
+        ..., "values by dotted key of the experiment, below model, training, system or choices", min_length=1
+    )
+
+
 class Studies(Settings):
     """Further questions to the experiment's models, each with a table and a figure of its own."""
 
@@ -132,6 +141,11 @@ class Studies(Settings):
     during_training: DuringTraining | None = key(
         LEFT_OUT,
         "augmentation and fine-tuning of the model at several stages of its training; null takes an inherited one away",
+    )
+    grid: Grid | None = key(
+        LEFT_OUT,
+        "one training for every combination of some keys' values, on the same data, compared by the score on the "
+        "validation set; null takes an inherited one away",
     )
     out_of_expertise: OutOfExpertise | None = key(
         LEFT_OUT, "log-MSE on sets whose interaction parameters are shifted as well; null takes an inherited one away"

@@ -31,6 +31,7 @@ STAGES = {
     "tabulate": "expertaug.evaluation.tables",
     "plot": "expertaug.evaluation.plot",
     "study": "expertaug.evaluation.studies",
+    "grid": "expertaug.evaluation.grid",
     "compare": "expertaug.evaluation.published",
     "overview": "expertaug.evaluation.overview",
 }

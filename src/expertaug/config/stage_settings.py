@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from expertaug import labels as naming
 from expertaug import registry
 from expertaug.config import options
+from expertaug.config.grid import points
 from expertaug.config.jobs import label, seed_groups, sets, snapshots, studied, variants
 from expertaug.config.layers import merge, plain
 from expertaug.config.recording_settings import (
@@ -99,7 +100,7 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
         **given,
         **({"snapshots": kept} if (kept := snapshots(config, experiment, method)) else {}),
         "t1_s": one["data"]["t1_s"],
-        "choices": _choices(config, experiment, "train"),
+        "choices": _choices(one, "train"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
@@ -113,7 +114,7 @@ def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
         "method": variant,
         "prior": (one["augmentations"][name] if name else one["augmentation"])["prior"],
         "noise": _noise(one),
-        "choices": _choices(config, experiment, "augment"),
+        "choices": _choices(one, "augment"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
@@ -124,7 +125,7 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
     return {
         **_identity(config, experiment, variant),
         "training": _with_own_options(_experiment(config, experiment, method)["finetuning"], config["methods"][method]),
-        "choices": _choices(config, experiment, "finetune"),
+        "choices": _choices(config["experiments"][experiment], "finetune"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
@@ -135,7 +136,7 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
         **_identity(config, experiment, variant),
         "evaluation": _evaluation(config, experiment),
         "sets": sets(config, experiment),
-        "choices": _choices(config, experiment, "evaluate"),
+        "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
@@ -151,7 +152,7 @@ def during_training(config: Mapping, experiment: str, method: str, group: str) -
         "finetune": finetune(config, experiment, f"{method}+", group),
         "finetune_epochs": study["finetune_epochs"],
         "evaluation": evaluation | {"max_samples": study["max_samples"]},
-        "choices": _choices(config, experiment, "evaluate"),
+        "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
     }
@@ -163,7 +164,7 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
     settings = {
         "study": name,
         "labels": _labels(config, studied(config, experiment, name)),
-        "all_methods": list(config["methods"]),
+        "all_methods": _all_methods(config),
         "sets": one["data"].get("sets", {}),
         **_reading(config, experiment),
     }
@@ -176,6 +177,18 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
     if name == "out_of_expertise":
         options = {"distances": options["distances"], "panels": [[k, v] for k, v in options["panels"].items()]}
     return settings | {"options": options}
+
+
+def grid(config: Mapping, experiment: str) -> dict:
+    """What a sweep's table and figure say: the method, the varied keys and their values at each point."""
+    method = config["experiments"][experiment]["studies"]["grid"]["method"]
+    found = points(config, experiment)
+    return {
+        "experiment": experiment,
+        "label": label(config, method),
+        "keys": list(next(iter(found.values()))),
+        "points": [[name, list(values.values())] for name, values in found.items()],
+    }
 
 
 def compare(config: Mapping, experiments: list[str]) -> dict:
@@ -193,7 +206,7 @@ def overview(config: Mapping, experiments: list[str]) -> dict:
             for name, one, far in zip(experiments, all_of, shifted, strict=True)
             if one["evaluation"]["overview"] or far
         ],
-        "all_methods": list(config["methods"]),
+        "all_methods": _all_methods(config),
     }
 
 
@@ -211,7 +224,7 @@ def plot(config: Mapping, experiment: str) -> dict:
     }
     return {
         "labels": _labels(config, variants(config, experiment)),
-        "all_methods": list(config["methods"]),
+        "all_methods": _all_methods(config),
         **_reading(config, experiment),
         "training_range": one["data"]["sets"]["train"]["z_e"] if one["data"]["source"] == "simulation" else {},
         "priors": priors,
@@ -220,13 +233,12 @@ def plot(config: Mapping, experiment: str) -> dict:
 
 def modules(config: Mapping, experiment: str, method: str | None = None) -> list[str]:
     """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
-    one = config["experiments"][experiment]
+    one = _experiment(config, experiment, method)
     build = _build(config, experiment, method) if method else {"kind": "none"}
     system = build.get("system", {}).get("name", one["system"]["name"])
     if build["kind"] != "hybrid":
         return registry.modules(system, {}, None)
-    model = _experiment(config, experiment, method)["model"]
-    parts = {part: settings for part, settings in model.items() if build.get(part, True)}
+    parts = {part: settings for part, settings in one["model"].items() if build.get(part, True)}
     return registry.modules(system, parts, _objective(build))
 
 
@@ -234,7 +246,7 @@ def _identity(config: Mapping, experiment: str, variant: str) -> dict:
     return {"experiment": experiment, "method": variant, "label": label(config, variant), "preset": config["preset"]}
 
 
-def _experiment(config: Mapping, experiment: str, method: str) -> dict:
+def _experiment(config: Mapping, experiment: str, method: str | None) -> dict:
     """An experiment with what it overrides for a method."""
     one = config["experiments"][experiment]
     return plain(merge(one, one["overrides"].get(method, {})))
@@ -268,13 +280,18 @@ def _evaluation(config: Mapping, experiment: str) -> dict:
     return {k: v for k, v in config["experiments"][experiment]["evaluation"].items() if k not in SHOWING}
 
 
+def _all_methods(config: Mapping) -> list[str]:
+    """Every method of the configuration, points of grids aside."""
+    return [name for name in config["methods"] if "@" not in name]
+
+
 def _labels(config: Mapping, named: Iterable[str]) -> list[list[str]]:
     """Pairs of a version of a method and what is printed for it, in order."""
     return [[variant, label(config, variant)] for variant in named]
 
 
-def _choices(config: Mapping, experiment: str, stage: str) -> dict:
-    return {row: config["experiments"][experiment]["choices"][row] for row in CHOICES[stage]}
+def _choices(experiment: Mapping, stage: str) -> dict:
+    return {row: experiment["choices"][row] for row in CHOICES[stage]}
 
 
 def _noise(experiment: Mapping) -> float:
