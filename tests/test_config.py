@@ -505,3 +505,17 @@ def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
     assert along["finetune"] == stage_settings.finetune(found, "plain", "aphynity+", group)
     assert along["finetune_epochs"] == [1, 10]
     assert stage_settings.tabulate(found, "plain") == stage_settings.tabulate(plain, "plain")
+
+
+def test_recordings_are_listed_by_name(base: dict, tmp_path: Path) -> None:
+    for name in ("10.csv", "2.csv", "a.mp4"):
+        (tmp_path / name).touch()
+    found = {}
+    for source in ("rendered", "videos", "markers"):
+        over = {"recordings": {"source": source, source: {"path": str(tmp_path)} if source != "rendered" else {}}}
+        found[source] = recording_checks.list_recordings(config.validate(config.merge(base, over)))
+    assert list(found["rendered"].values()) == list(range(10))
+    assert found["videos"] == {"a": str(tmp_path / "a.mp4")}
+    assert found["markers"] == {"2": str(tmp_path / "2.csv"), "10": str(tmp_path / "10.csv")}
+    simulated = config.validate(config.merge(base, {"run": ["pendulum"]}))
+    assert recording_checks.list_recordings(simulated) == {}

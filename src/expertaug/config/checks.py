@@ -29,15 +29,13 @@ def texts(value: object, path: str = "") -> Iterator[InputError]:
         if number and path.rpartition(".")[2] not in FREE:
             remedy = f"write {number}, or name it otherwise"
             yield InputError(path, f"found '{value}', which YAML takes for a text", remedy)
-    elif isinstance(value, bool | float) or value is None:
-        return
-    elif isinstance(value, int):
+    elif isinstance(value, int) and not isinstance(value, bool):
         if abs(value) > 2**63:
             yield InputError(path, f"found a number of {len(str(abs(value)))} digits", "give a smaller one")
     elif isinstance(value, Mapping):
         for key, item in value.items():
             yield from texts(item, f"{path}.{key}" if path else key)
-    else:
+    elif isinstance(value, list | tuple):
         for k, item in enumerate(value):
             yield from texts(item, f"{path}[{k}]")
 

@@ -40,7 +40,7 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
         kind = SYSTEMS[name]
         known = KnownSystem(kind.STATE, kind.EXPERT, kind.INTERACTION, kind.FIELDS)
         return known, check(kind, settings, where)
-    if "." not in name:
+    if "." not in name and ":" not in name:
         remedy = f"{suggest(name, SYSTEMS)}, or the dotted path of a module elsewhere"
         return None, [InputError(f"{where}.name", f"'{name}' is no system", remedy)]
     try:
@@ -48,8 +48,12 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
     except InputError as error:
         return None, [error]
     given = {k: v for k, v in settings.items() if k != "name"}
-    names = (signatures.names_of(own, a) for a in ("state", "expert_parameters", "interaction_parameters"))
-    return KnownSystem(*names, kind=own), list(signatures.wrong_options(own, "system", given, where))
+    state, expert, interaction = (
+        signatures.names_of(own, a) for a in ("state", "expert_parameters", "interaction_parameters")
+    )
+    return KnownSystem(state, expert, interaction, kind=own), list(
+        signatures.wrong_options(own, "system", given, where)
+    )
 
 
 def simulated(name: str, known: KnownSystem, where: str) -> Iterator[InputError]:

@@ -49,20 +49,24 @@ def load_class(kind: str, where: str) -> type:
 
 
 def load_system(name: str, where: str) -> type:
-    """The one System that the module of a dotted path defines.
+    """The System that ``package.module:Class`` names, or the one that ``package.module`` defines.
 
     Raises:
         InputError: there is not one, or it lacks what a system needs.
     """
-    if not PATH.fullmatch(name):
-        raise InputError(where, f"found {show(name)}", "name a module as package.module")
-    module = _module(name, where)
+    path, colon, chosen = name.partition(":")
+    if not PATH.fullmatch(path) or (colon and not chosen.isidentifier()):
+        raise InputError(where, f"found {show(name)}", "name it as package.module or package.module:Class")
+    module = _module(path, where)
     # A module that has not loaded the base class, and torch with it, defines no System.
     base = getattr(sys.modules.get("expertaug.systems.base"), "System", ())
-    found = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, base) and c.__module__ == name]
+    classes = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, base)]
+    own = [c for c in classes if c.__module__ == path]
+    found = [c for c in classes if c.__name__ == chosen] if colon else own
     if len(found) != 1:
-        number = "no System" if not found else f"{len(found)} systems"
-        raise InputError(where, f"{name} defines {number}", "name a module with one class whose base is System")
+        number = f"no System '{chosen}'" if colon else f"{len(own)} systems" if own else "no System"
+        remedy = suggest(chosen, [c.__name__ for c in own]) if colon else "name one class whose base is System"
+        raise InputError(where, f"{path} defines {number}", remedy if colon else f"{remedy}: {path}:Class")
     _require(found[0], (), where)
     return found[0]
 

@@ -150,4 +150,4 @@ class _Reader(yaml.constructor.SafeConstructor):
             found.origin[key.value] = f"{self.path}:{key.start_mark.line + 1}"
 
 
-_Reader.add_constructor("tag:yaml.org,2002:map", _Reader.construct_yaml_map)
+_Reader.add_constructor("tag:yaml.org,2002:map", _Reader.construct_yaml_map)  # type: ignore[arg-type]
