@@ -65,12 +65,10 @@ class RunLog:
         self._link = None
         if not kept:
             self._write(self._header)
-        self._to_disk()  # with the id by which its runs are found again, before there are any
-        self._pending = []
         if tracking is not None and tracking.get("enabled", True):
             replaced = None if old is None or old.header["id"] == self._header["id"] else old.header["id"]
             self._link = StoreLink(tracking, self.path, self._header, self._runs, self._parent, replaced)
-        self.flush()
+        self.flush()  # the header first: by its id the runs are found again that the store is now asked to make
 
     def metrics(self, step: int, values: Mapping[str, Any]) -> None:
         """Add one step.
