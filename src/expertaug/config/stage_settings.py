@@ -147,6 +147,7 @@ def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
         "choices": _choices(config, experiment, "augment"),
         "seeds": seed_groups(config)[group],
         "device": config["device"],
+        **_foreign(config, experiment, method),
     }
 
 
@@ -158,6 +159,7 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
         "choices": _choices(config, experiment, "finetune"),
         "seeds": seed_groups(config)[group],
         "device": config["device"],
+        **_foreign(config, experiment, method),
     }
 
 
@@ -169,6 +171,7 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
         "choices": _choices(config, experiment, "evaluate"),
         "seeds": seed_groups(config)[group],
         "device": config["device"],
+        **_foreign(config, experiment, naming.split(variant)[0]),
     }
 
 
@@ -259,6 +262,12 @@ def modules(config: Mapping, experiment: str, method: str | None = None) -> list
     if method:
         named += _classes(build, _experiment(config, experiment, method)["model"])
     return named
+
+
+def _foreign(config: Mapping, experiment: str, method: str) -> dict:
+    """Classes from elsewhere that a method's model file may name; nothing where there is none."""
+    found = [name for name in modules(config, experiment, method) if not name.startswith("expertaug.")]
+    return {"classes": found} if found else {}
 
 
 def _classes(build: Mapping, model: Mapping) -> list[str]:

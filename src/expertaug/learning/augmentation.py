@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 import torch
-from safetensors.torch import save_file
 from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
-from expertaug.files import atomic
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.posterior import Gaussian, Normal, Posterior
-from expertaug.models.store import read_tensors
+from expertaug.models.tensor_file import read_tensors, write_tensors
 
 CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in their states: bounds the memory
 ATTEMPTS = 10
@@ -121,9 +118,8 @@ def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping)
     """Write the augmented training and validation sets."""
     tensors = {}
     for name, part in (("train", train), ("validation", validation)):
-        tensors |= {f"{name}_y": part.y.cpu().contiguous(), f"{name}_z_e": part.z_e.cpu().contiguous()}
-    with atomic(path) as temporary:
-        save_file(tensors, temporary, metadata={"expertaug": json.dumps(header)})
+        tensors |= {f"{name}_y": part.y, f"{name}_z_e": part.z_e}
+    write_tensors(path, tensors, header)
 
 
 def load(path: Path, device: torch.device) -> tuple[StackedSet, StackedSet, dict]:

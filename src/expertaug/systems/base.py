@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -46,6 +48,11 @@ class System(ABC):
     expert_parameters: tuple[Parameter, ...]
     interaction_parameters: tuple[Parameter, ...] = ()
     simulation: Solver = Solver("dopri5", rtol=1e-8, atol=1e-8)
+
+    def __init_subclass__(cls, **options: object) -> None:
+        super().__init_subclass__(**options)
+        if "__init__" in vars(cls):
+            cls.__init__ = _remembering(cls.__init__)  # type: ignore[method-assign]
 
     @property
     def state_shape(self) -> tuple[int, ...]:
@@ -102,3 +109,20 @@ class System(ABC):
     def features(self, y: Tensor) -> Tensor:
         """States as networks see them, (…, features): the state, unless overridden."""
         return y
+
+
+def _remembering(init: Callable) -> Callable:
+    """A constructor that keeps what it was given as ``given``: a model file must be able to make the system again."""
+    signature = inspect.signature(init)
+
+    @functools.wraps(init)
+    def remembering(self: System, *args: object, **options: object) -> None:
+        if "given" not in vars(self):  # the outermost constructor's, where one calls another
+            bound = signature.bind(self, *args, **options).arguments
+            kinds = {name: parameter.kind for name, parameter in signature.parameters.items()}
+            named = {k: v for k, v in list(bound.items())[1:] if kinds[k] is not inspect.Parameter.VAR_KEYWORD}
+            rest = [v for k, v in bound.items() if kinds[k] is inspect.Parameter.VAR_KEYWORD]
+            self.given = named | (rest[0] if rest else {})
+        init(self, *args, **options)
+
+    return remembering
