@@ -122,6 +122,15 @@ def parser() -> argparse.ArgumentParser:
     _files(p, model="model file", data="folder of the sets", output="CSV of the metrics", forecasts="npz of forecasts")
     _add_tracking(p)
 
+    p = commands.add("forecast", _forecast, "forecast from observed windows with a trained model", settings=False)
+    p.add_argument("window", type=Path, help="CSV: t, the state's components; sample, where it holds several windows")
+    _files(p, model="model file")
+    p.add_argument("--output", type=Path, metavar="CSV", help="file of the forecasts (default: standard output)")
+    p.add_argument("--seed", type=int, help="one of the model's seeds (default: all)")
+    p.add_argument("--t-end", type=float, metavar="S", help="last time in s (default: the training's)")
+    text = "package.module:Class of your own that the model may use; may be repeated"
+    p.add_argument("--class", dest="classes", action="append", default=[], metavar="NAME", help=text)
+
     p = commands.add(
         "during-training", _during_training, "augment and fine-tune a model at several stages of its training"
     )
@@ -371,6 +380,12 @@ def _evaluate(a: argparse.Namespace) -> None:
     from expertaug.evaluation.evaluate import evaluate
 
     evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings), _tracking(a))
+
+
+def _forecast(a: argparse.Namespace) -> None:
+    from expertaug.api.window_file import forecast_file
+
+    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes)
 
 
 def _during_training(a: argparse.Namespace) -> None:

@@ -92,12 +92,17 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
     Raises:
         InputError: a file is broken.
     """
-    settings = dict(settings or {})
     found = {label: Forecasts.load(path) for label, path in forecasts.items()}
     found = {label: data for label, data in found.items() if data.estimates}
     if not found:
         plotting.save_note("no method estimates parameters", outputs)
         return
+    with plotting.styled():
+        plotting.save(draw_parameters(found, dict(settings or {})), outputs)
+
+
+def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure:
+    """The figure of :func:`parameters` from forecasts in memory, all of which have estimates."""
     labels = order_labels(found, settings.get("labels", ()))
     colours = plotting.colours(labels, settings.get("labels", ()))
     first = found[labels[0]]
@@ -117,7 +122,7 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
                     axis.set_title(plotting.text(label))
             grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, settings)
-        plotting.save(figure, outputs)
+    return figure
 
 
 def _select(table: pd.DataFrame, metrics: Sequence[str], settings: Mapping) -> pd.DataFrame:

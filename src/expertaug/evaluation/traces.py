@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -41,11 +42,16 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
     Raises:
         InputError: a file is broken, holds other samples than the first one, or lacks the set, the seed or a sample.
     """
-    settings = dict(settings or {})
     if not forecasts:
         raise InputError("forecasts", "no file", "at least one forecasts.npz")
-    labels = order_labels(forecasts, settings.get("labels", ()))
-    found = {label: Forecasts.load(forecasts[label]) for label in labels}
+    found = {label: Forecasts.load(path) for label, path in forecasts.items()}
+    with plotting.styled():
+        plotting.save(draw_forecasts(found, dict(settings or {}), forecasts), outputs)
+
+
+def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts: Mapping[str, object]) -> Figure:
+    """The figure of :func:`forecasts` from forecasts in memory; messages name them as the last argument does."""
+    labels = order_labels(found, settings.get("labels", ()))
     first, name = found[labels[0]], settings.get("set", "test")
     _check_same(forecasts, found, labels, name)
     samples = settings.get("samples") or list(range(min(3, len(first.index[name]))))
@@ -55,8 +61,7 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
     if fields.is_field(first, name):
         for label in labels:
             _seed_position(forecasts[label], found[label], seed)
-        fields.panel(found, name, outputs, settings, seed)
-        return
+        return fields.panel({label: found[label] for label in labels}, name, settings, seed)
     size = first.truth[name].shape[-1]
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
     dimensions = settings.get("dimensions") or list(dict.fromkeys(spread.tolist()))
@@ -88,7 +93,7 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
         figure.suptitle(
             plotting.text(f"forecasts on the {set_title(name, settings)} set, seed {seed}"), fontsize=7.5, color="0.35"
         )
-        plotting.save(figure, outputs)
+    return figure
 
 
 def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
@@ -173,7 +178,7 @@ def _scale(axis: Axes) -> None:
         axis.set_yscale("log")
 
 
-def _check_same(paths: Mapping[str, Path], found: Mapping[str, Forecasts], labels: Sequence[str], name: str) -> None:
+def _check_same(paths: Mapping[str, object], found: Mapping[str, Forecasts], labels: Sequence[str], name: str) -> None:
     first = found[labels[0]]
     for label in labels:
         data = found[label]
@@ -184,7 +189,7 @@ def _check_same(paths: Mapping[str, Path], found: Mapping[str, Forecasts], label
             raise InputError(paths[label], f"other samples than {paths[labels[0]]}", "evaluate both on the same data")
 
 
-def _seed_position(path: Path, data: Forecasts, seed: int) -> int:
+def _seed_position(path: object, data: Forecasts, seed: int) -> int:
     if seed not in data.seeds:
         raise InputError(path, f"no seed {seed}", f"it has {', '.join(map(str, data.seeds))}")
     return data.seeds.index(seed)

@@ -66,5 +66,6 @@ def describe(system: System) -> dict[str, object]:
     if dataclasses.is_dataclass(system):
         given = {f.name: getattr(system, f.name) for f in dataclasses.fields(system) if f.init}
     else:
-        given = getattr(system, "given", {})
+        positional, named = system._given
+        given = inspect.signature(cls).bind(*positional, **named).arguments
     return {"name": name, **given}

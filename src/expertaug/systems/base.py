@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 
 import torch
 from torch import Tensor
@@ -48,11 +47,22 @@ class System(ABC):
     expert_parameters: tuple[Parameter, ...]
     interaction_parameters: tuple[Parameter, ...] = ()
     simulation: Solver = Solver("dopri5", rtol=1e-8, atol=1e-8)
+    _given: tuple[tuple, dict] = ((), {})
 
     def __init_subclass__(cls, **options: object) -> None:
+        """Let instances remember what they were made with (:func:`expertaug.systems.describe`)."""
         super().__init_subclass__(**options)
-        if "__init__" in vars(cls):
-            cls.__init__ = _remembering(cls.__init__)  # type: ignore[method-assign]
+        own = vars(cls).get("__init__")
+        if own is None:
+            return
+
+        @wraps(own)
+        def remembering(self: System, *arguments: object, **named: object) -> None:
+            if "_given" not in vars(self):
+                self._given = (arguments, named)
+            own(self, *arguments, **named)
+
+        cls.__init__ = remembering  # type: ignore[method-assign]
 
     @property
     def state_shape(self) -> tuple[int, ...]:
@@ -109,20 +119,3 @@ class System(ABC):
     def features(self, y: Tensor) -> Tensor:
         """States as networks see them, (…, features): the state, unless overridden."""
         return y
-
-
-def _remembering(init: Callable) -> Callable:
-    """A constructor that keeps what it was given as ``given``: a model file must be able to make the system again."""
-    signature = inspect.signature(init)
-
-    @functools.wraps(init)
-    def remembering(self: System, *args: object, **options: object) -> None:
-        if "given" not in vars(self):  # the outermost constructor's, where one calls another
-            bound = signature.bind(self, *args, **options).arguments
-            kinds = {name: parameter.kind for name, parameter in signature.parameters.items()}
-            named = {k: v for k, v in list(bound.items())[1:] if kinds[k] is not inspect.Parameter.VAR_KEYWORD}
-            rest = [v for k, v in bound.items() if kinds[k] is inspect.Parameter.VAR_KEYWORD]
-            self.given = named | (rest[0] if rest else {})
-        init(self, *args, **options)
-
-    return remembering
