@@ -53,8 +53,6 @@ _EXPORTS = {
     "simulate": "expertaug.systems.simulate:trajectories",
 }
 
-__all__ = ["__version__", *_EXPORTS]
-
 
 def __getattr__(name: str) -> object:
     if name not in _EXPORTS:

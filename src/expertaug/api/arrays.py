@@ -54,18 +54,20 @@ def times(value: object) -> np.ndarray:
         t = np.array(value.detach().cpu() if isinstance(value, Tensor) else value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError("t", f"no array of numbers ({error})", "give the times in s, (T,)") from error
-    if t.ndim != 1 or not np.isfinite(t).all() or np.any(np.diff(t) <= 0):
-        raise InputError("t", f"has shape {t.shape}", "give finite, strictly increasing times in s, (T,)")
+    remedy = "give finite, strictly increasing times in s, (T,)"
+    if t.ndim != 1:
+        raise InputError("t", f"has shape {t.shape}", remedy)
+    if not np.isfinite(t).all() or np.any(np.diff(t) <= 0):
+        raise InputError("t", f"does not increase from time to time: {brief(t)}", remedy)
     return t
 
 
-def same_times(found: np.ndarray, expected: Sequence[float], name: str, remedy: str) -> None:
+def same_times(found: np.ndarray, expected: np.ndarray, name: str, remedy: str) -> None:
     """Refuse times that are not the expected ones.
 
     Raises:
         InputError: a time differs by more than a millionth of the whole.
     """
-    expected = np.asarray(expected)
     if len(found) == len(expected):
         span = abs(expected[-1] - expected[0]) or 1.0
         if np.abs(found - expected).max() <= TIME_TOLERANCE * span:

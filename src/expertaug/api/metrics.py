@@ -42,9 +42,7 @@ def log_mse(system: System, prediction: Array, truth: Array, convention: str = "
     return found.numpy() if group else float(found[0])
 
 
-def parameter_errors(
-    system: System, estimate: Mapping[str, Array], truth: Array
-) -> dict[str, float] | dict[str, np.ndarray]:
+def parameter_errors(system: System, estimate: Mapping[str, Array], truth: Array) -> dict[str, float | np.ndarray]:
     """Relative error in % and root mean square error in its unit, of each expert parameter and of all.
 
     Arguments:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -107,7 +108,7 @@ def _labelled(models: Models) -> dict[str, TrainedModel]:
     return {models.label: models} if isinstance(models, TrainedModel) else dict(models)
 
 
-def _empty(model: TrainedModel, t: np.ndarray) -> dict:
+def _empty(model: TrainedModel, t: np.ndarray) -> dict[str, Any]:
     """Fields of :class:`Forecasts` without any sample."""
     system = model.system
     return {
@@ -126,4 +127,5 @@ def _forecasts(model: TrainedModel, data: Trajectories) -> Forecasts:
     arrays.trajectories(data, "data")
     y = np.asarray(model.forecast(data.y[:, : model.observed], data.t).y)
     filled = {"index": np.arange(len(data)), "truth": data.y, "prediction": y[None] if model.single else y}
-    return Forecasts(**_empty(model, data.t) | {k: {"data": v} for k, v in (filled | {"truths": data.z_e}).items()})
+    sets: dict[str, Any] = {k: {"data": v} for k, v in (filled | {"truths": data.z_e}).items()}
+    return Forecasts(**_empty(model, data.t) | sets)

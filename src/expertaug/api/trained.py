@@ -140,7 +140,7 @@ class TrainedModel:
                 for key, value in description["carried"].items()
             }
         model = seed_selection.select(self.stored.model, chosen, len(self))
-        history = self.history[self.history["seed"].isin(description["seeds"])]
+        history = self.history.loc[self.history["seed"].isin(description["seeds"])]
         return TrainedModel(StoredModel(model, description, self.stored.classes), history, single)
 
     def __iter__(self) -> Iterator[TrainedModel]:
@@ -231,7 +231,7 @@ class TrainedModel:
         options = {"from_s": from_s, "solver": dict(vars(solver or self.solver))}
         with arrays.one_thread():
             scored = score(self.stored, data, options, start, window.device)
-        return pd.DataFrame(scored.rows({}, self.seeds))[["seed", "metric", "value"]]
+        return pd.DataFrame(scored.rows({}, self.seeds)).loc[:, ["seed", "metric", "value"]]
 
     def save(self, path: str | Path) -> None:
         """Write a model file, which :func:`load` and the command line read.

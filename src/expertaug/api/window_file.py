@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from expertaug.api.arrays import same_times
 from expertaug.api.trained import TrainedModel, labelled, load
 from expertaug.errors import InputError
 from expertaug.files import atomic
@@ -86,6 +87,7 @@ def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.
     if len(times[0]) != model.observed:
         remedy = f"the model observes {model.observed}, t = {model.t[0]:g} … {model.t[model.observed - 1]:g} s"
         raise InputError(path, f"has {len(times[0])} points a window", remedy)
+    same_times(times[0], model.t[: model.observed], str(path), "give the window at these times")
     return [part[columns["sample"]].iloc[0] if "sample" in columns else 0 for part in windows], times[0], y
 
 
@@ -97,7 +99,7 @@ def _check_column(path: Path, table: pd.DataFrame, columns: dict[str, str], para
     unit = re.search(r"\[(.*)\]\s*$", heading)
     if unit and unit[1].strip() != parameter.unit:
         raise InputError(path, f"column {heading}", f"the model's unit is {wanted}: convert it")
-    numbers = pd.to_numeric(table[heading], errors="coerce").to_numpy(dtype=float)
+    numbers = np.asarray(pd.to_numeric(table[heading], errors="coerce"), dtype=float)
     if not np.isfinite(numbers).all():
         row = int(np.argmin(np.isfinite(numbers)))
         raise InputError(path, f"column {heading}, row {row + 1}: {table[heading].iloc[row]}", "give finite numbers")

@@ -39,8 +39,8 @@ def augment(model: Path, data: Path, output: Path, settings: Mapping) -> None:
         settings: {device} and those of :func:`draw`; ``classes``, names of the model's classes from elsewhere.
     """
     stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
-    sets = [Trajectories.load(Path(data) / f"{name}.npz") for name in ("train", "validation")]
-    plus = draw(stored, *sets, settings, model)
+    train, validation = (Trajectories.load(Path(data) / f"{name}.npz") for name in ("train", "validation"))
+    plus = draw(stored, train, validation, settings, model)
     augmentation.save(output, plus.train, plus.validation, plus.header)
 
 
@@ -71,10 +71,11 @@ def draw(
     task = task.shortened(task.points(choices))
     noise = float(settings["noise"]) if choices["augmentation_noise"] == "as_data" else 0.0
     options = {"resample_x": choices["augmented_x"] == "resampled", "z_a_from": choices["augmented_z_a"]}
-    drawn = [
+    plus, plus_validation = (
         augmentation.generate(
             stored.model, StackedSet.of(part, device), task, stored.seeds, settings["prior"], noise, number, **options
         )
         for number, part in enumerate((train, validation))
-    ]
-    return Augmented(*drawn, {"prior": settings["prior"], "noise": noise, "seeds": stored.seeds, "options": options})
+    )
+    header = {"prior": settings["prior"], "noise": noise, "seeds": stored.seeds, "options": options}
+    return Augmented(plus, plus_validation, header)

@@ -44,10 +44,11 @@ def finetune(
     stored = store.load(model, device, settings.get("classes", ()))
     plus = Augmented(*augmentation.load(augmented, device))
     sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
-    training = prepare(stored, plus, *map(Trajectories.load, sets), settings)
+    train, validation = map(Trajectories.load, sets)
+    training = prepare(stored, plus, train, validation, settings)
     used = {"training": training.description["training"], "prior": plus.header["prior"]}
     inputs = [Path(model), Path(augmented), *sets]
-    job.run(training, output, work, inputs, settings | {"seeds": stored.seeds} | used, tracking)
+    job.run(training, output, work, inputs, {**settings, "seeds": stored.seeds, **used}, tracking)
 
 
 def prepare(
@@ -85,7 +86,7 @@ def prepare(
         partial(_sets, stored, plus, real, check, task, choices),
         task,
         description,
-        settings | {"seeds": stored.seeds, "training": training, "prior": plus.header["prior"]},
+        {**settings, "seeds": stored.seeds, "training": training, "prior": plus.header["prior"]},
         stored.classes,
         before,
     )
@@ -94,7 +95,7 @@ def prepare(
 def _frozen(model: HybridModel, choices: Mapping) -> tuple[HybridModel, dict[str, torch.Tensor]]:
     """A copy of the model that learns in its encoder alone, and the values of what it does not learn."""
     hybrid = copy.deepcopy(model)
-    prefixes = list(hybrid.decoder_prefixes)
+    prefixes: list[str] = list(hybrid.decoder_prefixes)
     if choices["frozen"] == "interaction_and_z_e_head":
         prefixes.append(f"encoder.{hybrid.encoder.head_prefix}")
     before = {}

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
+from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models.describe import objective_of
@@ -69,8 +70,8 @@ class Training:
         Raises:
             SolveError: a seed cannot be trained.
         """
-        trainer = self.trainer
-        trainer.run(log or Record(), checkpoint or Record())
+        trainer, memory = self.trainer, Record()
+        trainer.run(log or memory, checkpoint or memory)  # type: ignore[arg-type]
         model = trainer.model
         model.load_state_dict(trainer.best)
         for key, value in self.unchanged.items():
@@ -87,7 +88,7 @@ class Training:
 
 def prepare(
     model: HybridModel,
-    sets: Callable[[int], tuple[object, list]],
+    sets: Callable[[int], tuple[StackedSet | Callable[[int], StackedSet], list]],
     task: Task,
     description: Mapping,
     settings: Mapping,

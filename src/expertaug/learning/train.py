@@ -43,7 +43,10 @@ def train(
     build = settings["build"]
     system = dict(settings["system"]) | build.get("system", {})
     if calibration is not None and system.get("expert") != "point_mass":
-        system["constants"] = read_json(calibration)["constants"]
+        found = read_json(calibration)
+        if not isinstance(found, dict) or "constants" not in found:
+            raise InputError(calibration, "has no constants", "make it again with calibrate")
+        system["constants"] = found["constants"]
     inputs = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
     train_data, validation_data = map(Trajectories.load, inputs)
     described = {

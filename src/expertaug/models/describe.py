@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
+from typing import Any
 
 from expertaug import systems
 from expertaug.errors import InputError
@@ -92,7 +93,7 @@ def system_of(description: Mapping, classes: Mapping[str, Callable] | None = Non
     return made(**settings)
 
 
-def objective_of(kind: str, classes: Mapping[str, Callable] | None = None) -> type:
+def objective_of(kind: str, classes: Mapping[str, Callable] | None = None) -> Any:
     """The class of an objective's kind."""
     return (classes or {}).get(kind) or find("objective", kind, "objective")
 

@@ -33,5 +33,5 @@ def select(model: Model, places: Sequence[int], count: int) -> Model:
             if value is not None:
                 module._buffers[name] = value[index.to(value.device)].clone()
         if getattr(module, "seeds", None) == count:  # a wrapped module counts them
-            module.seeds = len(index)
+            vars(module)["seeds"] = len(index)
     return chosen

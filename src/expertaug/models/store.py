@@ -6,9 +6,10 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.models import describe
@@ -28,13 +29,13 @@ class StoredModel:
     """A model for a group of seeds and what is known about it.
 
     Attributes:
-        model: stacked over the seeds of ``description["seeds"]``.
+        model: a hybrid network or the baseline of the mean, stacked over the seeds of ``description["seeds"]``.
         description: system, method, model, choices, t (all times in s), observed (points), units and the training's
             record; all of it can be written to a file.
         classes: those of its parts that are not this package's, by the name that the description gives them.
     """
 
-    model: nn.Module
+    model: Any
     description: Mapping
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
@@ -54,7 +55,7 @@ def forecast_solver(training: Mapping) -> dict:
     return dict(ACCURATE) if solver.method in COARSE else dict(vars(solver))
 
 
-def save(path: str | Path, model: nn.Module, description: Mapping) -> None:
+def save(path: str | Path, model: Any, description: Mapping) -> None:
     """Write a model file atomically.
 
     Raises:
@@ -95,15 +96,15 @@ def restore(
     for name in own:
         if name not in allowed:
             raise InputError(
-                path, f"needs {name}, which is not part of expertaug", f"if you trust it: classes=[{name!r}]"
+                path, f"needs {name}, which is not part of expertaug", f"if you trust it: classes=[{name!r}] (--class)"
             )
-    classes = {name: made[name] for name in own if name in made}
+    used: dict[str, Callable] = {name: made[name] for name in own if name in made}
     try:
-        system = describe.system_of(description, classes)
+        system = describe.system_of(description, used)
         if description["kind"] == "mean":
-            model: nn.Module = MeanModel(system, tensors["mean"])
+            model: Any = MeanModel(system, tensors["mean"])
         else:
-            model = make(system, description, classes)
+            model = make(system, description, used)
     except InputError:
         raise
     except Exception as error:  # a class of the user's may raise anything
@@ -117,10 +118,10 @@ def restore(
         model.load_state_dict(dict(tensors))
     except RuntimeError as error:
         raise InputError(path, "holds other layers than it describes", "train it again") from error
-    return StoredModel(model.to(device), description, classes)
+    return StoredModel(model.to(device), description, used)
 
 
-def make(system: System, description: Mapping, classes: Mapping[str, Callable] | None = None) -> nn.Module:
+def make(system: System, description: Mapping, classes: Mapping[str, Callable] | None = None) -> Any:
     """The stacked hybrid model that a description describes, one initialisation a seed."""
     times = torch.tensor(description["t"][: description["observed"]], dtype=torch.float64)
     recipe = describe.recipe_of(system, description, classes)

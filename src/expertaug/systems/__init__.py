@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import inspect
 from collections.abc import Mapping
+from typing import Any
 
 from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
@@ -13,7 +14,7 @@ from expertaug.systems.base import Parameter, System
 __all__ = ["Parameter", "System", "describe", "load"]
 
 
-def load(settings: Mapping[str, object]) -> System:
+def load(settings: Mapping[str, Any]) -> System:
     """Make the system that ``settings`` describes.
 
     Arguments:
