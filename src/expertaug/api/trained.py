@@ -171,8 +171,6 @@ class TrainedModel:
         observed, t = self._window(window, t)
         if start not in STARTS:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
-        if self.stored.description["kind"] == "mean":
-            arrays.same_times(t, self.t, "t", "the mean knows no others")
         with torch.no_grad(), arrays.one_thread():
             points = torch.from_numpy(t).float().to(observed.device)
             y, z_e = self.stored.model.predict(observed, points, solver or self.solver, start)  # type: ignore[operator]
@@ -251,6 +249,8 @@ class TrainedModel:
             raise InputError("window", f"has shape {tuple(y.shape)}", f"give {wanted}: the state is {names}")
         remedy = "give the window at these times, the first of t"
         arrays.same_times(t[: y.shape[1]], self.t[:points], "window", remedy)
+        if self.stored.description["kind"] == "mean" and len(t) > points:
+            arrays.same_times(t, self.t, "t", "the mean of the training set has no others")
         device = next((x.device for x in self.stored.model.state_dict().values()), torch.device("cpu"))
         y = y.to(device).movedim(1, 0).unsqueeze(1)
         return y.expand(-1, len(self), *y.shape[2:]), t
