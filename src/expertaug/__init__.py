@@ -1,3 +1,67 @@
-"""Robust hybrid learning with expert augmentation (Wehenkel et al., TMLR 2023) as a reproducible pipeline."""
+"""Robust hybrid learning with expert augmentation (Wehenkel et al., TMLR 2023): a package and a pipeline.
+
+    import expertaug as ea
+
+gives everything that a stage of the pipeline does in memory: :func:`simulate`, :class:`HybridModel`, :func:`fit`,
+:func:`augment`, :func:`finetune`, :func:`evaluate`, :func:`load`.  Nothing heavy is imported before it is used; types
+stand in ``__init__.pyi``.
+"""
+
+from __future__ import annotations
+
+import importlib
 
 __version__ = "0.1.0"
+
+# Name → where it is: a module, or module:name.
+_EXPORTS = {
+    "Aphynity": "expertaug.learning.objectives:Aphynity",
+    "AugmentedSets": "expertaug.api.training:AugmentedSets",
+    "ConvEncoder": "expertaug.models.encoders.convolutional:ConvEncoder",
+    "ConvInteraction": "expertaug.models.interactions.convolutional:ConvInteraction",
+    "ConvTwoStep": "expertaug.models.encoders.two_step_fields:ConvTwoStep",
+    "DampedPendulum": "expertaug.systems.pendulum:DampedPendulum",
+    "DampingInteraction": "expertaug.models.interactions.damping:DampingInteraction",
+    "DoublePendulum": "expertaug.systems.double_pendulum:DoublePendulum",
+    "Forecast": "expertaug.api.trained:Forecast",
+    "HybridModel": "expertaug.models.recipe:HybridModel",
+    "HybridVAE": "expertaug.learning.hvae:HybridVAE",
+    "InputError": "expertaug.errors:InputError",
+    "MLPInteraction": "expertaug.models.interactions.mlp:MLPInteraction",
+    "MLPTwoStep": "expertaug.models.encoders.two_step:MLPTwoStep",
+    "MomentEncoder": "expertaug.models.encoders.moments:MomentEncoder",
+    "Objective": "expertaug.learning.objectives:Objective",
+    "Parameter": "expertaug.systems.base:Parameter",
+    "PolynomialInteraction": "expertaug.models.interactions.polynomial:PolynomialInteraction",
+    "RLC": "expertaug.systems.rlc:RLC",
+    "ReactionDiffusion": "expertaug.systems.reaction_diffusion:ReactionDiffusion",
+    "RecurrentEncoder": "expertaug.models.encoders.recurrent:RecurrentEncoder",
+    "SolveError": "expertaug.errors:SolveError",
+    "Solver": "expertaug.systems.solver:Solver",
+    "System": "expertaug.systems.base:System",
+    "TrainedModel": "expertaug.api.trained:TrainedModel",
+    "Trajectories": "expertaug.trajectories:Trajectories",
+    "WindowEncoder": "expertaug.models.encoders.window:WindowEncoder",
+    "augment": "expertaug.api.training:augment",
+    "evaluate": "expertaug.api.trained:evaluate",
+    "finetune": "expertaug.api.training:finetune",
+    "fit": "expertaug.api.training:fit",
+    "forecast": "expertaug.api.trained:forecast",
+    "load": "expertaug.api.trained:load",
+    "metrics": "expertaug.api.metrics",
+    "plots": "expertaug.api.plots",
+    "simulate": "expertaug.systems.simulate:trajectories",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _EXPORTS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, _, attribute = _EXPORTS[name].partition(":")
+    found = importlib.import_module(module)
+    globals()[name] = getattr(found, attribute) if attribute else found
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_EXPORTS})

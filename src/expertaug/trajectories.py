@@ -66,7 +66,7 @@ class Trajectories:
     def __len__(self) -> int:
         return len(self.y)
 
-    def subset(self, index: object) -> Trajectories:
+    def subset(self, index: slice | np.ndarray) -> Trajectories:
         """The samples that ``index`` (a slice, a mask or integers along N) selects."""
         identity = None if self.id is None else self.id[index]
         return Trajectories(self.t, self.y[index], self.z_e[index], self.z_a[index], identity)

@@ -11,6 +11,7 @@ from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
 from expertaug.models import store
+from expertaug.models.describe import describe
 from expertaug.models.recipe import HybridModel
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
@@ -101,7 +102,7 @@ def test_three_dimensions_pass_the_convolutions():
 def test_a_model_file_of_fields_is_read_again(tmp_path):
     t = [0.0, 0.1, 0.2]
     recipe = HybridModel(systems.load(SYSTEM), *PARTS[1])
-    description = recipe.to_dict() | {"kind": "hybrid", "t": t, "observed": 3, "seeds": [4]}
+    description = describe(recipe) | {"kind": "hybrid", "t": t, "observed": 3, "seeds": [4]}
     model = recipe.build(t, [4])
     store.save(tmp_path / "m", model, description)
     again = store.load(tmp_path / "m").model

@@ -10,6 +10,7 @@ import plain_parts as parts
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
+from expertaug.models.describe import describe
 from expertaug.models.encoders.window import WindowEncoder
 from expertaug.models.interactions.mlp import MLPInteraction
 from expertaug.models.posterior import Gaussian
@@ -89,7 +90,7 @@ def test_what_fit_learns_is_the_same_for_every_seed_and_kept(tmp_path):
     model = whole.build(TIMES, [0, 1])
     model.fit(windows(None))
     assert torch.equal(model.encoder.module.size, windows(None).std().expand(2))
-    description = whole.to_dict() | {"kind": "hybrid", "t": TIMES.tolist(), "observed": 5, "seeds": [0, 1]}
+    description = describe(whole) | {"kind": "hybrid", "t": TIMES.tolist(), "observed": 5, "seeds": [0, 1]}
     store.save(tmp_path / "m.safetensors", model, description)
     again = store.load(tmp_path / "m.safetensors").model
     assert torch.equal(

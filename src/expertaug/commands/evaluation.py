@@ -17,6 +17,15 @@ def add_to(commands: Commands) -> None:
     add_paths(p, forecasts="npz of forecasts")
     add_tracking(p)
 
+    p = commands.add("forecast", _forecast, "forecast from observed windows with a trained model", settings=False)
+    p.add_argument("window", type=Path, help="CSV: t, the state's components; sample, where it holds several windows")
+    add_paths(p, model="model file")
+    p.add_argument("--output", type=Path, metavar="CSV", help="file of the forecasts (default: standard output)")
+    p.add_argument("--seed", type=int, help="one of the model's seeds (default: all)")
+    p.add_argument("--t-end", type=float, metavar="S", help="last time in s (default: the training's)")
+    text = "package.module:Class of your own that the model may use; may be repeated"
+    p.add_argument("--class", dest="classes", action="append", default=[], metavar="NAME", help=text)
+
     text = "augment and fine-tune a model at several stages of its training"
     p = commands.add("during-training", _during_training, text)
     add_paths(p, snapshots="states along the training", data="folder of the sets", output="CSV of the metrics")
@@ -58,6 +67,12 @@ def _evaluate(a: argparse.Namespace) -> None:
     from expertaug.evaluation.evaluate import evaluate
 
     evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings), tracking_of(a))
+
+
+def _forecast(a: argparse.Namespace) -> None:
+    from expertaug.api.window_file import forecast_file
+
+    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes)
 
 
 def _during_training(a: argparse.Namespace) -> None:

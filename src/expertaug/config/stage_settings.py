@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from expertaug import labels as naming
-from expertaug import registry
 from expertaug.config import options
 from expertaug.config.grid import points
 from expertaug.config.jobs import label, seed_groups, sets, snapshots, studied, variants
-from expertaug.config.layers import merge, plain
+from expertaug.config.methods import build_of, experiment_of, foreign, modules, objective_of
 from expertaug.config.recording_settings import (
     calibrate,
     extract_frames,
@@ -80,7 +79,7 @@ def simulate(config: Mapping, experiment: str, name: str) -> dict:
 
 
 def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
-    one, build = _experiment(config, experiment, method), _build(config, experiment, method)
+    one, build = experiment_of(config, experiment, method), build_of(config, experiment, method)
     model, training = dict(one["model"]), one["training"]
     if build.get("interaction") is False:
         del model["interaction"]
@@ -89,7 +88,7 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
         model, training = {}, {}
     else:
         training = _with_own_options(training, build)
-        if options.needs_prior(_objective(build), "objective"):
+        if options.needs_prior(objective_of(build), "objective"):
             given = {"prior": one["augmentation"]["prior"]}
     return {
         **_identity(config, experiment, method),
@@ -108,7 +107,7 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
 
 def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
     method, name = naming.split(variant)
-    one = _experiment(config, experiment, method)
+    one = experiment_of(config, experiment, method)
     return {
         "experiment": experiment,
         "method": variant,
@@ -117,6 +116,7 @@ def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
         "choices": _choices(one, "augment"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
+        **foreign(config, experiment, method),
     }
 
 
@@ -124,10 +124,13 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
     method = naming.base(variant)
     return {
         **_identity(config, experiment, variant),
-        "training": _with_own_options(_experiment(config, experiment, method)["finetuning"], config["methods"][method]),
+        "training": _with_own_options(
+            experiment_of(config, experiment, method)["finetuning"], config["methods"][method]
+        ),
         "choices": _choices(config["experiments"][experiment], "finetune"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
+        **foreign(config, experiment, method),
     }
 
 
@@ -139,6 +142,7 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
         "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
+        **foreign(config, experiment, naming.split(variant)[0]),
     }
 
 
@@ -171,7 +175,7 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
     if name == "prior_width":
         further = {k: v["prior"] for k, v in one["augmentations"].items()}
         methods = dict.fromkeys(naming.base(variant) for variant in studied(config, experiment, name))
-        own = {m: _experiment(config, experiment, m)["augmentation"]["prior"] for m in methods}
+        own = {m: experiment_of(config, experiment, m)["augmentation"]["prior"] for m in methods}
         return settings | {"priors": {m: {"": own[m]} | further for m in methods}}
     options = one["studies"][name]
     if name == "out_of_expertise":
@@ -219,7 +223,7 @@ def plot(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
     one = config["experiments"][experiment]
     priors = {
-        v: _experiment(config, experiment, naming.base(v)).get("augmentation", {}).get("prior", {})
+        v: experiment_of(config, experiment, naming.base(v)).get("augmentation", {}).get("prior", {})
         for v in variants(config, experiment)
     }
     return {
@@ -231,41 +235,13 @@ def plot(config: Mapping, experiment: str) -> dict:
     }
 
 
-def modules(config: Mapping, experiment: str, method: str | None = None) -> list[str]:
-    """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
-    one = _experiment(config, experiment, method)
-    build = _build(config, experiment, method) if method else {"kind": "none"}
-    system = build.get("system", {}).get("name", one["system"]["name"])
-    if build["kind"] != "hybrid":
-        return registry.modules(system, {}, None)
-    parts = {part: settings for part, settings in one["model"].items() if build.get(part, True)}
-    return registry.modules(system, parts, _objective(build))
-
-
 def _identity(config: Mapping, experiment: str, variant: str) -> dict:
     return {"experiment": experiment, "method": variant, "label": label(config, variant), "preset": config["preset"]}
 
 
-def _experiment(config: Mapping, experiment: str, method: str | None) -> dict:
-    """An experiment with what it overrides for a method."""
-    one = config["experiments"][experiment]
-    return plain(merge(one, one["overrides"].get(method, {})))
-
-
-def _build(config: Mapping, experiment: str, method: str) -> dict:
-    """How a method is built, with what the experiment's system is otherwise for it."""
-    over = config["experiments"][experiment]["overrides"].get(method, {})
-    return config["methods"][method] | ({"system": over["system"]} if "system" in over else {})
-
-
-def _objective(build: Mapping) -> str:
-    """Kind of a method's objective."""
-    return build.get("objective", "aphynity")
-
-
 def _with_own_options(training: Mapping, build: Mapping) -> dict:
     """A block of training with those of the objective's options that are the method's own objective's."""
-    given, kind = training.get("objective", {}), _objective(build)
+    given, kind = training.get("objective", {}), objective_of(build)
     return {**training, "objective": {k: v for k, v in given.items() if options.takes_option(kind, k)}}
 
 

@@ -49,7 +49,7 @@ def evaluate(
         InputError: the model and the settings disagree on the seeds.
     """
     device = device_of(settings["device"])
-    stored = store.load(model, device)
+    stored = store.load(model, device, settings.get("classes", ()))
     if stored.seeds != list(settings["seeds"]):
         raise InputError(model, f"holds seeds {stored.seeds}", f"expected {list(settings['seeds'])}: train again")
     options = settings["evaluation"]

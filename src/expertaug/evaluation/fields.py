@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from expertaug import plotting
@@ -26,16 +26,13 @@ def is_field(data: Forecasts, name: str) -> bool:
     return data.truth[name].ndim > 3
 
 
-def panel(
-    found: Mapping[str, Forecasts], name: str, outputs: Path | Sequence[Path], settings: Mapping, seed: int
-) -> None:
+def panel(found: Mapping[str, Forecasts], name: str, settings: Mapping, seed: int) -> Figure:
     """Draw one sample's first component: a row for the truth and for each method, a column per time; beside them what
     each forecast is off by, on a scale of its own, and the root mean square of that over the whole forecast.
 
     Arguments:
         found: forecasts by method, in order; their states are (components, space …).
         name: of the set.
-        outputs: .png or .pdf files, or one path without suffix for both.
         settings: all optional: ``samples`` (positions among those kept; of these the one whose z_e is farthest outside
             the training set's range is drawn; default all), ``labels`` (pairs of a method and what is printed for it),
             ``set_titles``.
@@ -81,7 +78,7 @@ def panel(
                 figure.colorbar(image, ax=right, location="bottom", shrink=0.8, aspect=22, label=label, extend="both")
         title = f"{_title(first, name, sample, settings)}, seed {seed}; below a method, root mean square of its error"
         plotting.heading(figure, title)
-        plotting.save(figure, outputs)
+    return figure
 
 
 def farthest(data: Forecasts, name: str, samples: Sequence[int]) -> int:

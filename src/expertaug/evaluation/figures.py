@@ -91,12 +91,17 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
     Raises:
         InputError: a file is broken.
     """
-    settings = dict(settings or {})
     found = {method: Forecasts.load(path) for method, path in forecasts.items()}
     found = {method: data for method, data in found.items() if data.estimates}
     if not found:
         plotting.save_note("no method estimates parameters", outputs)
         return
+    with plotting.styled():
+        plotting.save(draw_parameters(found, dict(settings or {})), outputs)
+
+
+def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure:
+    """The figure of :func:`parameters` from forecasts in memory, all of which have estimates."""
     labels, all_methods = dict(settings.get("labels", ())), settings.get("all_methods", ())
     methods = ordered(found, all_methods)
     colours = plotting.colours(methods, all_methods)
@@ -117,7 +122,7 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
                     axis.set_title(plotting.text(labels.get(method, method)))
             grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, settings)
-        plotting.save(figure, outputs)
+    return figure
 
 
 def _select(table: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFrame:

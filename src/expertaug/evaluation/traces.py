@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -41,12 +42,18 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
     Raises:
         InputError: a file is broken, holds other samples than the first one, or lacks the set, the seed or a sample.
     """
-    settings = dict(settings or {})
     if not forecasts:
         raise InputError("forecasts", "no file", "at least one forecasts.npz")
+    found = {method: Forecasts.load(path) for method, path in forecasts.items()}
+    with plotting.styled():
+        plotting.save(draw_forecasts(found, dict(settings or {}), forecasts), outputs)
+
+
+def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts: Mapping[str, object]) -> Figure:
+    """The figure of :func:`forecasts` from forecasts in memory; messages name them as the last argument does."""
     labels, all_methods = dict(settings.get("labels", ())), settings.get("all_methods", ())
-    methods = ordered(forecasts, all_methods)
-    found = {method: Forecasts.load(forecasts[method]) for method in methods}
+    methods = ordered(found, all_methods)
+    found = {method: found[method] for method in methods}
     first, name = found[methods[0]], settings.get("set", "test")
     _check_same(forecasts, found, name)
     samples = settings.get("samples") or list(range(min(3, len(first.index[name]))))
@@ -56,8 +63,7 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
     if fields.is_field(first, name):
         for method in methods:
             _seed_position(forecasts[method], found[method], seed)
-        fields.panel(found, name, outputs, settings, seed)
-        return
+        return fields.panel(found, name, settings, seed)
     size = first.truth[name].shape[-1]
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
     dimensions = list(dict.fromkeys(spread.tolist()))
@@ -87,7 +93,7 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
         handles.append(Patch(facecolor="0.92", label="observed window"))
         plotting.legend(figure, handles)
         plotting.heading(figure, plotting.text(f"forecasts on the {set_title(name, settings)} set, seed {seed}"))
-        plotting.save(figure, outputs)
+    return figure
 
 
 def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
@@ -173,7 +179,7 @@ def _scale(axis: Axes) -> None:
         axis.set_yscale("log")
 
 
-def _check_same(paths: Mapping[str, Path], found: Mapping[str, Forecasts], name: str) -> None:
+def _check_same(paths: Mapping[str, object], found: Mapping[str, Forecasts], name: str) -> None:
     one, first = next(iter(found.items()))
     for method, data in found.items():
         if name not in data.truth:
@@ -183,7 +189,7 @@ def _check_same(paths: Mapping[str, Path], found: Mapping[str, Forecasts], name:
             raise InputError(paths[method], f"other samples than {paths[one]}", "evaluate both on the same data")
 
 
-def _seed_position(path: Path, data: Forecasts, seed: int) -> int:
+def _seed_position(path: object, data: Forecasts, seed: int) -> int:
     if seed not in data.seeds:
         raise InputError(path, f"no seed {seed}", f"it has {', '.join(map(str, data.seeds))}")
     return data.seeds.index(seed)

@@ -1,8 +1,9 @@
-"""The stage augment: D⁺ for every seed of a trained model."""
+"""D⁺ for every seed of a trained model, and the stage augment."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from expertaug.errors import InputError
@@ -14,26 +15,67 @@ from expertaug.models.device import device_of
 from expertaug.trajectories import Trajectories
 
 
+@dataclass(frozen=True)
+class Augmented:
+    """Augmented samples of every seed.
+
+    Attributes:
+        train, validation: y (T, S, N, *state), z_e (S, N, P); the second selects in fine-tuning.
+        header: {prior, noise, seeds, options}: how they were drawn.
+    """
+
+    train: StackedSet
+    validation: StackedSet
+    header: Mapping
+
+
 def augment(model: Path, data: Path, output: Path, settings: Mapping) -> None:
     """Stage: draw D⁺ for every seed of a trained model, and an augmented validation set that selects in fine-tuning.
 
     Arguments:
         model: file of the trained model.
-        settings: {prior, noise, choices, device, …}; ``noise`` is the standard deviation of the data's noise.
+        data: folder of the sets.
+        output: file of D⁺.
+        settings: {device} and those of :func:`draw`; ``classes``, names of the model's classes from elsewhere.
+    """
+    stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
+    train, validation = (Trajectories.load(Path(data) / f"{name}.npz") for name in ("train", "validation"))
+    plus = draw(stored, train, validation, settings, model)
+    augmentation.save(output, plus.train, plus.validation, plus.header)
+
+
+def draw(
+    stored: store.StoredModel,
+    train: Trajectories,
+    validation: Trajectories,
+    settings: Mapping,
+    where: object = "augmentation",
+) -> Augmented:
+    """Draw D⁺ in memory (paper, Algorithm 1).
+
+    Arguments:
+        stored: a trained hybrid model.
+        train, validation: whose x and observed windows are used.
+        settings: {prior, noise, choices, device}; ``noise`` is the standard deviation of the data's noise.
+        where: for messages.
+
+    Raises:
+        InputError: the model is a baseline, or the prior does not name its expert parameters.
+        SolveError: samples are not finite for any z_e drawn.
     """
     device = device_of(settings["device"])
-    stored = store.load(model, device)
     if stored.description["kind"] != "hybrid":
-        raise InputError(model, f"a {stored.description['kind']} model", "only hybrid models can be augmented")
+        raise InputError(where, f"a {stored.description['kind']} model", "only hybrid models can be augmented")
     choices = settings["choices"]
     task = task_of(stored.description["training"], stored.description, device)
     task = task.shortened(task.points(choices))
     noise = float(settings["noise"]) if choices["augmentation_noise"] == "as_data" else 0.0
-    sets = [StackedSet.of(Trajectories.load(Path(data) / f"{name}.npz"), device) for name in ("train", "validation")]
     options = {"resample_x": choices["augmented_x"] == "resampled", "z_a_from": choices["augmented_z_a"]}
-    drawn = [
-        augmentation.generate(stored.model, part, task, stored.seeds, settings["prior"], noise, draw, **options)
-        for draw, part in enumerate(sets)
-    ]
+    plus, plus_validation = (
+        augmentation.generate(
+            stored.model, StackedSet.of(part, device), task, stored.seeds, settings["prior"], noise, number, **options
+        )
+        for number, part in enumerate((train, validation))
+    )
     header = {"prior": settings["prior"], "noise": noise, "seeds": stored.seeds, "options": options}
-    augmentation.save(output, *drawn, header)
+    return Augmented(plus, plus_validation, header)

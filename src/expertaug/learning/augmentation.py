@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 import torch
-from safetensors.torch import save_file
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.files import atomic
 from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import Gaussian, Normal, Posterior
-from expertaug.models.store import read_tensors
+from expertaug.models.tensor_file import read_tensors, write_tensors
 
 logger = logging.getLogger(__name__)
 CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in their states: bounds the memory
@@ -141,9 +138,8 @@ def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping)
     """Write the augmented training and validation sets."""
     tensors = {}
     for name, part in (("train", train), ("validation", validation)):
-        tensors |= {f"{name}_y": part.y.cpu().contiguous(), f"{name}_z_e": part.z_e.cpu().contiguous()}
-    with atomic(path) as temporary:
-        save_file(tensors, temporary, metadata={"expertaug": json.dumps(header)})
+        tensors |= {f"{name}_y": part.y, f"{name}_z_e": part.z_e}
+    write_tensors(path, tensors, header)
 
 
 def load(path: Path, device: torch.device) -> tuple[StackedSet, StackedSet, dict]:

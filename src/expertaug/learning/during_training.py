@@ -32,7 +32,7 @@ def stages(
         work: folder for models and checkpoints; the caller holds its lock.
         settings: {augment, finetune, finetune_epochs}: the settings of these stages, and the lengths.
     """
-    file, work = Path(file), Path(work)
+    file, work, classes = Path(file), Path(work), settings["finetune"].get("classes", ())
     inputs = [file, *(Path(data) / f"{name}.npz" for name in ("train", "validation"))]
     used = {key: settings[key] for key in ("augment", "finetune", "finetune_epochs")}
     description = store.read_tensors(file)[0]["description"]
@@ -41,7 +41,7 @@ def stages(
     for other in work.glob("*"):  # of other settings, code or data
         if other != folder:
             shutil.rmtree(other)
-    for epoch, stored in snapshots.load(file, device).items():
+    for epoch, stored in snapshots.load(file, device, classes).items():
         yield epoch, BASE, stored
         model, augmented = folder / f"{epoch}/model.safetensors", folder / f"{epoch}/augmented.safetensors"
         if not augmented.exists():
@@ -53,5 +53,5 @@ def stages(
                 training = settings["finetune"]["training"] | {"epochs": count}
                 options = settings["finetune"] | {"training": training}
                 finetune(model, augmented, data, tuned, tuned.with_name("work"), options, None)
-            yield epoch, count, store.load(tuned, device)
+            yield epoch, count, store.load(tuned, device, classes)
     shutil.rmtree(work)

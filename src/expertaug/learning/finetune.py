@@ -1,14 +1,19 @@
-"""The stage finetune: the encoder on D ∪ D⁺."""
+"""Fine-tuning of the encoder on D ∪ D⁺, and the stage finetune."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
-from expertaug.learning import augmentation
-from expertaug.learning.fitting import fit
+import torch
+
+from expertaug.learning import augmentation, fitting, job
+from expertaug.learning.augment import Augmented
+from expertaug.learning.fitting import Training
 from expertaug.learning.sets import StackedSet
-from expertaug.learning.task import task_of
+from expertaug.learning.task import Task, task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.models.hybrid import HybridNet
@@ -27,66 +32,101 @@ def finetune(
     """Stage: fine-tune the encoder on D ∪ D⁺ with θ frozen (paper, Algorithm 1); θ is asserted unchanged.
 
     Arguments:
-        settings: {experiment, method, label, preset, training, choices, seeds, device}; method and label name the
-            augmented method.
+        model: file of the trained model.
+        augmented: file of its D⁺.
+        data: folder of the sets.
+        output: model file.
+        work: folder for checkpoints.
+        settings: those of :func:`prepare`; ``classes``, names of the model's classes from elsewhere.
+        tracking: see :class:`expertaug.tracking.runlog.RunLog`.
     """
     device = device_of(settings["device"])
-    stored = store.load(model, device)
-    choices, seeds = settings["choices"], stored.seeds
-    plus, plus_validation, header = augmentation.load(augmented, device)
-    train_set, validation_set = (
-        StackedSet.of(Trajectories.load(Path(data) / f"{name}.npz"), device) for name in ("train", "validation")
-    )
-    hybrid: HybridNet = stored.model
-    prefixes = list(hybrid.decoder_prefixes)
-    if choices["frozen"] == "interaction_and_z_e_head":
-        prefixes.append(f"encoder.{hybrid.encoder.head_prefix}")
-    before = {}
-    for name, parameter in hybrid.named_parameters():
-        if name.startswith(tuple(prefixes)):
-            parameter.requires_grad_(False)
-            before[name] = parameter.detach().clone()
-    base = dict(stored.description)
+    stored = store.load(model, device, settings.get("classes", ()))
+    plus = Augmented(*augmentation.load(augmented, device))
+    sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
+    train, validation = map(Trajectories.load, sets)
+    training = prepare(stored, plus, train, validation, settings)
+    used = {"training": training.description["training"], "prior": plus.header["prior"]}
+    inputs = [Path(model), Path(augmented), *sets]
+    job.run(training, output, work, inputs, {**settings, "seeds": stored.seeds, **used}, tracking)
+
+
+def prepare(
+    stored: store.StoredModel, plus: Augmented, train: Trajectories, validation: Trajectories, settings: Mapping
+) -> Training:
+    """Make the fine-tuning of a trained model in memory; the model itself stays as it is.
+
+    Arguments:
+        stored: a trained hybrid model.
+        plus: its D⁺.
+        train, validation: the sets of its training.
+        settings: {experiment, method, label, preset, training, choices, device}; method and label name the augmented
+            method.
+    """
+    device, choices, base = device_of(settings["device"]), settings["choices"], dict(stored.description)
+    hybrid, before = _frozen(stored.model, choices)
     training = {
         **{k: base["training"][k] for k in ("solver", "horizon_s") if k in base["training"]},
         **settings["training"],
     }
     first = base["training"].get("objective", {}) | base["carried"]
     training["objective"] = first | training.get("objective", {})
-    scale = augmentation.prior_scale(hybrid, header["prior"]).to(device)
+    scale = augmentation.prior_scale(hybrid, plus.header["prior"]).to(device)
     task = task_of(training, base, device, scale)
-
-    def sets(points: int) -> tuple[object, list]:
-        real = train_set.window(points)
-        validation = [(validation_set, task.selection(choices)), (plus_validation, range(1, len(plus_validation.y)))]
-        if choices["resample"] == "once":
-            return real | plus, validation
-        source = store.load(model, device).model
-        short = task.shortened(points)
-        return (
-            lambda epoch: (
-                real
-                | augmentation.generate(
-                    source, train_set, short, seeds, header["prior"], header["noise"], 2 + epoch, **header["options"]
-                )
-            ),
-            validation,
-        )
-
+    real, check = StackedSet.of(train, device), StackedSet.of(validation, device)
     description = base | {k: settings[k] for k in ("experiment", "method", "label", "preset", "choices")}
-    fit(
+    description |= {
+        "stage": "finetune",
+        "training": training,
+        "augmented_prior": plus.header["prior"],
+        "base_wall_s": base["wall_s"],
+    }
+    return fitting.prepare(
         hybrid,
-        sets,
+        partial(_sets, stored, plus, real, check, task, choices),
         task,
-        description
-        | {
-            "stage": "finetune",
-            "training": training,
-            "augmented_prior": header["prior"],
-            "base_wall_s": base["wall_s"],
-        },
-        settings | {"seeds": seeds, "training": training, "prior": header["prior"]},
-        (output, work, [Path(model), Path(augmented), Path(data) / "train.npz", Path(data) / "validation.npz"]),
-        tracking,
-        unchanged=before,
+        description,
+        {**settings, "seeds": stored.seeds, "training": training, "prior": plus.header["prior"]},
+        stored.classes,
+        before,
     )
+
+
+def _frozen(model: HybridNet, choices: Mapping) -> tuple[HybridNet, dict[str, torch.Tensor]]:
+    """A copy of the model that learns in its encoder alone, and the values of what it does not learn."""
+    hybrid = copy.deepcopy(model)
+    prefixes: list[str] = list(hybrid.decoder_prefixes)
+    if choices["frozen"] == "interaction_and_z_e_head":
+        prefixes.append(f"encoder.{hybrid.encoder.head_prefix}")
+    before = {}
+    for name, parameter in hybrid.named_parameters():
+        frozen = name.startswith(tuple(prefixes))
+        parameter.requires_grad_(not frozen)
+        if frozen:
+            before[name] = parameter.detach().clone()
+    return hybrid, before
+
+
+def _sets(
+    stored: store.StoredModel,
+    plus: Augmented,
+    train: StackedSet,
+    validation: StackedSet,
+    task: Task,
+    choices: Mapping,
+    points: int,
+) -> tuple[StackedSet | Callable[[int], StackedSet], list]:
+    """D ∪ D⁺ over the first ``points`` points, D⁺ drawn once or for every pass; and the validation sets."""
+    real = train.window(points)
+    checks = [(validation, task.selection(choices)), (plus.validation, range(1, len(plus.validation.y)))]
+    if choices["resample"] == "once":
+        return real | plus.train, checks
+    header, short = plus.header, task.shortened(points)
+
+    def of_pass(epoch: int) -> StackedSet:
+        drawn = augmentation.generate(
+            stored.model, train, short, stored.seeds, header["prior"], header["noise"], 2 + epoch, **header["options"]
+        )
+        return real | drawn
+
+    return of_pass, checks

@@ -1,88 +1,124 @@
-"""Running a trainer as a job: resumed after a kill, logged, its best state written as a model file."""
+"""A training that is ready to run, in memory; :mod:`expertaug.learning.job` runs it as a job of the workflow."""
 
 from __future__ import annotations
 
 import inspect
-import json
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
+from dataclasses import dataclass, field
+from typing import Any
 
 import torch
+from torch import Tensor
 
-from expertaug.learning import snapshots
-from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
+from expertaug.errors import InputError
+from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer
-from expertaug.models import store
+from expertaug.models.describe import objective_of
 from expertaug.models.hybrid import HybridNet
-from expertaug.registry import find, modules
-from expertaug.tracking.run import Run
-from expertaug.tracking.runlog import RunLog
+from expertaug.models.store import StoredModel
 
 
-def fit(
-    model: HybridNet,
-    sets: Callable,
-    task: Task,
-    description: dict,
-    settings: Mapping,
-    paths: tuple[Path, Path, list[Path]],
-    tracking: Mapping | None,
-    unchanged: Mapping | None = None,
-) -> None:
-    """Train ``model``, resuming a killed run, and write its best state to the output.
+class Record:
+    """Log and checkpoint of a training that keeps both in memory alone.
 
-    Seeds that cannot be trained are in the written description's ``failed``; their state is their best or first one.
-    Where ``settings`` have ``snapshots``, a list of passes, the states after these are written beside it.
+    Attributes:
+        lines: (step, values by metric, one a seed), in order.
     """
-    output, work, inputs = Path(paths[0]), Path(paths[1]), paths[2]
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[int, dict[str, list[float]]]] = []
+
+    def metrics(self, step: int, values: Mapping[str, list[float]]) -> None:
+        """Add one step."""
+        self.lines.append((step, dict(values)))
+
+    def flush(self) -> None:
+        """Nothing to bring to a disk."""
+
+    def state(self) -> dict:
+        """Nothing to go on from."""
+        return {}
+
+    def save(self, state: Mapping) -> None:
+        """Nothing to resume."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """A trainer and what will be known about the model that it gives.
+
+    Attributes:
+        trainer: with model, sets, objective and settings.
+        description: of the model, apart from the record of its training.
+        classes: see :class:`StoredModel`.
+        unchanged: tensors of the model, by name, that the training must leave as they are.
+    """
+
+    trainer: Trainer
+    description: Mapping
+    classes: Mapping[str, Callable] = field(default_factory=dict)
+    unchanged: Mapping[str, Tensor] = field(default_factory=dict)
+
+    def run(self, log: Any = None, checkpoint: Any = None) -> StoredModel:
+        """Train to the end; the best state of each seed, by validation.
+
+        Arguments:
+            log: a RunLog, or None: nothing is written.
+            checkpoint: a Checkpoint, or None: nothing is written.
+
+        Raises:
+            SolveError: a seed cannot be trained.
+        """
+        trainer, memory = self.trainer, Record()
+        trainer.run(log or memory, checkpoint or memory)  # type: ignore[arg-type]
+        model = trainer.model
+        model.load_state_dict(trainer.best)
+        for key, value in self.unchanged.items():
+            if not torch.equal(model.state_dict()[key], value):
+                raise RuntimeError(f"{trainer.name}: fine-tuning changed {key}, which is frozen")
+        record = {
+            "wall_s": trainer.seconds,
+            "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],
+            "best_epoch": trainer.best_epoch.tolist(),
+            "carried": trainer.objective.carried(),
+            "failed": sorted(trainer.failed),
+        }
+        return StoredModel(model, {**self.description, **record}, self.classes)
+
+
+def prepare(
+    model: HybridNet,
+    sets: Callable[[int], tuple[StackedSet | Callable[[int], StackedSet], list]],
+    task: Task,
+    description: Mapping,
+    settings: Mapping,
+    classes: Mapping[str, Callable],
+    unchanged: Mapping[str, Tensor] | None = None,
+) -> Training:
+    """Make the training of a described model.
+
+    Arguments:
+        sets: number of points needed → training set (or a function from the pass to one) and validation sets.
+        settings: {training, choices, seeds}; ``prior`` for the objectives that take one; ``snapshots``, passes after
+            which the state is kept.
+
+    Raises:
+        InputError: an unknown option, or an objective without the prior that it needs.
+    """
     choices, seeds = settings["choices"], list(settings["seeds"])
     train_set, validation = sets(task.points(choices))
-    options = dict(settings["training"].get("objective", {}))
-    kind = find("objective", description["objective"], "objective")
-    given = {"prior": settings["prior"]} if "prior" in inspect.signature(kind).parameters else {}
-    objective = kind(seeds, choices, **given, **options)
+    kind = objective_of(description["objective"], classes)
+    given = {}
+    if "prior" in inspect.signature(kind).parameters:
+        if settings.get("prior") is None:
+            raise InputError("prior", f"missing, {kind.__name__} needs it", "give a range [low, high] by parameter")
+        given = {"prior": settings["prior"]}
+    objective = kind(seeds, choices, **given, **settings["training"].get("objective", {}))
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
     options, keep = TrainSettings.from_mapping(settings["training"]), settings.get("snapshots", ())
     failed = dict.fromkeys(description.get("failed", ()), "it failed in the training before")
     trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep, failed)
-    with locked(work):
-        wanted = {k: v for k, v in settings.items() if k != "device"}
-        named = modules(description["system"]["name"], description["model"], description["objective"])
-        code = [f"expertaug.learning.{description['stage']}", *named]
-        checkpoint = Checkpoint(work, fingerprint(wanted, inputs, code))
-        state = checkpoint.load()
-        if state is not None:
-            trainer.restore(state)
-        run = Run(
-            **{k: description[k] for k in ("experiment", "method", "label", "preset", "stage")},
-            system=description["system"]["name"],
-            seeds=seeds,
-            params={k: v for k, v in settings.items() if k not in ("seeds", "label")},
-            tags={"fingerprint": checkpoint.fingerprint},
-        )
-        resume = state["log"] if state is not None else None
-        with RunLog(output.with_name("log.jsonl"), run, tracking, resume) as log:
-            if state is None:
-                for path in inputs:
-                    log.dataset(path.stem, path)
-            trainer.run(log, checkpoint)
-            model.load_state_dict(trainer.best)
-            for key, value in (unchanged or {}).items():
-                if not torch.equal(model.state_dict()[key], value):
-                    raise RuntimeError(f"{name}: fine-tuning changed {key}, which is frozen")
-            record = {
-                "wall_s": trainer.seconds,
-                "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],
-                "best_epoch": trainer.best_epoch.tolist(),
-                "carried": objective.carried(),
-                "failed": sorted(trainer.failed),
-            }
-            if keep:
-                described = description | {"failed": record["failed"]}
-                snapshots.save(output.with_name(snapshots.NAME), trainer.snapshots, described)
-            store.save(output, model, json.loads(json.dumps(description | record)))
-            log.artifact(output)
-        checkpoint.remove()
+    return Training(trainer, description, classes, unchanged or {})

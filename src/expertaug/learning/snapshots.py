@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 import torch
-from safetensors.torch import save_file
 
-from expertaug import systems
-from expertaug.files import atomic
+from expertaug.errors import InputError
 from expertaug.models import store
 
 NAME = "snapshots.safetensors"
@@ -25,28 +22,26 @@ def save(path: Path, snapshots: Mapping[int, Mapping], description: Mapping) -> 
         description: of the model that they are states of.
     """
     tensors = {
-        f"{epoch}/{name}": value.cpu().contiguous()
-        for epoch, snapshot in snapshots.items()
-        for name, value in snapshot["model"].items()
+        f"{epoch}/{name}": value for epoch, snapshot in snapshots.items() for name, value in snapshot["model"].items()
     }
     records = {epoch: {k: v for k, v in snapshot.items() if k != "model"} for epoch, snapshot in snapshots.items()}
-    header = json.dumps({"description": description, "records": records})
-    with atomic(path) as temporary:
-        save_file(tensors, temporary, metadata={"expertaug": header})
+    store.write_tensors(path, tensors, {"description": description, "records": records})
 
 
-def load(path: Path, device: torch.device) -> dict[int, store.StoredModel]:
+def load(path: Path, device: torch.device, classes: Collection[str | Callable] = ()) -> dict[int, store.StoredModel]:
     """The snapshots by pass, as models.
 
+    Arguments:
+        classes: see :func:`expertaug.models.store.load`.
+
     Raises:
-        InputError: the file is missing or of another kind.
+        InputError: the file is missing, damaged or of another kind.
     """
     header, tensors = store.read_tensors(path)
+    if not {"description", "records"} <= header.keys():
+        raise InputError(path, "holds no snapshots", "make it again with train")
     found = {}
     for epoch, record in header["records"].items():
-        description = header["description"] | record
-        model = store.make(systems.load(description["system"]), description)
-        prefix = f"{epoch}/"
-        model.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
-        found[int(epoch)] = store.StoredModel(model.to(device), description)
+        own = {k.removeprefix(f"{epoch}/"): v for k, v in tensors.items() if k.startswith(f"{epoch}/")}
+        found[int(epoch)] = store.restore(path, header["description"] | record, own, device, classes)
     return found

@@ -1,23 +1,27 @@
-"""The stage train."""
+"""Training of a hybrid model, and the stage train."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import torch
 
 from expertaug import systems
+from expertaug.errors import InputError
 from expertaug.files import read_json
+from expertaug.learning import fitting, job
 from expertaug.learning.bound import bound_of
-from expertaug.learning.fitting import fit
+from expertaug.learning.fitting import Training
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
-from expertaug.models import store
+from expertaug.models import describe, store
 from expertaug.models.device import device_of
 from expertaug.models.mean import MeanModel
-from expertaug.registry import find
+from expertaug.models.recipe import HybridModel
 from expertaug.trajectories import Trajectories, points_until
+
+IDENTITY = ("experiment", "method", "label", "preset")
 
 
 def train(
@@ -29,7 +33,7 @@ def train(
         data: folder of the sets.
         output: model file.
         work: folder for checkpoints.
-        settings: {experiment, method, label, preset, system, build, model, training, t1_s, choices, seeds, device}.
+        settings: {system, build, model} and those of :func:`prepare`.
         tracking: see :class:`expertaug.tracking.runlog.RunLog`.
         calibration: JSON whose ``constants`` complete the system's settings.
 
@@ -37,43 +41,91 @@ def train(
         InputError: unusable data or settings.
         SolveError: a seed cannot be trained.
     """
-    build, choices = dict(settings["build"]), settings["choices"]
-    system_settings = dict(settings["system"]) | build.get("system", {})
-    if calibration is not None and system_settings.get("expert") != "point_mass":
-        system_settings["constants"] = read_json(calibration)["constants"]
-    system = systems.load(system_settings)
-    train_data, validation_data = (Trajectories.load(Path(data) / f"{name}.npz") for name in ("train", "validation"))
-    t = [float(v) for v in train_data.t]
-    observed = points_until(t, settings["t1_s"]) - (choices["observed_points"] == "exclusive")
-    objective = build.get("objective", "aphynity")
-    description = {
-        "kind": build["kind"],
-        "system": system_settings,
+    build = settings["build"]
+    system = dict(settings["system"]) | build.get("system", {})
+    if calibration is not None and system.get("expert") != "point_mass":
+        found = read_json(calibration)
+        if not isinstance(found, dict) or "constants" not in found:
+            raise InputError(calibration, "has no constants", "make it again with calibrate")
+        system["constants"] = found["constants"]
+    inputs = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
+    train_data, validation_data = map(Trajectories.load, inputs)
+    described = {
+        "system": system,
         "model": settings["model"],
         "expert": build.get("expert", True),
         "interaction": build.get("interaction", True),
-        "likelihood": find("objective", objective, "objective").learns_likelihood,
-        "t": t,
-        "observed": observed,
-        "bound": bound_of(train_data.y),
-        "training": settings["training"],
-        **{k: settings[k] for k in ("experiment", "method", "label", "preset", "choices", "seeds")},
     }
     if build["kind"] == "mean":
-        model = MeanModel(system, torch.from_numpy(train_data.y).mean(0))
-        store.save(output, model, description | {"wall_s": 0.0, "best_score": None})
+        stored = mean(systems.load(system), train_data, settings, described)
+        store.save(output, stored.model, stored.description)
         return
-    device = device_of(settings["device"])
-    model = store.make(system, description)
-    train_set, validation_set = StackedSet.of(train_data, device), StackedSet.of(validation_data, device)
+    recipe = describe.recipe_of(systems.load(system), described)
+    training = prepare(
+        recipe, train_data, validation_data, {"objective": build.get("objective", "aphynity"), **settings}, described
+    )
+    job.run(training, output, work, inputs, settings, tracking)
+
+
+def prepare(
+    recipe: HybridModel,
+    train: Trajectories,
+    validation: Trajectories,
+    settings: Mapping,
+    described: Mapping,
+    classes: Mapping[str, Callable] | None = None,
+) -> Training:
+    """Make the training of a hybrid model in memory.
+
+    Arguments:
+        train, validation: sets of the same times.
+        settings: {experiment, method, label, preset, objective, training, t1_s, choices, seeds, device}; ``objective``
+            is a kind or a name in ``classes``; ``prior`` for the objectives that take one; ``snapshots``, passes after
+            which the state is kept; ``forecast_solver``, settings of the solver to forecast with.
+        described: what a file says of the recipe, as :func:`expertaug.models.describe.describe` gives it.
+        classes: see :class:`StoredModel`.
+
+    Raises:
+        InputError: the sets differ in their times, or an option is unknown.
+    """
+    classes, device = classes or {}, device_of(settings["device"])
+    if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
+        raise InputError("validation set", "has other times than the training set", "give both the same times")
+    kind = describe.objective_of(settings["objective"], classes)
+    description = {"kind": "hybrid", **_of_data(train, settings), **described}
+    description |= {"likelihood": kind.learns_likelihood, "stage": "train", "objective": settings["objective"]}
+    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])
+    observed = description["observed"]
+    times = torch.tensor(description["t"][:observed], dtype=torch.float64)
+    model = recipe.build(times, list(settings["seeds"]), kind.learns_likelihood)
+    train_set, validation_set = StackedSet.of(train, device), StackedSet.of(validation, device)
     model.fit(train_set.y[:observed, 0])
     task = task_of(settings["training"], description, device)
-    fit(
+    return fitting.prepare(
         model.to(device),
-        lambda points: (train_set.window(points), [(validation_set, task.selection(choices))]),
+        lambda points: (train_set.window(points), [(validation_set, task.selection(settings["choices"]))]),
         task,
-        description | {"stage": "train", "objective": objective},
+        description,
         settings,
-        (output, work, [Path(data) / "train.npz", Path(data) / "validation.npz"]),
-        tracking,
+        classes,
     )
+
+
+def mean(system: systems.System, train: Trajectories, settings: Mapping, described: Mapping) -> store.StoredModel:
+    """The baseline that forecasts the training set's mean; ``settings`` and ``described`` as of :func:`prepare`."""
+    description = {"kind": "mean", **_of_data(train, settings), **described, "wall_s": 0.0, "best_score": None}
+    return store.StoredModel(MeanModel(system, torch.from_numpy(train.y).mean(0)), description)
+
+
+def _of_data(train: Trajectories, settings: Mapping) -> dict:
+    """What a description says of data and settings."""
+    t = [float(v) for v in train.t]
+    observed = points_until(t, settings["t1_s"]) - (settings["choices"]["observed_points"] == "exclusive")
+    kept = {k: settings[k] for k in (*IDENTITY, "choices", "seeds", "training")}
+    return {
+        "t": t,
+        "observed": observed,
+        "observed_s": t[max(observed, 1) - 1],
+        "bound": bound_of(train.y),
+        **kept,
+    }

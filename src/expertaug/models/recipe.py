@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +10,7 @@ from functools import partial
 import torch
 from torch import Tensor, nn
 
-from expertaug import registry, systems
+from expertaug import registry
 from expertaug.errors import InputError
 from expertaug.models.decoder import Decoder
 from expertaug.models.hybrid import HybridNet
@@ -71,37 +70,6 @@ class HybridModel:
         likelihood_model = GaussianLikelihood() if likelihood else None
         return HybridNet(encoder, Decoder(self.system, interaction, self.expert, likelihood_model))
 
-    def to_dict(self) -> dict:
-        """What a model file says of it: ``system``, ``model``, ``expert`` and ``interaction``, for :meth:`from_dict`.
-
-        Raises:
-            InputError: a class or an argument cannot be written down.
-        """
-        parts = {"encoder": _described("encoder", self.encoder)}
-        if self.interaction is not None:
-            parts["interaction"] = _described("interaction", self.interaction)
-        return {
-            "system": systems.describe(self.system),
-            "model": parts,
-            "expert": self.expert,
-            "interaction": self.interaction is not None,
-        }
-
-    @classmethod
-    def from_dict(cls, description: Mapping, system: System | None = None) -> HybridModel:
-        """The recipe that a model file describes; ``system`` where it is made already.
-
-        Raises:
-            InputError: the system cannot be made.
-        """
-        parts = description["model"]
-        return cls(
-            systems.load(description["system"]) if system is None else system,
-            parts["encoder"],
-            parts["interaction"] if description["interaction"] else None,
-            description["expert"],
-        )
-
 
 def _resolved(part: str, given: Part) -> tuple[type, str, dict]:
     """Class, name for messages and arguments of any form of a part."""
@@ -140,25 +108,3 @@ def _make(part: str, given: Part, **fixed: object) -> nn.Module:
     except Exception as error:
         found = f"{name} refuses its arguments ({type(error).__name__}: {error})"
         raise InputError(f"model.{part}", found, "correct them, or the class") from error
-
-
-def _described(part: str, given: Part) -> dict:
-    """A part as a mapping that JSON can hold."""
-    cls, name, arguments = _resolved(part, given)
-    kind = given["kind"] if isinstance(given, Mapping) else _name_of(part, cls)
-    for key, value in arguments.items():
-        try:
-            arguments[key] = json.loads(json.dumps(value, allow_nan=False))
-        except (TypeError, ValueError) as error:
-            where, remedy = f"model.{part}.{key}", "give numbers, texts, lists or mappings"
-            raise InputError(where, f"{name} cannot be written to a file ({error})", remedy) from error
-    return {"kind": kind} | arguments
-
-
-def _name_of(part: str, cls: type) -> str:
-    """Short kind or ``package.module:Class``."""
-    full = f"{cls.__module__}:{cls.__qualname__}"
-    if cls.__module__ == "__main__" or "<locals>" in cls.__qualname__ or "." in cls.__qualname__:
-        remedy = "define it at the top of a module of its own, which Python can import"
-        raise InputError(f"model.{part}", f"the class {cls.__qualname__} cannot be found again from a file", remedy)
-    return next((kind for kind, known in registry.KINDS[part].items() if known == full), full)

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import Tensor
 
-from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.files import atomic
-from expertaug.models.hybrid import HybridNet
+from expertaug.models import describe
 from expertaug.models.mean import MeanModel
-from expertaug.models.recipe import HybridModel
+from expertaug.models.tensor_file import read_tensors, write_tensors
+from expertaug.systems import System
+from expertaug.systems.solver import Solver
+
+__all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "write_tensors"]
+
+ACCURATE = {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6}
+COARSE = ("euler", "midpoint", "rk4")  # steps of the data's own: good for training, not for a forecast
 
 
 @dataclass(frozen=True)
@@ -25,12 +29,15 @@ class StoredModel:
     """A model for a group of seeds and what is known about it.
 
     Attributes:
-        model: stacked over the seeds of ``description["seeds"]``.
-        description: system, method, model, choices, t (all times), observed (points) and the training's record.
+        model: a hybrid network or the baseline of the mean, stacked over the seeds of ``description["seeds"]``.
+        description: system, method, model, choices, t (all times in s), observed (points), units and the training's
+            record; all of it can be written to a file.
+        classes: those of its parts that are not this package's, by the name that the description gives them.
     """
 
-    model: nn.Module
+    model: Any
     description: Mapping
+    classes: Mapping[str, Callable] = field(default_factory=dict)
 
     @property
     def seeds(self) -> list[int]:
@@ -41,51 +48,107 @@ class StoredModel:
         """Those of the seeds that could not be trained."""
         return list(self.description.get("failed", ()))
 
-
-def save(path: Path, model: nn.Module, description: Mapping) -> None:
-    """Write a model file atomically."""
-    tensors = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
-    with atomic(path) as temporary:
-        save_file(tensors, temporary, metadata={"expertaug": json.dumps(description)})
+    @property
+    def solver(self) -> Solver:
+        """What forecasts are solved with."""
+        return Solver.from_mapping(self.description.get("forecast_solver") or ACCURATE)
 
 
-def load(path: Path, device: torch.device | str = "cpu") -> StoredModel:
+def forecast_solver(training: Mapping) -> dict:
+    """Settings of the solver that forecasts deserve, from a training's: its own, unless that is a coarse one."""
+    solver = Solver.from_mapping(training.get("solver") or {})
+    return dict(ACCURATE) if solver.method in COARSE else dict(vars(solver))
+
+
+def save(path: str | Path, model: Any, description: Mapping) -> None:
+    """Write a model file atomically.
+
+    Raises:
+        InputError: the folder cannot be written, or a class of the model was given what a file cannot hold.
+    """
+    write_tensors(path, model.state_dict(), {**description, **_units(model.system)})
+
+
+def load(path: str | Path, device: torch.device | str = "cpu", classes: Collection[str | Callable] = ()) -> StoredModel:
     """Read a model file.
 
+    Arguments:
+        classes: classes that are not this package's and may be used, or their names, ``module:Class`` (``module`` for a
+            system): what a file names beyond them is not imported.
+
     Raises:
-        InputError: the file is missing or no model file, or its layers are no longer what its description says.
+        InputError: the file is missing, damaged or no model file, names a class that ``classes`` does not, or its
+            layers are no longer what its description says.
     """
     description, tensors = read_tensors(path)
-    system = systems.load(description["system"])
-    if description["kind"] == "mean":
-        model: nn.Module = MeanModel(system, tensors["mean"])
-    else:
-        model = make(system, description)
-        try:
-            model.load_state_dict(tensors)
-        except RuntimeError as error:
-            raise InputError(path, "holds other layers than it describes", "train it again") from error
-    return StoredModel(model.to(device).eval(), description)
+    return restore(path, description, tensors, device, classes)
 
 
-def make(system: systems.System, description: Mapping) -> HybridNet:
+def restore(
+    path: str | Path,
+    description: Mapping,
+    tensors: Mapping[str, Tensor],
+    device: torch.device | str,
+    classes: Collection[str | Callable] = (),
+) -> StoredModel:
+    """The model that a file's description and tensors make; see :func:`load`."""
+    allowed, made = describe.trusted(classes)
+    try:
+        _check(description)
+        own = list(describe.foreign(description))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(path, f"describes no model ({error})", "make it again with its stage") from error
+    for name in own:
+        if name not in allowed:
+            raise InputError(
+                path, f"needs {name}, which is not part of expertaug", f"if you trust it: classes=[{name!r}] (--class)"
+            )
+    used: dict[str, Callable] = {name: made[name] for name in own if name in made}
+    try:
+        system = describe.system_of(description, used)
+        if description["kind"] == "mean":
+            model: Any = MeanModel(system, tensors["mean"])
+        else:
+            model = make(system, description, used)
+    except InputError:
+        raise
+    except Exception as error:  # a class of the user's may raise anything
+        raise InputError(path, f"describes no model ({error})", "train it again") from error
+    for key, value in _units(system).items():
+        if key in description and description[key] != value:
+            raise InputError(
+                path, f"was made with {key} {description[key]}", f"the system now has {value}: train again"
+            )
+    try:
+        model.load_state_dict(dict(tensors))
+    except RuntimeError as error:
+        raise InputError(path, "holds other layers than it describes", "train it again") from error
+    return StoredModel(model.to(device).eval(), description, used)
+
+
+def make(system: System, description: Mapping, classes: Mapping[str, Callable] | None = None) -> Any:
     """The stacked hybrid model that a description describes, one initialisation a seed."""
     times = torch.tensor(description["t"][: description["observed"]], dtype=torch.float64)
-    recipe = HybridModel.from_dict(description, system)
-    return recipe.build(times, description["seeds"], description.get("likelihood", False))
+    recipe = describe.recipe_of(system, description, classes)
+    return recipe.build(times, list(description["seeds"]), description.get("likelihood", False))
 
 
-def read_tensors(path: Path) -> tuple[dict, dict[str, Tensor]]:
-    """Header and tensors of a file that this package wrote.
+def _check(description: Mapping) -> None:
+    """What every use of a model relies on."""
+    t, observed, seeds = description["t"], description["observed"], description["seeds"]
+    if description["kind"] not in ("hybrid", "mean"):
+        raise ValueError(f"kind {description['kind']!r}")
+    if not all(isinstance(v, (int, float)) for v in t) or any(not a < b for a, b in pairwise(t)):
+        raise ValueError("t does not increase")
+    if not isinstance(observed, int) or not 1 <= observed <= len(t):
+        raise ValueError(f"observed {observed!r}")
+    if not seeds or not all(isinstance(seed, int) for seed in seeds):
+        raise ValueError(f"seeds {seeds!r}")
 
-    Raises:
-        InputError: the file is missing, damaged or from elsewhere.
-    """
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = json.loads((file.metadata() or {})["expertaug"])
-            return header, {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except FileNotFoundError as error:
-        raise InputError(path, "no such file", "run the stage that makes it") from error
-    except (KeyError, ValueError, SafetensorError) as error:
-        raise InputError(path, f"not a file of this package ({error})", "make it again with its stage") from error
+
+def _units(system: System) -> dict[str, list[list[str]]]:
+    """Names and units of the state and of z_e."""
+    return {
+        "state": [[p.name, p.unit] for p in system.state],
+        "expert_parameters": [[p.name, p.unit] for p in system.expert_parameters],
+    }

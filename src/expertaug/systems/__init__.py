@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
-import json
 import pkgutil
-import sys
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from expertaug import registry
 from expertaug.errors import InputError
@@ -35,7 +34,7 @@ def __getattr__(name: str) -> object:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def load(settings: Mapping[str, object]) -> System:
+def load(settings: Mapping[str, Any]) -> System:
     """Make the system that ``settings`` describes.
 
     Arguments:
@@ -88,24 +87,14 @@ def _class(name: str) -> type[System]:
     return next(iter(found.values()))
 
 
-def describe(system: System) -> dict:
-    """The settings from which :func:`load` makes a system like this one.
-
-    Raises:
-        InputError: its class cannot be found again by its module, or an argument cannot be written to a file.
-    """
+def describe(system: System) -> dict[str, object]:
+    """What :func:`load` makes the system from again: ``name`` and what its constructor was given."""
     cls = type(system)
-    module = cls.__module__.removeprefix(f"{__name__}.")
-    if module == "__main__" or getattr(sys.modules.get(cls.__module__), cls.__qualname__, None) is not cls:
-        remedy = "define it at the top of a module of its own, which Python can import"
-        raise InputError("system", f"the class {cls.__qualname__} cannot be found again from a file", remedy)
-    positional, named = system._given
-    settings = inspect.signature(cls).bind(*positional, **named).arguments
-    for key, value in settings.items():
-        try:
-            settings[key] = json.loads(json.dumps(value, allow_nan=False))
-        except (TypeError, ValueError) as error:
-            found = f"{cls.__name__} cannot be written to a file ({error})"
-            raise InputError(f"system.{key}", found, "give numbers, texts, lists or mappings") from error
-    own = module == cls.__module__  # of another package
-    return {"name": f"{module}:{cls.__name__}" if own else module, **settings}
+    short = cls.__module__.removeprefix(f"{__name__}.")
+    name = f"{cls.__module__}:{cls.__qualname__}" if short == cls.__module__ else short
+    if dataclasses.is_dataclass(system):
+        given = {f.name: getattr(system, f.name) for f in dataclasses.fields(system) if f.init}
+    else:
+        positional, named = system._given
+        given = inspect.signature(cls).bind(*positional, **named).arguments
+    return {"name": name, **given}

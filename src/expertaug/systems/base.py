@@ -63,7 +63,7 @@ class System(ABC):
                 self._given = (arguments, named)
             own(self, *arguments, **named)
 
-        cls.__init__ = remembering  # type: ignore[method-assign]
+        setattr(cls, "__init__", remembering)  # noqa: B010 (an assignment would hide the signature from type checkers)
 
     @property
     def state_shape(self) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ CHUNK = 2**17  # values of the state solved at a time: bounds the memory and sta
 
 
 def uniform(
-    parameters: tuple[Parameter, ...], ranges: Mapping[str, list[float]], n: int, generator: torch.Generator
+    parameters: tuple[Parameter, ...], ranges: Mapping[str, Sequence[float]], n: int, generator: torch.Generator
 ) -> Tensor:
     """n samples (n, P), float64, uniform in the named ranges.
 
@@ -37,35 +37,64 @@ def uniform(
     return low + (high - low) * torch.rand(n, len(names), generator=generator, dtype=torch.float64)
 
 
-def sample(system: System, data: Mapping, set_name: str) -> Trajectories:
-    """One set of a simulated system.
+def trajectories(
+    system: System,
+    z_e: Mapping[str, Sequence[float]],
+    z_a: Mapping[str, Sequence[float]] | None = None,
+    *,
+    n: int,
+    t: Sequence[float] | np.ndarray,
+    noise: float = 0.0,
+    seed: int = 0,
+    name: str = "train",
+) -> Trajectories:
+    """Simulate a set of trajectories of a system.
 
     Arguments:
         system: with ``truth`` and ``sample_initial_state``.
-        data: ``seed``, ``step_s``, ``t2_s`` in s, ``noise`` (standard deviation added to every observed value, the
-            initial state's too), and ``sets[set_name]`` with ``size`` and the ranges ``z_e`` and ``z_a``.
-        set_name: train, validation, test, …; it is part of the seed, so that sets are independent.
+        z_e, z_a: expert and interaction parameters are drawn uniformly from [low, high], by name, in their units.
+        n: number of trajectories.
+        t: times in s, (T,), strictly increasing; the initial states are those at the first.
+        noise: standard deviation of the Gaussian noise added to every value, the initial state's too.
+        seed: of the random numbers, together with ``name``.
+        name: of the set (train, validation, test, …): sets of other names are independent under one seed.
 
     Raises:
-        SolveError: a trajectory is not finite.
+        InputError: a range is missing, unknown or empty; the times do not increase; n or noise is out of range.
+        SolveError: a trajectory is not finite; the message has its parameters.
     """
-    settings = data["sets"][set_name]
-    n = int(settings["size"])
-    generator = torch.Generator().manual_seed((int(data["seed"]) << 32) + zlib.crc32(set_name.encode()))
-    z_e = uniform(system.expert_parameters, settings["z_e"], n, generator)
-    z_a = uniform(system.interaction_parameters, settings.get("z_a", {}), n, generator)
+    t, n = np.ascontiguousarray(t, dtype=np.float64), int(n)
+    if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or np.any(np.diff(t) <= 0):
+        raise InputError(
+            "simulation", f"t has shape {t.shape}", "t must be finite and strictly increasing, (T,), T ≥ 2"
+        )
+    if n < 1 or not 0 <= noise < np.inf:
+        raise InputError("simulation", f"n = {n}, noise = {noise:g}", "n must be at least 1, noise at least 0")
+    generator = torch.Generator().manual_seed((int(seed) << 32) + zlib.crc32(name.encode()))
+    expert = uniform(system.expert_parameters, z_e, n, generator)
+    interaction = uniform(system.interaction_parameters, z_a or {}, n, generator)
     y0 = system.sample_initial_state(n, generator)
-    t = times(data)
-    name = f"{type(system).__name__}, set {set_name}, (sample)"
-    noise = float(data["noise"])
+    what = f"{type(system).__name__}, set {name}, (sample)"
     y = torch.empty(len(t), *y0.shape, dtype=torch.float64 if noise else torch.float32)
     size = max(CHUNK // y0[0].numel(), 1)
     for part in torch.arange(n).split(size):
-        y[:, part] = _solve(system, y0[part], z_e[part], z_a[part], torch.from_numpy(t), name).to(y)
-    check_finite(y, torch.cat((z_e, z_a), dim=-1), name)
+        y[:, part] = _solve(system, y0[part], expert[part], interaction[part], torch.from_numpy(t), what).to(y)
+    check_finite(y, torch.cat((expert, interaction), dim=-1), what)
     if noise:
         y += noise * torch.randn(y.shape, generator=generator, dtype=torch.float64)
-    return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=z_e.numpy(), z_a=z_a.numpy())
+    return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=expert.numpy(), z_a=interaction.numpy())
+
+
+def sample(system: System, data: Mapping, set_name: str) -> Trajectories:
+    """The set ``set_name`` that a configuration's ``data`` block describes.
+
+    Arguments:
+        data: ``seed``, ``step_s``, ``t2_s`` in s, ``noise``, and ``sets[set_name]`` with ``size`` and the ranges
+            ``z_e`` and ``z_a``, as of :func:`trajectories`.
+    """
+    own = data["sets"][set_name]
+    options = {"n": int(own["size"]), "noise": float(data["noise"]), "seed": int(data["seed"]), "name": set_name}
+    return trajectories(system, own["z_e"], own.get("z_a", {}), t=times(data), **options)
 
 
 @torch.no_grad()

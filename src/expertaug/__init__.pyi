@@ -1,0 +1,80 @@
+"""Types of what `expertaug` exports; at run time each name is imported when it is first used."""
+
+from expertaug.api import metrics as metrics
+from expertaug.api import plots as plots
+from expertaug.api.trained import Forecast as Forecast
+from expertaug.api.trained import TrainedModel as TrainedModel
+from expertaug.api.trained import evaluate as evaluate
+from expertaug.api.trained import forecast as forecast
+from expertaug.api.trained import load as load
+from expertaug.api.training import AugmentedSets as AugmentedSets
+from expertaug.api.training import augment as augment
+from expertaug.api.training import finetune as finetune
+from expertaug.api.training import fit as fit
+from expertaug.errors import InputError as InputError
+from expertaug.errors import SolveError as SolveError
+from expertaug.learning.hvae import HybridVAE as HybridVAE
+from expertaug.learning.objectives import Aphynity as Aphynity
+from expertaug.learning.objectives import Objective as Objective
+from expertaug.models.encoders.convolutional import ConvEncoder as ConvEncoder
+from expertaug.models.encoders.moments import MomentEncoder as MomentEncoder
+from expertaug.models.encoders.recurrent import RecurrentEncoder as RecurrentEncoder
+from expertaug.models.encoders.two_step import MLPTwoStep as MLPTwoStep
+from expertaug.models.encoders.two_step_fields import ConvTwoStep as ConvTwoStep
+from expertaug.models.encoders.window import WindowEncoder as WindowEncoder
+from expertaug.models.interactions.convolutional import ConvInteraction as ConvInteraction
+from expertaug.models.interactions.damping import DampingInteraction as DampingInteraction
+from expertaug.models.interactions.mlp import MLPInteraction as MLPInteraction
+from expertaug.models.interactions.polynomial import PolynomialInteraction as PolynomialInteraction
+from expertaug.models.recipe import HybridModel as HybridModel
+from expertaug.systems.base import Parameter as Parameter
+from expertaug.systems.base import System as System
+from expertaug.systems.double_pendulum import DoublePendulum as DoublePendulum
+from expertaug.systems.pendulum import DampedPendulum as DampedPendulum
+from expertaug.systems.reaction_diffusion import ReactionDiffusion as ReactionDiffusion
+from expertaug.systems.rlc import RLC as RLC
+from expertaug.systems.simulate import trajectories as simulate
+from expertaug.systems.solver import Solver as Solver
+from expertaug.trajectories import Trajectories as Trajectories
+
+__all__ = [
+    "RLC",
+    "Aphynity",
+    "AugmentedSets",
+    "ConvEncoder",
+    "ConvInteraction",
+    "ConvTwoStep",
+    "DampedPendulum",
+    "DampingInteraction",
+    "DoublePendulum",
+    "Forecast",
+    "HybridModel",
+    "HybridVAE",
+    "InputError",
+    "MLPInteraction",
+    "MLPTwoStep",
+    "MomentEncoder",
+    "Objective",
+    "Parameter",
+    "PolynomialInteraction",
+    "ReactionDiffusion",
+    "RecurrentEncoder",
+    "SolveError",
+    "Solver",
+    "System",
+    "TrainedModel",
+    "Trajectories",
+    "WindowEncoder",
+    "__version__",
+    "augment",
+    "evaluate",
+    "finetune",
+    "fit",
+    "forecast",
+    "load",
+    "metrics",
+    "plots",
+    "simulate",
+]
+
+__version__: str

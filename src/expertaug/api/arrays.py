@@ -1,0 +1,128 @@
+"""Arrays of the user's: NumPy or torch in, the same out, batch first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TypeAlias
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from expertaug.errors import InputError
+from expertaug.trajectories import Trajectories
+
+Array: TypeAlias = np.ndarray | Tensor
+Ranges: TypeAlias = Mapping[str, Sequence[float]]
+
+TIME_TOLERANCE = 1e-6  # of the observed window's length
+
+
+def tensor(value: object, name: str) -> Tensor:
+    """A finite float32 tensor of what the user gave.
+
+    Raises:
+        InputError: no array of numbers, or a value that is not finite.
+    """
+    try:
+        found = value.detach() if isinstance(value, Tensor) else torch.from_numpy(np.array(value, dtype=np.float32))
+    except (TypeError, ValueError) as error:
+        raise InputError(name, f"no array of numbers ({error})", "give a NumPy array or a torch tensor") from error
+    if found.is_complex():
+        raise InputError(name, "has complex numbers", "give real ones")
+    found = found.to(torch.float32)
+    bad = ~torch.isfinite(found)
+    if bad.any():
+        where = tuple(bad.nonzero()[0].tolist())
+        raise InputError(name, f"is not finite, first at index {where}", "every value must be finite")
+    return found
+
+
+def like(value: Tensor, given: object) -> Array:
+    """A tensor as what the user gave: NumPy, unless that was a tensor."""
+    return value.to(given.device) if isinstance(given, Tensor) else value.cpu().numpy()
+
+
+def times(value: object) -> np.ndarray:
+    """Times in s, (T,), float64.
+
+    Raises:
+        InputError: they do not increase strictly.
+    """
+    try:
+        t = np.array(value.detach().cpu() if isinstance(value, Tensor) else value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError("t", f"no array of numbers ({error})", "give the times in s, (T,)") from error
+    remedy = "give finite, strictly increasing times in s, (T,)"
+    if t.ndim != 1:
+        raise InputError("t", f"has shape {t.shape}", remedy)
+    if not np.isfinite(t).all() or np.any(np.diff(t) <= 0):
+        raise InputError("t", f"does not increase from time to time: {brief(t)}", remedy)
+    return t
+
+
+def same_times(found: np.ndarray, expected: np.ndarray, name: str, remedy: str) -> None:
+    """Refuse times that are not the expected ones.
+
+    Raises:
+        InputError: a time differs by more than a millionth of the whole.
+    """
+    if len(found) == len(expected):
+        span = abs(expected[-1] - expected[0]) or 1.0
+        if np.abs(found - expected).max() <= TIME_TOLERANCE * span:
+            return
+    raise InputError(name, f"has the times {brief(found)}", f"the model knows {brief(expected)}: {remedy}")
+
+
+def brief(t: np.ndarray) -> str:
+    """Times in short."""
+    if len(t) < 4:
+        return f"{', '.join(f'{v:.6g}' for v in t)} s"
+    return f"{t[0]:.6g}, {t[1]:.6g} … {t[-1]:.6g} s ({len(t)} points)"
+
+
+def ranges(given: Ranges, names: Iterable[str], where: str) -> dict[str, list[float]]:
+    """Ranges [low, high] by parameter, checked.
+
+    Raises:
+        InputError: other names than the expected ones, or no range.
+    """
+    names = list(names)
+    if not isinstance(given, Mapping) or sorted(given) != sorted(names):
+        found = ", ".join(map(str, given)) if isinstance(given, Mapping) else type(given).__name__
+        raise InputError(where, f"gives {found or 'nothing'}", f"give [low, high] for each of {', '.join(names)}")
+    kept = {}
+    for name in names:
+        try:
+            low, high = (float(v) for v in given[name])
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{where}.{name}", f"found {given[name]!r}", "give [low, high]") from error
+        if not (np.isfinite([low, high]).all() and low <= high):
+            raise InputError(f"{where}.{name}", f"found [{low:g}, {high:g}]", "low must not exceed high")
+        kept[name] = [low, high]
+    return kept
+
+
+def trajectories(given: object, name: str) -> Trajectories:
+    """A set that the user gave.
+
+    Raises:
+        InputError: it is none, or empty.
+    """
+    if not isinstance(given, Trajectories):
+        raise InputError(name, f"is {type(given).__name__}", "give expertaug.Trajectories(t, y, z_e)")
+    if not len(given):
+        raise InputError(name, "holds no trajectory", "give at least one")
+    return given
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread of torch, with which results do not depend on the machine; the number before is restored."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

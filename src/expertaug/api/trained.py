@@ -1,0 +1,291 @@
+"""A trained model: forecasts, estimates, metrics, files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from expertaug.api import arrays
+from expertaug.api.arrays import Array
+from expertaug.errors import InputError
+from expertaug.evaluation.evaluate import score, spread
+from expertaug.models import seeds as seed_selection
+from expertaug.models import store
+from expertaug.models.device import device_of
+from expertaug.models.store import StoredModel
+from expertaug.systems import System
+from expertaug.systems.solver import Solver
+from expertaug.trajectories import Trajectories
+
+STARTS = ("y0", "y_t1")
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Forecasts of N windows; of a group of S seeds every array has a leading axis (S,).
+
+    Attributes:
+        t: times in s, (T,).
+        y: states (N, T, *state).
+        z_e: estimates of the expert parameters by name, (N,) each; empty for a model that estimates none.
+        units: unit of every state component and, as ``z_e name``, expert parameter.
+        seeds: S of them.
+    """
+
+    t: np.ndarray
+    y: Array
+    z_e: dict[str, Array]
+    units: dict[str, str]
+    seeds: list[int]
+
+    def table(self) -> pd.DataFrame:
+        """A row per seed, sample and time; columns seed, sample, ``t [s]``, states and z_e with their units.
+
+        Raises:
+            InputError: the state is a field.
+        """
+        y = np.asarray(self.y.cpu() if isinstance(self.y, Tensor) else self.y)
+        names = [name for name in self.units if not name.startswith("z_e ")]
+        shape = (len(self.seeds), -1, len(self.t), len(names))
+        if y.ndim not in (3, 4) or y.shape[-1] != len(names):
+            raise InputError("forecast", f"states of shape {y.shape}", "a table holds states that are no fields")
+        y = y.reshape(shape)
+        index = np.indices(y.shape[:3]).reshape(3, -1)
+        columns = {"seed": np.array(self.seeds)[index[0]], "sample": index[1], "t [s]": self.t[index[2]]}
+        columns |= {labelled(name, self.units[name]): y[..., k].ravel() for k, name in enumerate(names)}
+        for name, value in self.z_e.items():
+            each = np.asarray(value.cpu() if isinstance(value, Tensor) else value).reshape(y.shape[:2])
+            columns[labelled(f"z_e {name}", self.units[f"z_e {name}"])] = each[index[0], index[1]]
+        return pd.DataFrame(columns)
+
+
+def labelled(name: str, unit: str) -> str:
+    """Heading of a column."""
+    return f"{name} [{unit}]" if unit else name
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedModel:
+    """A model trained for a group of seeds; ``model[0]`` is its first seed alone, ``len(model)`` their number.
+
+    What one seed returns is batch first, (N, …); what a group returns has the seeds before, (S, N, …).
+
+    Attributes:
+        stored: network and description, as a model file holds them.
+        history: course of the training: columns step, seed, metric, value; empty for a model from a file.
+        single: whether this is one seed.
+    """
+
+    stored: StoredModel
+    history: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["step", "seed", "metric", "value"]))
+    single: bool = False
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seeds, in the group's order."""
+        return self.stored.seeds
+
+    @property
+    def system(self) -> System:
+        """The system, which gives the expert."""
+        return self.stored.model.system  # type: ignore[return-value]
+
+    @property
+    def t(self) -> np.ndarray:
+        """All times of the training set in s, (T,)."""
+        return np.array(self.stored.description["t"], dtype=np.float64)
+
+    @property
+    def observed(self) -> int:
+        """Points of the observed window, T1."""
+        return int(self.stored.description["observed"])
+
+    @property
+    def solver(self) -> Solver:
+        """What forecasts are solved with, unless they are asked for with another."""
+        return self.stored.solver
+
+    @property
+    def label(self) -> str:
+        """Name of the method, as tables and figures show it."""
+        return str(self.stored.description["label"])
+
+    def __repr__(self) -> str:
+        window = arrays.brief(self.t[: self.observed])
+        return f"TrainedModel({self.label}, {type(self.system).__name__}, seeds {self.seeds}, observes {window})"
+
+    def __len__(self) -> int:
+        return len(self.seeds)
+
+    def __getitem__(self, place: int | slice) -> TrainedModel:
+        """One seed by its place in the group, or some of them by a slice."""
+        places = range(len(self))[place]
+        single = isinstance(places, int)
+        chosen = [places] if single else list(places)
+        if not chosen:
+            raise IndexError(f"no seeds at {place}: the group has {len(self)}")
+        description = dict(self.stored.description)
+        for key, value in description.items():  # one value a seed
+            if key in ("seeds", "best_score", "best_epoch") and value is not None:
+                description[key] = [value[k] for k in chosen]
+        if "carried" in description:
+            description["carried"] = {
+                key: [value[k] for k in chosen] if isinstance(value, list) and len(value) == len(self) else value
+                for key, value in description["carried"].items()
+            }
+        model = seed_selection.select(self.stored.model, chosen, len(self))
+        history = self.history.loc[self.history["seed"].isin(description["seeds"])]
+        return TrainedModel(StoredModel(model, description, self.stored.classes), history, single)
+
+    def __iter__(self) -> Iterator[TrainedModel]:
+        return (self[k] for k in range(len(self)))
+
+    def forecast(
+        self, window: Array, t: Array | Sequence[float], *, solver: Solver | None = None, start: str = "y0"
+    ) -> Forecast:
+        """Forecast from observed windows.
+
+        An adaptive solver takes steps that suit all windows and seeds at once: forecasts of one among others differ
+        from those of it alone within its tolerance.
+
+        Arguments:
+            window: observed states, (N, T1, *state), NumPy or torch.
+            t: times in s, (T,); the first T1 are the window's and must be those that the model was trained on, the
+                others, where states are wanted, are free.
+            solver: instead of :attr:`solver`.
+            start: y0: integrate from the first point; y_t1: from the last observed one, and return the window before.
+
+        Returns:
+            states and estimates, NumPy or torch as the window is.
+
+        Raises:
+            InputError: another shape than the model's, other times, or values that are not finite.
+            SolveError: an adaptive solver fails.
+        """
+        observed, t = self._window(window, t)
+        if start not in STARTS:
+            raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
+        with torch.no_grad(), arrays.one_thread():
+            points = torch.from_numpy(t).float().to(observed.device)
+            y, z_e = self.stored.model.predict(observed, points, solver or self.solver, start)  # type: ignore[operator]
+        y = y.movedim(0, 2)
+        units = {p.name: p.unit for p in self.system.state} | {
+            f"z_e {p.name}": p.unit for p in self.system.expert_parameters
+        }
+        return Forecast(t, arrays.like(y[0] if self.single else y, window), self._named(z_e, window), units, self.seeds)
+
+    def estimate(self, window: Array, t: Array | Sequence[float]) -> dict[str, Array]:
+        """Estimates of the expert parameters, without a forecast.
+
+        Arguments:
+            window, t: as of :meth:`forecast`.
+
+        Returns:
+            by name, (N,) each, in the system's units; nothing for a model that estimates none.
+        """
+        observed, _ = self._window(window, t)
+        if self.stored.description["kind"] == "mean":
+            return {}
+        with torch.no_grad(), arrays.one_thread():
+            z_e, _ = self.stored.model.encode(observed).mean  # type: ignore[operator]
+        return self._named(z_e, window)
+
+    def evaluate(
+        self,
+        data: Trajectories,
+        *,
+        from_s: float | None = None,
+        max_samples: int | None = None,
+        solver: Solver | None = None,
+        start: str = "y0",
+    ) -> pd.DataFrame:
+        """Metrics of the forecasts of a set (:mod:`expertaug.evaluation.metrics`).
+
+        Arguments:
+            data: with the times of the training up to the end of the observed window, and with z_e.
+            from_s: the metrics see times from there on; None: those after the observed window.
+            max_samples: at most so many, evenly spread.
+            solver, start: as of :meth:`forecast`.
+
+        Returns:
+            columns seed, metric, value.
+
+        Raises:
+            InputError: the set is of another system or of other times.
+        """
+        data = spread(arrays.trajectories(data, "data"), max_samples)
+        window, _ = self._window(data.y[:, : self.observed], data.t)
+        if data.z_e.shape[1] != len(self.system.expert_parameters):
+            names = ", ".join(p.name for p in self.system.expert_parameters)
+            raise InputError("data", f"z_e has shape {data.z_e.shape}", f"the expert parameters are {names}")
+        if start not in STARTS:
+            raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
+        options = {"from_s": from_s, "solver": dict(vars(solver or self.solver))}
+        with arrays.one_thread():
+            scored = score(self.stored, data, options, start, window.device)
+        return pd.DataFrame(scored.rows({}, self.seeds)).loc[:, ["seed", "metric", "value"]]
+
+    def save(self, path: str | Path) -> None:
+        """Write a model file, which :func:`load` and the command line read.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        store.save(path, self.stored.model, self.stored.description)
+
+    def _window(self, window: object, t: object) -> tuple[Tensor, np.ndarray]:
+        """Windows (T1, S, N, *state) on the model's device, and all times."""
+        y, t = arrays.tensor(window, "window"), arrays.times(t)
+        state, points = self.system.state_shape, self.observed
+        if y.dim() != 2 + len(state) or y.shape[2:] != state or not len(y):
+            names = ", ".join(p.name for p in self.system.state)
+            wanted = f"(N, {points}, {', '.join(map(str, state))})"
+            raise InputError("window", f"has shape {tuple(y.shape)}", f"give {wanted}: the state is {names}")
+        remedy = "give the window at these times, the first of t"
+        arrays.same_times(t[: y.shape[1]], self.t[:points], "window", remedy)
+        if self.stored.description["kind"] == "mean" and len(t) > points:
+            arrays.same_times(t, self.t, "t", "the mean of the training set has no others")
+        device = next((x.device for x in self.stored.model.state_dict().values()), torch.device("cpu"))
+        y = y.to(device).movedim(1, 0).unsqueeze(1)
+        return y.expand(-1, len(self), *y.shape[2:]), t
+
+    def _named(self, z_e: Tensor | None, given: object) -> dict[str, Array]:
+        """Estimates (S, N, P) by name."""
+        if z_e is None:
+            return {}
+        z_e = z_e[0] if self.single else z_e
+        return {p.name: arrays.like(z_e[..., k], given) for k, p in enumerate(self.system.expert_parameters)}
+
+
+def load(path: str | Path, *, classes: Collection[str | Callable] = (), device: str = "cpu") -> TrainedModel:
+    """Read a model file, of this package's functions or of a workflow's run.
+
+    Arguments:
+        classes: where the model is made of classes of your own: these, or their names ``package.module:Class``.  A file
+            that names others is refused: nothing is imported that you do not name.
+        device: auto, cpu or cuda.
+
+    Raises:
+        InputError: the file is missing, damaged or no model file, or needs a class that ``classes`` does not name.
+    """
+    with arrays.one_thread():
+        return TrainedModel(store.load(path, device_of(device), classes))
+
+
+def forecast(model: TrainedModel, window: Array, t: Array | Sequence[float], **options: object) -> Forecast:
+    """:meth:`TrainedModel.forecast`."""
+    return model.forecast(window, t, **options)  # type: ignore[arg-type]
+
+
+def evaluate(model: TrainedModel | Mapping[str, TrainedModel], data: Trajectories, **options: object) -> pd.DataFrame:
+    """:meth:`TrainedModel.evaluate`, of one model or of several by label (a column ``label`` is then added)."""
+    if isinstance(model, TrainedModel):
+        return model.evaluate(data, **options)  # type: ignore[arg-type]
+    each = {label: one.evaluate(data, **options) for label, one in model.items()}  # type: ignore[arg-type]
+    return pd.concat(each, names=["label"]).reset_index(level="label").reset_index(drop=True)

@@ -1,0 +1,299 @@
+"""Training, augmentation and fine-tuning in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, TypedDict, Unpack
+
+import numpy as np
+import pandas as pd
+
+from expertaug.api import arrays
+from expertaug.api.arrays import Ranges
+from expertaug.api.trained import TrainedModel
+from expertaug.config.presets import resolve
+from expertaug.errors import InputError
+from expertaug.learning import augment as augment_stage
+from expertaug.learning import finetune as finetune_stage
+from expertaug.learning import train as train_stage
+from expertaug.learning.augment import Augmented
+from expertaug.learning.fitting import Record, Training
+from expertaug.learning.objectives import Aphynity, Objective
+from expertaug.learning.sets import StackedSet
+from expertaug.models import describe
+from expertaug.models.recipe import HybridModel
+from expertaug.systems.solver import Solver
+from expertaug.trajectories import Trajectories
+
+Preset: TypeAlias = Literal["corrected", "paper", "code"]
+# A class, or functools.partial of one with its options.
+ObjectiveLike: TypeAlias = type[Objective] | Callable[..., Objective]
+
+
+class TrainingOptions(TypedDict, total=False):
+    """How to train; see :class:`expertaug.learning.trainer.TrainSettings` for meaning and defaults."""
+
+    epochs: int
+    batch_size: int
+    learning_rate: float
+    schedule: Literal["one_cycle", "constant"]
+    warmup: float
+    clip_norm: float | None
+    validate_every: int
+    validation_samples: int | None
+    supervision_weight: float
+    horizon_warmup: float
+
+
+@dataclass(frozen=True)
+class AugmentedSets:
+    """D⁺ of a trained model: an augmented training and validation set of each seed.
+
+    Attributes:
+        t: times in s, (T,): those that fine-tuning needs.
+        drawn: y (T, S, N, *state) and z_e (S, N, P) of both sets, and how they were drawn.
+    """
+
+    t: np.ndarray
+    drawn: Augmented
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seeds, in the group's order."""
+        return list(self.drawn.header["seeds"])
+
+    @property
+    def train(self) -> list[Trajectories]:
+        """The augmented training set of each seed."""
+        return self._of(self.drawn.train)
+
+    @property
+    def validation(self) -> list[Trajectories]:
+        """The augmented validation set of each seed."""
+        return self._of(self.drawn.validation)
+
+    def _of(self, part: StackedSet) -> list[Trajectories]:
+        y, z_e = part.y.movedim(0, 2).cpu().numpy(), part.z_e.cpu().numpy()
+        return [Trajectories(self.t, y[k], z_e[k]) for k in range(len(self.seeds))]
+
+
+def fit(
+    model: HybridModel,
+    train: Trajectories,
+    validation: Trajectories,
+    *,
+    observed_s: float,
+    objective: ObjectiveLike = Aphynity,
+    seeds: Iterable[int] = (0,),
+    prior: Ranges | None = None,
+    solver: Solver | None = None,
+    forecast_solver: Solver | None = None,
+    horizon_s: float | None = None,
+    preset: Preset = "corrected",
+    choices: Mapping[str, str] | None = None,
+    label: str | None = None,
+    device: str = "cpu",
+    **options: Unpack[TrainingOptions],
+) -> TrainedModel:
+    """Train a hybrid model for a group of seeds (paper, section 2).
+
+    Arguments:
+        model: the recipe: system, encoder, interaction model.
+        train, validation: sets of the same times; the second selects each seed's best state.
+        observed_s: end of the observed window t1 in s, which is included.
+        objective: :class:`Aphynity`, :class:`HybridVAE` or a class of your own, or functools.partial of one.
+        seeds: of initialisation and data order; they are trained as one batched computation.
+        prior: ranges [low, high] of p⁺ by expert parameter, for the objectives that need one (HybridVAE).
+        solver: of the forecasts in training; default: one fourth-order Runge-Kutta step from time to time.
+        forecast_solver: of later forecasts; default: adaptive (dopri5 to 1e-6) where the training's is a coarse one.
+        horizon_s: end of the loss window in s; default: that of the observed window.
+        preset, choices: which of the paper's ambiguities are read how, and single rows of that table
+            (:mod:`expertaug.config.presets`).
+        label: name of the method in tables and figures; default: the objective's.
+        device: auto, cpu or cuda.
+        options: see :class:`TrainingOptions`.
+
+    Returns:
+        the best state of every seed.
+
+    Raises:
+        InputError: an argument that cannot be used.
+        SolveError: a seed cannot be trained.
+    """
+    if not isinstance(model, HybridModel):
+        raise InputError("model", f"is {type(model).__name__}", "give expertaug.HybridModel(system, encoder, …)")
+    _check_sets(model, train, validation)
+    chosen = resolve(preset, choices)
+    if not isinstance(observed_s, (int, float)) or not train.t[1] <= observed_s + 1e-9 <= train.t[-1] + 2e-9:
+        raise InputError("observed_s", f"found {observed_s!r}", f"the data's times are {arrays.brief(train.t)}")
+    names = [p.name for p in model.system.expert_parameters]
+    loss = describe.settings_of("objective", objective)
+    described = describe.describe(model)
+    training = {**options, "objective": {k: v for k, v in loss.items() if k != "kind"}}
+    training |= {} if solver is None else {"solver": dict(vars(solver))}
+    training |= {} if horizon_s is None else {"horizon_s": float(horizon_s)}
+    label = label or getattr(getattr(objective, "func", objective), "__name__", str(loss["kind"]))
+    settings = {
+        "experiment": described["system"]["name"],
+        "method": label,
+        "label": label,
+        "preset": preset,
+        "objective": loss["kind"],
+        "training": training,
+        "t1_s": float(observed_s),
+        "choices": chosen,
+        "seeds": _seeds(seeds),
+        "device": device,
+        **({} if prior is None else {"prior": arrays.ranges(prior, names, "prior")}),
+        **({} if forecast_solver is None else {"forecast_solver": dict(vars(forecast_solver))}),
+    }
+    classes = describe.own_classes(model) | describe.class_of("objective", objective)
+    with arrays.one_thread():
+        return _run(train_stage.prepare(model, train, validation, settings, described, classes))
+
+
+def augment(
+    model: TrainedModel,
+    train: Trajectories,
+    validation: Trajectories,
+    *,
+    prior: Ranges,
+    noise: float = 0.0,
+    preset: Preset | None = None,
+    choices: Mapping[str, str] | None = None,
+) -> AugmentedSets:
+    """Draw expert-augmented samples D⁺ from a trained model (paper, Algorithm 1, GenerateAugmentedSet).
+
+    Arguments:
+        model: trained; it stays as it is.
+        train, validation: the sets of its training, whose x and observed windows are used.
+        prior: ranges [low, high] of the augmentation prior p⁺(z_e), uniform, by parameter in its unit.
+        noise: standard deviation of the data's noise, which augmented samples get too.
+        preset, choices: as of :func:`fit`; default: those of the training.
+
+    Raises:
+        InputError: the prior does not name the expert parameters, or the sets are not of the model's system and times.
+        SolveError: samples are not finite for any z_e drawn.
+    """
+    _check_trained(model, train, validation)
+    if not (isinstance(noise, (int, float)) and 0 <= noise < np.inf):
+        raise InputError("noise", f"found {noise!r}", "a standard deviation, at least 0")
+    settings = {
+        "prior": arrays.ranges(prior, [p.name for p in model.system.expert_parameters], "prior"),
+        "noise": float(noise),
+        "choices": _choices(model, preset, choices)[1],
+        "device": _device(model),
+    }
+    with arrays.one_thread():
+        drawn = augment_stage.draw(model.stored, train, validation, settings)
+    return AugmentedSets(model.t[: len(drawn.train.y)], drawn)
+
+
+def finetune(
+    model: TrainedModel,
+    train: Trajectories,
+    validation: Trajectories,
+    *,
+    prior: Ranges | None = None,
+    noise: float = 0.0,
+    augmented: AugmentedSets | None = None,
+    preset: Preset | None = None,
+    choices: Mapping[str, str] | None = None,
+    label: str | None = None,
+    **options: Unpack[TrainingOptions],
+) -> TrainedModel:
+    """Fine-tune the encoder on D ∪ D⁺ with the interaction model frozen (paper, Algorithm 1): APHYNITY+, HVAE+.
+
+    Arguments:
+        model: trained; it stays as it is.
+        train, validation: the sets of its training.
+        prior, noise: D⁺ is drawn with them, as by :func:`augment`.
+        augmented: D⁺ itself, instead of a prior.
+        preset, choices: as of :func:`fit`; default: those of the training.
+        label: default: the model's own with a +.
+        options: see :class:`TrainingOptions`; a schedule of its own, not that of the training.
+
+    Raises:
+        InputError: an argument that cannot be used.
+        SolveError: a seed cannot be trained.
+    """
+    if (prior is None) == (augmented is None):
+        found = "neither prior nor augmented" if prior is None else "both prior and augmented"
+        raise InputError("finetune", f"given {found}", "give one of them")
+    if augmented is None:
+        assert prior is not None
+        augmented = augment(model, train, validation, prior=prior, noise=noise, preset=preset, choices=choices)
+    _check_trained(model, train, validation)
+    if augmented.seeds != model.seeds:
+        raise InputError("augmented", f"holds seeds {augmented.seeds}", f"the model's are {model.seeds}: augment it")
+    name, chosen = _choices(model, preset, choices)
+    label = label or f"{model.label}+"
+    settings = {
+        "experiment": model.stored.description["experiment"],
+        "method": label,
+        "label": label,
+        "preset": name,
+        "training": dict(options),
+        "choices": chosen,
+        "device": _device(model),
+    }
+    with arrays.one_thread():
+        tuned = _run(finetune_stage.prepare(model.stored, augmented.drawn, train, validation, settings))
+    return TrainedModel(tuned.stored, tuned.history, model.single)
+
+
+def _run(training: Training) -> TrainedModel:
+    record = Record()
+    stored = training.run(record)
+    rows = [
+        (step, seed, metric, value)
+        for step, line in record.lines
+        for metric, values in line.items()
+        for seed, value in zip(training.trainer.seeds, values, strict=True)
+    ]
+    return TrainedModel(stored, pd.DataFrame(rows, columns=["step", "seed", "metric", "value"]))
+
+
+def _seeds(given: Iterable[int]) -> list[int]:
+    try:
+        seeds = [int(seed) for seed in given]
+    except (TypeError, ValueError) as error:
+        raise InputError("seeds", f"found {given!r}", "give whole numbers, as range(3)") from error
+    if not seeds or min(seeds) < 0 or max(seeds) >= 2**63 or len(set(seeds)) < len(seeds):
+        raise InputError("seeds", f"found {seeds}", "give different whole numbers from 0 on")
+    return seeds
+
+
+def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -> tuple[str, dict]:
+    """Preset and all its rows, by default those of the model's training."""
+    description = model.stored.description
+    own = {} if preset else description["choices"]
+    name = preset or str(description["preset"])
+    return name, resolve(name, {**own, **(choices or {})})
+
+
+def _device(model: TrainedModel) -> str:
+    return next(model.stored.model.parameters()).device.type
+
+
+def _check_sets(model: HybridModel | TrainedModel, train: Trajectories, validation: Trajectories) -> None:
+    """Both sets must be of the model's system and of one another's times."""
+    for name, data in (("train", train), ("validation", validation)):
+        arrays.trajectories(data, name)
+        state, parameters = model.system.state_shape, model.system.expert_parameters
+        if data.y.shape[2:] != state or data.z_e.shape[1] != len(parameters):
+            found = f"y has shape {data.y.shape}, z_e {data.z_e.shape}"
+            wanted = f"y (N, T, {', '.join(map(str, state))}), z_e (N, {len(parameters)})"
+            raise InputError(name, found, f"{type(model.system).__name__} has {wanted}")
+    if len(train.t) != len(validation.t) or not np.array_equal(train.t, validation.t):
+        raise InputError("validation", f"has the times {arrays.brief(validation.t)}", "give those of train")
+
+
+def _check_trained(model: TrainedModel, train: Trajectories, validation: Trajectories) -> None:
+    if not isinstance(model, TrainedModel):
+        raise InputError("model", f"is {type(model).__name__}", "give what expertaug.fit returns")
+    if model.stored.description["kind"] != "hybrid":
+        raise InputError("model", f"a {model.stored.description['kind']} model", "only hybrid models can be augmented")
+    _check_sets(model, train, validation)
+    arrays.same_times(train.t, model.t, "train", "give the sets of its training")

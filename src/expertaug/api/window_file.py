@@ -1,0 +1,126 @@
+"""Forecasts from the shell: a CSV of observed windows in, a CSV of states and estimates out."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from expertaug.api.arrays import same_times
+from expertaug.api.trained import TrainedModel, labelled, load
+from expertaug.errors import InputError
+from expertaug.files import atomic
+from expertaug.systems import Parameter
+
+MOST_TIMES = 1_000_000
+
+
+def forecast_file(
+    model: Path,
+    window: Path,
+    output: Path | None = None,
+    seed: int | None = None,
+    t_end: float | None = None,
+    classes: Collection[str] = (),
+) -> None:
+    """Forecast the windows of a CSV file.
+
+    Arguments:
+        model: model file.
+        window: CSV with a column ``t`` in s and one for each component of the state; ``sample`` tells several windows
+            apart.  Headings may carry units, ``theta [rad]``.
+        output: CSV; None: standard output.  Its columns are seed, sample, ``t [s]``, the states and the estimates of
+            the expert parameters, ``z_e omega0 [rad/s]``.
+        seed: one of the model's; None: all.
+        t_end: last time in s; beyond the training's times their last step goes on.  None: the training's last.
+        classes: as of :func:`expertaug.load`.
+
+    Raises:
+        InputError: a file cannot be used, or the window's times are not the model's.
+    """
+    trained = load(model, classes=classes)
+    if seed is not None:
+        if seed not in trained.seeds:
+            raise InputError(model, f"no seed {seed}", f"it has {', '.join(map(str, trained.seeds))}")
+        trained = trained[trained.seeds.index(seed)]
+    names, t, y = read_windows(window, trained)
+    table = trained.forecast(y, np.concatenate((t, _later(trained, t_end)))).table()
+    table["sample"] = np.array(names, dtype=object)[table["sample"]]
+    if output is None:
+        table.to_csv(sys.stdout, index=False)
+        return
+    with atomic(output) as temporary:
+        table.to_csv(temporary, index=False)
+
+
+def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.ndarray]:
+    """Names of the samples (N), times (T1,) in s and states (N, T1, C) of a CSV file.
+
+    Raises:
+        InputError: no CSV, a column is missing or of another unit, a value is no number, or windows differ in times.
+    """
+    state = model.system.state
+    if model.system.state_shape != (len(state),):
+        raise InputError(path, "the model's state is a field", "forecast it in Python: expertaug.load(…).forecast(…)")
+    try:
+        table = pd.read_csv(path)
+    except FileNotFoundError as error:
+        raise InputError(path, "no such file", "give a CSV of the observed window") from error
+    except (ValueError, OSError) as error:  # a broken table is a ValueError
+        raise InputError(path, f"no CSV ({error})", "give columns t and the state's, separated by commas") from error
+    columns = {_name(heading): heading for heading in table.columns}
+    for parameter in (Parameter("t", "s"), *state):
+        _check_column(path, table, columns, parameter)
+    sample = table[columns["sample"]] if "sample" in columns else pd.Series(0, index=table.index)
+    windows = [part for _, part in table.groupby(sample.to_numpy(), sort=False, dropna=False)]
+    times = [part[columns["t"]].to_numpy(dtype=float) for part in windows]
+    for number, t in enumerate(times):
+        if len(t) != len(times[0]) or np.any(t != times[0]):
+            raise InputError(path, f"window {number + 1} has other times than the first", "give all the same times")
+    if not windows:
+        raise InputError(path, "has no rows", f"give the {model.observed} observed points")
+    y = np.stack([part[[columns[p.name] for p in state]].to_numpy(dtype=float) for part in windows])
+    if len(times[0]) != model.observed:
+        remedy = f"the model observes {model.observed}, t = {model.t[0]:g} … {model.t[model.observed - 1]:g} s"
+        raise InputError(path, f"has {len(times[0])} points a window", remedy)
+    same_times(times[0], model.t[: model.observed], str(path), "give the window at these times")
+    return [part[columns["sample"]].iloc[0] if "sample" in columns else 0 for part in windows], times[0], y
+
+
+def _check_column(path: Path, table: pd.DataFrame, columns: dict[str, str], parameter: Parameter) -> None:
+    wanted = labelled(parameter.name, parameter.unit)
+    if parameter.name not in columns:
+        raise InputError(path, f"no column {parameter.name}", f"it has {', '.join(table.columns)}; give {wanted}")
+    heading = columns[parameter.name]
+    unit = re.search(r"\[(.*)\]\s*$", heading)
+    if unit and unit[1].strip() != parameter.unit:
+        raise InputError(path, f"column {heading}", f"the model's unit is {wanted}: convert it")
+    numbers = np.asarray(pd.to_numeric(table[heading], errors="coerce"), dtype=float)
+    if not np.isfinite(numbers).all():
+        row = int(np.argmin(np.isfinite(numbers)))
+        raise InputError(path, f"column {heading}, row {row + 1}: {table[heading].iloc[row]}", "give finite numbers")
+    table[heading] = numbers
+
+
+def _name(heading: object) -> str:
+    """Heading of a column without its unit."""
+    return re.sub(r"\s*\[.*\]\s*$", "", str(heading)).strip()
+
+
+def _later(model: TrainedModel, t_end: float | None) -> np.ndarray:
+    """Times after the observed window."""
+    known, last = model.t, model.t[model.observed - 1]
+    if t_end is None:
+        return known[model.observed :]
+    if not last <= t_end < np.inf:
+        raise InputError("--t-end", f"found {t_end:g}", f"the observed window ends at {last:g} s")
+    step = known[-1] - known[-2]
+    count = max(0, int(np.floor((t_end - known[-1]) / step + 1e-9)))
+    if count > MOST_TIMES:
+        raise InputError("--t-end", f"{t_end:g} s is {count} steps of {step:g} s", f"at most {MOST_TIMES}")
+    times = np.concatenate((known, known[-1] + step * np.arange(1, count + 1)))
+    return times[(times > last) & (times <= t_end + 1e-9)]

@@ -1,0 +1,63 @@
+"""A training as a job of the workflow: locked, resumed after a kill, logged, its best state written as a model file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from expertaug.learning import snapshots
+from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
+from expertaug.learning.fitting import Training
+from expertaug.models import store
+from expertaug.registry import modules
+from expertaug.tracking.run import Run
+from expertaug.tracking.runlog import RunLog
+
+
+def run(
+    training: Training,
+    output: Path,
+    work: Path,
+    inputs: Sequence[Path],
+    settings: Mapping,
+    tracking: Mapping | None,
+) -> None:
+    """Run a training, resuming a killed run of it, and write the model file.
+
+    Where the training keeps states of its passes they are written beside it.
+
+    Arguments:
+        output: model file; log.jsonl lies beside it.
+        work: folder for checkpoints.
+        inputs: files that the training depends on: a checkpoint of others is not used.
+        settings: of the stage; a checkpoint of others is not used.
+        tracking: see :class:`RunLog`.
+    """
+    output, work, trainer, description = Path(output), Path(work), training.trainer, training.description
+    with locked(work):
+        wanted = {k: v for k, v in settings.items() if k != "device"}
+        named = modules(description["system"]["name"], description["model"], description["objective"])
+        code = [f"expertaug.learning.{description['stage']}", *named]
+        checkpoint = Checkpoint(work, fingerprint(wanted, list(inputs), code))
+        state = checkpoint.load()
+        if state is not None:
+            trainer.restore(state)
+        run = Run(
+            **{k: description[k] for k in ("experiment", "method", "label", "preset", "stage")},
+            system=description["system"]["name"],
+            seeds=trainer.seeds,
+            params={k: v for k, v in settings.items() if k not in ("seeds", "label")},
+            tags={"fingerprint": checkpoint.fingerprint},
+        )
+        resume = state["log"] if state is not None else None
+        with RunLog(output.with_name("log.jsonl"), run, tracking, resume) as log:
+            if state is None:
+                for path in inputs:
+                    log.dataset(path.stem, path)
+            stored = training.run(log, checkpoint)
+            if trainer.keep:
+                described = {**description, "failed": stored.failed}
+                snapshots.save(output.with_name(snapshots.NAME), trainer.snapshots, described)
+            store.save(output, stored.model, stored.description)
+            log.artifact(output)
+        checkpoint.remove()

@@ -1,0 +1,89 @@
+"""expertaug forecast: a CSV of windows in, a CSV of states and estimates out."""
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+from small_pendulum import T
+
+from expertaug.cli import main
+
+
+@pytest.fixture(scope="module")
+def model(fit, tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "model.safetensors"
+    fit.save(path)
+    return path
+
+
+def window(sets, samples=(0,), step=1.0):
+    parts = [
+        pd.DataFrame({"sample": f"w{k}", "t": T[:11] * step, "theta": y[:, 0], "omega [rad/s]": y[:, 1]})
+        for k, y in ((k, sets["test"].y[k, :11]) for k in samples)
+    ]
+    return pd.concat(parts)
+
+
+def run(capsys, model, table, folder, *options):
+    table.to_csv(folder / "window.csv", index=False)
+    status = main(["forecast", "--model", str(model), str(folder / "window.csv"), *options])
+    return status, capsys.readouterr()
+
+
+def test_it_prints_states_and_estimates_of_every_seed_with_units(fit, model, sets, tmp_path, capsys):
+    status, told = run(capsys, model, window(sets, (2, 5)), tmp_path)
+    assert status == 0
+    table = pd.read_csv(io.StringIO(told.out))
+    assert list(table.columns) == ["seed", "sample", "t [s]", "theta [rad]", "omega [rad/s]", "z_e omega0 [rad/s]"]
+    assert len(table) == 2 * 2 * 21 and list(table["sample"].unique()) == ["w2", "w5"]
+    found = fit.forecast(sets["test"].y[[2, 5], :11], T)
+    one = table[(table["seed"] == 1) & (table["sample"] == "w5")]
+    np.testing.assert_allclose(one[["theta [rad]", "omega [rad/s]"]], found.y[1, 1], rtol=1e-6)
+    np.testing.assert_allclose(one["z_e omega0 [rad/s]"], found.z_e["omega0"][1, 1], rtol=1e-6)
+
+
+def test_one_seed_until_a_later_time_into_a_file(model, sets, tmp_path, capsys):
+    options = ("--output", str(tmp_path / "out.csv"), "--seed", "1", "--t-end", "3.05")
+    status, told = run(capsys, model, window(sets).drop(columns="sample"), tmp_path, *options)
+    assert status == 0 and told.out == ""
+    table = pd.read_csv(tmp_path / "out.csv")
+    assert set(table["seed"]) == {1} and table["t [s]"].tolist() == pytest.approx((np.arange(31) * 0.1).tolist())
+    status, _ = run(capsys, model, window(sets), tmp_path, *options[:-1], "1.25")
+    assert status == 0 and pd.read_csv(tmp_path / "out.csv")["t [s]"].max() == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "expected"),
+    [
+        (lambda w: w.drop(columns="theta"), (), "no column theta; it has sample, t, omega"),
+        (
+            lambda w: w.rename(columns={"theta": "theta [deg]"}),
+            (),
+            "theta [deg]; the model's unit is theta [rad]",
+        ),
+        (lambda w: w.assign(t=w["t"] * 2), (), "has the times 0, 0.2"),
+        (lambda w: w[:9], (), "has 9 points a window; the model observes 11, t = 0 … 1 s"),
+        (lambda w: w[:0], (), "has no rows"),
+        (lambda w: w.assign(theta=["x", *w["theta"][1:]]), (), "column theta, row 1: x; give finite numbers"),
+        (lambda w: w.assign(theta=np.nan), (), "column theta, row 1"),
+        (lambda w: pd.concat((w, w.assign(sample="b", t=w["t"] + 1))), (), "window 2 has other times"),
+        (lambda w: w, ("--seed", "7"), "no seed 7; it has 0, 1"),
+        (lambda w: w, ("--t-end", "0.5"), "--t-end: found 0.5; the observed window ends at 1 s"),
+        (lambda w: w, ("--t-end", "1e9"), "--t-end: 1e+09 s is"),
+        (lambda w: w, ("--output", "/dev/null/x.csv"), "cannot be written"),
+    ],
+)
+def test_mistakes_are_one_line_and_status_2(model, sets, tmp_path, capsys, change, options, expected):
+    status, told = run(capsys, model, change(window(sets)), tmp_path, *options)
+    lines = told.err.strip().splitlines()
+    assert status == 2 and len(lines) == 1 and lines[0].startswith("expertaug forecast: ") and expected in lines[0]
+    assert told.out == ""
+
+
+def test_files_that_are_none(model, tmp_path, capsys):
+    for path, text in ((tmp_path / "none.csv", "no such file"), (tmp_path, "no CSV"), (model, "no CSV")):
+        assert main(["forecast", "--model", str(model), str(path)]) == 2
+        assert text in capsys.readouterr().err
+    assert main(["forecast", "--model", str(tmp_path / "m"), str(model)]) == 2
+    assert "no such file" in capsys.readouterr().err

@@ -1,0 +1,90 @@
+"""What the front door computes is what the workflow's stages compute, bit for bit."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from small_pendulum import ENCODER, FRICTION, INTERACTION, OPTIONS, SEEN, SHIFTED
+
+import expertaug as ea
+from expertaug.config.presets import resolve
+from expertaug.evaluation.evaluate import evaluate
+from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.learning.augment import augment
+from expertaug.learning.augmentation import load as load_augmented
+from expertaug.learning.finetune import finetune
+from expertaug.learning.train import train
+from expertaug.systems.simulate import simulate
+
+RANGES = {"z_e": {"omega0": list(SEEN["omega0"])}, "z_a": {"alpha": list(FRICTION["alpha"])}}
+SIZES = {"train": 40, "validation": 10, "test": 10}
+DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.01}
+DATA["sets"] = {name: {"size": n, **RANGES} for name, n in SIZES.items()}
+COMMON = {"experiment": "pendulum", "preset": "corrected", "choices": resolve("corrected"), "seeds": [0, 1]}
+COMMON |= {"method": "a", "label": "A", "device": "cpu"}
+PRIOR = {"omega0": list(SHIFTED["omega0"])}
+
+
+@pytest.fixture(scope="module")
+def stages(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stages")
+    for name in DATA["sets"]:
+        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": DATA})
+    model, samples, tuned = (folder / f"{name}.safetensors" for name in ("model", "samples", "tuned"))
+    system = {"system": {"name": "pendulum"}, "build": {"kind": "hybrid"}, "t1_s": 1.0, "training": OPTIONS}
+    parts = {"encoder": ENCODER, "interaction": INTERACTION}
+    train(folder, model, folder / "work", COMMON | system | {"model": parts}, None)
+    augment(model, folder, samples, COMMON | {"prior": PRIOR, "noise": 0.01})
+    finetune(model, samples, folder, tuned, folder / "work", COMMON | {"training": OPTIONS}, None)
+    settings = COMMON | {"evaluation": {"samples": 2}}
+    evaluate(tuned, folder, folder / "metrics.csv", folder / "forecasts.npz", settings, None)
+    return folder
+
+
+def equal(first, second):
+    a, b = (model.stored.model.state_dict() for model in (first, second))
+    return a.keys() == b.keys() and all(torch.equal(a[k], b[k]) for k in a)
+
+
+def test_a_simulated_set(stages, sets):
+    for name, data in sets.items():
+        stored = ea.Trajectories.load(stages / f"{name}.npz")
+        assert all(np.array_equal(getattr(stored, k), getattr(data, k)) for k in ("t", "y", "z_e", "z_a"))
+
+
+def test_training_augmentation_and_fine_tuning(stages, sets, fit, plus):
+    assert equal(fit, ea.load(stages / "model.safetensors"))
+    drawn = ea.augment(fit, sets["train"], sets["validation"], prior=SHIFTED, noise=0.01).drawn
+    train_set, validation_set, header = load_augmented(stages / "samples.safetensors", torch.device("cpu"))
+    assert torch.equal(drawn.train.y, train_set.y) and torch.equal(drawn.validation.z_e, validation_set.z_e)
+    assert header["prior"] == drawn.header["prior"]
+    assert equal(plus, ea.load(stages / "tuned.safetensors"))
+    assert not equal(plus, fit)
+
+
+def test_metrics_and_forecasts(stages, sets, plus):
+    table = pd.read_csv(stages / "metrics.csv")
+    table = table[table["set"] == "test"].set_index(["seed", "metric"])["value"]
+    found = plus.evaluate(sets["test"]).set_index(["seed", "metric"])["value"]
+    assert found.index.is_unique and set(found.index) == set(table.index)
+    assert all(found[key] == pytest.approx(table[key], rel=1e-15) for key in found.index)
+    kept = Forecasts.load(stages / "forecasts.npz")
+    whole = plus.forecast(sets["test"].y[:, :11], sets["test"].t)
+    np.testing.assert_array_equal(whole.y[:, kept.index["test"]], kept.prediction["test"])
+    np.testing.assert_array_equal(whole.z_e["omega0"], kept.estimates["test"][..., 0])
+
+
+def test_a_fine_tuning_from_given_samples_is_that_from_their_prior(sets, fit, plus):
+    samples = ea.augment(fit, sets["train"], sets["validation"], prior=SHIFTED, noise=0.01)
+    assert [len(part) for part in samples.train] == [40, 40] and len(samples.validation[1]) == 10
+    assert equal(plus, ea.finetune(fit, sets["train"], sets["validation"], augmented=samples, **OPTIONS))
+
+
+def test_fresh_samples_in_every_pass(sets, fit, plus):
+    before = {k: v.clone() for k, v in fit.stored.model.state_dict().items()}
+    fresh = ea.finetune(
+        fit, sets["train"], sets["validation"], prior=SHIFTED, noise=0.01, choices={"resample": "epoch"}, **OPTIONS
+    )
+    assert not equal(fresh, plus)
+    assert all(torch.equal(v, before[k]) for k, v in fit.stored.model.state_dict().items()), "the base is left alone"
+    assert all(p.requires_grad for p in fit.stored.model.parameters())

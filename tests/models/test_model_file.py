@@ -1,0 +1,184 @@
+"""Model files: what they hold, and what is refused."""
+
+import json
+import struct
+import sys
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from expertaug import systems
+from expertaug.errors import InputError
+from expertaug.models import store
+from expertaug.models.tensor_file import DIGEST, HEADER, _digest, read_tensors, write_tensors
+from expertaug.systems.solver import Solver
+
+DESCRIPTION = {
+    "kind": "hybrid",
+    "system": {"name": "pendulum"},
+    "model": {
+        "encoder": {"kind": "recurrent", "hidden": 2, "layers": [2]},
+        "interaction": {"kind": "mlp", "layers": [2]},
+    },
+    "expert": True,
+    "interaction": True,
+    "t": [0.1 * k for k in range(7)],
+    "observed": 4,
+    "seeds": [3, 4],
+}
+OWN = """
+import expertaug.models.encoders.recurrent
+import expertaug.systems.pendulum
+from pathlib import Path
+
+Path(__file__).with_name("imported").touch()
+
+
+class Pendulum(expertaug.systems.pendulum.DampedPendulum):
+    def __init__(self, length: float = 1.0) -> None:
+        self.length = length
+
+
+class Encoder(expertaug.models.encoders.recurrent.RecurrentEncoder):
+    stackable = True
+"""
+
+
+def write(path, description=DESCRIPTION, extra=None):
+    made = {k: v for k, v in DESCRIPTION.items() if k != "system"}
+    model = store.make(systems.load({"name": "pendulum"}), made)
+    store.save(path, model, {**description, **(extra or {})})
+    return model
+
+
+def forged(path, header):
+    """A file whose digest is right, as whoever forges one can make it."""
+    _, tensors = read_tensors(path)
+    text = header if isinstance(header, str) else json.dumps(header)
+    save_file(tensors, path, metadata={HEADER: text, DIGEST: _digest(text, tensors)})
+
+
+def test_it_holds_times_units_and_solver(tmp_path):
+    write(tmp_path / "m", extra={"forecast_solver": store.forecast_solver({"solver": {"method": "lawson4"}})})
+    stored = store.load(tmp_path / "m")
+    assert stored.description["t"][:4] == DESCRIPTION["t"][:4] and stored.seeds == [3, 4]
+    assert stored.description["state"] == [["theta", "rad"], ["omega", "rad/s"]]
+    assert stored.description["expert_parameters"] == [["omega0", "rad/s"]]
+    assert stored.solver == Solver("lawson4")
+    assert store.forecast_solver({}) == store.forecast_solver({"solver": {"method": "rk4"}}) == store.ACCURATE
+    assert store.forecast_solver({"solver": {"method": "dopri8"}})["method"] == "dopri8"
+
+
+def test_a_flipped_bit_is_found_wherever_it_is(tmp_path):
+    path = tmp_path / "m"
+    write(path)
+    whole = path.read_bytes()
+    description, tensors = read_tensors(path)
+    for bit in np.random.default_rng(0).integers(0, 8 * len(whole), 300):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        path.write_bytes(damaged)
+        try:
+            again, values = read_tensors(path)
+        except InputError as error:
+            assert "\n" not in str(error)
+        else:  # a blank in the header's padding
+            assert again == description and all(torch.equal(values[k], v) for k, v in tensors.items())
+
+
+def test_a_file_without_a_digest_is_refused(tmp_path):
+    save_file({"a": torch.zeros(1)}, tmp_path / "m", metadata={HEADER: json.dumps(DESCRIPTION)})
+    with pytest.raises(InputError, match=r"damaged, or of an earlier version.; make it again"):
+        store.load(tmp_path / "m")
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("[1]", "its header is no mapping"),
+        ("[" * 100_000 + "]" * 100_000, "not a file of this package"),
+        ("{", "not a file of this package"),
+        ("{}", "describes no model"),
+        (DESCRIPTION | {"kind": "other"}, "describes no model .*kind 'other'"),
+        (DESCRIPTION | {"t": "abc"}, "describes no model"),
+        (DESCRIPTION | {"t": [0, 0, 1, 2]}, "t does not increase"),
+        (DESCRIPTION | {"observed": 99}, "observed 99"),
+        (DESCRIPTION | {"observed": [1]}, "describes no model"),
+        (DESCRIPTION | {"seeds": []}, "describes no model"),
+        (DESCRIPTION | {"system": 3}, "describes no model"),
+        (DESCRIPTION | {"model": {"encoder": 3}}, "describes no model"),
+        (DESCRIPTION | {"model": DESCRIPTION["model"] | {"encoder": {"kind": "recurrent", "hidden": -1}}}, "no model"),
+        (
+            DESCRIPTION | {"model": DESCRIPTION["model"] | {"encoder": {"kind": "recurrent", "hidden": 3}}},
+            "other layers",
+        ),
+        (DESCRIPTION | {"state": [["x", "m"]]}, "was made with state .*the system now has .*theta"),
+    ],
+)
+def test_a_header_that_makes_no_model_is_one_line(tmp_path, header, expected):
+    path = tmp_path / "m"
+    write(path)
+    forged(path, header)
+    with pytest.raises(InputError, match=expected) as caught:
+        store.load(path)
+    assert "\n" not in str(caught.value)
+
+
+class TestClassesFromElsewhere:
+    @pytest.fixture
+    def own(self, tmp_path, monkeypatch):
+        (tmp_path / "elsewhere_of_test").mkdir()
+        (tmp_path / "elsewhere_of_test/parts.py").write_text(OWN)
+        monkeypatch.syspath_prepend(tmp_path)
+        yield "elsewhere_of_test.parts"
+        for name in ("elsewhere_of_test", "elsewhere_of_test.parts"):
+            sys.modules.pop(name, None)
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"system": {"name": "elsewhere_of_test.parts"}},
+            {"system": {"name": "elsewhere_of_test.parts:Pendulum"}},
+            {"system": {"name": "os.path"}},
+            {"system": {"name": "expertaug.cli"}},
+            {"model": DESCRIPTION["model"] | {"encoder": {"kind": "elsewhere_of_test.parts:Encoder", "hidden": 2}}},
+            {"model": DESCRIPTION["model"] | {"interaction": {"kind": "expertaug.cli:main"}}},
+            {"objective": "elsewhere_of_test.parts:Encoder"},
+        ],
+    )
+    def test_are_not_imported_unless_named(self, own, tmp_path, change):
+        write(tmp_path / "m", extra=change)
+        with pytest.raises(InputError, match=r"needs .*, which is not part of expertaug; if you trust it: classes=\['"):
+            store.load(tmp_path / "m")
+        assert not (tmp_path / "elsewhere_of_test/imported").exists()
+
+    @pytest.mark.parametrize("name", ["elsewhere_of_test.parts", "elsewhere_of_test.parts:Pendulum"])
+    def test_are_used_when_named_or_given(self, own, tmp_path, name):
+        encoder = {"kind": "elsewhere_of_test.parts:Encoder", "hidden": 2, "layers": [2]}
+        change = {"system": {"name": name, "length": 2.0}, "model": DESCRIPTION["model"] | {"encoder": encoder}}
+        write(tmp_path / "m", extra=change)
+        with pytest.raises(InputError, match=r"elsewhere_of_test\.parts:Encoder"):
+            store.load(tmp_path / "m", classes=[name])
+        assert store.load(tmp_path / "m", classes=[name, "elsewhere_of_test.parts:Encoder"]).model.system.length == 2.0
+        module = sys.modules[own]
+        stored = store.load(tmp_path / "m", classes=[module.Pendulum, module.Encoder])
+        assert type(stored.model.system) is module.Pendulum and stored.classes.keys() == {
+            name,
+            "elsewhere_of_test.parts:Encoder",
+        }
+
+
+def test_what_json_cannot_hold_is_refused_and_nothing_is_written(tmp_path):
+    with pytest.raises(InputError, match=r"cannot describe this .*ReLU is neither a number nor a text"):
+        write_tensors(tmp_path / "m", {"a": torch.zeros(2)}, {"activation": torch.nn.ReLU()})
+    assert not list(tmp_path.iterdir())
+    write_tensors(tmp_path / "m", {"a": torch.zeros(2)}, {"windows": {"theta": np.array([0, 5])}, "n": np.float64(0.5)})
+    assert read_tensors(tmp_path / "m")[0] == {"windows": {"theta": [0, 5]}, "n": 0.5}
+
+
+def test_a_header_longer_than_the_file(tmp_path):
+    (tmp_path / "m").write_bytes(struct.pack("<Q", 10**12) + b"{}")
+    with pytest.raises(InputError, match="not a file of this package"):
+        store.load(tmp_path / "m")
