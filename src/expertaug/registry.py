@@ -174,4 +174,4 @@ def modules(system: str, model: Mapping[str, Mapping], objective: str | None) ->
     if objective is not None:
         kinds["objective"] = objective
     named = [full_name(part, kind, part) for part, kind in kinds.items()]
-    return [system if "." in system else f"expertaug.systems.{system}", *named]
+    return [system if "." in system or ":" in system else f"expertaug.systems.{system}", *named]

@@ -50,6 +50,7 @@ def test_it_is_trained_augmented_and_evaluated(fields, tmp_path, settings, encod
         "system": SYSTEM,
         "model": {"encoder": encoder, "interaction": interaction},
         "t1_s": 0.5,
+        "classes": [SYSTEM["name"]],
     }
     settings["training"] |= {"epochs": 8, "learning_rate": 1e-2, "objective": {"lambda0": 1000.0}}
     model, plus, tuned = (tmp_path / f"{name}.safetensors" for name in ("model", "plus", "tuned"))
@@ -105,6 +106,6 @@ def test_a_model_file_of_fields_is_read_again(tmp_path):
     description = describe(recipe) | {"kind": "hybrid", "t": t, "observed": 3, "seeds": [4]}
     model = recipe.build(t, [4])
     store.save(tmp_path / "m", model, description)
-    again = store.load(tmp_path / "m").model
+    again = store.load(tmp_path / "m", classes=["field_systems:Fisher"]).model
     y = torch.rand(3, 1, 2, 1, 64)
     assert torch.equal(again.encode(y).z_e.mean, model.encode(y).z_e.mean)

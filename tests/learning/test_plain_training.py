@@ -34,12 +34,13 @@ def test_a_group_trains_as_each_seed_alone_and_is_kept(data, tmp_path, settings,
         "encoder": {"kind": f"plain_parts:{encoder}"},
         "interaction": {"kind": f"plain_parts:{interaction}"},
     }
-    together = store.load(trained(data, tmp_path, settings, [0, 1])).model.state_dict()
-    stored = store.load(tmp_path / "2_0.safetensors")
+    own = [settings["model"][part]["kind"] for part in ("encoder", "interaction")]
+    together = store.load(trained(data, tmp_path, settings, [0, 1]), classes=own).model.state_dict()
+    stored = store.load(tmp_path / "2_0.safetensors", classes=own)
     start = store.make(stored.model.system, stored.description)
     assert any(not torch.equal(v, together[k]) for k, v in start.state_dict().items())
     for k in range(2):
-        alone = store.load(trained(data, tmp_path, settings, [k])).model.state_dict()
+        alone = store.load(trained(data, tmp_path, settings, [k]), classes=own).model.state_dict()
         for name, value in alone.items():
             torch.testing.assert_close(together[name][k], value[0], rtol=2e-3, atol=2e-4, msg=name)
 
@@ -49,13 +50,14 @@ def test_plain_parts_are_augmented_and_finetuned_with_theta_frozen(data, tmp_pat
         "encoder": {"kind": "plain_parts:LinearEncoder"},
         "interaction": {"kind": "plain_parts:SpectralInteraction"},
     }
+    own = settings["classes"] = [settings["model"][part]["kind"] for part in ("encoder", "interaction")]
     settings["choices"] = settings["choices"] | {"frozen": "interaction_and_z_e_head"}
     model = trained(data, tmp_path, settings, [0, 1])
     augment(model, data, tmp_path / "plus.st", settings | {"prior": PRIOR, "noise": 0.01})
     assert augmentation.load(tmp_path / "plus.st", torch.device("cpu"))[0].y.isfinite().all()
     tuned = settings | {"method": "a+", "label": "A+"}
     finetune(model, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "w", tuned, None)
-    before, after = (store.load(p).model.state_dict() for p in (model, tmp_path / "plus.safetensors"))
+    before, after = (store.load(p, classes=own).model.state_dict() for p in (model, tmp_path / "plus.safetensors"))
     for name, value in before.items():
         kept = name.startswith(("decoder.", "encoder.module.head."))
         assert torch.equal(value, after[name]) == kept, name

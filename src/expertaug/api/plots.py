@@ -39,7 +39,7 @@ def forecasts(
         raise InputError("samples", f"found {list(samples)}", f"the set has {len(data)}")
     shown = data.subset(np.array(chosen))
     found = {label: _forecasts(model, shown) for label, model in _labelled(models).items()}
-    settings = {"labels": list(found), "set": "data", "samples": list(range(len(chosen)))}
+    settings = {"labels": [(label, label) for label in found], "set": "data", "samples": list(range(len(chosen)))}
     settings |= {"set_titles": {"data": "given"}} | ({} if seed is None else {"seed": seed})
     with plotting.styled():
         return traces.draw_forecasts(found, settings, {label: f"model {label}" for label in found})
@@ -73,7 +73,7 @@ def parameters(
             }
     if not found:
         raise InputError("models", "none estimates parameters", "give a hybrid model")
-    settings = {"labels": list(found), "priors": {label: dict(prior or {}) for label in found}}
+    settings = {"labels": [(label, label) for label in found], "priors": {label: dict(prior or {}) for label in found}}
     with plotting.styled():
         return figures.draw_parameters({label: Forecasts(**each) for label, each in found.items()}, settings)
 

@@ -110,8 +110,6 @@ def restore(
             model: Any = MeanModel(system, tensors["mean"])
         else:
             model = make(system, description, used)
-    except InputError:
-        raise
     except Exception as error:  # a class of the user's may raise anything
         raise InputError(path, f"describes no model ({error})", "train it again") from error
     for key, value in _units(system).items():
