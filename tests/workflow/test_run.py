@@ -98,7 +98,7 @@ def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
     plans = [
         planned(project),
         planned(project, "--directory", elsewhere),
-        planned(elsewhere, "-s", project / "workflow" / "Snakefile"),
+        planned(elsewhere, "-s", project / "workflow" / "Snakefile", PYTHONPATH=str(project / "src")),
     ]
     assert plans[0] == plans[1] == plans[2]
     found = config.validate(config.load([project / "config" / "config.yaml"]))
