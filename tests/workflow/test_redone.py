@@ -94,6 +94,15 @@ def test_a_changed_module_redoes_exactly_its_stages(project, module, rules):
         path.write_text(before)
 
 
+def test_a_grid_adds_its_own_jobs_and_no_other(project):
+    grid = {
+        "method": "aphynity",
+        "keys": {"training.learning_rate": [0.001, 0.003], "model.encoder.layers": [[8], [4, 4]]},
+    }
+    change = {"experiments": {"pendulum": {"studies": {"grid": grid}}}}
+    assert planned(project, *override(project, change)) == {"train_seed_group": 4, "grid_of_experiment": 1}
+
+
 @pytest.mark.parametrize(("package", "rules"), [("scipy", ANGLES), ("av", MARKERS), ("pandas", set())])
 def test_another_installed_version_redoes_what_computes_with_it(project, tmp_path, package, rules):
     metadata = tmp_path / f"{package}-999.0.dist-info" / "METADATA"

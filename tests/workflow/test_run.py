@@ -63,7 +63,7 @@ def test_declared_modules_cover_what_every_job_has_loaded(smoke_run):
             Path(path).resolve().relative_to(ROOT / "src").as_posix() for path in stage_code.sources(stage, named)
         }
         assert loaded <= declared, stage
-    assert stages == set(stage_code.STAGES) - {"unpack_markers", "import_markers", "overlay"}
+    assert stages == set(stage_code.STAGES) - {"unpack_markers", "import_markers", "overlay", "grid"}
 
 
 def test_frame_stores_are_kept_when_they_are_asked_for(project):
