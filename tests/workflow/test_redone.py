@@ -76,7 +76,7 @@ def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
         ("systems/pendulum.py", {"simulate_set"} | TRAINED),
         ("evaluation/tables.py", {"tabulate_experiment"}),
         ("recordings/reports/page.py", {"plot_page_of_recording"}),
-        ("recordings/reports/splits.py", {"plot_splits_of_experiment"}),
+        ("recordings/reports/splits.py", {"plot_splits_of_experiment", "plot_page_of_recording"}),
         ("recordings/reports/overlay.py", set()),
         ("learning/finetune.py", TUNED),
         ("evaluation/published.py", {"compare_experiment", "compare_all"}),
