@@ -19,6 +19,8 @@ DATA += ["split_chunks", "calibrate"]
 LEARNING_TARGETS = ["train", "augment", "finetune", "during_training", "evaluate", "studies", "report"]
 LEARNING_TARGETS += ["pendulum", "double_pendulum"]
 TARGETS = [*DATA, "simulate", *LEARNING_TARGETS, "everything", "all"]
+# Short runs do not wait ten seconds for jobs that do not come, as the profile has it.
+COMMAND = [sys.executable, "-m", "snakemake", "--cores", "2", "--max-jobs-per-timespan", "300/3s"]
 SMOKE = ["--configfile", "config/smoke.yaml", "studies.yaml"]
 # Simulated and recorded data, the quick methods; each study and the comparison with the paper, on the pendulum.
 STUDIES = """
@@ -54,7 +56,7 @@ MARKERS = {"extract_frames_of_recording", "track_markers_of_recording"} | ANGLES
 def snakemake(project: Path, *arguments: object, **environment: str) -> subprocess.CompletedProcess:
     """Run Snakemake in the project with the package that lies there."""
     return subprocess.run(
-        [sys.executable, "-m", "snakemake", "--cores", "2", *map(str, arguments)],
+        [*COMMAND, *map(str, arguments)],
         cwd=project,
         env=env_of(project) | environment,
         capture_output=True,
@@ -95,7 +97,7 @@ def override(project: Path, change: dict) -> list[object]:
 
 def kill_when_there(project: Path, arguments: list, checkpoint: Path) -> None:
     """Start Snakemake, and kill it with its jobs as soon as a checkpoint is written."""
-    command = [sys.executable, "-m", "snakemake", "--cores", "2", *map(str, arguments)]
+    command = [*COMMAND, *map(str, arguments)]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     running = subprocess.Popen(command, cwd=project, env=env_of(project), start_new_session=True, **quiet)
     try:

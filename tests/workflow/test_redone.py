@@ -75,7 +75,8 @@ def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
         ("cli.py", set()),
         ("systems/pendulum.py", {"simulate_set"} | TRAINED),
         ("evaluation/tables.py", {"tabulate_experiment"}),
-        ("recordings/reports/drawing.py", {"plot_splits_of_experiment", "plot_page_of_recording"}),
+        ("recordings/reports/page.py", {"plot_page_of_recording"}),
+        ("recordings/reports/splits.py", {"plot_splits_of_experiment", "plot_page_of_recording"}),
         ("recordings/reports/overlay.py", set()),
         ("learning/finetune.py", TUNED),
         ("evaluation/published.py", {"compare_experiment", "compare_all"}),
@@ -92,6 +93,15 @@ def test_a_changed_module_redoes_exactly_its_stages(project, module, rules):
         assert set(planned(project, *SMOKE)) == rules
     finally:
         path.write_text(before)
+
+
+def test_a_grid_adds_its_own_jobs_and_no_other(project):
+    grid = {
+        "method": "aphynity",
+        "keys": {"training.learning_rate": [0.001, 0.003], "model.encoder.layers": [[8], [4, 4]]},
+    }
+    change = {"experiments": {"pendulum": {"studies": {"grid": grid}}}}
+    assert planned(project, *override(project, change)) == {"train_seed_group": 4, "grid_of_experiment": 1}
 
 
 @pytest.mark.parametrize(("package", "rules"), [("scipy", ANGLES), ("av", MARKERS), ("pandas", set())])

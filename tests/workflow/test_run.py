@@ -63,7 +63,7 @@ def test_declared_modules_cover_what_every_job_has_loaded(smoke_run):
             Path(path).resolve().relative_to(ROOT / "src").as_posix() for path in stage_code.sources(stage, named)
         }
         assert loaded <= declared, stage
-    assert stages == set(stage_code.STAGES) - {"unpack_markers", "import_markers", "overlay"}
+    assert stages == set(stage_code.STAGES) - {"unpack_markers", "import_markers", "overlay", "grid"}
 
 
 def test_frame_stores_are_kept_when_they_are_asked_for(project):
@@ -98,7 +98,7 @@ def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
     plans = [
         planned(project),
         planned(project, "--directory", elsewhere),
-        planned(elsewhere, "-s", project / "workflow" / "Snakefile"),
+        planned(elsewhere, "-s", project / "workflow" / "Snakefile", PYTHONPATH=str(project / "src")),
     ]
     assert plans[0] == plans[1] == plans[2]
     found = config.validate(config.load([project / "config" / "config.yaml"]))
