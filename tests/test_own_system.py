@@ -160,7 +160,7 @@ def test_what_it_learned_beats_what_it_began_with(results):
     """With the defaults of training: every seed has a score, and its errors fall."""
     folder, every = results
     for variant in every:
-        stored = store.load(folder / variant / "model.safetensors")
+        stored = store.load(folder / variant / "model.safetensors", classes=["own.predation"])
         assert stored.failed == [] and np.isfinite(stored.description["best_score"]).all()
         losses = [line["loss"] for line in read_log(folder / variant / "log.jsonl").steps]
         assert np.isfinite(losses).all()
@@ -171,12 +171,14 @@ def test_what_it_learned_beats_what_it_began_with(results):
 def test_a_model_that_explodes_is_scored_like_the_others(results):
     """A thousand prey and as many predators appear in every second: all of one seed's forecasts leave the bound."""
     folder, _ = results
-    stored = store.load(folder / "aphynity/model.safetensors")
+    stored = store.load(folder / "aphynity/model.safetensors", classes=["own.predation"])
     last = stored.model.interaction.rest.layers[-1]
     last.bias.data[1] = 1e3
     store.save(folder / "wild/model.safetensors", stored.model, stored.description)
     settings = {"method": "wild", "label": "Wild", "evaluation": {}, "choices": {"forecast_start": "y0"}}
-    settings |= {"experiment": NAME, "preset": "corrected", "seeds": [0, 1], "device": "cpu"}
+    settings |= {"experiment": NAME, "preset": "corrected", "seeds": [0, 1], "device": "cpu"} | {
+        "classes": ["own.predation"]
+    }
     paths = folder / "wild/metrics.csv", folder / "wild/forecasts.npz"
     evaluate(folder / "wild/model.safetensors", folder, *paths, settings, None)
     values = pd.read_csv(paths[0]).set_index(["seed", "set", "metric"])["value"]
