@@ -19,6 +19,7 @@ from expertaug.learning import finetune as finetune_stage
 from expertaug.learning import train as train_stage
 from expertaug.learning.augment import Augmented
 from expertaug.learning.fitting import Record, Training
+from expertaug.learning.kinds import OBJECTIVE
 from expertaug.learning.objectives import Aphynity, Objective
 from expertaug.learning.sets import StackedSet
 from expertaug.models import describe
@@ -128,7 +129,7 @@ def fit(
     if not isinstance(observed_s, (int, float)) or not train.t[1] <= observed_s + 1e-9 <= train.t[-1] + 2e-9:
         raise InputError("observed_s", f"found {observed_s!r}", f"the data's times are {arrays.brief(train.t)}")
     names = [p.name for p in model.system.expert_parameters]
-    loss = describe.settings_of("objective", objective)
+    loss = describe.settings_of(OBJECTIVE, objective)
     described = describe.describe(model)
     training = {**options, "objective": {k: v for k, v in loss.items() if k != "kind"}}
     training |= {} if solver is None else {"solver": dict(vars(solver))}
@@ -148,7 +149,7 @@ def fit(
         **({} if prior is None else {"prior": arrays.ranges(prior, names, "prior")}),
         **({} if forecast_solver is None else {"forecast_solver": dict(vars(forecast_solver))}),
     }
-    classes = describe.own_classes(model) | describe.class_of("objective", objective)
+    classes = describe.own_classes(model) | describe.class_of(OBJECTIVE, objective)
     with arrays.one_thread():
         return _run(train_stage.prepare(model, train, validation, settings, described, classes))
 
