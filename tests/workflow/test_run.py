@@ -50,7 +50,7 @@ def test_declared_modules_cover_what_every_job_has_loaded(smoke_run):
     found = config.validate(config.load(files))
     named = {m for e in found["run"] for m in stage_settings.modules(found, e, "aphynity")}
     package = smoke_run / "src"
-    without = {*(f"{m.replace('.', '/')}.py" for m in source_files.WITHOUT_EFFECT)}
+    without = {*(f"expertaug/{m.replace('.', '/')}.py" for m in source_files.WITHOUT_EFFECT)}
     stages = set()
     for record in (smoke_run / "record").iterdir():
         if record.suffix == ".py" or record.is_dir():
