@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -78,8 +79,8 @@ class Trajectories:
     def save(self, path: str | Path) -> None:
         """Write a compressed npz without pickle, atomically."""
         with atomic(path) as temporary, temporary.open("wb") as stream:
-            identity = {} if self.id is None else {"id": self.id}
-            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **identity)
+            arrays: dict[str, Any] = {"t": self.t, "y": self.y, "z_e": self.z_e, "z_a": self.z_a}
+            np.savez_compressed(stream, **arrays | ({} if self.id is None else {"id": self.id}))
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectories:

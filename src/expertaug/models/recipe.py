@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -21,7 +21,7 @@ from expertaug.models.stacking import stack
 from expertaug.systems import System
 
 # {"kind": …, and the class's arguments}, the class, or functools.partial of it and its arguments.
-Part = Mapping | type | partial
+Part = Mapping | Callable
 
 
 @dataclass(frozen=True)
