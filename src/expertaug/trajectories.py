@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -79,8 +78,8 @@ class Trajectories:
     def save(self, path: str | Path) -> None:
         """Write a compressed npz without pickle, atomically."""
         with atomic(path) as temporary, temporary.open("wb") as stream:
-            arrays: dict[str, Any] = {"t": self.t, "y": self.y, "z_e": self.z_e, "z_a": self.z_a}
-            np.savez_compressed(stream, **arrays | ({} if self.id is None else {"id": self.id}))
+            identity = {} if self.id is None else {"id": self.id}
+            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **identity)  # type: ignore
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectories:
