@@ -78,26 +78,6 @@ def check(part: Part, cls: Any, where: str) -> type:
     return cls
 
 
-def options(part: Part, kind: str, where: str) -> list[str] | None:
-    """Arguments that a configuration may give to a kind; None where its class takes any (``**kwargs``).
-
-    Raises:
-        InputError: as :func:`find`.
-    """
-    known = arguments(find(part, kind, where))
-    return known if known is None else [name for name in known if name not in part.given]
-
-
-def takes(part: Part, kind: str, argument: str, where: str = "kind") -> bool:
-    """Whether a kind's class has an argument, be it one that the package gives.
-
-    Raises:
-        InputError: as :func:`find`.
-    """
-    known = arguments(find(part, kind, where))
-    return known is None or argument in known
-
-
 def arguments(cls: type) -> list[str] | None:
     """Names of a constructor's arguments; None where it takes any.
 
