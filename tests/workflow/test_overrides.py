@@ -9,6 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import yaml
+
+from expertaug.config.load import merge
+from test_own_system import EXPERIMENT, SYSTEM
+
 ROOT = Path(__file__).parents[2]
 TEXT = """
 results: results/mine
@@ -24,14 +29,14 @@ experiments:
 """
 
 
-def plan(folder: Path, text: str, *more: str) -> subprocess.CompletedProcess:
-    """A dry run with a configuration of one's own."""
+def plan(folder: Path, text: str, *more: str, dry: bool = True, **environment: str) -> subprocess.CompletedProcess:
+    """A run with a configuration of one's own, dry unless it is to stop by itself."""
     (folder / "my.yaml").write_text(text)
-    command = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "Snakefile"), "-n", "-p", "--cores", "1"]
+    command = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "Snakefile"), "-p", "--cores", "1"]
     return subprocess.run(
-        [*command, "--configfile", "my.yaml", *more],
+        [*command, *["-n"] * dry, "--configfile", "my.yaml", *more],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src")} | environment,
         capture_output=True,
         text=True,
         timeout=240,
@@ -76,3 +81,31 @@ def test_tables_of_other_files_are_not_overwritten(tmp_path):
     assert done.returncode == 2
     assert "results: 'results/mine' holds the tables of other.yaml, not of my.yaml" in told(done)[0]
     assert plan(tmp_path, TEXT, "--config", "overwrite=true").returncode == 0
+
+
+def test_a_broken_class_of_ones_own_stops_the_run_before_its_first_job(tmp_path):
+    """One line for every mistake and no job, no result, no lock; a dry run is none of its business."""
+    (tmp_path / "own").mkdir()
+    broken = SYSTEM.replace("1 + 3 * torch.rand(n, 2, generator=generator,", "1 + 3 * torch.rand(n, 2,")
+    (tmp_path / "own" / "predation.py").write_text(broken)
+    shape = {"kind": "own.parts:Wrong"}
+    (tmp_path / "own" / "parts.py").write_text(
+        "from torch import nn\n\n\nclass Wrong(nn.Module):\n    def forward(self, y, z_a):\n        return y[:, :1]\n"
+    )
+    other = {"methods": ["aphynity"], "augmented": [], "model": {"interaction": shape}}
+    change = {"results": "results/mine", "run": ["predation", "rlc"], "experiments": {"rlc": other}}
+    text = yaml.safe_dump(merge(yaml.safe_load(EXPERIMENT), change))
+    path = os.pathsep.join([str(ROOT / "src"), str(tmp_path)])
+    done = plan(tmp_path, text, PYTHONPATH=path)
+    assert done.returncode == 0, done.stderr
+    for _ in range(2):
+        done = plan(tmp_path, text, dry=False, PYTHONPATH=path)
+        said = done.stdout + done.stderr
+        assert done.returncode == 2 and "Traceback" not in said, said
+        assert [line for line in said.splitlines() if line.startswith("check-system: ")] == [
+            "check-system: experiments.predation, system (own/predation.py): LotkaVolterra.sample_initial_state gives "
+            "other states for the same generator; draw with generator=generator",
+            "check-system: experiments.rlc, aphynity (own/parts.py): model.interaction: Wrong gives shape (4, 1); "
+            "give rates of the states' shape (4, 2)",
+        ]
+        assert "simulate the" not in said and not (tmp_path / "results").exists()

@@ -16,6 +16,11 @@ def add_to(commands: Commands) -> None:
     p = commands.add("validate", _validate, "check configuration files", settings=False)
     p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
 
+    p = commands.add(
+        "check-system", _check_system, "try the systems and models of a run on a few samples", settings=False
+    )
+    p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
+
     p = commands.add("config", _config, "show what each job of a method gets, and where it comes from", settings=False)
     p.add_argument("action", choices=("show",))
     p.add_argument("experiment", help="name of the experiment")
@@ -30,6 +35,16 @@ def _validate(a: argparse.Namespace) -> None:
     config.validate(config.load(files))
     below = ", ".join(str(file) for file in files if file not in a.config)
     logger.info("%s%s: valid", ", ".join(map(str, a.config)), f" over {below}" if below else "")
+
+
+def _check_system(a: argparse.Namespace) -> None:
+    from expertaug.config import grid, own
+    from expertaug.config import load as config
+
+    merged = config.load(config.with_defaults(a.config))
+    complete = grid.expand(config.validate(merged), lambda change: config.validate(config.merge(merged, change)))
+    for line in own.check(complete):
+        print(line)
 
 
 def _config(a: argparse.Namespace) -> None:

@@ -96,8 +96,7 @@ def part(of: str, settings: Mapping, where: str, known: KnownSystem | None, t1_s
     if known.fields is False and PARTS[of][kind].FIELDS:
         fitting = [name for name, one in PARTS[of].items() if not one.FIELDS]
         yield InputError(f"{where}.kind", f"'{kind}' is for states that are fields", f"give {' or '.join(fitting)}")
-    if known.state is not None:
-        yield from _components(PARTS[of][kind].from_mapping(settings), where, known.state, t1_s)
+    yield from _components(PARTS[of][kind].from_mapping(settings), where, known.state, t1_s)
 
 
 def _own(of: str, kind: str, settings: Mapping, where: str) -> Iterator[InputError]:
@@ -109,12 +108,12 @@ def _own(of: str, kind: str, settings: Mapping, where: str) -> Iterator[InputErr
     yield from signatures.wrong_options(own, of, {k: v for k, v in settings.items() if k != "kind"}, where)
 
 
-def _components(made: PartSettings, where: str, state: Sequence[str], t1_s: float) -> Iterator[InputError]:
+def _components(made: PartSettings, where: str, state: Sequence[str] | None, t1_s: float) -> Iterator[InputError]:
     """Components that the state has not, and windows that the encoder does not see."""
     for name in made.COMPONENTS:
         value = getattr(made, name, None) or ()
         for k, component in enumerate(value):
-            if component not in state:
+            if state is not None and component not in state:
                 at = f"{where}.{name}.{component}" if isinstance(value, Mapping) else f"{where}.{name}[{k}]"
                 yield InputError(at, f"'{component}' is no component of the state", suggest(component, state))
     for component, (first, last) in (getattr(made, "windows", None) or {}).items():

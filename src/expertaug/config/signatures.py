@@ -135,5 +135,5 @@ def _require(kind: type, names: tuple[str, ...], where: str) -> None:
 
 def _sets(kind: type, name: str) -> bool:
     """Whether a constructor of the class sets an attribute."""
-    own = (vars(base).get("__init__") for base in kind.__mro__)
+    own = (inspect.unwrap(vars(base)["__init__"]) for base in kind.__mro__ if "__init__" in vars(base))
     return any(name in code.co_names for init in own if (code := getattr(init, "__code__", None)) is not None)

@@ -95,7 +95,7 @@ def _check_encoder(model: HybridNet, observed: Tensor, where: str) -> None:
         _check_tensor(mean, (seeds, samples, size), where, f"{name}'s {part}")
     _check_same(means, again, where, name)
     positive = torch.tensor([p.positive for p in system.expert_parameters])
-    if (means[0][..., positive] <= 0).any():
+    if (means[0][..., positive] < 0).any():  # 0 is what a softplus far below it gives
         remedy = "return unbounded numbers, or use constrain"
         raise InputError(where, f"{name} gives a positive parameter a value that is not", remedy)
 

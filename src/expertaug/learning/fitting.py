@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.learning.kinds import objective_of
+from expertaug.learning.objectives import Objective
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import Task
@@ -110,15 +111,23 @@ def prepare(
     """
     choices, seeds = settings["choices"], list(settings["seeds"])
     train_set, validation = sets(task.points(choices))
-    kind = objective_of(description["objective"], classes)
-    given = {}
-    if "prior" in inspect.signature(kind).parameters:
-        if settings.get("prior") is None:
-            raise InputError("prior", f"missing, {kind.__name__} needs it", "give a range [low, high] by parameter")
-        given = {"prior": settings["prior"]}
-    objective = kind(seeds, choices, **given, **settings["training"].get("objective", {}))
+    objective = make_objective(objective_of(description["objective"], classes), seeds, settings)
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
     options, keep = TrainSettings.from_mapping(settings["training"]), settings.get("snapshots", ())
     failed = dict.fromkeys(description.get("failed", ()), "it failed in the training before")
     trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep, failed)
     return Training(trainer, description, classes, unchanged or {})
+
+
+def make_objective(kind: type[Objective], seeds: Sequence[int], settings: Mapping) -> Objective:
+    """The objective of a training of these seeds; ``settings`` as of :func:`prepare`.
+
+    Raises:
+        InputError: the prior that it needs is missing.
+    """
+    given = {}
+    if "prior" in inspect.signature(kind).parameters:
+        if settings.get("prior") is None:
+            raise InputError("prior", f"missing, {kind.__name__} needs it", "give a range [low, high] by parameter")
+        given = {"prior": settings["prior"]}
+    return kind(seeds, settings["choices"], **given, **settings["training"].get("objective", {}))

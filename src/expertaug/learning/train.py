@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import torch
@@ -42,30 +42,41 @@ def train(
         InputError: unusable data or settings.
         SolveError: a seed cannot be trained.
     """
-    build = settings["build"]
-    system = dict(settings["system"]) | build.get("system", {})
-    if calibration is not None and system.get("expert") != "point_mass":
-        found = read_json(calibration)
-        if not isinstance(found, dict) or "constants" not in found:
-            raise InputError(calibration, "has no constants", "make it again with calibrate")
-        system["constants"] = found["constants"]
+    found = None if calibration is None else read_json(calibration)
+    if calibration is not None and (not isinstance(found, dict) or "constants" not in found):
+        raise InputError(calibration, "has no constants", "make it again with calibrate")
+    build, described = settings["build"], described_by(settings, found and found["constants"])
+    system = systems.load(described["system"])
     inputs = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
     train_data, validation_data = map(Trajectories.load, inputs)
-    described = {
+    if build["kind"] == "mean":
+        stored = mean(system, train_data, settings, described)
+        store.save(output, stored.model, stored.description)
+        return
+    recipe = describe.recipe_of(system, described)
+    training = prepare(
+        recipe, train_data, validation_data, {"objective": build.get("objective", "aphynity"), **settings}, described
+    )
+    job.run(training, output, work, inputs, settings, tracking)
+
+
+def described_by(settings: Mapping, constants: Mapping | None = None) -> dict:
+    """What a file will say of the recipe of a training's settings; ``constants`` are the system's fitted ones."""
+    build = settings["build"]
+    system = dict(settings["system"]) | build.get("system", {})
+    if constants is not None and system.get("expert") != "point_mass":
+        system["constants"] = constants
+    return {
         "system": system,
         "model": settings["model"],
         "expert": build.get("expert", True),
         "interaction": build.get("interaction", True),
     }
-    if build["kind"] == "mean":
-        stored = mean(systems.load(system), train_data, settings, described)
-        store.save(output, stored.model, stored.description)
-        return
-    recipe = describe.recipe_of(systems.load(system), described)
-    training = prepare(
-        recipe, train_data, validation_data, {"objective": build.get("objective", "aphynity"), **settings}, described
-    )
-    job.run(training, output, work, inputs, settings, tracking)
+
+
+def observed_points(t: Sequence[float], settings: Mapping) -> int:
+    """Points of the times t that an encoder sees: those up to t1."""
+    return points_until(t, settings["t1_s"]) - (settings["choices"]["observed_points"] == "exclusive")
 
 
 def prepare(
@@ -121,7 +132,7 @@ def mean(system: systems.System, train: Trajectories, settings: Mapping, describ
 def _of_data(train: Trajectories, settings: Mapping) -> dict:
     """What a description says of data and settings."""
     t = [float(v) for v in train.t]
-    observed = points_until(t, settings["t1_s"]) - (settings["choices"]["observed_points"] == "exclusive")
+    observed = observed_points(t, settings)
     kept = {k: settings[k] for k in (*IDENTITY, "choices", "seeds", "training")}
     return {
         "t": t,

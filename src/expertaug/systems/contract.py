@@ -48,8 +48,8 @@ def check_system(
     """
     name = type(system).__name__
     _check_attributes(system, where, simulated)
-    _check_ranges(system.expert_parameters, z_e, where, name)
-    _check_ranges(system.interaction_parameters, z_a, where, name)
+    check_ranges(system.expert_parameters, z_e, where, name)
+    check_ranges(system.interaction_parameters, z_a, where, name)
     generator = torch.Generator().manual_seed(0)
     parameters = _samples(system.expert_parameters, z_e, generator)
     latent = _samples(system.interaction_parameters, z_a, generator)
@@ -98,7 +98,12 @@ def _check_attributes(system: System, where: str, simulated: bool) -> None:
             raise InputError(where, f"{name} does not define {method}", "simulated data need it")
 
 
-def _check_ranges(parameters: tuple[Parameter, ...], ranges: Ranges | None, where: str, name: str) -> None:
+def check_ranges(parameters: tuple[Parameter, ...], ranges: Ranges | None, where: str, name: str) -> None:
+    """Ranges of a system's parameters; ``name`` is its class's.
+
+    Raises:
+        InputError: one is missing or empty, or goes below 0 where the parameter is positive.
+    """
     if not ranges:
         return
     for parameter in parameters:

@@ -1,0 +1,244 @@
+"""Whether the classes that a configuration names keep their contracts: all of them tried before hours of jobs find out.
+
+Every system and every hybrid method of the run is made as in training, called on a few samples, and trained for a step.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from expertaug.config import jobs, stage_settings
+from expertaug.config.methods import experiment_of, foreign, objective_of
+from expertaug.errors import InputError, InputErrors, SolveError
+
+if TYPE_CHECKING:
+    from expertaug.systems import System
+    from expertaug.trajectories import Trajectories
+
+SAMPLES = 4
+PER_SEED = "lambda0"  # the option of an objective that may be a list of one value for each seed
+
+
+def check(config: Mapping, only_own: bool = False, device: bool = True) -> list[str]:
+    """Try the systems and the hybrid methods of every experiment of the run.
+
+    Arguments:
+        config: completed, with the points of its grids.
+        only_own: leave out what is the package's own; torch is loaded only where something is left.
+        device: whether the run's device must be there: not where the jobs run elsewhere.
+
+    Returns:
+        a line for everything that was checked.
+
+    Raises:
+        InputErrors: everything that is wrong: a line each.
+    """
+    lines: list[str] = []
+    wrong: dict[str, InputError] = {}
+    for experiment in config["run"]:
+        methods = [*config["experiments"][experiment]["methods"], *jobs.grid(config, experiment)]
+        methods = [m for m in methods if not only_own or foreign(config, experiment, m)]
+        if methods:
+            one = _Experiment(config, experiment, methods)
+            lines += one.check(device)
+            for error in one.wrong:  # what is wrong with a class is told once, not for every method that has it
+                text = str(error)
+                wrong.setdefault(text.removeprefix(error.where) if ", " in error.where else text, error)
+    if wrong:
+        raise InputErrors(list(wrong.values()))
+    return lines
+
+
+@dataclass
+class _Experiment:
+    """An experiment that is being checked.
+
+    Attributes:
+        systems: those that were made, by their settings; None for one that is wrong.
+    """
+
+    config: Mapping
+    name: str
+    methods: list[str]
+    wrong: list[InputError] = field(default_factory=list)
+    systems: dict[str, System | None] = field(default_factory=dict)
+
+    def check(self, device: bool) -> Iterator[str]:
+        """What was checked, line by line; what is wrong is kept."""
+        from expertaug.models.device import device_of
+
+        if device:
+            self._try("device", lambda: device_of(self.config["device"]))
+        one = self.config["experiments"][self.name]
+        data = None
+        if one["data"]["source"] == "simulation":
+            system = self._system(one["system"], simulated=True)
+            if system is None:
+                return
+            yield f"{self.name}: system {type(system).__name__} checked"
+            data = self._try(self._where("system", type(system)), lambda: self._simulated(system))
+            if data is None:
+                return
+        for method in self.methods:
+            if self._method(method, data):
+                yield f"{self.name}: method {method} checked"
+
+    def _system(self, settings: Mapping, simulated: bool = False) -> System | None:
+        """A system that keeps its contract; None, and what is wrong is kept, for any other."""
+        from expertaug import systems
+        from expertaug.systems.contract import check_system
+
+        key = json.dumps(settings, sort_keys=True)
+        if key in self.systems:
+            return self.systems[key]
+        count = len(self.wrong)
+        system = self._try(f"experiments.{self.name}.system", lambda: systems.load(settings))
+        if system is not None:
+            where = self._where("system", type(system))
+            whole = {part: self._ranges(system, part, simulated) for part in ("z_e", "z_a")}
+            if len(self.wrong) == count:
+                step_s = self.config["experiments"][self.name]["data"].get("step_s", 0.01)
+                self._try(where, lambda: check_system(system, where, **whole, simulated=simulated, step_s=step_s))
+        self.systems[key] = system if len(self.wrong) == count else None
+        return self.systems[key]
+
+    def _ranges(self, system: System, part: str, simulated: bool) -> dict[str, list[float]] | None:
+        """From the least to the largest value of each parameter over the sets and the priors, each checked."""
+        from expertaug.systems.contract import check_ranges
+
+        one, where = self.config["experiments"][self.name], f"experiments.{self.name}"
+        given = {}
+        if simulated:
+            given |= {f"{where}.data.sets.{name}.{part}": s[part] for name, s in one["data"]["sets"].items()}
+        if part == "z_e":
+            priors = {"augmentation": one.get("augmentation", {})}
+            priors |= {f"augmentations.{name}": a for name, a in one["augmentations"].items()}
+            for method in self.methods:
+                own = experiment_of(self.config, self.name, method).get("augmentation", {})
+                if own != priors["augmentation"]:
+                    priors[f"overrides.{method}.augmentation"] = own
+            given |= {f"{where}.{key}.prior": a["prior"] for key, a in priors.items() if a.get("prior")}
+        parameters = getattr(system, "expert_parameters" if part == "z_e" else "interaction_parameters", ())
+        name = type(system).__name__
+        fits = [self._try(at, lambda: check_ranges(parameters, r, at, name) or True) for at, r in given.items()]  # noqa: B023
+        if not fits or not all(fits):
+            return None
+        ends = {n: [r[n] for r in given.values() if n in r] for n in next(iter(given.values()))}
+        return {n: [min(r[0] for r in found), max(r[1] for r in found)] for n, found in ends.items()}
+
+    def _simulated(self, system: System) -> Trajectories:
+        """A few samples of the training set."""
+        from expertaug.systems.simulate import sample
+
+        settings = stage_settings.simulate(self.config, self.name, "train")
+        train = settings["data"]["sets"]["train"] | {"size": SAMPLES}
+        return sample(system, settings["data"] | {"sets": {"train": train}}, "train")
+
+    def _method(self, method: str, data: Trajectories | None) -> bool:
+        """Make a method's system and model as its training does, and try them; whether all is well."""
+        from expertaug.learning.contract import check_parts
+        from expertaug.learning.fitting import make_objective
+        from expertaug.learning.train import described_by
+        from expertaug.models import describe
+
+        group, seeds = next(iter(jobs.seed_groups(self.config, self.name).items()))
+        settings = stage_settings.train(self.config, self.name, method, group)
+        calibrated = self.config["experiments"][self.name]["data"]["calibrate"]
+        described = described_by(settings, _stand_in() if calibrated else None)
+        system = self._system(described["system"])
+        build = settings["build"]
+        if system is None or build["kind"] == "mean":
+            return system is not None
+        training = _for_two_seeds(settings["training"], len(seeds))
+        where = f"experiments.{self.name}, {method}"
+
+        def parts() -> bool | None:
+            recipe, kind = describe.recipe_of(system, described), describe.objective_of(objective_of(build))
+            named = [recipe.encoder, recipe.interaction if described["interaction"] else None]
+            at = self._where(method, *filter(None, map(_class_of, ("encoder", "interaction"), named)), kind)
+            return self._try(at, lambda: tried(recipe, kind, at))
+
+        def tried(recipe: Any, kind: Any, at: str) -> bool:
+            task, y = self._task(settings, data)
+            check_parts(recipe, task, lambda s: make_objective(kind, s, settings | {"training": training}), y, at)
+            return True
+
+        return bool(self._try(where, parts))
+
+    def _task(self, settings: Mapping, data: Trajectories | None) -> tuple:
+        """The task of a training, and samples (T, N, *state) where the data are simulated."""
+        import torch
+
+        from expertaug.learning.bound import bound_of
+        from expertaug.learning.task import task_of
+        from expertaug.learning.train import observed_points
+
+        t = [float(v) for v in data.t] if data is not None else self._times()
+        description = {"t": t, "observed": observed_points(t, settings)}
+        y = None
+        if data is not None:
+            y = torch.from_numpy(data.y).float().movedim(0, 1)
+            description["bound"] = bound_of(data.y)
+        return task_of(settings["training"], description, torch.device("cpu")), y
+
+    def _times(self) -> list[float]:
+        """Times of a chunk of a recording in s."""
+        split = self.config["experiments"][self.name]["data"]["split"]
+        return [k / split["rate_hz"] for k in range(split["length"])]
+
+    def _where(self, what: str, *classes: type) -> str:
+        """A place for messages: the experiment and the files of classes from elsewhere."""
+        files = dict.fromkeys(_file(c) for c in classes if not c.__module__.startswith("expertaug."))
+        named = f" ({', '.join(files)})" if files else ""
+        return f"experiments.{self.name}, {what}{named}"
+
+    def _try(self, where: str, call: Callable) -> Any:
+        """What a call gives; None where it fails, and the reason is kept as one line."""
+        try:
+            return call()
+        except InputError as error:
+            known = error.where == "device" or error.where.startswith("experiments.")
+            self.wrong.append(error if known else InputError(where, str(error)))
+        except SolveError as error:
+            self.wrong.append(InputError(where, str(error), "narrow the ranges, or correct the class"))
+        except Exception as error:  # a class from elsewhere may raise anything
+            found = f"fails ({type(error).__name__}: {error})"
+            self.wrong.append(InputError(where, found, "correct the class"))
+        return None
+
+
+def _class_of(part: str, given: Mapping | None) -> type | None:
+    from expertaug import registry
+
+    return None if given is None else registry.find(part, given["kind"], f"{part}.kind")
+
+
+def _file(cls: type) -> str:
+    try:
+        file = inspect.getfile(cls)
+        path = os.path.relpath(file)
+        return file if path.startswith(os.pardir) else path
+    except (TypeError, OSError, ValueError):  # made by hand, or on another drive
+        return cls.__module__
+
+
+def _for_two_seeds(training: Mapping, seeds: int) -> dict:
+    """A training of two seeds like one of ``seeds`` of them."""
+    options = dict(training.get("objective", {}))
+    if isinstance(options.get(PER_SEED), list | tuple) and len(options[PER_SEED]) == seeds:
+        options[PER_SEED] = [*options[PER_SEED], *options[PER_SEED]][:2]
+    return {**training, "objective": options}
+
+
+def _stand_in() -> dict[str, float]:
+    """Constants like those that a calibration will give: those of point masses on arms of the default lengths."""
+    from expertaug.systems.double_pendulum import point_masses
+    from expertaug.systems.settings import DoublePendulumSettings
+
+    default = DoublePendulumSettings()
+    return point_masses(default.l1, default.l2).to_dict()
