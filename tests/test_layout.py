@@ -20,8 +20,9 @@ FLOORS = (
     ("evaluation",),
     ("recordings",),
     ("config",),
+    ("api",),
     ("commands",),
-    ("cli", "__init__", "api"),
+    ("cli", "__init__"),
 )
 LONGEST = 300  # lines of a module
 NAMED = re.compile(r"expertaug(?:\.\w+)+(?::\w+)?")

@@ -19,9 +19,7 @@ def test_declared_files_are_those_that_importing_the_stage_loads(module):
     code = f"import sys, {module}; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('expertaug')])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = {Path(line).resolve() for line in done.stdout.split()}
-    without = {
-        source_files.PACKAGE.parent.joinpath(*m.split(".")).with_suffix(".py") for m in source_files.WITHOUT_EFFECT
-    }
+    without = {source_files.PACKAGE.joinpath(*m.split(".")).with_suffix(".py") for m in source_files.WITHOUT_EFFECT}
     declared = {Path(path).resolve() for path in stage_code.sources(stage)}
     assert loaded - without <= declared
     assert all(path.is_file() for path in declared)

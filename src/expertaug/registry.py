@@ -1,6 +1,7 @@
-"""Classes that a configuration may name by a short ``kind``; any other is named as ``package.module:Class``.
+"""Classes that a configuration names by a short ``kind`` or as ``package.module:Class``, found and looked at.
 
-Only names stand here: nothing is imported before a class is asked for, so that no command waits for torch without need.
+What kinds there are stands beside the classes (:mod:`expertaug.models.kinds`, :mod:`expertaug.learning.kinds`), by name
+alone: nothing is imported before a class is asked for, so that no command waits for torch without need.
 """
 
 from __future__ import annotations
@@ -8,62 +9,47 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
 from expertaug.errors import InputError
 
-KINDS = {
-    "encoder": {
-        "recurrent": "expertaug.models.encoders.recurrent:RecurrentEncoder",
-        "window": "expertaug.models.encoders.window:WindowEncoder",
-        "two_step": "expertaug.models.encoders.two_step:MLPTwoStep",
-        "conv_two_step": "expertaug.models.encoders.two_step_fields:ConvTwoStep",
-        "conv": "expertaug.models.encoders.convolutional:ConvEncoder",
-        "moments": "expertaug.models.encoders.moments:MomentEncoder",
-    },
-    "interaction": {
-        "mlp": "expertaug.models.interactions.mlp:MLPInteraction",
-        "conv": "expertaug.models.interactions.convolutional:ConvInteraction",
-        "polynomial": "expertaug.models.interactions.polynomial:PolynomialInteraction",
-        "damping": "expertaug.models.interactions.damping:DampingInteraction",
-    },
-    "objective": {
-        "aphynity": "expertaug.learning.objectives:Aphynity",
-        "hvae": "expertaug.learning.hvae:HybridVAE",
-    },
-}
-# What every class of a part is.
-BASES = {
-    "encoder": "torch.nn:Module",
-    "interaction": "torch.nn:Module",
-    "objective": "expertaug.learning.objectives:Objective",
-}
-# What a class must define beyond its base.
-NEEDED = {"encoder": "forward", "interaction": "forward", "objective": "loss"}
-# Arguments that the package gives, to a class that takes them; the configuration gives the rest.
-GIVEN = {
-    "encoder": ("system", "times"),
-    "interaction": ("system", "latent"),
-    "objective": ("seeds", "choices", "prior"),
-}
+
+@dataclass(frozen=True)
+class Part:
+    """One of the parts that a model or its training is made of.
+
+    Attributes:
+        name: encoder, interaction or objective.
+        kinds: ``package.module:Class`` of the package's own, by kind.
+        base: what every class of the part is.
+        needed: the method that a class must define beyond its base.
+        given: arguments that the package gives, to a class that takes them; the configuration gives the rest.
+    """
+
+    name: str
+    kinds: Mapping[str, str]
+    base: str
+    needed: str
+    given: tuple[str, ...]
 
 
-def full_name(part: str, kind: str, where: str) -> str:
-    """``package.module:Class`` of a kind of ``part`` (encoder, interaction, objective).
+def full_name(part: Part, kind: str, where: str) -> str:
+    """``package.module:Class`` of a kind of a part.
 
     Raises:
         InputError: the kind is neither known nor of that form.
     """
-    known = KINDS[part]
+    known = part.kinds
     if isinstance(kind, str) and ":" in kind:
         return kind
     if not isinstance(kind, str) or kind not in known:
-        raise InputError(where, f"{kind!r} is no {part}", f"known: {', '.join(known)}, or package.module:Class")
+        raise InputError(where, f"{kind!r} is no {part.name}", f"known: {', '.join(known)}, or package.module:Class")
     return known[kind]
 
 
-def find(part: str, kind: str, where: str) -> type:
+def find(part: Part, kind: str, where: str) -> type:
     """The class of a kind.
 
     Raises:
@@ -72,14 +58,14 @@ def find(part: str, kind: str, where: str) -> type:
     return check(part, _named(full_name(part, kind, where), where), where)
 
 
-def check(part: str, cls: Any, where: str) -> type:
+def check(part: Part, cls: Any, where: str) -> type:
     """A class that can be used as ``part``: the one given.
 
     Raises:
         InputError: it is no class, has another base, is abstract or lacks the method that every one of its part has.
     """
-    base, needed = _named(BASES[part], where), NEEDED[part]
-    family = BASES[part].replace(":", ".")
+    base, needed = _named(part.base, where), part.needed
+    family = part.base.replace(":", ".")
     if not inspect.isclass(cls):
         raise InputError(where, f"{getattr(cls, '__name__', cls)!r} is no class", f"name a subclass of {family}")
     if not issubclass(cls, base):
@@ -88,28 +74,8 @@ def check(part: str, cls: Any, where: str) -> type:
         missing = ", ".join(sorted(cls.__abstractmethods__))
         raise InputError(where, f"the class {cls.__name__} is abstract", f"define {missing}")
     if getattr(cls, needed) is getattr(base, needed):
-        raise InputError(where, f"the class {cls.__name__} does not define {needed}", f"every {part} needs it")
+        raise InputError(where, f"the class {cls.__name__} does not define {needed}", f"every {part.name} needs it")
     return cls
-
-
-def options(part: str, kind: str, where: str) -> list[str] | None:
-    """Arguments that a configuration may give to a kind; None where its class takes any (``**kwargs``).
-
-    Raises:
-        InputError: as :func:`find`.
-    """
-    known = arguments(find(part, kind, where))
-    return known if known is None else [name for name in known if name not in GIVEN[part]]
-
-
-def takes(part: str, kind: str, argument: str, where: str = "kind") -> bool:
-    """Whether a kind's class has an argument, be it one that the package gives.
-
-    Raises:
-        InputError: as :func:`find`.
-    """
-    known = arguments(find(part, kind, where))
-    return known is None or argument in known
 
 
 def arguments(cls: type) -> list[str] | None:
@@ -160,18 +126,3 @@ def _named(name: str, where: str) -> Any:
         return getattr(imported(module, where), attribute)
     except AttributeError as error:
         raise InputError(where, f"no class '{attribute}' in {module}", "correct the name") from error
-
-
-def modules(system: str, model: Mapping[str, Mapping], objective: str | None) -> list[str]:
-    """What a model and its training name: the module of the system, classes as ``package.module:Class``.
-
-    Arguments:
-        system: a module of ``expertaug.systems``, or a dotted path.
-        model: settings of the encoder and of the interaction, those that there are, with their kind.
-        objective: its kind; None where nothing is trained.
-    """
-    kinds = {part: model[part]["kind"] for part in ("encoder", "interaction") if part in model}
-    if objective is not None:
-        kinds["objective"] = objective
-    named = [full_name(part, kind, part) for part, kind in kinds.items()]
-    return [system if "." in system or ":" in system else f"expertaug.systems.{system}", *named]

@@ -17,18 +17,18 @@ from expertaug.errors import InputError
 
 PACKAGE = Path(__file__).resolve().parent
 
-# Mirroring to the tracking store changes no result; neither does translating the command line or leaving out a
-# recording.
+# Modules of this package: mirroring to the tracking store changes no result; neither does translating the command line
+# or leaving out a recording.
 WITHOUT_EFFECT = frozenset(
     {
-        "expertaug.cli",
-        "expertaug.commands",
-        "expertaug.tracking.mlflow_mirror",
-        "expertaug.tracking.mlflow_store",
-        "expertaug.tracking.rebuild",
-        "expertaug.tracking.store_link",
-        "expertaug.tracking.store_lock",
-        "expertaug.recordings.intake",
+        "cli",
+        "commands",
+        "tracking.mlflow_mirror",
+        "tracking.mlflow_store",
+        "tracking.rebuild",
+        "tracking.store_link",
+        "tracking.store_lock",
+        "recordings.intake",
     }
 )
 
@@ -105,7 +105,7 @@ def _all(modules: Iterable[str]) -> frozenset[tuple[str, Path]]:
 
 @cache
 def _all_of(names: tuple[str, ...]) -> frozenset[tuple[str, Path]]:
-    ignored = WITHOUT_EFFECT - set(names[:1])
+    ignored = frozenset(f"expertaug.{name}" for name in WITHOUT_EFFECT) - set(names[:1])
     return frozenset().union(*(_reachable(name, ignored) for name in names))
 
 

@@ -79,7 +79,7 @@ class Trajectories:
         """Write a compressed npz without pickle, atomically."""
         with atomic(path) as temporary, temporary.open("wb") as stream:
             identity = {} if self.id is None else {"id": self.id}
-            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **identity)
+            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **identity)  # type: ignore
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectories:

@@ -110,7 +110,7 @@ def test_inputs_are_standardised_by_the_training_set():
     encoder = HybridModel(systems.load(SYSTEM), **MODEL).build_one(torch.arange(4) * 0.1).encoder
     observed = fields(1, 40)[:4, 0] * torch.tensor([1.0, 3.0]).view(2, 1, 1)
     encoder.fit(observed)
-    x = (encoder.inputs(observed) - encoder.mean) / encoder.std
+    x = encoder.scale(encoder.inputs(observed))
     torch.testing.assert_close(x.mean((0, 2, 3)), torch.zeros(16), rtol=0, atol=1e-4)
     torch.testing.assert_close(x.std((0, 2, 3)), torch.ones(16), rtol=1e-3, atol=0)
 

@@ -11,6 +11,7 @@ import pandas as pd
 
 from expertaug.api import arrays
 from expertaug.api.arrays import Ranges
+from expertaug.api.checks import check_sets, check_trained, seeds_of
 from expertaug.api.trained import TrainedModel
 from expertaug.config.presets import resolve
 from expertaug.errors import InputError
@@ -19,6 +20,7 @@ from expertaug.learning import finetune as finetune_stage
 from expertaug.learning import train as train_stage
 from expertaug.learning.augment import Augmented
 from expertaug.learning.fitting import Record, Training
+from expertaug.learning.kinds import OBJECTIVE
 from expertaug.learning.objectives import Aphynity, Objective
 from expertaug.learning.sets import StackedSet
 from expertaug.models import describe
@@ -123,12 +125,12 @@ def fit(
     """
     if not isinstance(model, HybridModel):
         raise InputError("model", f"is {type(model).__name__}", "give expertaug.HybridModel(system, encoder, …)")
-    _check_sets(model, train, validation)
+    check_sets(model, train, validation)
     chosen = resolve(preset, choices)
     if not isinstance(observed_s, (int, float)) or not train.t[1] <= observed_s + 1e-9 <= train.t[-1] + 2e-9:
         raise InputError("observed_s", f"found {observed_s!r}", f"the data's times are {arrays.brief(train.t)}")
     names = [p.name for p in model.system.expert_parameters]
-    loss = describe.settings_of("objective", objective)
+    loss = describe.settings_of(OBJECTIVE, objective)
     described = describe.describe(model)
     training = {**options, "objective": {k: v for k, v in loss.items() if k != "kind"}}
     training |= {} if solver is None else {"solver": dict(vars(solver))}
@@ -143,12 +145,12 @@ def fit(
         "training": training,
         "t1_s": float(observed_s),
         "choices": chosen,
-        "seeds": _seeds(seeds),
+        "seeds": seeds_of(seeds),
         "device": device,
         **({} if prior is None else {"prior": arrays.ranges(prior, names, "prior")}),
         **({} if forecast_solver is None else {"forecast_solver": dict(vars(forecast_solver))}),
     }
-    classes = describe.own_classes(model) | describe.class_of("objective", objective)
+    classes = describe.own_classes(model) | describe.class_of(OBJECTIVE, objective)
     with arrays.one_thread():
         return _run(train_stage.prepare(model, train, validation, settings, described, classes))
 
@@ -176,7 +178,7 @@ def augment(
         InputError: the prior does not name the expert parameters, or the sets are not of the model's system and times.
         SolveError: samples are not finite for any z_e drawn.
     """
-    _check_trained(model, train, validation)
+    check_trained(model, train, validation)
     if not (isinstance(noise, (int, float)) and 0 <= noise < np.inf):
         raise InputError("noise", f"found {noise!r}", "a standard deviation, at least 0")
     settings = {
@@ -224,7 +226,7 @@ def finetune(
     if augmented is None:
         assert prior is not None
         augmented = augment(model, train, validation, prior=prior, noise=noise, preset=preset, choices=choices)
-    _check_trained(model, train, validation)
+    check_trained(model, train, validation)
     if augmented.seeds != model.seeds:
         raise InputError("augmented", f"holds seeds {augmented.seeds}", f"the model's are {model.seeds}: augment it")
     name, chosen = _choices(model, preset, choices)
@@ -255,16 +257,6 @@ def _run(training: Training) -> TrainedModel:
     return TrainedModel(stored, pd.DataFrame(rows, columns=["step", "seed", "metric", "value"]))
 
 
-def _seeds(given: Iterable[int]) -> list[int]:
-    try:
-        seeds = [int(seed) for seed in given]
-    except (TypeError, ValueError) as error:
-        raise InputError("seeds", f"found {given!r}", "give whole numbers, as range(3)") from error
-    if not seeds or min(seeds) < 0 or max(seeds) >= 2**63 or len(set(seeds)) < len(seeds):
-        raise InputError("seeds", f"found {seeds}", "give different whole numbers from 0 on")
-    return seeds
-
-
 def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -> tuple[str, dict]:
     """Preset and all its rows, by default those of the model's training."""
     description = model.stored.description
@@ -275,25 +267,3 @@ def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -
 
 def _device(model: TrainedModel) -> str:
     return next(model.stored.model.parameters()).device.type
-
-
-def _check_sets(model: HybridModel | TrainedModel, train: Trajectories, validation: Trajectories) -> None:
-    """Both sets must be of the model's system and of one another's times."""
-    for name, data in (("train", train), ("validation", validation)):
-        arrays.trajectories(data, name)
-        state, parameters = model.system.state_shape, model.system.expert_parameters
-        if data.y.shape[2:] != state or data.z_e.shape[1] != len(parameters):
-            found = f"y has shape {data.y.shape}, z_e {data.z_e.shape}"
-            wanted = f"y (N, T, {', '.join(map(str, state))}), z_e (N, {len(parameters)})"
-            raise InputError(name, found, f"{type(model.system).__name__} has {wanted}")
-    if len(train.t) != len(validation.t) or not np.array_equal(train.t, validation.t):
-        raise InputError("validation", f"has the times {arrays.brief(validation.t)}", "give those of train")
-
-
-def _check_trained(model: TrainedModel, train: Trajectories, validation: Trajectories) -> None:
-    if not isinstance(model, TrainedModel):
-        raise InputError("model", f"is {type(model).__name__}", "give what expertaug.fit returns")
-    if model.stored.description["kind"] != "hybrid":
-        raise InputError("model", f"a {model.stored.description['kind']} model", "only hybrid models can be augmented")
-    _check_sets(model, train, validation)
-    arrays.same_times(train.t, model.t, "train", "give the sets of its training")

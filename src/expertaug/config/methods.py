@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from expertaug import registry
 from expertaug.config.layers import merge, plain
+from expertaug.learning import kinds
 
 
 def experiment_of(config: Mapping, experiment: str, method: str | None) -> dict:
@@ -31,9 +31,9 @@ def modules(config: Mapping, experiment: str, method: str | None = None) -> list
     build = build_of(config, experiment, method) if method else {"kind": "none"}
     system = build.get("system", {}).get("name", one["system"]["name"])
     if build["kind"] != "hybrid":
-        return registry.modules(system, {}, None)
+        return kinds.modules(system, {}, None)
     parts = {part: settings for part, settings in one["model"].items() if build.get(part, True)}
-    return registry.modules(system, parts, objective_of(build))
+    return kinds.modules(system, parts, objective_of(build))
 
 
 def foreign(config: Mapping, experiment: str, method: str) -> dict:

@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from expertaug import registry
 from expertaug.config import signatures
 from expertaug.errors import InputError
+from expertaug.learning import kinds
 from expertaug.learning.settings import OBJECTIVES, ObjectiveSettings
 from expertaug.models.settings import ENCODERS, INTERACTIONS, PartSettings
 from expertaug.settings import check
@@ -100,7 +102,7 @@ def part(of: str, settings: Mapping, where: str, known: KnownSystem | None, t1_s
 
 def _own(of: str, kind: str, settings: Mapping, where: str) -> Iterator[InputError]:
     try:
-        own = signatures.load_class(kind, f"{where}.kind")
+        own = registry.find(kinds.PARTS[of], kind, f"{where}.kind")
     except InputError as error:
         yield error
         return
@@ -129,7 +131,7 @@ def objective(kind: str, where: str) -> tuple[type | None, list[InputError]]:
         remedy = f"{suggest(kind, OBJECTIVES)}, or package.module:Class"
         return None, [InputError(where, f"'{kind}' is no objective", remedy)]
     try:
-        return signatures.load_class(kind, where), []
+        return registry.find(kinds.OBJECTIVE, kind, where), []
     except InputError as error:
         return None, [error]
 

@@ -6,7 +6,6 @@ elsewhere; the package's own kinds are described in the ``settings.py`` beside t
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import re
 import sys
@@ -14,38 +13,18 @@ import types
 import typing
 from collections.abc import Iterator, Mapping
 
+from expertaug import registry
 from expertaug.errors import InputError
+from expertaug.learning.kinds import PARTS
 from expertaug.wording import number_in, show, suggest
 
 PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
-# What the package itself passes; the configuration gives the rest.
-GIVEN = {
-    "encoder": {"system", "times"},
-    "interaction": {"system", "latent"},
-    "objective": {"seeds", "choices", "prior"},
-    "system": set(),
-}
+# Arguments that the package itself gives; the configuration gives the rest.
+GIVEN = {**{name: set(part.given) for name, part in PARTS.items()}, "system": set()}
 # What a class must define that inherits it from this package alone.
-NEEDED = {"System": ("state", "expert_parameters", "expert"), "Objective": ("loss",)}
+NEEDED = {"System": ("state", "expert_parameters", "expert")}
 OF_SIMULATIONS = ("truth", "sample_initial_state")
 SIMPLE = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
-
-
-def load_class(kind: str, where: str) -> type:
-    """The class that ``package.module:Class`` names.
-
-    Raises:
-        InputError: there is none, or its module cannot be imported.
-    """
-    module, _, name = kind.partition(":")
-    if not (PATH.fullmatch(module) and name.isidentifier()):
-        raise InputError(where, f"found {show(kind)}", "name it as package.module:Class")
-    found = getattr(_module(module, where), name, None)
-    if not isinstance(found, type):
-        known = [n for n, c in vars(_module(module, where)).items() if isinstance(c, type) and c.__module__ == module]
-        raise InputError(where, f"no class '{name}' in {module}", suggest(name, known))
-    _require(found, (), where)
-    return found
 
 
 def load_system(name: str, where: str) -> type:
@@ -57,7 +36,7 @@ def load_system(name: str, where: str) -> type:
     path, colon, chosen = name.partition(":")
     if not PATH.fullmatch(path) or (colon and not chosen.isidentifier()):
         raise InputError(where, f"found {show(name)}", "name it as package.module or package.module:Class")
-    module = _module(path, where)
+    module = registry.imported(path, where)
     # A module that has not loaded the base class, and torch with it, defines no System.
     base = getattr(sys.modules.get("expertaug.systems.base"), "System", ())
     classes = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, base)]
@@ -142,22 +121,6 @@ def _hints(kind: type) -> Mapping[str, object]:
         return typing.get_type_hints(kind.__init__)
     except Exception:
         return {}
-
-
-def _module(name: str, where: str) -> types.ModuleType:
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name and (name == error.name or name.startswith(f"{error.name}.")):
-            found, remedy = f"no module '{name}'", "name a module that Python finds: is its package installed?"
-        else:
-            found, remedy = f"importing {name} fails ({error})", "correct that module"
-        raise InputError(where, found, remedy) from error
-    except SyntaxError as error:
-        raise InputError(f"{error.filename}:{error.lineno}", f"no Python ({error.msg})", "correct that file") from error
-    except (Exception, SystemExit) as error:
-        found = f"importing {name} fails ({type(error).__name__}: {error})"
-        raise InputError(where, found, "correct that module") from error
 
 
 def _require(kind: type, names: tuple[str, ...], where: str) -> None:

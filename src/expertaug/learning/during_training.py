@@ -12,8 +12,8 @@ from expertaug.learning import snapshots
 from expertaug.learning.augment import augment
 from expertaug.learning.checkpoint import fingerprint
 from expertaug.learning.finetune import finetune
+from expertaug.learning.kinds import modules
 from expertaug.models import store
-from expertaug.registry import modules
 
 BASE = 0  # as the length of a fine-tuning: the snapshot itself
 

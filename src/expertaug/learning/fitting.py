@@ -12,11 +12,11 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
+from expertaug.learning.kinds import objective_of
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer
-from expertaug.models.describe import objective_of
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.store import StoredModel
 

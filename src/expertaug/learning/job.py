@@ -8,8 +8,8 @@ from pathlib import Path
 from expertaug.learning import snapshots
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.fitting import Training
+from expertaug.learning.kinds import modules
 from expertaug.models import store
-from expertaug.registry import modules
 from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 

@@ -13,6 +13,7 @@ from expertaug.files import read_json
 from expertaug.learning import fitting, job
 from expertaug.learning.bound import bound_of
 from expertaug.learning.fitting import Training
+from expertaug.learning.kinds import objective_of
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import describe, store
@@ -91,7 +92,7 @@ def prepare(
     classes, device = classes or {}, device_of(settings["device"])
     if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
         raise InputError("validation set", "has other times than the training set", "give both the same times")
-    kind = describe.objective_of(settings["objective"], classes)
+    kind = objective_of(settings["objective"], classes)
     description = {"kind": "hybrid", **_of_data(train, settings), **described}
     description |= {"likelihood": kind.learns_likelihood, "stage": "train", "objective": settings["objective"]}
     description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])

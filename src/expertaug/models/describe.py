@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
-from typing import Any
 
 from expertaug import systems
 from expertaug.errors import InputError
+from expertaug.models.kinds import PARTS
 from expertaug.models.recipe import HybridModel
-from expertaug.registry import KINDS, find
+from expertaug.registry import Part
 from expertaug.systems import System
 
-PARTS = ("encoder", "interaction")
 SYSTEMS = "expertaug.systems."
 
 
-def settings_of(part: str, given: Mapping | Callable) -> dict:
+def settings_of(part: Part, given: Mapping | Callable) -> dict:
     """A part of a model, or an objective, as ``{"kind": …}`` and its arguments.
 
     Arguments:
-        part: encoder, interaction or objective.
         given: such a mapping, a class, or a functools.partial of one with arguments by name.
 
     Raises:
@@ -31,25 +29,28 @@ def settings_of(part: str, given: Mapping | Callable) -> dict:
     made, arguments = (given.func, dict(given.keywords)) if isinstance(given, partial) else (given, {})
     name = getattr(made, "__qualname__", "<instance>")
     if name.endswith(">") or not callable(made):
-        raise InputError(part, f"found {type(given).__name__} {name}", "give a class, or functools.partial of a class")
+        raise InputError(
+            part.name, f"found {type(given).__name__} {name}", "give a class, or functools.partial of a class"
+        )
     if isinstance(given, partial) and given.args:
-        raise InputError(part, f"{name} with arguments by position", "give functools.partial arguments by name")
-    return {"kind": _short(part, f"{made.__module__}:{name}"), **arguments}
+        raise InputError(part.name, f"{name} with arguments by position", "give functools.partial arguments by name")
+    full = f"{made.__module__}:{name}"
+    return {"kind": next((kind for kind, known in part.kinds.items() if known == full), full), **arguments}
 
 
-def class_of(part: str, given: Mapping | Callable) -> dict[str, Callable]:
+def class_of(part: Part, given: Mapping | Callable) -> dict[str, Callable]:
     """The class of a part by its name, where it is not one of this package's; of a mapping nothing."""
-    if isinstance(given, Mapping) or is_built_in(part, kind := str(settings_of(part, given)["kind"])):
+    if isinstance(given, Mapping) or is_built_in(kind := str(settings_of(part, given)["kind"])):
         return {}
     return {kind: given.func if isinstance(given, partial) else given}
 
 
 def describe(recipe: HybridModel) -> dict:
     """What a model file says of a recipe: system, model, expert, interaction."""
-    given = {part: getattr(recipe, part) for part in PARTS}
+    given = {name: getattr(recipe, name) for name in PARTS}
     return {
         "system": systems.describe(recipe.system),
-        "model": {part: settings_of(part, value) for part, value in given.items() if value is not None},
+        "model": {name: settings_of(PARTS[name], value) for name, value in given.items() if value is not None},
         "expert": recipe.expert,
         "interaction": recipe.interaction is not None,
     }
@@ -58,8 +59,8 @@ def describe(recipe: HybridModel) -> dict:
 def own_classes(recipe: HybridModel) -> dict[str, Callable]:
     """Classes of a recipe that are not this package's, by name."""
     found: dict[str, Callable] = {}
-    for part in PARTS:
-        if (given := getattr(recipe, part)) is not None:
+    for name, part in PARTS.items():
+        if (given := getattr(recipe, name)) is not None:
             found |= class_of(part, given)
     name = str(systems.describe(recipe.system)["name"])
     return found if _is_built_in_system(name) else {name: type(recipe.system)} | found
@@ -93,11 +94,6 @@ def system_of(description: Mapping, classes: Mapping[str, Callable] | None = Non
     return made(**settings)
 
 
-def objective_of(kind: str, classes: Mapping[str, Callable] | None = None) -> Any:
-    """The class of an objective's kind."""
-    return (classes or {}).get(kind) or find("objective", kind, "objective")
-
-
 def foreign(description: Mapping) -> Iterator[str]:
     """Names of what a description would import that is not this package's."""
     name = str(description["system"].get("name"))
@@ -105,11 +101,9 @@ def foreign(description: Mapping) -> Iterator[str]:
         yield name
     if description["kind"] != "hybrid":
         return
-    parts = {part: settings["kind"] for part, settings in description["model"].items() if part in PARTS}
-    parts |= {"objective": description["objective"]} if "objective" in description else {}
-    for part, kind in parts.items():
-        if not is_built_in(part, str(kind)):
-            yield str(kind)
+    kinds = [str(settings["kind"]) for name, settings in description["model"].items() if name in PARTS]
+    kinds += [str(description["objective"])] if "objective" in description else []
+    yield from (kind for kind in kinds if not is_built_in(kind))
 
 
 def trusted(given: Collection[str | Callable]) -> tuple[set[str], dict[str, Callable]]:
@@ -122,17 +116,13 @@ def trusted(given: Collection[str | Callable]) -> tuple[set[str], dict[str, Call
     return {c for c in given if isinstance(c, str)} | set(made), made
 
 
-def is_built_in(part: str, kind: str) -> bool:
-    """Whether a kind is one that this package names."""
-    return kind in KINDS[part] or kind in KINDS[part].values()
+def is_built_in(kind: str) -> bool:
+    """Whether a kind is a short one, or a class of this package."""
+    return ":" not in kind or kind.startswith("expertaug.")
 
 
 def _is_built_in_system(name: str) -> bool:
     return name.removeprefix(SYSTEMS).isidentifier()
-
-
-def _short(part: str, name: str) -> str:
-    return next((kind for kind, full in KINDS[part].items() if full == name), name)
 
 
 def _with_class(settings: Mapping, classes: Mapping[str, Callable]) -> Mapping | Callable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,13 +14,14 @@ from expertaug import registry
 from expertaug.errors import InputError
 from expertaug.models.decoder import Decoder
 from expertaug.models.hybrid import HybridNet
+from expertaug.models.kinds import PARTS
 from expertaug.models.likelihood import GaussianLikelihood
 from expertaug.models.plain import encoder_of, interaction_of
 from expertaug.models.stacking import stack
 from expertaug.systems import System
 
 # {"kind": …, and the class's arguments}, the class, or functools.partial of it and its arguments.
-Part = Mapping | type | partial
+Part = Mapping | Callable
 
 
 @dataclass(frozen=True)
@@ -77,15 +78,15 @@ def _resolved(part: str, given: Part) -> tuple[type, str, dict]:
     if isinstance(given, Mapping):
         arguments = dict(given)
         kind = arguments.pop("kind", None)
-        return registry.find(part, kind, where), str(kind), arguments
+        return registry.find(PARTS[part], kind, where), str(kind), arguments
     if isinstance(given, partial):
         if given.args:
             raise InputError(f"model.{part}", "arguments without a name", "give them by name in functools.partial")
-        return registry.check(part, given.func, where), getattr(given.func, "__name__", ""), dict(given.keywords)
+        return registry.check(PARTS[part], given.func, where), getattr(given.func, "__name__", ""), dict(given.keywords)
     if not inspect.isclass(given):
         found, remedy = type(given).__name__, "give a class, functools.partial of it, or a mapping with kind"
         raise InputError(f"model.{part}", f"found {found}", remedy)
-    return registry.check(part, given, where), given.__name__, {}
+    return registry.check(PARTS[part], given, where), given.__name__, {}
 
 
 def _make(part: str, given: Part, **fixed: object) -> nn.Module:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.networks.convolutional import Conv, differences, grid_rank, layer_averages
+from expertaug.models.networks.convolutional import Conv, StandardiseChannels, differences, grid_rank, layer_averages
 from expertaug.models.networks.layers import MLP
 from expertaug.models.posterior import Delta, Posterior, constrain
 from expertaug.systems import System
@@ -49,8 +49,7 @@ class ConvEncoder(nn.Module):
         self.latent = latent
         self.rank = grid_rank(system, "model.encoder.kind")
         inputs = 2 * len(times) * system.state_shape[0]
-        self.register_buffer("mean", torch.zeros(inputs, *[1] * self.rank))
-        self.register_buffer("std", torch.ones(inputs, *[1] * self.rank))
+        self.scale = StandardiseChannels(inputs, self.rank)
         self.layers = nn.ModuleList(
             Conv(self.rank, a, b, stride=s) for (a, b), s in zip(pairwise((inputs, *channels)), strides, strict=True)
         )
@@ -66,15 +65,11 @@ class ConvEncoder(nn.Module):
 
     def fit(self, observed: Tensor) -> None:
         """Standardise by the training set's observed window (T1, N, fields, *grid)."""
-        variance, mean = torch.var_mean(self.inputs(observed), dim=(0, *range(2, 2 + self.rank)))
-        self.mean.copy_(mean.view(-1, *[1] * self.rank).expand_as(self.mean))
-        self.std.copy_(variance.sqrt().clamp_min(1e-6).view(-1, *[1] * self.rank).expand_as(self.std))
+        self.scale.fit(self.inputs(observed))
 
     def forward(self, observed: Tensor) -> Posterior:
         """(T1, …, B, fields, *grid) → z_e (…, B, P), z_a (…, B, latent)."""
-        x = self.inputs(observed)
-        # The statistics have the seeds' axis only where they are stacked; they are for all samples alike.
-        x = (x - self.mean.unsqueeze(-2 - self.rank)) / self.std.unsqueeze(-2 - self.rank)
+        x = self.scale(self.inputs(observed))
         hidden = torch.relu(self.trunk(layer_averages(self.layers, x)))
         z_e = constrain(self.head(hidden), self.system.expert_parameters)
         return Posterior(Delta(z_e), Delta(self.latent_head(hidden)))

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.encoders.moments import Moments
 from expertaug.models.encoders.two_step import TwoStep
-from expertaug.models.networks.convolutional import Conv, differences, grid_rank, layer_averages
+from expertaug.models.networks.convolutional import Conv, StandardiseChannels, differences, grid_rank, layer_averages
 from expertaug.models.networks.layers import MLP
 from expertaug.models.networks.unet import UNet
 from expertaug.systems import System
@@ -132,26 +132,6 @@ class FrameFilter(nn.Module):
 
     def forward(self, seen: Tensor, z_a: Tensor) -> Tensor:
         return seen + self.scale.std.unsqueeze(-2 - self.scale.rank) * self.network(self.scale(seen), z_a)
-
-
-class StandardiseChannels(nn.Module):
-    """Subtracts the training set's mean and divides by its standard deviation, each channel on its own."""
-
-    def __init__(self, channels: int, rank: int) -> None:
-        super().__init__()
-        self.rank = rank
-        self.register_buffer("mean", torch.zeros(channels, *[1] * rank))
-        self.register_buffer("std", torch.ones(channels, *[1] * rank))
-
-    def fit(self, x: Tensor) -> None:
-        """Take mean and standard deviation from x (N, channels, *grid)."""
-        variance, mean = torch.var_mean(x, dim=(0, *range(2, 2 + self.rank)))
-        self.mean.copy_(mean.view(-1, *[1] * self.rank).expand_as(self.mean))
-        self.std.copy_(variance.sqrt().clamp_min(1e-6).view(-1, *[1] * self.rank).expand_as(self.std))
-
-    def forward(self, x: Tensor) -> Tensor:
-        # The statistics have the seeds' axis only where they are stacked; they are for all samples alike.
-        return (x - self.mean.unsqueeze(-2 - self.rank)) / self.std.unsqueeze(-2 - self.rank)
 
 
 def _with_differences(seen: Tensor, rank: int) -> Tensor:

@@ -96,3 +96,23 @@ def differences(fields: Tensor, rank: int) -> Tensor:
     for axis in range(-2, -rank - 1, -1):
         neighbours = neighbours + fields.roll(1, axis) + fields.roll(-1, axis)
     return neighbours - 2 * rank * fields
+
+
+class StandardiseChannels(nn.Module):
+    """Subtracts the training set's mean and divides by its standard deviation, each channel on its own."""
+
+    def __init__(self, channels: int, rank: int) -> None:
+        super().__init__()
+        self.rank = rank
+        self.register_buffer("mean", torch.zeros(channels, *[1] * rank))
+        self.register_buffer("std", torch.ones(channels, *[1] * rank))
+
+    def fit(self, x: Tensor) -> None:
+        """Take mean and standard deviation from x (N, channels, *grid)."""
+        variance, mean = torch.var_mean(x, dim=(0, *range(2, 2 + self.rank)))
+        self.mean.copy_(mean.view(-1, *[1] * self.rank).expand_as(self.mean))
+        self.std.copy_(variance.sqrt().clamp_min(1e-6).view(-1, *[1] * self.rank).expand_as(self.std))
+
+    def forward(self, x: Tensor) -> Tensor:
+        # The statistics have the seeds' axis only where they are stacked; they are for all samples alike.
+        return (x - self.mean.unsqueeze(-2 - self.rank)) / self.std.unsqueeze(-2 - self.rank)

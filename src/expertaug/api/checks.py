@@ -1,0 +1,45 @@
+"""What the front door is given: seeds, sets and trained models that fit each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from expertaug.api import arrays
+from expertaug.api.trained import TrainedModel
+from expertaug.errors import InputError
+from expertaug.models.recipe import HybridModel
+from expertaug.trajectories import Trajectories
+
+
+def seeds_of(given: Iterable[int]) -> list[int]:
+    try:
+        seeds = [int(seed) for seed in given]
+    except (TypeError, ValueError) as error:
+        raise InputError("seeds", f"found {given!r}", "give whole numbers, as range(3)") from error
+    if not seeds or min(seeds) < 0 or max(seeds) >= 2**63 or len(set(seeds)) < len(seeds):
+        raise InputError("seeds", f"found {seeds}", "give different whole numbers from 0 on")
+    return seeds
+
+
+def check_sets(model: HybridModel | TrainedModel, train: Trajectories, validation: Trajectories) -> None:
+    """Both sets must be of the model's system and of one another's times."""
+    for name, data in (("train", train), ("validation", validation)):
+        arrays.trajectories(data, name)
+        state, parameters = model.system.state_shape, model.system.expert_parameters
+        if data.y.shape[2:] != state or data.z_e.shape[1] != len(parameters):
+            found = f"y has shape {data.y.shape}, z_e {data.z_e.shape}"
+            wanted = f"y (N, T, {', '.join(map(str, state))}), z_e (N, {len(parameters)})"
+            raise InputError(name, found, f"{type(model.system).__name__} has {wanted}")
+    if len(train.t) != len(validation.t) or not np.array_equal(train.t, validation.t):
+        raise InputError("validation", f"has the times {arrays.brief(validation.t)}", "give those of train")
+
+
+def check_trained(model: TrainedModel, train: Trajectories, validation: Trajectories) -> None:
+    if not isinstance(model, TrainedModel):
+        raise InputError("model", f"is {type(model).__name__}", "give what expertaug.fit returns")
+    if model.stored.description["kind"] != "hybrid":
+        raise InputError("model", f"a {model.stored.description['kind']} model", "only hybrid models can be augmented")
+    check_sets(model, train, validation)
+    arrays.same_times(train.t, model.t, "train", "give the sets of its training")
