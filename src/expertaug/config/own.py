@@ -141,6 +141,7 @@ class _Experiment:
 
     def _method(self, method: str, data: Trajectories | None) -> bool:
         """Make a method's system and model as its training does, and try them; whether all is well."""
+        from expertaug.learning import kinds
         from expertaug.learning.contract import check_parts
         from expertaug.learning.fitting import make_objective
         from expertaug.learning.train import described_by
@@ -158,7 +159,7 @@ class _Experiment:
         where = f"experiments.{self.name}, {method}"
 
         def parts() -> bool | None:
-            recipe, kind = describe.recipe_of(system, described), describe.objective_of(objective_of(build))
+            recipe, kind = describe.recipe_of(system, described), kinds.objective_of(objective_of(build))
             named = [recipe.encoder, recipe.interaction if described["interaction"] else None]
             at = self._where(method, *filter(None, map(_class_of, ("encoder", "interaction"), named)), kind)
             return self._try(at, lambda: tried(recipe, kind, at))

@@ -42,10 +42,8 @@ def train(
         InputError: unusable data or settings.
         SolveError: a seed cannot be trained.
     """
-    found = None if calibration is None else read_json(calibration)
-    if calibration is not None and (not isinstance(found, dict) or "constants" not in found):
-        raise InputError(calibration, "has no constants", "make it again with calibrate")
-    build, described = settings["build"], described_by(settings, found and found["constants"])
+    constants = None if calibration is None else _constants(calibration)
+    build, described = settings["build"], described_by(settings, constants)
     system = systems.load(described["system"])
     inputs = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
     train_data, validation_data = map(Trajectories.load, inputs)
@@ -77,6 +75,14 @@ def described_by(settings: Mapping, constants: Mapping | None = None) -> dict:
 def observed_points(t: Sequence[float], settings: Mapping) -> int:
     """Points of the times t that an encoder sees: those up to t1."""
     return points_until(t, settings["t1_s"]) - (settings["choices"]["observed_points"] == "exclusive")
+
+
+def _constants(calibration: Path) -> Mapping:
+    """The constants that the stage calibrate wrote."""
+    found = read_json(calibration)
+    if not isinstance(found, dict) or "constants" not in found:
+        raise InputError(calibration, "has no constants", "make it again with calibrate")
+    return found["constants"]
 
 
 def prepare(
