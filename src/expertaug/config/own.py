@@ -215,8 +215,9 @@ class _Experiment:
 
 def _class_of(part: str, given: Mapping | None) -> type | None:
     from expertaug import registry
+    from expertaug.learning import kinds
 
-    return None if given is None else registry.find(part, given["kind"], f"{part}.kind")
+    return None if given is None else registry.find(kinds.PARTS[part], given["kind"], f"{part}.kind")
 
 
 def _file(cls: type) -> str:
