@@ -18,7 +18,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.files import atomic, read_json, read_npz, write_json, write_text
 from expertaug.learning.checkpoint import Checkpoint
-from expertaug.models import store
+from expertaug.models.tensor_file import write_tensors
 from expertaug.trajectories import Trajectories
 
 
@@ -119,7 +119,7 @@ def test_whatever_library_writes_a_full_disk_is_one_line(tmp_path, full_disk, wr
     values = torch.rand(4, 50, 50)
     writers = {
         "checkpoint": lambda: Checkpoint(tmp_path, "f").save({"values": values}),
-        "model": lambda: store.save(tmp_path / "a", torch.nn.Linear(100, 100), {}),
+        "model": lambda: write_tensors(tmp_path / "a", torch.nn.Linear(100, 100).state_dict(), {}),
         "trajectories": lambda: Trajectories(np.arange(50), values.numpy(), np.zeros((4, 1))).save(tmp_path / "a"),
     }
     with full_disk, pytest.raises(InputError, match=r"cannot be written \(File too large\); free some space"):

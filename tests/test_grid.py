@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pandas as pd
 import pytest
 import torch
-from safetensors.torch import save_file
 
 from expertaug.config import grid, jobs, stage_settings
 from expertaug.config import load as configuration
 from expertaug.errors import InputError
 from expertaug.evaluation.grid import grid as stage
+from expertaug.models.tensor_file import write_tensors
 
 ROOT = Path(__file__).parents[1]
 KEYS = {
@@ -77,9 +76,7 @@ def model(folder, method, seeds, scores, epochs):
     path = folder / method / f"{seeds[0]}.safetensors"
     path.parent.mkdir(exist_ok=True)
     description = {"method": method, "seeds": seeds, "best_score": scores, "best_epoch": epochs, "wall_s": 60.0}
-    save_file(
-        {"x": torch.zeros(1)}, path, metadata={"expertaug": json.dumps({"description": description} | description)}
-    )
+    write_tensors(path, {"x": torch.zeros(1)}, {"description": description} | description)
     return path
 
 

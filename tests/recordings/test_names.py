@@ -4,7 +4,7 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from expertaug.config.checks import list_videos
+from expertaug.config.recording_checks import list_videos
 from expertaug.errors import InputError
 from expertaug.recordings.imports.ibm import list_marker_files
 from expertaug.recordings.names import MOST, by_name

@@ -117,8 +117,9 @@ def trusted(given: Collection[str | Callable]) -> tuple[set[str], dict[str, Call
 
 
 def is_built_in(kind: str) -> bool:
-    """Whether a kind is a short one, or a class of this package."""
-    return ":" not in kind or kind.startswith("expertaug.")
+    """Whether a kind is a short one, or names one of the package's own parts or objectives."""
+    parts = any(kind in part.kinds.values() for part in PARTS.values())
+    return ":" not in kind or parts or kind.startswith("expertaug.learning.")
 
 
 def _is_built_in_system(name: str) -> bool:
