@@ -218,3 +218,9 @@ def test_every_stage_has_a_command():
     actions = commands.parser()._subparsers._group_actions[0].choices
     by_hand = {"check-system", "config", "forecast", "inspect", "validate", "rebuild-tracking", "publish"}
     assert {stage.replace("_", "-") for stage in stage_code.STAGES} == set(actions) - by_hand
+
+
+def test_a_reader_that_has_seen_enough_is_no_error():
+    command = f"{sys.executable} -m expertaug.cli config show rlc aphynity | head -n 1"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.count("\n") == 1 and done.stderr == ""

@@ -27,6 +27,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _log_to(arguments.log)
         arguments.run(arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever read the output, as head does, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except InputError as error:
         for line in lines(error):
             _fail(stage, line, BAD_INPUT)

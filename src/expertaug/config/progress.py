@@ -77,7 +77,10 @@ class Watch(logging.Handler):
                 self.ended.add(record.job_id)
                 self.failed.pop(record.job_id, None)  # it went well when it was tried again
             elif event == "job_error":
-                self.failed[record.jobid] = (record.rule_name, [str(path) for path in record.log])
+                self.failed[record.jobid] = (
+                    record.rule_name or self.rule_of(record.jobid),
+                    [str(p) for p in record.log],
+                )
             elif event == "progress" and (jobs := self.jobs()):
                 logger.info(f"About {self.left(jobs)} left for {count(jobs)}.")
         except Exception:  # it never ends a run
@@ -86,6 +89,10 @@ class Watch(logging.Handler):
     def refusals(self) -> list[str]:
         """One line for each job that failed: what it said last, and where its log lies."""
         return [_said(rule, logs) for rule, logs in self.failed.values()]
+
+    def rule_of(self, jobid: int) -> str:
+        """The name of a job's rule; Snakemake does not tell it of a job that was stopped."""
+        return next((job.rule.name for job in self.dag.jobs if job.jobid == jobid), "a job")
 
     def called(self, job) -> str:
         """A job as costs.csv calls it."""
