@@ -49,6 +49,11 @@ def full_name(part: Part, kind: str, where: str) -> str:
     return known[kind]
 
 
+def short_name(part: Part, name: str) -> str:
+    """The kind that stands for a class of the package's own; any other name as it is."""
+    return next((kind for kind, full in part.kinds.items() if full == name), name)
+
+
 def find(part: Part, kind: str, where: str) -> type:
     """The class of a kind.
 

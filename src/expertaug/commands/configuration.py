@@ -30,20 +30,20 @@ def add_to(commands: Commands) -> None:
 
 def _validate(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
+    from expertaug.config.complete import completed
 
     files = config.with_defaults(a.config)
-    config.validate(config.load(files))
+    completed(config.load(files))
     below = ", ".join(str(file) for file in files if file not in a.config)
     logger.info("%s%s: valid", ", ".join(map(str, a.config)), f" over {below}" if below else "")
 
 
 def _check_system(a: argparse.Namespace) -> None:
-    from expertaug.config import grid, own
     from expertaug.config import load as config
+    from expertaug.config import own
+    from expertaug.config.complete import completed
 
-    merged = config.load(config.with_defaults(a.config))
-    complete = grid.expand(config.validate(merged), lambda change: config.validate(config.merge(merged, change)))
-    for line in own.check(complete):
+    for line in own.check(completed(config.load(config.with_defaults(a.config)))):
         print(line)
 
 

@@ -13,13 +13,14 @@ from expertaug.files import read_json
 from expertaug.learning import fitting, job
 from expertaug.learning.bound import bound_of
 from expertaug.learning.fitting import Training
-from expertaug.learning.kinds import objective_of
+from expertaug.learning.kinds import OBJECTIVE, objective_of
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import describe, store
 from expertaug.models.device import device_of
 from expertaug.models.mean import MeanModel
 from expertaug.models.recipe import HybridModel
+from expertaug.registry import short_name
 from expertaug.trajectories import Trajectories, points_until
 
 IDENTITY = ("experiment", "method", "label", "preset")
@@ -111,7 +112,11 @@ def prepare(
         raise InputError("validation set", "has other times than the training set", "give both the same times")
     kind = objective_of(settings["objective"], classes)
     description = {"kind": "hybrid", **_of_data(train, settings), **described}
-    description |= {"likelihood": kind.learns_likelihood, "stage": "train", "objective": settings["objective"]}
+    description |= {
+        "likelihood": kind.learns_likelihood,
+        "stage": "train",
+        "objective": short_name(OBJECTIVE, settings["objective"]),
+    }
     description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])
     observed = description["observed"]
     times = torch.tensor(description["t"][:observed], dtype=torch.float64)

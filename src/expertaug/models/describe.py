@@ -9,7 +9,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.kinds import PARTS
 from expertaug.models.recipe import HybridModel
-from expertaug.registry import Part
+from expertaug.registry import Part, short_name
 from expertaug.systems import System
 
 SYSTEMS = "expertaug.systems."
@@ -34,8 +34,7 @@ def settings_of(part: Part, given: Mapping | Callable) -> dict:
         )
     if isinstance(given, partial) and given.args:
         raise InputError(part.name, f"{name} with arguments by position", "give functools.partial arguments by name")
-    full = f"{made.__module__}:{name}"
-    return {"kind": next((kind for kind, known in part.kinds.items() if known == full), full), **arguments}
+    return {"kind": short_name(part, f"{made.__module__}:{name}"), **arguments}
 
 
 def class_of(part: Part, given: Mapping | Callable) -> dict[str, Callable]:
@@ -117,9 +116,8 @@ def trusted(given: Collection[str | Callable]) -> tuple[set[str], dict[str, Call
 
 
 def is_built_in(kind: str) -> bool:
-    """Whether a kind is a short one, or names one of the package's own parts or objectives."""
-    parts = any(kind in part.kinds.values() for part in PARTS.values())
-    return ":" not in kind or parts or kind.startswith("expertaug.learning.")
+    """Whether a kind is a short one, or names one of the package's own parts."""
+    return ":" not in kind or any(kind in part.kinds.values() for part in PARTS.values())
 
 
 def _is_built_in_system(name: str) -> bool:
