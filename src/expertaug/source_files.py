@@ -61,12 +61,6 @@ def versions(modules: Iterable[str]) -> list[str]:
     return [_installed(name) for name in NUMERIC if name in used]
 
 
-def modules_in(package: str) -> list[str]:
-    """Names of the modules directly in a package of ``expertaug``."""
-    folder = PACKAGE.joinpath(*package.split(".")[1:])
-    return sorted(path.stem for path in folder.glob("*.py") if path.stem != "__init__")
-
-
 def find(where: str, name: str) -> Path:
     """The file of the module that a configuration names as ``package.module`` or ``package.module:Class``.
 
