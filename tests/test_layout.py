@@ -17,6 +17,7 @@ FLOORS = (
     ("models",),
     ("tracking",),
     ("learning",),
+    ("inference",),
     ("evaluation",),
     ("recordings",),
     ("config",),
