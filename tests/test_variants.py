@@ -11,6 +11,10 @@ from expertaug import labels, plotting
         ("node", ("node", None), "Node (small)"),
         ("node+", ("node", ""), "Node (small)+"),
         ("node+wide", ("node", "wide"), "Node (small)+ (wide)"),
+        ("node=", ("node", None), "Node (small) (control)"),
+        ("node~refined", ("node", None), "Node (small) refined"),
+        ("node+~flow~refined", ("node", ""), "Node (small)+ flow, refined"),
+        ("node+wide~flow", ("node", "wide"), "Node (small)+ (wide) flow"),
     ],
 )
 def test_names_and_labels(variant, parts, printed):
@@ -28,3 +32,12 @@ def test_versions_are_in_the_order_of_their_methods():
 
 def test_lines_of_augmented_versions_are_solid():
     assert plotting.dash("a+x") == plotting.dash("a+") == "-" != plotting.dash("a")
+
+
+def test_which_file_a_version_uses_and_what_it_is():
+    assert labels.trained("a+~flow~refined") == labels.trained("a+~flow") == "a+~flow"
+    assert labels.trained("a=~refined") == "a=" and labels.trained("a") == "a"
+    assert [labels.is_control(v) for v in ("a", "a=", "a+", "a=~refined")] == [False, True, False, True]
+    assert [labels.is_flow(v) for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, True, True]
+    assert [labels.is_refined(v) for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, False, True]
+    assert labels.ordered(["a+~refined", "a+", "a=", "a~refined", "a"]) == ["a~refined", "a", "a=", "a+~refined", "a+"]
