@@ -8,8 +8,8 @@ One grammar names every version in files, tables and MLflow:
 experiment's prior called ``name``; ``method=`` its control, trained on for the same steps on the real data alone.
 ``~flow`` is the posterior that a flow learned from draws of the version's decoder, ``~refined`` the version whose
 estimates are refined by least squares on each window.  They are printed as ``Label``, ``Label+``, ``Label+ (name)``,
-``Label (control)``, ``Label+ flow``, ``Label+ flow, refined``.  A method may be a point of a grid: ``method@3``, printed
-as ``Label @3``.  What a version is follows from its name alone: a printed label may contain anything.
+``Label (control)``, ``Label+ flow``, ``Label+ flow, refined``.  A method may be a point of a grid: ``method@3``,
+printed as ``Label @3``.  What a version is follows from its name alone: a printed label may contain anything.
 """
 
 from __future__ import annotations
