@@ -136,7 +136,7 @@ def score(
 
     Arguments:
         options: ``from_s`` and ``solver``, as in :func:`evaluate`.
-        start: y0 or y_t1 (:meth:`HybridNet.predict`).
+        start: y0 or y_t1 (:meth:`Predictor.predicted`).
         keep: number of forecasts to keep, evenly spread.
     """
     system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)
@@ -157,8 +157,8 @@ def score(
         early.append(squared_errors(system, found.states[1:observed], y[1:observed]).cpu())
         kept.append(found.states[:, :, index[(index >= first) & (index < first + size)] - first].cpu())
         runaways.append(found.runaways.cpu())
-        if found.z_e is not None:
-            estimates.append(found.z_e.cpu())
+        if found.found.z_e is not None:
+            estimates.append(found.found.z_e.cpu())
     errors = torch.cat(late, dim=1)
     values = log_of(system, errors)
     values["log_mse_observed"] = log_of(system, torch.cat(early, dim=1))["log_mse_sum"]

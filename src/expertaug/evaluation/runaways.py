@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from expertaug.errors import SolveError
 from expertaug.learning.bound import FALLBACK, bounded, within
+from expertaug.models.estimates import Estimates
+from expertaug.models.prediction import Predictor
 from expertaug.systems.solver import Solver
 
 
@@ -19,12 +21,12 @@ class Forecast:
 
     Attributes:
         states: (T, S, B, *state), nowhere beyond the bound.
-        z_e: estimates (S, B, P), or None where the model estimates nothing.
+        found: the estimates (S, B, …) that the forecast follows from.
         runaways: (S, B), whether a forecast left the bound, was not finite, or had no solution to the tolerance.
     """
 
     states: Tensor
-    z_e: Tensor | None
+    found: Estimates
     runaways: Tensor
 
 
@@ -51,46 +53,55 @@ class Stopping:
 
 
 def forecast(
-    model: nn.Module, observed: Tensor, t: Tensor, solver: Solver, start: str, bound: Tensor | None
+    model: Predictor, observed: Tensor, t: Tensor, solver: Solver, start: str, bound: Tensor | None
 ) -> Forecast:
     """Forecast samples from their observed windows.
 
     Arguments:
-        model: with a method ``predict``.
+        model: estimates and forecasts.
         observed: (T1, S, B, *state).
         t: (T,) in s.
-        start: y0 or y_t1 (:meth:`HybridNet.predict`).
+        start: y0 or y_t1 (:meth:`Predictor.predicted`).
         bound: (K,) or (B, K), largest size of each component; None keeps what is not finite.
     """
-    states, z_e, unsolved = _solve(model, observed, t, solver, start, bound)
+    found = model.estimate(observed)
+    states, unsolved = _solve(model, found, observed, t, solver, start, bound)
     near = within(states, bound)
     # Seeds are solved together: those that a fixed grid shows to run away are at fault, all where it shows none.
     runaways = ~near | (unsolved & near.all(0))
-    return Forecast(bounded(states, bound) if runaways.any() else states, z_e, runaways)
+    return Forecast(bounded(states, bound) if runaways.any() else states, found, runaways)
 
 
 def _solve(
-    model: nn.Module, observed: Tensor, t: Tensor, solver: Solver, start: str, bound: Tensor | None
-) -> tuple[Tensor, Tensor | None, Tensor]:
-    """States, estimates, and which samples (B,) the solver gave up on.
+    model: Predictor,
+    found: Estimates,
+    observed: Tensor,
+    t: Tensor,
+    solver: Solver,
+    start: str,
+    bound: Tensor | None,
+) -> tuple[Tensor, Tensor]:
+    """States, and which samples (B,) the solver gave up on.
 
     A solver to a tolerance gives up on a whole batch for one sample: that is found by halving the batch, and solved on
     a fixed grid.
     """
     size = observed.shape[2]
 
-    def predict(one: Solver) -> tuple[Tensor, Tensor | None]:
-        return model.predict(observed, t, one if bound is None else Stopping(one, bound), start)
+    def predicted(one: Solver) -> Tensor:
+        stopping: Solver = one if bound is None else Stopping(one, bound)  # type: ignore[assignment]
+        return model.predicted(found, observed, t, stopping, start)
 
     try:
-        states, z_e = predict(solver)
+        states = predicted(solver)
     except SolveError:
         if size == 1:
-            states, z_e = predict(FALLBACK)
-            return states, z_e, torch.ones(1, dtype=torch.bool, device=states.device)
+            states = predicted(FALLBACK)
+            return states, torch.ones(1, dtype=torch.bool, device=states.device)
         halves = [slice(size // 2), slice(size // 2, None)]
-        parts = [(observed[:, :, h], bound if bound is None or bound.dim() == 1 else bound[h]) for h in halves]
-        (one, z_one, first), (other, z_other, second) = (_solve(model, y, t, solver, start, b) for y, b in parts)
-        z_e = None if z_one is None else torch.cat((z_one, z_other), dim=1)
-        return torch.cat((one, other), dim=2), z_e, torch.cat((first, second))
-    return states, z_e, torch.zeros(size, dtype=torch.bool, device=states.device)
+        parts = [
+            (found.part(h), observed[:, :, h], bound if bound is None or bound.dim() == 1 else bound[h]) for h in halves
+        ]
+        (one, first), (other, second) = (_solve(model, part, y, t, solver, start, b) for part, y, b in parts)
+        return torch.cat((one, other), dim=2), torch.cat((first, second))
+    return states, torch.zeros(size, dtype=torch.bool, device=states.device)

@@ -89,6 +89,7 @@ def prepare(
         {**settings, "seeds": stored.seeds, "training": training, "prior": plus.header["prior"]},
         stored.classes,
         before,
+        real.y[: base["observed"]],
     )
 
 

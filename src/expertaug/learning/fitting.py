@@ -21,6 +21,8 @@ from expertaug.learning.trainer import Trainer
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.store import StoredModel
 
+LATENT_PART = 1000  # windows that are encoded at a time
+
 
 class Record:
     """Log and checkpoint of a training that keeps both in memory alone.
@@ -56,12 +58,14 @@ class Training:
         description: of the model, apart from the record of its training.
         classes: see :class:`StoredModel`.
         unchanged: tensors of the model, by name, that the training must leave as they are.
+        windows: observed windows (T1, 1, N, *state) of the data: where their z_a lie is kept for refinement.
     """
 
     trainer: Trainer
     description: Mapping
     classes: Mapping[str, Callable] = field(default_factory=dict)
     unchanged: Mapping[str, Tensor] = field(default_factory=dict)
+    windows: Tensor | None = None
 
     def run(self, log: Any = None, checkpoint: Any = None) -> StoredModel:
         """Train to the end; the best state of each seed, by validation.
@@ -87,6 +91,8 @@ class Training:
             "carried": trainer.objective.carried(),
             "failed": sorted(trainer.failed),
         }
+        if self.windows is not None:
+            record["latent"] = _latent(model, self.windows, len(trainer.seeds))
         return StoredModel(model, {**self.description, **record}, self.classes)
 
 
@@ -98,6 +104,7 @@ def prepare(
     settings: Mapping,
     classes: Mapping[str, Callable],
     unchanged: Mapping[str, Tensor] | None = None,
+    windows: Tensor | None = None,
 ) -> Training:
     """Make the training of a described model.
 
@@ -105,6 +112,7 @@ def prepare(
         sets: number of points needed → training set (or a function from the pass to one) and validation sets.
         settings: {training, choices, seeds}; ``prior`` for the objectives that take one; ``snapshots``, passes after
             which the state is kept.
+        windows: see :class:`Training`.
 
     Raises:
         InputError: an unknown option, or an objective without the prior that it needs.
@@ -116,7 +124,17 @@ def prepare(
     options, keep = TrainSettings.from_mapping(settings["training"]), settings.get("snapshots", ())
     failed = dict.fromkeys(description.get("failed", ()), "it failed in the training before")
     trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep, failed)
-    return Training(trainer, description, classes, unchanged or {})
+    return Training(trainer, description, classes, unchanged or {}, windows)
+
+
+@torch.no_grad()
+def _latent(model: HybridNet, windows: Tensor, seeds: int) -> dict[str, list[list[float]]]:
+    """Mean and standard deviation of z_a (S, Q) over the windows (T1, 1, N, *state)."""
+    parts = [
+        model.encode(part.expand(-1, seeds, *part.shape[2:])).z_a.mean for part in windows.split(LATENT_PART, dim=2)
+    ]
+    z_a = torch.cat(parts, dim=1).double().nan_to_num(0.0, 0.0, 0.0)
+    return {"mean": z_a.mean(1).tolist(), "std": z_a.std(1, correction=0).tolist()}
 
 
 def make_objective(kind: type[Objective], seeds: Sequence[int], settings: Mapping) -> Objective:

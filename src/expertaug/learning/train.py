@@ -17,6 +17,7 @@ from expertaug.learning.kinds import OBJECTIVE, objective_of
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import describe, store
+from expertaug.models.decoder import Decoder
 from expertaug.models.device import device_of
 from expertaug.models.mean import MeanModel
 from expertaug.models.recipe import HybridModel
@@ -52,6 +53,10 @@ def train(
         stored = mean(system, train_data, settings, described)
         store.save(output, stored.model, stored.description)
         return
+    if build["kind"] == "least_squares":
+        stored = expert_alone(system, train_data, settings, described)
+        store.save(output, stored.model, stored.description)
+        return
     recipe = describe.recipe_of(system, described)
     training = prepare(
         recipe, train_data, validation_data, {"objective": build.get("objective", "aphynity"), **settings}, described
@@ -60,11 +65,14 @@ def train(
 
 
 def described_by(settings: Mapping, constants: Mapping | None = None) -> dict:
-    """What a file will say of the recipe of a training's settings; ``constants`` are the system's fitted ones."""
+    """What a file will say of the recipe of a training's settings; ``constants`` are those that calibrate fitted."""
     build = settings["build"]
     system = dict(settings["system"]) | build.get("system", {})
     if constants is not None and system.get("expert") != "point_mass":
-        system["constants"] = constants
+        rubbed = system.get("friction") == "calibrated"
+        system["constants"] = constants["with_friction"]["constants"] if rubbed else constants["constants"]
+        if rubbed:
+            system["friction"] = constants["with_friction"]["friction"]
     return {
         "system": system,
         "model": settings["model"],
@@ -79,11 +87,11 @@ def observed_points(t: Sequence[float], settings: Mapping) -> int:
 
 
 def _constants(calibration: Path) -> Mapping:
-    """The constants that the stage calibrate wrote."""
+    """What the stage calibrate wrote."""
     found = read_json(calibration)
-    if not isinstance(found, dict) or "constants" not in found:
+    if not isinstance(found, dict) or "constants" not in found or "with_friction" not in found:
         raise InputError(calibration, "has no constants", "make it again with calibrate")
-    return found["constants"]
+    return found
 
 
 def prepare(
@@ -131,6 +139,7 @@ def prepare(
         description,
         settings,
         classes,
+        windows=train_set.y[:observed],
     )
 
 
@@ -138,6 +147,18 @@ def mean(system: systems.System, train: Trajectories, settings: Mapping, describ
     """The baseline that forecasts the training set's mean; ``settings`` and ``described`` as of :func:`prepare`."""
     description = {"kind": "mean", **_of_data(train, settings), **described, "wall_s": 0.0, "best_score": None}
     return store.StoredModel(MeanModel(system, torch.from_numpy(train.y).mean(0)), description)
+
+
+def expert_alone(
+    system: systems.System, train: Trajectories, settings: Mapping, described: Mapping
+) -> store.StoredModel:
+    """The decoder of the expert alone, whose estimates are to be found by least squares; nothing is trained.
+
+    ``settings`` and ``described`` as of :func:`prepare`.
+    """
+    description = {"kind": "least_squares", **_of_data(train, settings), **described}
+    description |= {"expert": True, "interaction": False, "model": {}, "wall_s": 0.0, "best_score": None}
+    return store.StoredModel(Decoder(system), description)
 
 
 def _of_data(train: Trajectories, settings: Mapping) -> dict:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+import torch
 from torch import Tensor
 
-from expertaug.models.posterior import Posterior
+from expertaug.models.posterior import Delta, Gaussian, Posterior
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,57 @@ class Estimates:
     z_a: Tensor | None
     posterior: Posterior | None = None
     chi2: Tensor | None = None
+
+    def part(self, samples: slice) -> Estimates:
+        """Those of some samples, B; ``chi2`` and the posterior with them."""
+        lead = self.y0.dim() if self.z_e is None else self.z_e.dim()
+        axis = lead - 2
+
+        def cut(value: Tensor) -> Tensor:
+            return value[(slice(None),) * axis + (samples,)]
+
+        return self._each(cut)
+
+    def to(self, like: Tensor) -> Estimates:
+        """The same in another tensor's type and on its device."""
+        return self._each(lambda value: value.to(like))
+
+    def expand(self, seeds: int) -> Estimates:
+        """Those of one seed (1, B, …) for each of S seeds that share them: (S, B, …)."""
+        return self._each(lambda value: value.expand(seeds, *value.shape[1:]))
+
+    @staticmethod
+    def joined(parts: Sequence[Estimates]) -> Estimates:
+        """Estimates (S, B, …) of parts of a set of samples, one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        each = [iter(_tensors(part)) for part in parts]
+        return parts[0]._each(lambda _: torch.cat([next(one) for one in each], dim=1))
+
+    def _each(self, change: Callable[[Tensor], Tensor]) -> Estimates:
+        """The same with every tensor changed, in the order of :func:`_tensors`."""
+
+        def changed(value: Tensor | None) -> Tensor | None:
+            return None if value is None else change(value)
+
+        found = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2")}
+        posterior = self.posterior
+        if posterior is not None:
+            posterior = replace(posterior, z_e=_changed(posterior.z_e, change), z_a=_changed(posterior.z_a, change))
+            posterior = replace(posterior, z_a_used=changed(posterior.z_a_used), filtered=None)
+        return replace(self, **found, posterior=posterior)
+
+
+def _changed(one: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:
+    if isinstance(one, Gaussian):
+        return Gaussian(change(one.loc), change(one.log_std), one.parameters)
+    return Delta(change(one.loc), one.scale)
+
+
+def _tensors(one: Estimates) -> list[Tensor]:
+    found: list[Tensor] = []
+    one._each(lambda value: (found.append(value), value)[1])
+    return found
 
 
 class Estimator(Protocol):

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor, nn
 
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import Posterior
+from expertaug.models.prediction import Predictor
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
 
 
-class HybridNet(nn.Module):
+class HybridNet(Predictor, nn.Module):
     """An amortised :class:`~expertaug.models.estimates.Estimator` and the decoder that is trained with it.
 
     Arguments:
@@ -57,24 +57,6 @@ class HybridNet(nn.Module):
     def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
         """The decoder's: states (T, …, B, *state) at the times t (T,), from y0 (…, B, *state)."""
         return self.decoder.forecast(y0, z_e, z_a, t, solver)
-
-    def predict(self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> tuple[Tensor, Tensor]:
-        """The decoder's forecast of the encoder's estimates.
-
-        Arguments:
-            observed: (T1, …, B, *state).
-            t: (T,) in s, T ≥ T1.
-            start: y0, or y_t1: integrate onwards from the last observed point and return the observation before it.
-
-        Returns:
-            states (T, …, B, *state) and the estimate of z_e (…, B, P).
-        """
-        found = self.estimate(observed)
-        if start == "y0":
-            return self.forecast(found.y0, found.z_e, found.z_a, t, solver), found.z_e
-        last = len(observed) - 1
-        onwards = self.forecast(observed[last], found.z_e, found.z_a, t[last:], solver)
-        return torch.cat((observed[:last], onwards)), found.z_e
 
     def interaction_squares(self, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
         """The decoder's: mean over the state's dimensions of F_a² at every point, (…, B·T)."""

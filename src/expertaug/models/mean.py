@@ -5,11 +5,12 @@ from __future__ import annotations
 from torch import Tensor, nn
 
 from expertaug.models.estimates import Estimates
+from expertaug.models.prediction import Predictor
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
 
 
-class MeanModel(nn.Module):
+class MeanModel(Predictor, nn.Module):
     """A decoder that needs no estimates: for every time the training set's mean state.
 
     Arguments:
@@ -30,8 +31,3 @@ class MeanModel(nn.Module):
         lead = y0.dim() - self.mean.dim() + 1
         mean = self.mean.reshape(len(self.mean), *[1] * lead, *self.mean.shape[1:])
         return mean.expand(len(t), *y0.shape)
-
-    def predict(self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> tuple[Tensor, None]:
-        """(T1, …, B, *state) → (T, …, B, *state); wherever the forecast starts."""
-        found = self.estimate(observed)
-        return self.forecast(found.y0, found.z_e, found.z_a, t, solver), None

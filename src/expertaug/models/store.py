@@ -13,6 +13,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.models import describe
+from expertaug.models.decoder import Decoder
 from expertaug.models.mean import MeanModel
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
@@ -21,6 +22,7 @@ from expertaug.systems.solver import Solver
 __all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "write_tensors"]
 
 ACCURATE = {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6}
+KINDS = ("hybrid", "mean", "least_squares")
 COARSE = ("euler", "midpoint", "rk4")  # steps of the data's own: good for training, not for a forecast
 
 
@@ -29,7 +31,8 @@ class StoredModel:
     """A model for a group of seeds and what is known about it.
 
     Attributes:
-        model: a hybrid network or the baseline of the mean, stacked over the seeds of ``description["seeds"]``.
+        model: a hybrid network, the baseline of the mean, or, of kind least_squares, the decoder of the expert alone;
+            stacked over the seeds of ``description["seeds"]``.
         description: system, method, model, choices, t (all times in s), observed (points), units and the training's
             record; all of it can be written to a file.
         classes: those of its parts that are not this package's, by the name that the description gives them.
@@ -108,6 +111,8 @@ def restore(
         system = describe.system_of(description, used)
         if description["kind"] == "mean":
             model: Any = MeanModel(system, tensors["mean"])
+        elif description["kind"] == "least_squares":
+            model = Decoder(system)
         else:
             model = make(system, description, used)
     except Exception as error:  # a class of the user's may raise anything
@@ -134,7 +139,7 @@ def make(system: System, description: Mapping, classes: Mapping[str, Callable] |
 def _check(description: Mapping) -> None:
     """What every use of a model relies on."""
     t, observed, seeds = description["t"], description["observed"], description["seeds"]
-    if description["kind"] not in ("hybrid", "mean"):
+    if description["kind"] not in KINDS:
         raise ValueError(f"kind {description['kind']!r}")
     if not all(isinstance(v, (int, float)) for v in t) or any(not a < b for a, b in pairwise(t)):
         raise ValueError("t does not increase")

@@ -12,7 +12,7 @@ with different constants: two equal point masses on massless arms (paper, sectio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -98,6 +98,8 @@ class DoublePendulum(System):
         expert: ``point_mass`` (the paper's: equal masses, arm lengths l1 and l2) or ``compound``.
         constants: of the compound expert; a calibration supplies them.
         l1, l2: arm lengths in m, for the point masses.
+        friction: viscous friction of the two joints in s⁻¹ that the expert knows; None for an expert without friction.
+            A configuration's ``calibrated`` stands for what the calibration fits.
     """
 
     state = (
@@ -117,7 +119,11 @@ class DoublePendulum(System):
         constants: Mapping[str, float] | None = None,
         l1: float = 0.091,
         l2: float = 0.070,
+        friction: Sequence[float] | None = None,
     ) -> None:
+        if friction is not None and (isinstance(friction, str) or len(friction) != 2):
+            raise InputError("system.friction", f"found {friction!r}", "two numbers in s⁻¹, or data.calibrate's")
+        self.friction = (0.0, 0.0) if friction is None else (float(friction[0]), float(friction[1]))
         if expert == "point_mass":
             self.constants = point_masses(l1, l2)
         elif expert == "compound":
@@ -130,7 +136,7 @@ class DoublePendulum(System):
             raise InputError("system.expert", repr(expert), "point_mass or compound")
 
     def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
-        return torch.cat((y[..., 2:], accelerations(y, self.constants)), dim=-1)
+        return torch.cat((y[..., 2:], accelerations(y, self.constants, self.friction)), dim=-1)
 
     def kinematics(self, y: Tensor) -> Tensor:
         """θ' = ω holds whatever the forces."""

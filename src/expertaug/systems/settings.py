@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from expertaug.settings import Positive, Settings, key
+from expertaug.settings import LIST, ONE, Pair, Positive, Settings, by_shape, key
 
 FIXED = ("euler", "midpoint", "rk4", "lawson4", "rodas3")
 
@@ -104,6 +104,11 @@ class DoublePendulumSettings(SystemSettings):
     constants: PendulumConstants | None = key(None, "of the compound expert; null = those that data.calibrate fits")
     l1: Positive = key(0.091, "length of the first arm, for the point masses", "m")
     l2: Positive = key(0.070, "length of the second arm, for the point masses", "m")
+    friction: Annotated[Annotated[Literal["calibrated"] | None, ONE] | Annotated[Pair, LIST], by_shape] = key(
+        None,
+        "of the two joints, which the expert then knows; calibrated = what data.calibrate fits; null = none",
+        "1/s",
+    )
 
 
 SYSTEMS: Mapping[str, type[SystemSettings]] = {

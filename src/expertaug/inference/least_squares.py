@@ -1,0 +1,92 @@
+"""Estimators by least squares on each window: with the expert alone, or refining what a trained model estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.errors import InputError
+from expertaug.inference.settings import RefinementSettings
+from expertaug.inference.window_fit import Latent, WindowFit
+from expertaug.models.decoder import Decoder
+from expertaug.models.estimates import Estimates, Estimator
+from expertaug.models.prediction import Predictor
+from expertaug.models.store import StoredModel
+from expertaug.systems import System
+from expertaug.systems.solver import Solver
+
+SMALLEST = 1e-3  # of the largest value of the training set: the noise that is assumed where data have none
+BOUND_FACTOR = 10.0  # the stored bound is so many times that value
+
+
+class LeastSquares(Predictor, nn.Module):
+    """Nonlinear least squares on each window, and the decoder's forecast from it.
+
+    Arguments:
+        decoder: what forecasts.
+        fit: of windows, with the same decoder.
+        first: whose estimates are a start of each fit: the result is then *refined*.
+    """
+
+    def __init__(self, decoder: Decoder, fit: WindowFit, first: Estimator | None = None) -> None:
+        super().__init__()
+        self.decoder, self.fit = decoder, fit
+        self.__dict__["first"] = first  # no part of this module: its parameters are its own
+        self.alone = first is None and not any(True for _ in decoder.parameters())
+
+    @property
+    def system(self) -> System:
+        return self.decoder.system
+
+    @torch.no_grad()
+    def estimate(self, windows: Tensor) -> Estimates:
+        """Observed windows (T1, S, B, *state) → estimates, with χ² per degree of freedom and Laplace's posterior."""
+        if self.alone:  # the same for every seed
+            return self.fit(windows[:, :1]).expand(windows.shape[1])
+        return self.fit(windows, None if self.first is None else self.first.estimate(windows))
+
+    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+        """The decoder's: states (T, …, B, *state) at the times t (T,), from y0 (…, B, *state)."""
+        return self.decoder.forecast(y0, z_e, z_a, t, solver)
+
+
+def estimator_of(
+    stored: StoredModel,
+    settings: Mapping | RefinementSettings | None,
+    noise: float,
+    prior: Mapping[str, tuple[float, float]] | None,
+) -> LeastSquares:
+    """Least squares with a stored model's decoder: from its own estimates too, where it has any.
+
+    Arguments:
+        stored: hybrid, a flow's, or the expert alone (kind least_squares).
+        settings: see :class:`RefinementSettings`.
+        noise: standard deviation of the data's noise.
+        prior: range of each expert parameter in which starts lie; None: only the model's own estimates are starts.
+
+    Raises:
+        InputError: a model without a decoder.
+    """
+    options = RefinementSettings.from_mapping(settings)
+    description = stored.description
+    if description["kind"] == "mean":
+        raise InputError("refinement", "a mean of the training set", "only models with an expert can be fitted")
+    first = None if description["kind"] == "least_squares" else stored.model
+    decoder: Decoder = stored.model if first is None else stored.model.decoder
+    given = options.model_fields_set
+    assumed = options.noise if "noise" in given else noise
+    solver = options.solver if "solver" in given else description["training"].get("solver")
+    free = options.free_start if "free_start" in given else noise > 0
+    fit = WindowFit(
+        decoder,
+        torch.tensor(description["t"][: description["observed"]], dtype=torch.float64),
+        options,
+        assumed or SMALLEST * max(description["bound"]) / BOUND_FACTOR,
+        bool(free),
+        prior,
+        Latent.of(description),
+        Solver.from_mapping(None if solver is None else dict(solver)),
+    )
+    return LeastSquares(decoder, fit, first)

@@ -1,0 +1,90 @@
+"""Levenberg–Marquardt for many small problems at once (Marquardt 1963), with derivatives by finite differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+# (x (C, …, B', K), columns (B',)) → residuals (C, …, B', M): C candidates each for the chosen columns of the last axis.
+Residuals = Callable[[Tensor, Tensor], Tensor]
+
+DIFFERENCE = 1e-6  # of a parameter, for its derivative in double precision; parameters are of order one
+DAMPING, LESS, MORE = 1e-2, 0.2, 4.0  # the first damping, and its factors after a better and after a worse step
+TIGHTEST = 1e8  # a problem that no step under this damping betters is at its minimum
+LARGEST = 1e4  # of a residual: a candidate that runs away counts as very bad, not as infinite
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where the sum of squares is least.
+
+    Attributes:
+        x: (…, B, K).
+        cost: sum of squared residuals there, (…, B).
+        curvature: JᵀJ there, (…, B, K, K): half the second derivative, without the residuals' own.
+    """
+
+    x: Tensor
+    cost: Tensor
+    curvature: Tensor
+
+
+@torch.no_grad()
+def minimise(residuals: Residuals, x: Tensor, steps: int, longest: float = 0.5, tolerance: float = 1e-6) -> Minimum:
+    """Minimise the sum of squared residuals of every problem from its own start.
+
+    Each step solves once for the trial point and its derivatives; problems that are done are left out of the next.
+
+    Arguments:
+        residuals: of candidates; what is not finite counts as :data:`LARGEST`.
+        x: starts (…, B, K), float64, of order one.
+        steps: at most so many.
+        longest: step of one parameter.
+        tolerance: a problem is done when a step betters it by less than this share.
+    """
+    x = x.clone()
+    columns = torch.arange(x.shape[-2], device=x.device)
+    cost, curvature, slope = _derivatives(residuals, x, columns)
+    damping = torch.full_like(cost, DAMPING)
+    done = torch.zeros_like(cost, dtype=torch.bool)
+    for _ in range(steps):
+        open_ = (~done).reshape(-1, done.shape[-1]).any(0).nonzero().flatten()
+        if not len(open_):
+            break
+        now, at = cost[..., open_], damping[..., open_]
+        trial = x[..., open_, :] + _step(curvature[..., open_, :, :], slope[..., open_, :], at, longest)
+        new, new_curvature, new_slope = _derivatives(residuals, trial, open_)
+        better = (new < now) & ~done[..., open_]
+        x[..., open_, :] = torch.where(better[..., None], trial, x[..., open_, :])
+        curvature[..., open_, :, :] = torch.where(better[..., None, None], new_curvature, curvature[..., open_, :, :])
+        slope[..., open_, :] = torch.where(better[..., None], new_slope, slope[..., open_, :])
+        cost[..., open_] = torch.where(better, new, now)
+        damping[..., open_] = torch.where(better, at * LESS, at * MORE)
+        settled = (better & (now - new <= tolerance * now)) | (damping[..., open_] > TIGHTEST)
+        done[..., open_] = done[..., open_] | settled
+    return Minimum(x, cost, curvature)
+
+
+def _derivatives(residuals: Residuals, x: Tensor, columns: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Cost (…, B), JᵀJ (…, B, K, K) and Jᵀr (…, B, K) by forward differences."""
+    size = x.shape[-1]
+    moves = torch.cat((x.new_zeros(1, size), DIFFERENCE * torch.eye(size, dtype=x.dtype, device=x.device)))
+    found = residuals(x + moves.view(size + 1, *[1] * (x.dim() - 1), size), columns)
+    found = found.nan_to_num(LARGEST, LARGEST, -LARGEST).clamp(-LARGEST, LARGEST)
+    here = found[0]
+    jacobian = ((found[1:] - here) / DIFFERENCE).movedim(0, -1)  # (…, B, M, K)
+    transposed = jacobian.transpose(-1, -2)
+    return here.square().sum(-1), transposed @ jacobian, (transposed @ here.unsqueeze(-1)).squeeze(-1)
+
+
+def _step(curvature: Tensor, slope: Tensor, damping: Tensor, longest: float) -> Tensor:
+    """The damped step (…, B, K), damping in proportion to the curvature of each parameter."""
+    diagonal = curvature.diagonal(dim1=-2, dim2=-1)
+    # What moves nothing gets a damping of its own, or the matrix would be singular.
+    floor = 1e-9 * diagonal.amax(-1, keepdim=True).clamp_min(1e-30)
+    damped = curvature + torch.diag_embed(damping[..., None] * diagonal + floor)
+    step = -torch.linalg.solve_ex(damped, slope.unsqueeze(-1)).result.squeeze(-1)
+    return step.nan_to_num(0.0, 0.0, 0.0).clamp(-longest, longest)

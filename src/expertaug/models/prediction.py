@@ -1,0 +1,36 @@
+"""From an observed window to a forecast: estimates first, then the decoder's forecast from them."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from expertaug.models.estimates import Estimates
+from expertaug.systems.solver import Solver
+
+
+class Predictor:
+    """What has ``estimate`` (an :class:`~expertaug.models.estimates.Estimator`) and ``forecast`` (a decoder's)."""
+
+    def predicted(self, found: Estimates, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> Tensor:
+        """The forecast that follows from estimates.
+
+        Arguments:
+            found: of the observed windows.
+            observed: (T1, …, B, *state).
+            t: (T,) in s, T ≥ T1.
+            start: y0, or y_t1: integrate onwards from the last observed point and return the observation before it.
+
+        Returns:
+            states (T, …, B, *state).
+        """
+        if start == "y0" or found.z_e is None:
+            return self.forecast(found.y0, found.z_e, found.z_a, t, solver)  # type: ignore[attr-defined]
+        last = len(observed) - 1
+        onwards = self.forecast(observed[last], found.z_e, found.z_a, t[last:], solver)  # type: ignore[attr-defined]
+        return torch.cat((observed[:last], onwards))
+
+    def predict(self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> tuple[Tensor, Tensor | None]:
+        """The forecast of the estimates from windows, and the estimate of z_e (…, B, P); as :meth:`predicted`."""
+        found = self.estimate(observed)  # type: ignore[attr-defined]
+        return self.predicted(found, observed, t, solver, start), found.z_e
