@@ -94,7 +94,7 @@ def test_shipped_files_are_valid(base, name, tmp_path):
             "methods[0]: 'aphinity' is no method; did you mean 'aphynity'?",
         ),
         ("experiments: {pendulum: {augmented: [mean]}}", "augmented[0]: 'mean' is of kind mean"),
-        ("experiments: {pendulum: {methods: [mean]}}", "augmented[0]: 'aphynity' is no method of this experiment"),
+        ("experiments: {pendulum: {methods: [mean]}}", "augmented[0]: 'expert_only' is no method of this experiment"),
         ("experiments: {x: {based_on: pendulu}}", "experiments.x.based_on: found 'pendulu'"),
         ("experiments: {x: {based_on: y}, y: {based_on: x}}", "is based on"),
         ("experiments: {x: {based_on: pendulum, training: {epochs: 0}}}", "experiments.x.training.epochs: found 0"),
@@ -377,11 +377,36 @@ def test_slices_hold_only_what_their_stage_uses(base):
 
 
 def test_blocks_and_variants(base):
-    own = {"experiments": {"x": {"based_on": "pendulum", "methods": ["mean", "aphynity"], "augmented": ["aphynity"]}}}
+    methods = {"methods": ["mean", "aphynity"], "augmented": ["aphynity"]}
+    own = {"experiments": {"x": {"based_on": "pendulum", **methods, "controls": [], "refined": []}}}
     found = config.validate(config.merge(base, own | {"seeds": [4, 0, 7], "seeds_per_job": 2}))
     assert stage_settings.seed_groups(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
     assert stage_settings.variants(found, "x") == ["mean", "aphynity", "aphynity+"]
     assert stage_settings.label(found, "aphynity+") == "APHYNITY+"
+    # Controls and refined versions that are inherited count for the methods that are there.
+    own["experiments"]["x"] |= {"controls": ["aphynity", "hvae"], "refined": ["aphynity+", "hvae", "aphynity="]}
+    found = config.validate(config.merge(base, own))
+    expected = ["mean", "aphynity", "aphynity=", "aphynity=~refined", "aphynity+", "aphynity+~refined"]
+    assert stage_settings.variants(found, "x") == expected
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"controls": ["mean"]}, "controls[0]: 'mean' is of kind mean; only hybrid methods can be trained on"),
+        ({"controls": ["aphinity"]}, "controls[0]: 'aphinity' is no method; did you mean 'aphynity'?"),
+        ({"refined": ["aphynity+~refined"]}, "refined[0]: found 'aphynity+~refined'; name the version that is to be"),
+        ({"refined": ["aphynitty+"]}, "refined[0]: 'aphynitty' is no method; did you mean 'aphynity'?"),
+        ({"refined": ["least_squares"]}, "refined[0]: 'least_squares' is of kind least_squares"),
+        ({"refinement": {"windows": {"speed": [0, 1]}}}, "refinement.windows[0]: 'speed' is no component of the state"),
+        ({"refinement": {"starts": 0}}, "refinement.starts: found 0; least_squares has no other starts"),
+        ({"refinement": {"tries": 0}}, "refinement.tries: found 0"),
+    ],
+)
+def test_mistakes_in_controls_and_refinement(base, more, message):
+    with pytest.raises(InputError) as raised:
+        config.validate(config.merge(base, {"experiments": {"pendulum": more}}))
+    assert message in str(raised.value)
 
 
 def test_noise_follows_the_preset(base):

@@ -2,7 +2,8 @@
 
 from expertaug.api import metrics as metrics
 from expertaug.api import plots as plots
-from expertaug.api.trained import Forecast as Forecast
+from expertaug.api.forecasts import Forecast as Forecast
+from expertaug.api.least_squares import least_squares as least_squares
 from expertaug.api.trained import TrainedModel as TrainedModel
 from expertaug.api.trained import evaluate as evaluate
 from expertaug.api.trained import forecast as forecast
@@ -71,6 +72,7 @@ __all__ = [
     "finetune",
     "fit",
     "forecast",
+    "least_squares",
     "load",
     "metrics",
     "plots",

@@ -74,7 +74,12 @@ def every_variant(experiment):
 
 
 def augmented_of(experiment):
-    return [v for v in every_variant(experiment) if v not in methods_of(experiment)]
+    return [v for v in every_variant(experiment) if labels.is_augmented(v) and labels.trained(v) == v]
+
+
+def finetuned_of(experiment):
+    """Augmented versions and controls."""
+    return [*augmented_of(experiment), *[v for v in jobs.variants(CONFIG, experiment) if v.endswith("=")]]
 
 
 def seed_groups_of(experiment):
@@ -93,7 +98,8 @@ def per_seed_group(pattern, experiment, methods):
 
 def trained_of(experiment):
     """Variants that have a training's log: all but those that are computed at once."""
-    return [v for v in jobs.variants(CONFIG, experiment) if CONFIG["methods"][method_of(v)]["kind"] != "mean"]
+    own = [v for v in jobs.variants(CONFIG, experiment) if labels.trained(v) == v]
+    return [v for v in own if CONFIG["methods"][method_of(v)]["kind"] == "hybrid"]
 
 
 def studies_of(experiment):
@@ -231,6 +237,7 @@ OVERALL = expand(results("tables/published{end}"), end=ENDS) if COMPARED else []
 OVERALL += expand(results("figures/{name}.{suffix}"), name=OVERVIEWS, suffix=["png", "pdf"])
 ALL = [SUMMARY, of_all("page.png"), [[tables_of(e), figures_of(e)] for e in RUN], OVERALL]
 AUGMENTED = one_of([v for e in RUN for v in augmented_of(e)])
+FINETUNED = one_of([v for e in RUN for v in finetuned_of(e)])
 
 
 wildcard_constraints:

@@ -117,7 +117,11 @@ rule augment_seed_group:
 rule finetune_seed_group:
     input:
         model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
-        augmented=results("{experiment}/{variant}/{seed_group}/augmented.safetensors"),
+        augmented=lambda w: (
+            results(f"{w.experiment}/{w.variant}/{w.seed_group}/augmented.safetensors")
+            if labels.is_augmented(w.variant)
+            else []
+        ),
         train=results("{experiment}/data/train.npz"),
         validation=results("{experiment}/data/validation.npz"),
         tracking=ancient(results("mlflow/tracking.json")),
@@ -129,7 +133,7 @@ rule finetune_seed_group:
     benchmark:
         results("benchmarks/finetune/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
-        variant=AUGMENTED,
+        variant=FINETUNED,
     conda:
         "../envs/expertaug.yaml"
     threads: 1
@@ -140,10 +144,11 @@ rule finetune_seed_group:
         settings=lambda w: settings("finetune", w.experiment, w.variant, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
         work=lambda w: results(f".work/{w.experiment}/{w.variant}/{w.seed_group}"),
+        augmented=lambda w, input: f"--augmented {shlex.quote(str(input.augmented))}" if input.augmented else "",
     message:
         "fine-tune {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug finetune --model {input.model:q} --augmented {input.augmented:q} --data {params.data:q}"
+        "expertaug finetune --model {input.model:q} {params.augmented} --data {params.data:q}"
         " --output {output:q} --work {params.work:q} --settings {params.settings:q}"
         " --tracking {input.tracking:q} --log {log:q}"
 
@@ -163,7 +168,7 @@ rule augment:
 
 rule finetune:
     input:
-        and_before([per_seed_group("model.safetensors", e, augmented_of(e)) for e in RUN]),
+        and_before([per_seed_group("model.safetensors", e, finetuned_of(e)) for e in RUN]),
 
 
 rule during_training:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TypeAlias
+from typing import TypeAlias, TypedDict
 
 import numpy as np
 import torch
@@ -17,6 +17,18 @@ Array: TypeAlias = np.ndarray | Tensor
 Ranges: TypeAlias = Mapping[str, Sequence[float]]
 
 TIME_TOLERANCE = 1e-6  # of the observed window's length
+
+
+class RefinementOptions(TypedDict, total=False):
+    """How to refine; see :class:`expertaug.inference.settings.RefinementSettings` for meaning and defaults."""
+
+    starts: int
+    tries: int
+    steps: int
+    free_start: bool
+    latent_width: float
+    windows: Mapping[str, tuple[float, float]]
+    solver: Mapping
 
 
 def tensor(value: object, name: str) -> Tensor:

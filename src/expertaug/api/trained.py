@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 import pandas as pd
@@ -12,62 +14,22 @@ import torch
 from torch import Tensor
 
 from expertaug.api import arrays
-from expertaug.api.arrays import Array
+from expertaug.api.arrays import Array, Ranges, RefinementOptions
+from expertaug.api.forecasts import Forecast, standard_deviation
 from expertaug.errors import InputError
 from expertaug.evaluation.evaluate import score, spread
+from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.settings import RefinementSettings
 from expertaug.models import seeds as seed_selection
 from expertaug.models import store
 from expertaug.models.device import device_of
+from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
 
 STARTS = ("y0", "y_t1")
-
-
-@dataclass(frozen=True, eq=False)
-class Forecast:
-    """Forecasts of N windows; of a group of S seeds every array has a leading axis (S,).
-
-    Attributes:
-        t: times in s, (T,).
-        y: states (N, T, *state).
-        z_e: estimates of the expert parameters by name, (N,) each; empty for a model that estimates none.
-        units: unit of every state component and, as ``z_e name``, expert parameter.
-        seeds: S of them.
-    """
-
-    t: np.ndarray
-    y: Array
-    z_e: dict[str, Array]
-    units: dict[str, str]
-    seeds: list[int]
-
-    def table(self) -> pd.DataFrame:
-        """A row per seed, sample and time; columns seed, sample, ``t [s]``, states and z_e with their units.
-
-        Raises:
-            InputError: the state is a field.
-        """
-        y = np.asarray(self.y.cpu() if isinstance(self.y, Tensor) else self.y)
-        names = [name for name in self.units if not name.startswith("z_e ")]
-        shape = (len(self.seeds), -1, len(self.t), len(names))
-        if y.ndim not in (3, 4) or y.shape[-1] != len(names):
-            raise InputError("forecast", f"states of shape {y.shape}", "a table holds states that are no fields")
-        y = y.reshape(shape)
-        index = np.indices(y.shape[:3]).reshape(3, -1)
-        columns = {"seed": np.array(self.seeds)[index[0]], "sample": index[1], "t [s]": self.t[index[2]]}
-        columns |= {labelled(name, self.units[name]): y[..., k].ravel() for k, name in enumerate(names)}
-        for name, value in self.z_e.items():
-            each = np.asarray(value.cpu() if isinstance(value, Tensor) else value).reshape(y.shape[:2])
-            columns[labelled(f"z_e {name}", self.units[f"z_e {name}"])] = each[index[0], index[1]]
-        return pd.DataFrame(columns)
-
-
-def labelled(name: str, unit: str) -> str:
-    """Heading of a column."""
-    return f"{name} [{unit}]" if unit else name
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +42,22 @@ class TrainedModel:
         stored: network and description, as a model file holds them.
         history: course of the training: columns step, seed, metric, value; empty for a model from a file.
         single: whether this is one seed.
+        refinement: settings, noise and prior of the least squares by which estimates are found on each window; None for
+            the model's own estimates (:meth:`refined`).
     """
 
     stored: StoredModel
     history: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["step", "seed", "metric", "value"]))
     single: bool = False
+    refinement: Mapping | None = None
+
+    @cached_property
+    def predictor(self) -> Predictor:
+        """What estimates and forecasts."""
+        if self.refinement is None:
+            return self.stored.model  # type: ignore[return-value]
+        with arrays.one_thread():
+            return estimator_of(self.stored, **self.refinement)
 
     @property
     def seeds(self) -> list[int]:
@@ -134,14 +107,14 @@ class TrainedModel:
         for key, value in description.items():  # one value a seed
             if key in ("seeds", "best_score", "best_epoch") and value is not None:
                 description[key] = [value[k] for k in chosen]
-        if "carried" in description:
-            description["carried"] = {
+        for block in [key for key in ("carried", "latent") if key in description]:
+            description[block] = {
                 key: [value[k] for k in chosen] if isinstance(value, list) and len(value) == len(self) else value
-                for key, value in description["carried"].items()
+                for key, value in description[block].items()
             }
         model = seed_selection.select(self.stored.model, chosen, len(self))
         history = self.history.loc[self.history["seed"].isin(description["seeds"])]
-        return TrainedModel(StoredModel(model, description, self.stored.classes), history, single)
+        return TrainedModel(StoredModel(model, description, self.stored.classes), history, single, self.refinement)
 
     def __iter__(self) -> Iterator[TrainedModel]:
         return (self[k] for k in range(len(self)))
@@ -173,12 +146,16 @@ class TrainedModel:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
         with torch.no_grad(), arrays.one_thread():
             points = torch.from_numpy(t).float().to(observed.device)
-            y, z_e = self.stored.model.predict(observed, points, solver or self.solver, start)  # type: ignore[operator]
+            found = self.predictor.estimate(observed)  # type: ignore[attr-defined]
+            y = self.predictor.predicted(found, observed, points, solver or self.solver, start)
         y = y.movedim(0, 2)
         units = {p.name: p.unit for p in self.system.state} | {
             f"z_e {p.name}": p.unit for p in self.system.expert_parameters
         }
-        return Forecast(t, arrays.like(y[0] if self.single else y, window), self._named(z_e, window), units, self.seeds)
+        y = arrays.like(y[0] if self.single else y, window)
+        named, std = self._named(found.z_e, window), self._named(standard_deviation(found), window)
+        chi2 = found.chi2 if found.chi2 is None or not self.single else found.chi2[0]
+        return Forecast(t, y, named, units, self.seeds, std, None if chi2 is None else arrays.like(chi2, window))
 
     def estimate(self, window: Array, t: Array | Sequence[float]) -> dict[str, Array]:
         """Estimates of the expert parameters, without a forecast.
@@ -190,11 +167,9 @@ class TrainedModel:
             by name, (N,) each, in the system's units; nothing for a model that estimates none.
         """
         observed, _ = self._window(window, t)
-        if self.stored.description["kind"] == "mean":
-            return {}
         with torch.no_grad(), arrays.one_thread():
-            z_e, _ = self.stored.model.encode(observed).mean  # type: ignore[operator]
-        return self._named(z_e, window)
+            found = self.predictor.estimate(observed)  # type: ignore[attr-defined]
+        return self._named(found.z_e, window)
 
     def evaluate(
         self,
@@ -228,11 +203,32 @@ class TrainedModel:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
         options = {"from_s": from_s, "solver": dict(vars(solver or self.solver))}
         with arrays.one_thread():
-            scored = score(self.stored, data, options, start, window.device)
+            scored = score(replace(self.stored, model=self.predictor), data, options, start, window.device)
         return pd.DataFrame(scored.rows({}, self.seeds)).loc[:, ["seed", "metric", "value"]]
 
+    def refined(
+        self, *, noise: float = 0.0, prior: Ranges | None = None, **options: Unpack[RefinementOptions]
+    ) -> TrainedModel:
+        """The same model with estimates refined by least squares on each window: z_e, z_a, and y0 where data are noisy.
+
+        Arguments:
+            noise: standard deviation of the data's noise.
+            prior: ranges [low, high] by parameter, in its unit, in which further starts lie; None: each fit starts from
+                the model's own estimate alone.
+            options: see :class:`expertaug.inference.settings.RefinementSettings`.
+
+        Raises:
+            InputError: an option that cannot be used, or a model without an expert.
+        """
+        names = [p.name for p in self.system.expert_parameters]
+        ranges = None if prior is None else arrays.ranges(prior, names, "prior")
+        given = {"settings": RefinementSettings.from_mapping(options), "noise": float(noise), "prior": ranges}
+        found = replace(self, refinement=given)
+        _ = found.predictor  # says what is wrong with the options
+        return found
+
     def save(self, path: str | Path) -> None:
-        """Write a model file, which :func:`load` and the command line read.
+        """Write a model file, which :func:`load` and the command line read; of a refined model the model itself.
 
         Raises:
             InputError: it cannot be written.
@@ -275,7 +271,8 @@ def load(path: str | Path, *, classes: Collection[str | Callable] = (), device: 
         InputError: the file is missing, damaged or no model file, or needs a class that ``classes`` does not name.
     """
     with arrays.one_thread():
-        return TrainedModel(store.load(path, device_of(device), classes))
+        stored = store.load(path, device_of(device), classes)
+    return TrainedModel(stored, refinement=stored.description.get("refinement"))
 
 
 def forecast(model: TrainedModel, window: Array, t: Array | Sequence[float], **options: object) -> Forecast:

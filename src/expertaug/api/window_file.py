@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 
 from expertaug.api.arrays import same_times
-from expertaug.api.trained import TrainedModel, labelled, load
+from expertaug.api.forecasts import labelled
+from expertaug.api.trained import TrainedModel, load
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.systems import Parameter
@@ -26,6 +27,7 @@ def forecast_file(
     seed: int | None = None,
     t_end: float | None = None,
     classes: Collection[str] = (),
+    refine: float | None = None,
 ) -> None:
     """Forecast the windows of a CSV file.
 
@@ -38,6 +40,8 @@ def forecast_file(
         seed: one of the model's; None: all.
         t_end: last time in s; beyond the training's times their last step goes on.  None: the training's last.
         classes: as of :func:`expertaug.load`.
+        refine: standard deviation of the data's noise, 0 for none: estimates are refined by least squares on each
+            window, and their standard deviations and χ² are columns too.  None: the model's own estimates.
 
     Raises:
         InputError: a file cannot be used, or the window's times are not the model's.
@@ -47,6 +51,10 @@ def forecast_file(
         if seed not in trained.seeds:
             raise InputError(model, f"no seed {seed}", f"it has {', '.join(map(str, trained.seeds))}")
         trained = trained[trained.seeds.index(seed)]
+    if refine is not None:
+        if not 0 <= refine < np.inf:
+            raise InputError("--refine", f"found {refine:g}", "give the noise's standard deviation, at least 0")
+        trained = trained.refined(noise=refine)
     names, t, y = read_windows(window, trained)
     table = trained.forecast(y, np.concatenate((t, _later(trained, t_end)))).table()
     table["sample"] = np.array(names, dtype=object)[table["sample"]]

@@ -23,6 +23,8 @@ def add_to(commands: Commands) -> None:
     p.add_argument("--output", type=Path, metavar="CSV", help="file of the forecasts (default: standard output)")
     p.add_argument("--seed", type=int, help="one of the model's seeds (default: all)")
     p.add_argument("--t-end", type=float, metavar="S", help="last time in s (default: the training's)")
+    text = "refine the estimates by least squares on each window; give the noise's standard deviation, 0 for none"
+    p.add_argument("--refine", type=float, metavar="NOISE", help=text)
     text = "package.module:Class of your own that the model may use; may be repeated"
     p.add_argument("--class", dest="classes", action="append", default=[], metavar="NAME", help=text)
 
@@ -72,7 +74,7 @@ def _evaluate(a: argparse.Namespace) -> None:
 def _forecast(a: argparse.Namespace) -> None:
     from expertaug.api.window_file import forecast_file
 
-    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes)
+    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes, a.refine)
 
 
 def _during_training(a: argparse.Namespace) -> None:

@@ -27,7 +27,9 @@ def add_to(commands: Commands) -> None:
     add_paths(p, model="model file", data="folder of the sets", output="augmented samples")
 
     p = commands.add("finetune", _finetune, "fine-tune a model on real and augmented samples")
-    add_paths(p, model="model file", augmented="augmented samples", data="folder of the sets")
+    add_paths(p, model="model file", data="folder of the sets")
+    text = "augmented samples (default: none, the control on real data alone)"
+    p.add_argument("--augmented", type=Path, metavar="FILE", help=text)
     add_paths(p, output="model file", work="folder for checkpoints")
     add_tracking(p)
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from expertaug.config import options, stage_code, study_checks
+from expertaug.config import inference_checks, options, stage_code, study_checks
 from expertaug.config.layers import merge
 from expertaug.config.names import other_parameters, unknown, unknown_one
 from expertaug.errors import InputError
@@ -105,13 +105,14 @@ def experiment(where: str, one: Mapping, config: Mapping) -> Iterator[InputError
                 yield error
     yield from unknown(one["augmented"], one["methods"], f"{where}.augmented", "method of this experiment")
     for k, method in enumerate(one["augmented"]):
-        if methods.get(method, {}).get("kind") == "mean":
+        kind = methods.get(method, {}).get("kind", "hybrid")
+        if kind != "hybrid":
             remedy = "only hybrid methods can be augmented"
-            yield InputError(f"{where}.augmented[{k}]", f"'{method}' is of kind mean", remedy)
-    if one["augmented"]:
-        for key in ("augmentation", "finetuning"):
-            if key not in one:
-                yield InputError(f"{where}.{key}", "missing", "methods under augmented need it")
+            yield InputError(f"{where}.augmented[{k}]", f"'{method}' is of kind {kind}", remedy)
+    yield from inference_checks.check(where, one, methods, known)
+    for key in ("augmentation", "finetuning"):
+        if one["augmented"] and key not in one:
+            yield InputError(f"{where}.{key}", "missing", "methods under augmented need it")
     if one["data"]["source"] == "simulation":
         yield from _simulation(where, one, known)
     else:
@@ -123,7 +124,7 @@ def _objectives(where: str, one: Mapping, methods: Mapping) -> Iterator[InputErr
     """Objectives of the methods, and options that belong to none of them."""
     kinds = {}
     for method in one["methods"]:
-        if methods[method]["kind"] == "mean":
+        if methods[method]["kind"] != "hybrid":
             continue
         kind = methods[method].get("objective", "aphynity")
         kinds[kind] = None
@@ -157,7 +158,7 @@ def _overridden(
             yield from options.part(part, merged["model"][part], f"{where}.model.{part}", known, one["data"]["t1_s"])
     for block in ("training", "finetuning"):
         given = over.get(block, {}).get("objective", {})
-        if given and build["kind"] != "mean":
+        if given and build["kind"] == "hybrid":
             kind = build.get("objective", "aphynity")
             yield from options.of_objective(kind, given, f"{where}.{block}.objective")
 

@@ -18,10 +18,22 @@ def seed_groups(config: Mapping, experiment: str | None = None) -> dict[str, lis
 
 
 def variants(config: Mapping, experiment: str) -> list[str]:
-    """An experiment's methods, each followed by its augmented version ``method+`` where there is one."""
+    """An experiment's methods, each followed by its control, its augmented version and their refined ones."""
     one = config["experiments"][experiment]
-    names = [[m, f"{m}+"] if m in one["augmented"] else [m] for m in one["methods"]]
-    return [name for pair in names for name in pair]
+    each = []
+    for name in trained_variants(one):
+        each += [name, f"{name}~{naming.REFINED}"] if name in one["refined"] else [name]
+    return each
+
+
+def trained_variants(experiment: Mapping) -> list[str]:
+    """Versions of an experiment's methods that have a model file of their own."""
+    each = []
+    for method in experiment["methods"]:
+        each.append(method)
+        each += [f"{method}{naming.CONTROL}"] if method in experiment["controls"] else []
+        each += [f"{method}{naming.AUGMENTED}"] if method in experiment["augmented"] else []
+    return each
 
 
 def further_variants(config: Mapping, experiment: str) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field, field_serializer
 
 from expertaug.config import presets
+from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
 from expertaug.recordings.chunks.settings import ChunkSettings
@@ -43,8 +44,10 @@ class Method(Settings):
 
     RENAMED: ClassVar = {"system": "say it in the experiment: overrides: {METHOD: {system: …}}"}
 
-    kind: Literal["hybrid", "mean"] = key(
-        ..., "mean = forecasts the training set's mean; hybrid = encoder, expert and interaction model"
+    kind: Literal["hybrid", "least_squares", "mean"] = key(
+        ...,
+        "hybrid = encoder, expert and interaction model; least_squares = the expert alone, fitted to each window, "
+        "without a network; mean = forecasts the training set's mean",
     )
     label: str = key(..., "what tables and figures print; augmented versions get a +", min_length=1)
     expert: bool = key(LEFT_OUT, "false takes the expert model away")
@@ -184,6 +187,7 @@ class Override(Settings):
     training: TrainSettings = key(LEFT_OUT, "as the experiment's training")
     augmentation: Augmentation = key(LEFT_OUT, "as the experiment's augmentation")
     finetuning: TrainSettings = key(LEFT_OUT, "as the experiment's finetuning")
+    refinement: RefinementSettings = key(LEFT_OUT, "as the experiment's refinement")
 
 
 class Experiment(Settings):
@@ -217,6 +221,19 @@ class Experiment(Settings):
     evaluation: Evaluation = key(Evaluation, "what is measured and kept of each set")
     methods: SomeNames = key(..., "names of the methods to train")
     augmented: Names = key(list, "those of them that are also fine-tuned on augmented data")
+    controls: Names = key(
+        list,
+        "those of them that are also trained on for the steps of a fine-tuning, on the real data alone (METHOD=): what "
+        "an augmented version is to be compared with; methods that the experiment does not train are left out",
+    )
+    refined: Names = key(
+        list,
+        "versions (METHOD, METHOD=, METHOD+ …) whose estimates are refined on each window by least squares "
+        "(VERSION~refined); versions that the experiment does not make are left out",
+    )
+    refinement: RefinementSettings = key(
+        RefinementSettings, "least squares on each window: of methods of kind least_squares and of refined versions"
+    )
 
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:

@@ -153,7 +153,7 @@ class _Experiment:
         described = described_by(settings, _stand_in() if calibrated else None)
         system = self._system(described["system"])
         build = settings["build"]
-        if system is None or build["kind"] == "mean":
+        if system is None or build["kind"] != "hybrid":
             return system is not None
         training = _for_two_seeds(settings["training"], len(seeds))
         where = f"experiments.{self.name}, {method}"

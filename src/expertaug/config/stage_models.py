@@ -12,6 +12,7 @@ from pydantic import ConfigDict, Field
 
 from expertaug.config.models import Evaluation
 from expertaug.errors import InputErrors
+from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.settings import LEFT_OUT, NotNegative, Positive, Range, Seed, Settings, check, key
 
@@ -77,10 +78,19 @@ class Train(Labelled):
     t1_s: Positive = key(..., "end of the observed window", "s")
 
 
-class TrainMean(Train):
-    """The training of a method of kind mean, which has no settings."""
+class Refinement(Settings):
+    """Least squares on each window."""
+
+    settings: RefinementSettings = key(..., "how to fit")
+    noise: NotNegative = key(..., "standard deviation of the data's noise")
+    prior: dict[str, Range] | None = key(..., "range of each expert parameter in which the fits start; null = none")
+
+
+class Untrained(Train):
+    """The training of a method that has none (kinds mean and least_squares)."""
 
     training: dict[str, Any] = key(..., "empty")  # type: ignore[assignment]
+    refinement: Refinement = key(LEFT_OUT, "of kind least_squares")
 
 
 class Augment(OfSeeds):
@@ -100,6 +110,7 @@ class Evaluate(Labelled):
     """An evaluation."""
 
     evaluation: Evaluation = key(..., "what is computed")
+    refinement: Refinement = key(LEFT_OUT, "least squares on each window, where the estimates come from it")
     sets: list[str] = key(..., "names of the sets")
 
 
@@ -181,8 +192,8 @@ def require(stage: str, settings: Mapping[str, object]) -> None:
     """
     kind = STAGES.get(stage)
     build = settings.get("build")
-    if kind is Train and isinstance(build, Mapping) and build.get("kind") == "mean":
-        kind = TrainMean
+    if kind is Train and isinstance(build, Mapping) and build.get("kind") != "hybrid":
+        kind = Untrained
     errors = check(kind, settings, WHERE) if kind is not None else []
     if errors:
         raise InputErrors(errors)

@@ -84,12 +84,13 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
     if build.get("interaction") is False:
         del model["interaction"]
     given = {}
-    if build["kind"] == "mean":
+    if build["kind"] != "hybrid":
         model, training = {}, {}
     else:
         training = _with_own_options(training, build)
         if options.needs_prior(objective_of(build), "objective"):
             given = {"prior": one["augmentation"]["prior"]}
+    given |= _estimator(config, experiment, method)
     return {
         **_identity(config, experiment, method),
         "system": config["experiments"][experiment]["system"],
@@ -122,11 +123,11 @@ def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
 
 def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict:
     method = naming.base(variant)
+    one = experiment_of(config, experiment, method)
     return {
         **_identity(config, experiment, variant),
-        "training": _with_own_options(
-            experiment_of(config, experiment, method)["finetuning"], config["methods"][method]
-        ),
+        "training": _with_own_options(one["finetuning"], config["methods"][method]),
+        **({"prior": one["augmentation"]["prior"]} if naming.is_control(variant) else {}),
         "choices": _choices(config["experiments"][experiment], "finetune"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
@@ -138,6 +139,7 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
     return {
         **_identity(config, experiment, variant),
         "evaluation": _evaluation(config, experiment),
+        **(_estimator(config, experiment, variant) if naming.is_refined(variant) else {}),
         "sets": sets(config, experiment),
         "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config, experiment)[group],
@@ -243,6 +245,16 @@ def _with_own_options(training: Mapping, build: Mapping) -> dict:
     """A block of training with those of the objective's options that are the method's own objective's."""
     given, kind = training.get("objective", {}), objective_of(build)
     return {**training, "objective": {k: v for k, v in given.items() if options.takes_option(kind, k)}}
+
+
+def _estimator(config: Mapping, experiment: str, variant: str) -> dict:
+    """What least squares on each window needs, where a version's estimates come from it."""
+    method = naming.base(variant)
+    if not naming.is_refined(variant) and config["methods"][method]["kind"] != "least_squares":
+        return {}
+    one = experiment_of(config, experiment, method)
+    prior = one["augmentation"]["prior"] if "augmentation" in one else None
+    return {"refinement": {"settings": one["refinement"], "noise": _noise(one), "prior": prior}}
 
 
 def _reading(config: Mapping, experiment: str) -> dict:

@@ -71,8 +71,10 @@ def _during_training(where: str, experiment: Mapping, methods: Mapping) -> Itera
     yield from wrong
     if wrong:
         return
-    if methods[method]["kind"] == "mean":
-        yield InputError(f"{here}.method", f"'{method}' is of kind mean", "only hybrid methods can be augmented")
+    if methods[method]["kind"] != "hybrid":
+        yield InputError(
+            f"{here}.method", f"'{method}' is of kind {methods[method]['kind']}", "only hybrid methods can be augmented"
+        )
     for key in ("augmentation", "finetuning"):
         if key not in experiment:
             yield InputError(f"{where}.{key}", "missing", "studies.during_training needs it")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from expertaug.evaluation import figures, traces
 from expertaug.evaluation.metrics import log_of, log_of_median, parameter_errors, squared_errors
 from expertaug.evaluation.runaways import forecast
 from expertaug.files import atomic
+from expertaug.inference.least_squares import estimator_of
 from expertaug.labels import MAIN_SETS
 from expertaug.learning.bound import largest, stored_bound
 from expertaug.models import store
@@ -43,7 +44,8 @@ def evaluate(
         settings: {experiment, method, label, preset, sets, evaluation, choices, seeds, device}; ``sets`` names those to
             evaluate (forecasts are kept of validation and test alone); ``evaluation`` has ``samples`` (forecasts kept
             of each set), ``from_s`` (the metric sees times from there on; null = those after the observed window),
-            ``max_samples`` (of each set, evenly spread; null = all) and ``solver``.
+            ``max_samples`` (of each set, evenly spread; null = all) and ``solver``; ``refinement``
+            ({settings, noise, prior}, as :func:`estimator_of`): the model's estimates are refined by least squares.
 
     Raises:
         InputError: the model and the settings disagree on the seeds.
@@ -56,6 +58,9 @@ def evaluate(
     start = settings["choices"]["forecast_start"]
     identity = {k: settings[k] for k in ("experiment", "method", "label", "preset")}
     identity["system"] = stored.description["system"]["name"]
+    refinement = settings.get("refinement") or stored.description.get("refinement")
+    if refinement is not None:
+        stored = replace(stored, model=estimator_of(stored, **refinement))
     rows, arrays = [], {}
     for name in settings.get("sets", MAIN_SETS):
         truth = spread(Trajectories.load(Path(data) / f"{name}.npz"), options.get("max_samples"))

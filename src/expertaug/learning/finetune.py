@@ -22,7 +22,7 @@ from expertaug.trajectories import Trajectories
 
 def finetune(
     model: Path,
-    augmented: Path,
+    augmented: Path | None,
     data: Path,
     output: Path,
     work: Path,
@@ -33,7 +33,7 @@ def finetune(
 
     Arguments:
         model: file of the trained model.
-        augmented: file of its D⁺.
+        augmented: file of its D⁺; None: the control, trained on real data alone for as many steps.
         data: folder of the sets.
         output: model file.
         work: folder for checkpoints.
@@ -42,26 +42,31 @@ def finetune(
     """
     device = device_of(settings["device"])
     stored = store.load(model, device, settings.get("classes", ()))
-    plus = Augmented(*augmentation.load(augmented, device))
+    plus = None if augmented is None else Augmented(*augmentation.load(augmented, device))
     sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
     train, validation = map(Trajectories.load, sets)
     training = prepare(stored, plus, train, validation, settings)
-    used = {"training": training.description["training"], "prior": plus.header["prior"]}
-    inputs = [Path(model), Path(augmented), *sets]
+    used = {"training": training.description["training"], "prior": training.description["augmented_prior"]}
+    inputs = [Path(model), *([] if augmented is None else [Path(augmented)]), *sets]
     job.run(training, output, work, inputs, {**settings, "seeds": stored.seeds, **used}, tracking)
 
 
 def prepare(
-    stored: store.StoredModel, plus: Augmented, train: Trajectories, validation: Trajectories, settings: Mapping
+    stored: store.StoredModel,
+    plus: Augmented | None,
+    train: Trajectories,
+    validation: Trajectories,
+    settings: Mapping,
 ) -> Training:
     """Make the fine-tuning of a trained model in memory; the model itself stays as it is.
 
     Arguments:
         stored: a trained hybrid model.
-        plus: its D⁺.
+        plus: its D⁺; None for the control: every real sample stands twice in a pass, so that steps, batches and
+            schedule are those of D ∪ D⁺.
         train, validation: the sets of its training.
         settings: {experiment, method, label, preset, training, choices, device}; method and label name the augmented
-            method.
+            method; ``prior``, p⁺, for the control.
     """
     device, choices, base = device_of(settings["device"]), settings["choices"], dict(stored.description)
     hybrid, before = _frozen(stored.model, choices)
@@ -71,14 +76,15 @@ def prepare(
     }
     first = base["training"].get("objective", {}) | base["carried"]
     training["objective"] = first | training.get("objective", {})
-    scale = augmentation.prior_scale(hybrid, plus.header["prior"]).to(device)
+    prior = settings["prior"] if plus is None else plus.header["prior"]
+    scale = augmentation.prior_scale(hybrid, prior).to(device)
     task = task_of(training, base, device, scale)
     real, check = StackedSet.of(train, device), StackedSet.of(validation, device)
     description = base | {k: settings[k] for k in ("experiment", "method", "label", "preset", "choices")}
     description |= {
         "stage": "finetune",
         "training": training,
-        "augmented_prior": plus.header["prior"],
+        "augmented_prior": prior,
         "base_wall_s": base["wall_s"],
     }
     return fitting.prepare(
@@ -86,7 +92,7 @@ def prepare(
         partial(_sets, stored, plus, real, check, task, choices),
         task,
         description,
-        {**settings, "seeds": stored.seeds, "training": training, "prior": plus.header["prior"]},
+        {**settings, "seeds": stored.seeds, "training": training, "prior": prior},
         stored.classes,
         before,
         real.y[: base["observed"]],
@@ -110,7 +116,7 @@ def _frozen(model: HybridNet, choices: Mapping) -> tuple[HybridNet, dict[str, to
 
 def _sets(
     stored: store.StoredModel,
-    plus: Augmented,
+    plus: Augmented | None,
     train: StackedSet,
     validation: StackedSet,
     task: Task,
@@ -119,7 +125,10 @@ def _sets(
 ) -> tuple[StackedSet | Callable[[int], StackedSet], list]:
     """D ∪ D⁺ over the first ``points`` points, D⁺ drawn once or for every pass; and the validation sets."""
     real = train.window(points)
-    checks = [(validation, task.selection(choices)), (plus.validation, range(1, len(plus.validation.y)))]
+    checks = [(validation, task.selection(choices))]
+    if plus is None:
+        return real | real, checks
+    checks.append((plus.validation, range(1, len(plus.validation.y))))
     if choices["resample"] == "once":
         return real | plus.train, checks
     header, short = plus.header, task.shortened(points)

@@ -154,10 +154,11 @@ def expert_alone(
 ) -> store.StoredModel:
     """The decoder of the expert alone, whose estimates are to be found by least squares; nothing is trained.
 
-    ``settings`` and ``described`` as of :func:`prepare`.
+    ``settings`` and ``described`` as of :func:`prepare`; ``refinement``, {settings, noise, prior}, says how to fit.
     """
     description = {"kind": "least_squares", **_of_data(train, settings), **described}
     description |= {"expert": True, "interaction": False, "model": {}, "wall_s": 0.0, "best_score": None}
+    description |= {"refinement": settings["refinement"]}
     return store.StoredModel(Decoder(system), description)
 
 

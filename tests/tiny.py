@@ -1,6 +1,11 @@
-"""A tiny pendulum experiment."""
+"""A tiny pendulum experiment, and what the tests of learning and of inference share of it."""
+
+import copy
+
+import pytest
 
 from expertaug.config.presets import resolve
+from expertaug.systems.simulate import simulate
 
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 DATA = {
@@ -28,3 +33,16 @@ SETTINGS = {
     "device": "cpu",
 }
 PRIOR = {"omega0": [0.5, 3.5]}
+
+
+@pytest.fixture
+def settings():
+    return copy.deepcopy(SETTINGS)
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pendulum")
+    for name in DATA["sets"]:
+        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": DATA})
+    return folder

@@ -1,0 +1,81 @@
+"""Forecasts as users get them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from expertaug.api.arrays import Array
+from expertaug.errors import InputError
+from expertaug.models.estimates import Estimates
+from expertaug.models.posterior import Gaussian, log_slope
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Forecasts of N windows; of a group of S seeds every array has a leading axis (S,).
+
+    Attributes:
+        t: times in s, (T,).
+        y: states (N, T, *state).
+        z_e: estimates of the expert parameters by name, (N,) each; empty for a model that estimates none.
+        units: unit of every state component and, as ``z_e name``, expert parameter.
+        seeds: S of them.
+        z_e_std: standard deviations of the estimates by name, where the model has them: a hybrid-VAE's posterior, or
+            Laplace's approximation after refinement.
+        chi2: χ² per degree of freedom of each observed window after refinement, (N,); far above 1, the model does not
+            explain the window.  None without refinement.
+    """
+
+    t: np.ndarray
+    y: Array
+    z_e: dict[str, Array]
+    units: dict[str, str]
+    seeds: list[int]
+    z_e_std: dict[str, Array] = field(default_factory=dict)
+    chi2: Array | None = None
+
+    def table(self) -> pd.DataFrame:
+        """A row per seed, sample and time; columns seed, sample, ``t [s]``, states, z_e with their units, and, where
+        there are any, their standard deviations and χ².
+
+        Raises:
+            InputError: the state is a field.
+        """
+        y = np.asarray(self.y.cpu() if isinstance(self.y, Tensor) else self.y)
+        names = [name for name in self.units if not name.startswith("z_e ")]
+        shape = (len(self.seeds), -1, len(self.t), len(names))
+        if y.ndim not in (3, 4) or y.shape[-1] != len(names):
+            raise InputError("forecast", f"states of shape {y.shape}", "a table holds states that are no fields")
+        y = y.reshape(shape)
+        index = np.indices(y.shape[:3]).reshape(3, -1)
+        columns = {"seed": np.array(self.seeds)[index[0]], "sample": index[1], "t [s]": self.t[index[2]]}
+        columns |= {labelled(name, self.units[name]): y[..., k].ravel() for k, name in enumerate(names)}
+        of_window = {labelled(f"z_e {name}", self.units[f"z_e {name}"]): value for name, value in self.z_e.items()}
+        of_window |= {
+            labelled(f"z_e {name} std", self.units[f"z_e {name}"]): value for name, value in self.z_e_std.items()
+        }
+        of_window |= {} if self.chi2 is None else {"chi2": self.chi2}
+        for name, value in of_window.items():
+            each = np.asarray(value.cpu() if isinstance(value, Tensor) else value).reshape(y.shape[:2])
+            columns[name] = each[index[0], index[1]]
+        return pd.DataFrame(columns)
+
+
+def labelled(name: str, unit: str) -> str:
+    """Heading of a column."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def standard_deviation(found: Estimates) -> Tensor | None:
+    """Standard deviation (S, B, P) of z_e, where the estimator has one, to first order."""
+    posterior = found.posterior
+    if posterior is None or not isinstance(posterior.z_e, Gaussian):
+        return None
+    q = posterior.z_e
+    slope = log_slope(q.loc, q.parameters) if q.parameters is not None else torch.zeros_like(q.loc)
+    return (q.log_std + slope).exp()

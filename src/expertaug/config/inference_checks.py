@@ -1,0 +1,54 @@
+"""Checks of what a configuration says of controls, refined versions and least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from expertaug.config.names import unknown, unknown_one
+from expertaug.config.options import KnownSystem
+from expertaug.errors import InputError
+from expertaug.labels import base, parse
+
+
+def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None) -> Iterator[InputError]:
+    """What is wrong with the keys controls, refined and refinement of a completed experiment.
+
+    Versions of methods that the experiment does not train are no mistake: an override may take a method away.
+    """
+    yield from unknown(one["controls"], methods, f"{where}.controls", "method")
+    for k, method in enumerate(one["controls"]):
+        kind = _kind(methods, method)
+        if kind != "hybrid":
+            remedy = "only hybrid methods can be trained on"
+            yield InputError(f"{where}.controls[{k}]", f"'{method}' is of kind {kind}", remedy)
+    for key in ("augmentation", "finetuning"):
+        if set(one["controls"]) & set(one["methods"]) and key not in one:
+            yield InputError(f"{where}.{key}", "missing", "methods under controls need it")
+    yield from _refined(f"{where}.refined", one["refined"], methods)
+    fitted = [m for m in one["methods"] if _kind(methods, m) == "least_squares"]
+    if fitted and "augmentation" not in one:
+        found = f"missing, {fitted[0]} needs its prior"
+        yield InputError(f"{where}.augmentation", found, "give p⁺: the fits start within it")
+    if fitted and not one["refinement"]["starts"]:
+        yield InputError(f"{where}.refinement.starts", "found 0", f"{fitted[0]} has no other starts: give 1 or more")
+    windows = one["refinement"].get("windows", {})
+    if known is not None and known.state is not None:
+        yield from unknown(windows, known.state, f"{where}.refinement.windows", "component of the state")
+
+
+def _refined(where: str, variants: list[str], methods: Mapping) -> Iterator[InputError]:
+    for k, variant in enumerate(variants):
+        here, kind = f"{where}[{k}]", _kind(methods, base(variant))
+        yield from unknown_one(base(variant), methods, here, "method")
+        if parse(variant).estimators:
+            yield InputError(here, f"found '{variant}'", "name the version that is to be refined, as METHOD+")
+        elif variant in variants[:k]:
+            yield InputError(here, f"'{variant}' is there twice", "name each version once")
+        elif kind == "mean":
+            yield InputError(here, f"'{variant}' is of kind mean", "name a version with an expert")
+        elif kind == "least_squares":
+            yield InputError(here, f"'{variant}' is of kind least_squares", "it is fitted to each window already")
+
+
+def _kind(methods: Mapping, method: str) -> str:
+    return methods.get(method, {}).get("kind", "hybrid")

@@ -1,0 +1,73 @@
+"""Least squares and refined models in memory, from files and from the shell."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import expertaug as ea
+from expertaug.cli import main
+
+T = np.linspace(0, 4, 41)
+PRIOR = {"omega0": [0.5, 3.5]}
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return ea.simulate(ea.DampedPendulum(), {"omega0": (1.0, 3.0)}, {"alpha": (0, 0)}, n=12, t=T, noise=0.01)
+
+
+@pytest.fixture(scope="module")
+def fitted(clean):
+    return ea.least_squares(ea.DampedPendulum(), clean, observed_s=3.0, prior=PRIOR, noise=0.01)
+
+
+def test_least_squares_forecasts_like_a_trained_model(clean, fitted):
+    found = fitted.forecast(clean.y[:, : fitted.observed], T)
+    assert found.y.shape == clean.y.shape and found.chi2.shape == (12,)
+    error = np.abs(found.z_e["omega0"] - clean.z_e[:, 0])
+    assert error.mean() < 0.02 and (error < 4 * found.z_e_std["omega0"]).mean() > 0.8
+    table = fitted.evaluate(clean).set_index("metric")["value"]
+    assert table["log_mse_sum"] < -7 and table["relative_error"] < 2
+    columns = found.table().columns
+    assert list(columns[-3:]) == ["z_e omega0 [rad/s]", "z_e omega0 std [rad/s]", "chi2"]
+
+
+def test_a_file_knows_how_it_is_fitted(clean, fitted, tmp_path, capsys):
+    fitted.save(tmp_path / "model.safetensors")
+    again = ea.load(tmp_path / "model.safetensors")
+    window = clean.y[:, : fitted.observed]
+    np.testing.assert_array_equal(again.forecast(window, T).y[0], fitted.forecast(window, T).y)
+    rows = pd.DataFrame(window[0], columns=["theta", "omega"]).assign(t=T[: fitted.observed])
+    rows.to_csv(tmp_path / "window.csv", index=False)
+    assert main(["forecast", "--model", str(tmp_path / "model.safetensors"), str(tmp_path / "window.csv")]) == 0
+    table = pd.read_csv(io.StringIO(capsys.readouterr().out))
+    np.testing.assert_allclose(table["theta [rad]"], fitted.forecast(window[:1], T).y[0, :, 0], rtol=1e-4, atol=1e-5)
+    assert table["chi2"].nunique() == 1
+
+
+def test_a_trained_model_is_refined_and_stays_as_it_is(sets, fit, tmp_path, capsys):
+    train, model = sets["train"], fit
+    window = train.y[:, : model.observed]
+    own, refined = model.forecast(window, train.t), model.refined(noise=0.01).forecast(window, train.t)
+    assert refined.chi2.shape == (len(model), len(window)) and own.chi2 is None
+
+    def misfit(forecast):
+        return ((forecast.y[:, :, : model.observed] - window) ** 2).mean()
+
+    assert misfit(refined) < misfit(own)
+    one = model.refined(noise=0.01)[1].forecast(window, train.t)
+    np.testing.assert_allclose(one.z_e["omega0"], refined.z_e["omega0"][1], rtol=1e-3)
+    np.testing.assert_array_equal(model.forecast(window, train.t).y, own.y)
+    with pytest.raises(ea.InputError, match=r"refinement\.steps"):
+        model.refined(steps=0)
+    model.save(tmp_path / "model.safetensors")
+    pd.DataFrame(window[0], columns=["theta", "omega"]).assign(t=train.t[: model.observed]).to_csv(
+        tmp_path / "w.csv", index=False
+    )
+    call = ["forecast", "--model", str(tmp_path / "model.safetensors"), str(tmp_path / "w.csv"), "--refine"]
+    assert main([*call, "0.01"]) == 0 and "chi2" in capsys.readouterr().out
+    assert main([*call, "-1"]) == 2 and "--refine: found -1" in capsys.readouterr().err

@@ -1,0 +1,171 @@
+"""Least squares on each window: the minimiser, the fit of a pendulum and of a circuit, refinement, its settings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from expertaug import systems
+from expertaug.errors import InputError
+from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.levenberg_marquardt import minimise
+from expertaug.inference.window_fit import given_components, seen_components
+from expertaug.learning import train as train_stage
+from expertaug.models import describe, store
+from expertaug.models.decoder import Decoder
+from expertaug.models.posterior import unconstrain
+from expertaug.systems.simulate import trajectories
+from expertaug.systems.solver import Solver
+
+T = np.linspace(0.0, 10.0, 101)
+OBSERVED, NOISE = 51, 0.01
+PRIOR = {"omega0": (0.5, 3.5)}
+
+
+def expert_alone(name, data):
+    bound = [10 * float(np.abs(data.y).max())] * data.y.shape[2]
+    described = {"kind": "least_squares", "system": {"name": name}, "t": T.tolist(), "observed": OBSERVED}
+    described |= {"bound": bound, "training": {}, "seeds": [0, 1]}
+    return store.StoredModel(Decoder(systems.load({"name": name})), described)
+
+
+def windows(data, seeds=2):
+    y = torch.from_numpy(data.y).float().movedim(1, 0)[:OBSERVED].unsqueeze(1)
+    return y.expand(-1, seeds, *y.shape[2:])
+
+
+def pendulum(z_e, damping=(0.0, 0.0), n=40):
+    return trajectories(
+        systems.load({"name": "pendulum"}), {"omega0": z_e}, {"alpha": damping}, n=n, t=T, noise=NOISE, seed=3
+    )
+
+
+def test_the_minimiser_finds_the_minimum_of_each_problem_and_its_curvature():
+    # Rosenbrock's valley, moved to another place for each of 6 problems, beside a linear problem's known curvature.
+    place = torch.linspace(0.5, 1.5, 6, dtype=torch.float64)
+
+    def residuals(x, columns):
+        a = place[columns]
+        return torch.stack((a - x[..., 0], 10 * (x[..., 1] - x[..., 0].square())), -1)
+
+    found = minimise(residuals, torch.full((1, 6, 2), -1.0, dtype=torch.float64), steps=200)
+    torch.testing.assert_close(found.x[0, :, 0], place, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(found.x[0, :, 1], place.square(), rtol=1e-3, atol=1e-3)
+    jacobian = torch.tensor([[-1.0, 0.0], [-20.0, 10.0]], dtype=torch.float64)  # at x = (1, 1)
+    at_one = minimise(lambda x, columns: residuals(x, columns), torch.ones(1, 6, 2, dtype=torch.float64), steps=0)
+    torch.testing.assert_close(at_one.curvature[0, 2], jacobian.T @ jacobian, rtol=1e-4, atol=1e-4)
+
+
+def test_a_candidate_that_runs_away_is_only_very_bad():
+    def residuals(x, columns):
+        return torch.where(x > 2, torch.nan, x - 1)
+
+    found = minimise(residuals, torch.tensor([[[1.9], [-3.0]]], dtype=torch.float64), steps=60)
+    torch.testing.assert_close(found.x[0, :, 0], torch.ones(2, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("z_e", [(1.5, 3.1), (0.5, 1.5)])
+def test_an_undamped_pendulum_is_fitted_to_its_noise(z_e):
+    data = pendulum(z_e)
+    found = estimator_of(expert_alone("pendulum", data), None, NOISE, PRIOR).estimate(windows(data))
+    truth = torch.from_numpy(data.z_e).float()
+    assert found.z_e.shape == (2, 40, 1) and torch.equal(found.z_e[0], found.z_e[1])
+    assert ((found.z_e[0] - truth) / truth).abs().mean() < 0.01
+    assert 0.85 < found.chi2[0].mean() < 1.15
+    # Laplace's intervals hold: standardised errors have a variance near one.
+    q = found.posterior.z_e
+    parameters = systems.load({"name": "pendulum"}).expert_parameters
+    score = (unconstrain(truth, parameters) - q.loc[0]) / q.log_std[0].exp()
+    assert 0.5 < score.square().mean() < 2.0
+    # A start that is estimated is nearer the truth than the noisy one.
+    clean = trajectories(systems.load({"name": "pendulum"}), {"omega0": z_e}, {"alpha": (0, 0)}, n=40, t=T, seed=3)
+    exact = torch.from_numpy(clean.y[:, 0]).float()
+    assert (found.y0[0] - exact).square().mean() < 0.5 * (windows(data)[0, 0] - exact).square().mean()
+
+
+def test_what_the_expert_lacks_shows_in_chi2():
+    lacking = pendulum((1.5, 3.1), damping=(0.3, 0.6))
+    found = estimator_of(expert_alone("pendulum", lacking), None, NOISE, PRIOR).estimate(windows(lacking, 1))
+    assert found.chi2.median() > 50 and found.chi2.min() > 1.3
+
+
+def test_a_circuit_without_noise_is_found_exactly_from_many_starts():
+    data = trajectories(
+        systems.load({"name": "rlc"}), {"L": (3.0, 5.0), "C": (1.0, 2.5)}, {"R": (0.0, 0.0)}, n=20, t=T, seed=1
+    )
+    estimator = estimator_of(expert_alone("rlc", data), None, 0.0, {"L": (1.0, 5.0), "C": (0.5, 2.5)})
+    found = estimator.estimate(windows(data))
+    torch.testing.assert_close(found.z_e[0], torch.from_numpy(data.z_e).float(), rtol=1e-3, atol=1e-3)
+    assert torch.equal(found.y0, windows(data)[0])  # known where nothing is noisy
+
+
+def test_refinement_starts_from_the_models_own_estimates(settings, data):
+    from expertaug.trajectories import Trajectories
+
+    train, validation = (Trajectories.load(data / f"{name}.npz") for name in ("train", "validation"))
+    described = train_stage.described_by(settings)
+    recipe = describe.recipe_of(systems.load(described["system"]), described)
+    run = train_stage.prepare(recipe, train, validation, {"objective": "aphynity", **settings}, described)
+    stored = run.run()
+    latent = stored.description["latent"]
+    assert np.shape(latent["mean"]) == np.shape(latent["std"]) == (2, 8)
+    y = torch.from_numpy(train.y).float().movedim(1, 0)[: stored.description["observed"]].unsqueeze(1)
+    y = y.expand(-1, 2, *y.shape[2:])
+    mean = stored.model.encode(y).z_a.mean.double().mean(1)
+    torch.testing.assert_close(torch.tensor(latent["mean"], dtype=torch.float64), mean, rtol=1e-5, atol=1e-6)
+
+    own = stored.model.estimate(y)
+    alone = estimator_of(stored, {"starts": 0}, 0.01, None)  # no start but the model's own
+    t = torch.tensor(stored.description["t"])
+    observed = stored.description["observed"]
+
+    def misfit(found):
+        states = stored.model.forecast(found.y0, found.z_e, found.z_a, t[:observed], Solver("rk4"))
+        return (states - y).square().mean((0, 3))
+
+    refined = alone.estimate(y)
+    assert (misfit(refined) <= misfit(own) + 1e-6).all() and misfit(refined).mean() < 0.5 * misfit(own).mean()
+    more = estimator_of(stored, {"starts": 64, "tries": 4}, 0.01, {"omega0": (0.5, 3.5)}).estimate(y)
+    assert (more.chi2 <= refined.chi2 * 1.001 + 1e-6).double().mean() > 0.95
+    # The same again, and the model is as it was.
+    again = alone.estimate(y)
+    assert torch.equal(again.z_e, refined.z_e) and torch.equal(stored.model.estimate(y).z_e, own.z_e)
+    part = alone.estimate(y[:, :, :7])
+    torch.testing.assert_close(part.z_e, refined.z_e[:, :7], rtol=1e-3, atol=1e-4)
+
+
+def test_which_components_are_seen_and_given():
+    double = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+    assert seen_components(double).tolist() == [True, True, False, False]
+    assert given_components(double).tolist() == [True, True, False, False]
+    assert given_components(systems.load({"name": "pendulum"})).tolist() == [True, True]
+    field = systems.load({"name": "reaction_diffusion"})
+    assert seen_components(field).tolist() == [True, True] and given_components(field).tolist() == [False, False]
+
+
+def test_points_outside_a_components_window_do_not_count():
+    data = pendulum((1.5, 3.1), n=8)
+    stored = expert_alone("pendulum", data)
+    only_angle = {"windows": {"omega": [0.0, 0.0]}}
+    spoiled = replace(data, y=data.y.copy())
+    spoiled.y[:, 1:, 1] += 7.0
+    one, other = (
+        estimator_of(stored, only_angle, NOISE, PRIOR).estimate(windows(each, 1)).z_e for each in (data, spoiled)
+    )
+    assert torch.equal(one, other)
+
+
+def test_what_cannot_be_fitted_is_one_line():
+    data = pendulum((1.5, 3.1), n=2)
+    stored = expert_alone("pendulum", data)
+    with pytest.raises(InputError, match="least squares needs a range of starts"):
+        estimator_of(stored, None, NOISE, None).estimate(windows(data))
+    with pytest.raises(InputError, match="names speed"):
+        estimator_of(stored, {"windows": {"speed": [0, 1]}}, NOISE, PRIOR)
+    with pytest.raises(InputError, match="give a range for each of"):
+        estimator_of(stored, None, NOISE, {"L": (1, 2)})
+    with pytest.raises(InputError, match="only models with an expert"):
+        estimator_of(replace(stored, description={**stored.description, "kind": "mean"}), None, NOISE, PRIOR)
