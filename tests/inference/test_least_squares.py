@@ -102,6 +102,29 @@ def test_a_circuit_without_noise_is_found_exactly_from_many_starts():
     assert torch.equal(found.y0, windows(data)[0])  # known where nothing is noisy
 
 
+@pytest.mark.parametrize("name", ["pendulum", "reaction_diffusion"])
+def test_the_true_equation_is_a_floor(name):
+    system = systems.load({"name": name})
+    t, ranges = T[:31], {"omega0": (1.5, 3.1)}
+    z_a, solver, noise = {"alpha": (0.1, 0.6)}, {}, NOISE
+    if name == "reaction_diffusion":
+        t, ranges = np.linspace(0, 1, 11), {"a": (0.001, 0.002), "b": (0.003, 0.007)}
+        z_a, solver, noise = {"k": (0.003, 0.005)}, {"method": "lawson4"}, 0.0
+    data = trajectories(system, ranges, z_a, n=6, t=t, noise=noise, seed=2)
+    given = {"settings": {"starts": 8, "solver": solver} if solver else {}, "noise": noise, "prior": ranges}
+    settings = {"choices": {"observed_points": "inclusive"}, "seeds": [0, 1], "training": {}, "t1_s": float(t[-1])}
+    settings |= {"experiment": "e", "method": "truth", "label": "t", "preset": "corrected", "refinement": given}
+    described = {"system": {"name": name}, "model": {}, "expert": True, "interaction": False}
+    stored = train_stage.expert_alone(system, data, settings, described, truth=True)
+    y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).float()
+    found = estimator_of(stored, **stored.description["refinement"]).estimate(y.expand(-1, 2, *y.shape[2:]))
+    expected = torch.from_numpy(data.z_e).float()
+    assert ((found.z_e[0] - expected) / expected).abs().mean() < 0.02
+    assert (found.z_a[0] - torch.from_numpy(data.z_a).float()).abs().mean() < 0.05 * data.z_a.mean()
+    with pytest.raises(InputError, match="only simulated data have a true equation"):
+        train_stage.expert_alone(system, replace(data, z_a=None), settings, described, truth=True)
+
+
 def test_refinement_starts_from_the_models_own_estimates(settings, data):
     from expertaug.trajectories import Trajectories
 

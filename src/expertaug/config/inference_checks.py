@@ -31,6 +31,10 @@ def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None)
         yield InputError(f"{where}.augmentation", found, "give p⁺: the fits start within it")
     if fitted and not one["refinement"]["starts"]:
         yield InputError(f"{where}.refinement.starts", "found 0", f"{fitted[0]} has no other starts: give 1 or more")
+    for k, method in enumerate(one["methods"]):
+        if methods.get(method, {}).get("truth") and one["data"]["source"] != "simulation":
+            found = f"'{method}' takes the equation that made the data"
+            yield InputError(f"{where}.methods[{k}]", found, "only simulated data have one: leave it out")
     windows = one["refinement"].get("windows", {})
     if known is not None and known.state is not None:
         yield from unknown(windows, known.state, f"{where}.refinement.windows", "component of the state")

@@ -52,6 +52,9 @@ class Method(Settings):
     label: str = key(..., "what tables and figures print; augmented versions get a +", min_length=1)
     expert: bool = key(LEFT_OUT, "false takes the expert model away")
     interaction: bool = key(LEFT_OUT, "false takes the interaction model away")
+    truth: bool = key(
+        LEFT_OUT, "of kind least_squares: true takes the equation that made simulated data, a floor for what learns it"
+    )
     objective: str = key(LEFT_OUT, "name of the objective, or package.module:Class; left out = aphynity")
 
 

@@ -17,7 +17,7 @@ from expertaug.learning.kinds import OBJECTIVE, objective_of
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import describe, store
-from expertaug.models.decoder import Decoder
+from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.device import device_of
 from expertaug.models.mean import MeanModel
 from expertaug.models.recipe import HybridModel
@@ -54,7 +54,7 @@ def train(
         store.save(output, stored.model, stored.description)
         return
     if build["kind"] == "least_squares":
-        stored = expert_alone(system, train_data, settings, described)
+        stored = expert_alone(system, train_data, settings, described, build.get("truth", False))
         store.save(output, stored.model, stored.description)
         return
     recipe = describe.recipe_of(system, described)
@@ -150,16 +150,28 @@ def mean(system: systems.System, train: Trajectories, settings: Mapping, describ
 
 
 def expert_alone(
-    system: systems.System, train: Trajectories, settings: Mapping, described: Mapping
+    system: systems.System, train: Trajectories, settings: Mapping, described: Mapping, truth: bool = False
 ) -> store.StoredModel:
     """The decoder of the expert alone, whose estimates are to be found by least squares; nothing is trained.
 
     ``settings`` and ``described`` as of :func:`prepare`; ``refinement``, {settings, noise, prior}, says how to fit.
+
+    Arguments:
+        truth: the equation that made the data instead, whose z_a lie where the training set's do.
+
+    Raises:
+        InputError: the true equation of data that were not simulated.
     """
     description = {"kind": "least_squares", **_of_data(train, settings), **described}
     description |= {"expert": True, "interaction": False, "model": {}, "wall_s": 0.0, "best_score": None}
     description |= {"refinement": settings["refinement"]}
-    return store.StoredModel(Decoder(system), description)
+    if not truth:
+        return store.StoredModel(Decoder(system), description)
+    z_a = train.z_a
+    if z_a is None or not z_a.shape[1]:
+        raise InputError("build.truth", "the training set has no z_a", "only simulated data have a true equation")
+    latent = {"mean": [z_a.mean(0).tolist()], "std": [z_a.std(0).tolist()]}
+    return store.StoredModel(TruthDecoder(system), description | {"truth": True, "latent": latent})
 
 
 def _of_data(train: Trajectories, settings: Mapping) -> dict:

@@ -76,3 +76,20 @@ class Decoder(nn.Module):
         points = y.movedim(0, -1 - len(state)).flatten(-2 - len(state), -1 - len(state))  # (…, B·T, *state)
         context = self.interaction.context(z_a, z_e).repeat_interleave(len(y), dim=-2)
         return self.interaction(points, context).square().flatten(-len(state)).mean(-1)
+
+
+class TruthDecoder(Decoder):
+    """The equation that made simulated data, with z_a its own interaction parameters: a floor for what learns it."""
+
+    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+        """As :meth:`Decoder.forecast`; z_a (…, B, Q) in its units."""
+        system, flow = self.system, None
+        if solver.splits:
+            flow = partial(system.linear_flow, z_e)
+
+        def field(s: Tensor, y: Tensor) -> Tensor:
+            rate = system.truth(s, y, z_e, z_a)
+            # The solver has the linear part by itself.
+            return rate - (system.expert(s, y, z_e) - system.nonlinear(s, y, z_e)) if solver.splits else rate
+
+        return solver(field, system.initial_state(y0, z_e), t, flow, len(system.state_shape))

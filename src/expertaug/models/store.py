@@ -13,7 +13,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.models import describe
-from expertaug.models.decoder import Decoder
+from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.mean import MeanModel
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
@@ -112,7 +112,7 @@ def restore(
         if description["kind"] == "mean":
             model: Any = MeanModel(system, tensors["mean"])
         elif description["kind"] == "least_squares":
-            model = Decoder(system)
+            model = TruthDecoder(system) if description.get("truth") else Decoder(system)
         else:
             model = make(system, description, used)
     except Exception as error:  # a class of the user's may raise anything
