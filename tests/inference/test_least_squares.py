@@ -190,5 +190,8 @@ def test_what_cannot_be_fitted_is_one_line():
         estimator_of(stored, {"windows": {"speed": [0, 1]}}, NOISE, PRIOR)
     with pytest.raises(InputError, match="give a range for each of"):
         estimator_of(stored, None, NOISE, {"L": (1, 2)})
+    old = replace(stored, description={**stored.description, "kind": "hybrid"})
+    with pytest.raises(InputError, match="does not say where its z_a lie; train it again"):
+        estimator_of(old, None, NOISE, PRIOR)
     with pytest.raises(InputError, match="only models with an expert"):
         estimator_of(replace(stored, description={**stored.description, "kind": "mean"}), None, NOISE, PRIOR)

@@ -73,6 +73,8 @@ def estimator_of(
     description = stored.description
     if description["kind"] == "mean":
         raise InputError("refinement", "a mean of the training set", "only models with an expert can be fitted")
+    if description["kind"] == "hybrid" and "latent" not in description:
+        raise InputError("refinement", "the model file does not say where its z_a lie", "train it again")
     first = None if description["kind"] == "least_squares" else stored.model
     decoder: Decoder = stored.model if first is None else stored.model.decoder
     given = options.model_fields_set

@@ -31,7 +31,7 @@ class Latent:
 
     @classmethod
     def of(cls, description: Mapping) -> Latent:
-        """Of a model file's description; a model without z_a, or from before they were kept, has none."""
+        """Of a model file's description; the expert alone has none."""
         found = description.get("latent") or {"mean": [[]], "std": [[]]}
         mean, std = (torch.tensor(found[k], dtype=torch.float64) for k in ("mean", "std"))
         return cls(mean, std.clamp_min(1e-6))
