@@ -47,9 +47,10 @@ _EXPORTS = {
     "finetune": "expertaug.api.training:finetune",
     "fit": "expertaug.api.training:fit",
     "forecast": "expertaug.api.trained:forecast",
-    "least_squares": "expertaug.api.least_squares:least_squares",
+    "least_squares": "expertaug.api.inference:least_squares",
     "load": "expertaug.api.trained:load",
     "metrics": "expertaug.api.metrics",
+    "own_prior": "expertaug.api.inference:own_prior",
     "plots": "expertaug.api.plots",
     "simulate": "expertaug.systems.simulate:trajectories",
 }

@@ -3,7 +3,8 @@
 from expertaug.api import metrics as metrics
 from expertaug.api import plots as plots
 from expertaug.api.forecasts import Forecast as Forecast
-from expertaug.api.least_squares import least_squares as least_squares
+from expertaug.api.inference import least_squares as least_squares
+from expertaug.api.inference import own_prior as own_prior
 from expertaug.api.trained import TrainedModel as TrainedModel
 from expertaug.api.trained import evaluate as evaluate
 from expertaug.api.trained import forecast as forecast
@@ -75,6 +76,7 @@ __all__ = [
     "least_squares",
     "load",
     "metrics",
+    "own_prior",
     "plots",
     "simulate",
 ]

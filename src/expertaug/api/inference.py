@@ -1,4 +1,4 @@
-"""The classical estimator: nonlinear least squares on each window with the expert alone."""
+"""Inference in memory: least squares with the expert alone, and an augmentation prior that finds its own width."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from typing import Unpack
 
 from expertaug import systems
 from expertaug.api import arrays
-from expertaug.api.arrays import Ranges, RefinementOptions
+from expertaug.api.arrays import Array, Ranges, RefinementOptions
 from expertaug.api.trained import TrainedModel
 from expertaug.config.presets import resolve
+from expertaug.errors import InputError
+from expertaug.inference import own_prior as growing
+from expertaug.inference.own_prior import OwnPrior
 from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.train import expert_alone
 from expertaug.systems import System
@@ -61,3 +64,45 @@ def least_squares(
     model = TrainedModel(stored, single=True, refinement=stored.description["refinement"])
     _ = model.predictor  # says what is wrong with the options
     return model
+
+
+def own_prior(
+    model: TrainedModel,
+    train: Trajectories,
+    windows: Array,
+    *,
+    noise: float = 0.0,
+    prior: Ranges | None = None,
+    **options: Unpack[RefinementOptions],
+) -> OwnPrior:
+    """Ranges for the augmentation prior p⁺, grown from the training windows' own until the model explains new windows.
+
+    Nothing but the observed windows of where the model is to work is needed.  ``found.ranges`` goes into
+    :func:`finetune` as its prior; ``found.says`` is one sentence, which tells too when the expert does not fit.
+
+    Arguments:
+        model: trained, or of :func:`least_squares`.
+        train: the training set.
+        windows: observed windows of where the model is to work, (N, T1, *state).
+        noise: standard deviation of the data's noise.
+        prior: ranges in which fits of the training windows start; None: at the model's own estimates.
+        options: see :class:`expertaug.inference.settings.RefinementSettings`.
+
+    Raises:
+        InputError: windows of another shape, or least squares without a prior.
+    """
+    names = [p.name for p in model.system.expert_parameters]
+    y = arrays.tensor(windows, "windows")
+    if y.shape[1:] != train.y[:, : model.observed].shape[1:]:
+        wanted = f"(N, {model.observed}, {', '.join(map(str, train.y.shape[2:]))})"
+        raise InputError("windows", f"has shape {tuple(y.shape)}", f"give {wanted}")
+    known = arrays.tensor(train.y[:, : model.observed], "train")
+    with arrays.one_thread():
+        return growing.own_prior(
+            model.stored,
+            known.movedim(1, 0),
+            y.movedim(1, 0),
+            float(noise),
+            None if prior is None else arrays.ranges(prior, names, "prior"),
+            dict(options),
+        )
