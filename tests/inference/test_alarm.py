@@ -56,7 +56,7 @@ class TestAuroc:
         assert np.mean([area.lower < 0.7602 < area.upper for area in found]) == pytest.approx(0.95, abs=0.033)
 
     def test_of_perfect_scores_is_1_and_surer_with_more_windows(self):
-        few, many = auroc([1, 2, 3, 4], [0, 0, 1, 1]), auroc(np.arange(200), np.arange(200) > 99)
+        few, many = auroc([1, 2, 3, 4], [0, 0, 1, 1]), auroc(np.arange(500), np.arange(500) > 399)
         assert few.value == many.value == many.upper == 1.0
         assert few.lower == pytest.approx(0.025**0.5) and many.lower == pytest.approx(0.025**0.01)
         assert auroc([4, 3, 2, 1], [0, 0, 1, 1]).value == 0.0
@@ -101,12 +101,12 @@ class TestRisk:
 class TestAssess:
     def test_counts_by_hand(self):
         validation = np.arange(1.0, 101.0)
-        found = assess(scores=[96.5, 50, 97, 2], errors=[1e3, 1e4, 5, 6], **as_validation(validation))
-        assert found.threshold == 96 and found.failing.tolist() == [True, True, False, False]
-        assert found.alarms.tolist() == [True, False, True, False]
-        assert (found.caught, found.false_alarms, found.area.value) == (0.5, 0.5, 0.5)
+        found = assess(scores=[96.5, 50, 97, 96, 2], errors=[1e3, 1e4, 5, 6, 7], **as_validation(validation))
+        assert found.threshold == 96 and found.failing.tolist() == [True, True, False, False, False]
+        assert found.alarms.tolist() == [True, False, True, False, False]
+        assert (found.caught, found.false_alarms, found.area.value) == pytest.approx((0.5, 1 / 3, 0.5))
         assert found.caught_interval == pytest.approx((0.0126, 0.9874), abs=1e-4)
-        assert found.risk.risk[-1] == pytest.approx(np.mean([1e3, 1e4, 5, 6]))
+        assert found.risk.risk[-1] == pytest.approx(np.mean([1e3, 1e4, 5, 6, 7]))
 
     def test_where_nothing_fails_only_false_alarms_are_known(self):
         validation = np.arange(1.0, 101.0)

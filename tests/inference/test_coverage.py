@@ -18,6 +18,9 @@ def test_every_rank_once_covers_each_level_exactly():
     for found in (interval_coverage(every, 19, [0.1, 0.5, 0.9]), expected_coverage(every, 19, [0.1, 0.5, 0.9])):
         assert found.share == pytest.approx([0.1, 0.5, 0.9])
     assert area_to_curve(every, 19) == pytest.approx(0, abs=1e-12)
+    levels = np.arange(1, 100) / 100  # 0.55 · 100 is more than 55 in floating point
+    assert expected_coverage(np.arange(100), 99, levels).share == pytest.approx(levels)
+    assert expected_coverage(np.arange(5), 4, [0.5]).share == [0.6]  # at least the level
 
 
 def test_central_intervals_leave_out_both_ends_and_regions_the_far_one():

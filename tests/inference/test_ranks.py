@@ -40,9 +40,9 @@ class TestRanks:
 
     def test_of_tarp_count_what_is_nearer_to_the_reference(self):
         truth = np.array([[0.0, 0.0], [10.0, 1.0]])  # the second component counts ten times as much
-        samples = np.array([[[3.0, 0.0], [8.0, 1.0]], [[0.0, 0.5], [10.0, 0.95]]])
+        samples = np.array([[[3.0, 0.0], [8.0, 1.0]], [[0.0, 0.5], [9.0, 0.4]]])
         found = tarp_ranks(samples, truth, references=np.array([[0.0, 0.4], [0.0, 1.0]]))
-        assert found.tolist() == [1, 1]  # distances .5, .1 against .4; .8, 1.001 against 1
+        assert found.tolist() == [1, 1]  # distances .5, .1 against .4; .8, 1.08 against 1
         assert (tarp_ranks(samples, truth, seed=3) == tarp_ranks(samples, truth, seed=3)).all()
 
     def test_a_parameter_that_never_varies_changes_nothing(self):
@@ -92,6 +92,11 @@ class TestUniformity:
         found = uniformity(np.random.default_rng(0).integers(0, draws + 1, (n, 400)), draws, confidence=0.9)
         assert np.mean(~found.uniform) == pytest.approx(0.1, abs=0.045)
         assert np.mean(found.p_value <= 0.5) == pytest.approx(0.5, abs=0.075)
+
+    def test_very_wrong_ranks_and_many_draws_are_no_trouble(self):
+        found = uniformity(np.zeros(5000), 1000)
+        assert found.p_value < 1e-9 and len(found.level) == 200
+        assert found.level[0] == 1 / 1001 and found.level[-1] == 1000 / 1001
 
     def test_the_flag_says_whether_the_curve_leaves_the_band(self):
         found = uniformity(np.random.default_rng(1).integers(0, 20, (60, 300)), 19, confidence=0.8)

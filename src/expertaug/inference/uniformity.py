@@ -21,7 +21,7 @@ from expertaug.inference.sample_arrays import Array
 
 POINTS = 200  # at most, at which the distribution is compared
 STEPS = 40  # of the bisection for the pointwise level
-SMALLEST = 1e-300  # error of a pointwise interval
+SMALLEST = 1e-20  # error of a pointwise interval; below it nothing changes
 
 
 @dataclass(frozen=True)
