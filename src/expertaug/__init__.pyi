@@ -1,5 +1,7 @@
 """Types of what `expertaug` exports; at run time each name is imported when it is first used."""
 
+from expertaug.api import alarm as alarm
+from expertaug.api import diagnostics as diagnostics
 from expertaug.api import metrics as metrics
 from expertaug.api import plots as plots
 from expertaug.api.forecasts import Forecast as Forecast
@@ -68,7 +70,9 @@ __all__ = [
     "Trajectories",
     "WindowEncoder",
     "__version__",
+    "alarm",
     "augment",
+    "diagnostics",
     "evaluate",
     "finetune",
     "fit",

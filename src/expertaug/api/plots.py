@@ -14,8 +14,12 @@ from expertaug.api.arrays import Ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
 from expertaug.evaluation import figures, traces
+from expertaug.evaluation.diagnostic_figures import draw_alarm as alarm
+from expertaug.evaluation.diagnostic_figures import draw_calibration as calibration
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.trajectories import Trajectories
+
+__all__ = ["alarm", "calibration", "course", "forecasts", "parameters"]
 
 Models = TrainedModel | Mapping[str, TrainedModel]
 

@@ -1,0 +1,23 @@
+"""Which windows' forecasts are not to be trusted: a score a window, a threshold, what both are worth (see
+docs/diagnostics.md).
+
+Arrays are NumPy or torch: scores and errors (N,), one number a window; a higher score is more suspicious.
+"""
+
+from expertaug.inference.alarm import Assessment, assess, caught, ensemble_spread, failing, threshold
+from expertaug.inference.risk import RiskCoverage, risk_coverage
+from expertaug.inference.roc import Area, auroc, roc
+
+__all__ = [
+    "Area",
+    "Assessment",
+    "RiskCoverage",
+    "assess",
+    "auroc",
+    "caught",
+    "ensemble_spread",
+    "failing",
+    "risk_coverage",
+    "roc",
+    "threshold",
+]

@@ -1,0 +1,195 @@
+"""Figures of diagnostics: is a posterior calibrated, and does an alarm know which forecasts fail?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from expertaug import plotting
+from expertaug.errors import InputError
+from expertaug.inference.alarm import Assessment
+from expertaug.inference.calibration import Calibration
+from expertaug.inference.coverage import area_to_curve, interval_coverage
+from expertaug.inference.roc import roc
+from expertaug.inference.uniformity import Uniformity, uniformity
+
+# Told apart by hue and by dash: lines of calibrated posteriors lie on one another.
+LOOKS = tuple(
+    {"color": plotting.HUES[hue], "linestyle": dash}
+    for hue, dash in ((5, "-"), (6, (0, (4, 1.4))), (4, (0, (1.2, 1.2))), (3, "-."), (1, "-"), (2, (0, (4, 1.4))))
+)
+WHOLE = {"color": "0.1", "linestyle": "-", "linewidth": 1.0}  # all parameters at once
+IDEAL = {"color": "0.55", "linewidth": 0.7, "zorder": 1}
+BAND = {"color": "0.88", "linewidth": 0, "zorder": 0}
+LEVELS = tuple(np.arange(1, 100) / 100)
+SMALL = 6.5  # font size inside panels
+LINE = 0.09  # height of a line of text, as a share of a panel's
+
+
+def draw_calibration(kinds: Mapping[str, Calibration], parameters: Sequence[str], title: str = "") -> Figure:
+    """Ranks, coverage of intervals and TARP: a row each, a column for each kind of windows, all with their 95 % band.
+
+    Arguments:
+        kinds: what is printed for a kind of windows → ranks on it, as of draws of the model itself, of the validation
+            and of the test set.
+        parameters: their names, P of them.
+        title: what the figure is of.
+
+    Raises:
+        InputError: nothing to draw, or other numbers of parameters.
+    """
+    if not kinds:
+        raise InputError("kinds", "none", "give ranks of at least one kind of windows")
+    for name, found in kinds.items():
+        if found.marginal.shape[1] != len(parameters):
+            where = f"of {found.marginal.shape[1]} parameters"
+            raise InputError(f"kinds[{name!r}]", where, f"there are {len(parameters)} names")
+    with plotting.styled():
+        figure = plotting.new_figure(6.2, min(plotting.WIDTH, 1.2 + 2.0 * len(kinds)))
+        grid = figure.subplots(3, len(kinds), squeeze=False, sharex=True, sharey="row")
+        between = ", " if len(kinds) < 4 else ",\n"
+        for column, (name, found) in zip(grid.T, kinds.items(), strict=True):
+            _ranks(column[0], found, parameters)
+            _intervals(column[1], found, parameters)
+            _tarp(column[2], found)
+            size = f"({len(found.marginal)} windows{between}{found.draws} draws each)"
+            column[0].set_title(f"{plotting.text(name)}\n{size}")
+            column[2].set_xlabel("credibility level")
+        low, high = grid[0, 0].get_ylim()
+        lines = len(parameters) * LINE + 0.02
+        grid[0, 0].set_ylim(low, high + (high - low) * lines / (1 - lines))  # the p-values above all curves
+        labels = ("ranks: share below − level", "windows within the interval", "TARP: expected coverage")
+        for axis, label in zip(grid[:, 0], labels, strict=True):
+            axis.set_ylabel(label)
+        handles: list[Artist] = [Line2D([], [], label=plotting.symbol(p), **look) for p, look in _looks(parameters)]
+        handles.append(Line2D([], [], label="all parameters at once", **WHOLE))
+        handles.append(Patch(facecolor=BAND["color"], label="95 % band of a calibrated posterior"))
+        plotting.legend(figure, handles)
+        if title:
+            plotting.heading(figure, plotting.text(title))
+    return figure
+
+
+def draw_alarm(scores: Mapping[str, Assessment], title: str = "") -> Figure:
+    """ROC curves, a dot where the threshold is, and the error of the windows kept: a line for each score.
+
+    Arguments:
+        scores: what is printed for a score → what it is worth, all on the same windows.
+        title: what the figure is of.
+
+    Raises:
+        InputError: nothing to draw, or scores of different windows.
+    """
+    if not scores:
+        raise InputError("scores", "none", "give at least one")
+    first = next(iter(scores.values()))
+    if any(not np.array_equal(each.risk.best, first.risk.best) for each in scores.values()):
+        raise InputError("scores", "of windows with different errors", "assess all on the same windows")
+    with plotting.styled():
+        figure = plotting.new_figure(3.6)
+        left, right = figure.subplots(1, 2)
+        handles = []
+        for (name, found), (_, look) in zip(scores.items(), _looks(scores), strict=True):
+            if first.failing.any() and not first.failing.all():
+                left.step(*roc(found.scores, found.failing), where="post", **look)
+                left.plot(
+                    found.false_alarms, found.caught, marker="o", markersize=4, color=look["color"], clip_on=False
+                )
+            right.plot(found.risk.kept, found.risk.risk, **look)
+            handles.append(Line2D([], [], label=f"{name}: {_area_text(found)}", **look))
+        left.plot([0, 1], [0, 1], **IDEAL)
+        right.plot(first.risk.kept, first.risk.best, color="0.45", linewidth=0.9, linestyle=(0, (4, 2)))
+        right.axhline(first.risk.risk[-1], **IDEAL)
+        bad = f"{first.failing.sum()} of {len(first.failing)} windows fail"
+        left.set(xlabel="false alarms (share of the others)", ylabel="caught (share of the failing)", title=bad)
+        left.set(xlim=(-0.02, 1), ylim=(0, 1.02))
+        right.set(xlabel="share of the windows kept", ylabel="squared error of those kept", xlim=(0, 1.01))
+        right.set(title="the most suspicious refused first")
+        if (first.risk.best > 0).any():
+            right.set_yscale("log")
+        for axis in (left, right):
+            axis.grid()
+        dot = {"linestyle": "", "marker": "o", "markersize": 4, "color": "0.3"}
+        handles.append(Line2D([], [], label="threshold from validation", **dot))
+        handles.append(Line2D([], [], color="0.45", linestyle=(0, (4, 2)), linewidth=0.9, label="refused by the error"))
+        handles.append(Line2D([], [], label="refused by chance", **IDEAL))
+        plotting.legend(figure, handles)
+        if title:
+            plotting.heading(figure, plotting.text(title))
+    return figure
+
+
+def _looks(names: Sequence[str] | Mapping) -> list[tuple[str, dict]]:
+    return [(name, LOOKS[k % len(LOOKS)]) for k, name in enumerate(names)]
+
+
+def _ranks(axis: Axes, found: Calibration, parameters: Sequence[str]) -> None:
+    """The distribution of ranks less the uniform one."""
+    test = uniformity(found.marginal, found.draws)
+    x = _closed(test.level)
+    axis.fill_between(x, _closed(test.lower) - x, _closed(test.upper) - x, **BAND)
+    axis.axhline(0, **IDEAL)
+    for k, (name, look) in enumerate(_looks(parameters)):
+        axis.plot(x, _closed(test.share[:, k]) - x, **look)
+        words, place = f"{plotting.symbol(name)}: {_p_text(float(test.p_value[k]))}", (0.97, 1 - LINE * k)
+        inside = {"xycoords": "axes fraction", "ha": "right", "va": "top", "fontsize": SMALL}
+        axis.annotate(words, place, color=look["color"], **inside)
+    axis.margins(x=0)
+
+
+def _intervals(axis: Axes, found: Calibration, parameters: Sequence[str]) -> None:
+    """Central intervals of each parameter, and regions of highest density of all."""
+    covered = interval_coverage(found.marginal, found.draws, LEVELS)
+    test = uniformity(found.tarp if found.density is None else found.density, found.draws)
+    _diagonal(axis, test)
+    for k, (_, look) in enumerate(_looks(parameters)):
+        axis.plot(_closed(covered.level), _closed(covered.share[:, k]), **look)
+    if found.density is not None:
+        axis.plot(_closed(test.level), _closed(test.share), **WHOLE)
+        _note(axis, f"highest density\n{_p_text(float(test.p_value))}")
+
+
+def _tarp(axis: Axes, found: Calibration) -> None:
+    test = uniformity(found.tarp, found.draws)
+    _diagonal(axis, test)
+    axis.plot(_closed(test.level), _closed(test.share), **WHOLE)
+    area = f"{float(area_to_curve(found.tarp, found.draws)):+.3f}".replace("-", "−")
+    _note(axis, f"area {area}\n{_p_text(float(test.p_value))}")
+
+
+def _diagonal(axis: Axes, test: Uniformity) -> None:
+    x = _closed(test.level)
+    axis.fill_between(x, _closed(test.lower), _closed(test.upper), **BAND)
+    axis.plot([0, 1], [0, 1], **IDEAL)
+    axis.set(xlim=(0, 1), ylim=(0, 1))
+
+
+def _closed(inner: np.ndarray) -> np.ndarray:
+    """Values with the 0 before and the 1 after them, where every distribution begins and ends."""
+    return np.concatenate([[0.0], inner, [1.0]])
+
+
+def _note(axis: Axes, words: str) -> None:
+    axis.annotate(words, (0.97, 0.04), xycoords="axes fraction", ha="right", va="bottom", fontsize=SMALL, color="0.25")
+
+
+def _p_text(p: float) -> str:
+    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}" if p < 0.1 else f"p = {p:.2f}"
+
+
+def _area_text(found: Assessment) -> str:
+    """AUROC with its interval and the share caught, as far as there are windows to tell."""
+    area = found.area
+    if not area.failing:
+        return f"{100 * found.false_alarms:.0f} % false alarms"
+    caught = f"{100 * found.caught:.0f} % caught"
+    if not area.others:
+        return caught
+    interval = "" if np.isnan(area.lower) else f" ({area.lower:.3f} to {area.upper:.3f})"
+    return f"AUROC {area.value:.3f}{interval}, {caught}"
