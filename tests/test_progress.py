@@ -9,6 +9,7 @@ import pytest
 
 from expertaug.config import eta
 from expertaug.config.progress import Watch, logger
+from expertaug.evaluation import costs
 
 COSTS = {"train/a_x_seeds_0_1": 600.0, "train/a_x_seeds_2": 200.0, "train/b_x_seeds_0_1": 1000.0, "simulate/a": 40.0}
 
@@ -52,12 +53,12 @@ def test_durations_are_said_as_people_say_them(seconds, said):
 
 def test_costs_are_read_from_published_runs_and_benchmarks(tmp_path):
     (tmp_path / "long").mkdir()
-    (tmp_path / "long" / "costs.csv").write_text("job,seconds,peak_memory_mb\ntrain/a,600.5,300\n")
+    (tmp_path / "long" / "costs.csv").write_text("job,seconds,peak_memory_mb\ntrain/a,600.5,300\nalong/b,9,1\n")
     (tmp_path / "benchmarks" / "train").mkdir(parents=True)
     (tmp_path / "benchmarks" / "train" / "a.tsv").write_text("s\th:m:s\tmax_rss\n61.25\t0:01:01\t300\n")
     (tmp_path / "benchmarks" / "train" / "half.tsv").write_text("s\th:m:s\n")
-    assert eta.published_costs(tmp_path) == {"long": {"train/a": 600.5}}
-    assert eta.measured_costs(tmp_path / "benchmarks") == {"train/a": 61.25}
+    assert costs.published(tmp_path) == {"long": {"train/a": 600.5, "during_training/b": 9.0}}, "named as today"
+    assert costs.of_run(tmp_path / "benchmarks") == {"train/a": (61.25, 300)}
 
 
 def test_the_published_run_with_most_of_the_jobs_is_taken():

@@ -2,35 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
 
 UNMEASURED_S = 5.0  # a job that nobody has measured: a table, a figure
 TRUST_S = 60.0  # of published seconds: a few short jobs, mostly start-up, say little of how fast this host is
 _POINT = re.compile(r"@\d+")
 _SEEDS = re.compile(r"_seeds_[\d_]+$")
-
-
-def published_costs(folder: Path) -> dict[str, dict[str, float]]:
-    """Seconds by job (``train/pendulum_aphynity_seeds_0_1_2``) of every published run, by the run's name."""
-    found = {}
-    for path in sorted(Path(folder).glob("*/costs.csv")):
-        with path.open(encoding="utf-8", newline="") as stream:
-            found[path.parent.name] = {row["job"]: float(row["seconds"]) for row in csv.DictReader(stream)}
-    return found
-
-
-def measured_costs(benchmarks: Path) -> dict[str, float]:
-    """Seconds by job of what has been run in this results folder, from Snakemake's benchmark files."""
-    found = {}
-    for path in Path(benchmarks).rglob("*.tsv"):
-        with path.open(encoding="utf-8", newline="") as stream:
-            rows = [row["s"] for row in csv.DictReader(stream, delimiter="\t")]
-        if rows:
-            found[path.relative_to(benchmarks).with_suffix("").as_posix()] = float(rows[-1])
-    return found
 
 
 def closest(published: Mapping[str, Mapping[str, float]], jobs: Iterable[str]) -> str | None:

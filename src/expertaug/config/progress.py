@@ -8,6 +8,7 @@ from collections.abc import Sized
 from pathlib import Path
 
 from expertaug.config import eta
+from expertaug.evaluation import costs
 
 logger = logging.getLogger("snakemake.logging")  # what is said here is on the terminal and in Snakemake's own log
 _ERROR = " ERROR "  # as expertaug.cli writes it
@@ -46,11 +47,11 @@ class Watch(logging.Handler):
 
     def first_estimate(self) -> str:
         """How long the run will take, in one line."""
-        jobs, published = self.jobs(), eta.published_costs(self.published)
+        jobs, published = self.jobs(), costs.published(self.published)
         name = eta.closest(published, jobs)
         self.costs = published.get(name, {})
         cores = f"{self.cores} core{'s' * (self.cores > 1)}"
-        if name is None and not eta.measured_costs(self.benchmarks):
+        if name is None and not self.measured():
             return f"{count(jobs)} on {cores}; how long they take is told when some have ended."
         source = f" (by the costs of the published run '{name}')" if name else ""
         return f"About {self.left(jobs)} for {count(jobs)} on {cores}{source}."
@@ -63,9 +64,13 @@ class Watch(logging.Handler):
                 found[self.called(job)] = now - self.began.get(job.jobid, now)
         return found
 
+    def measured(self) -> dict[str, float]:
+        """Seconds by job of what has been run in this results folder."""
+        return {job: cost.seconds for job, cost in costs.of_run(self.benchmarks).items()}
+
     def left(self, jobs: dict[str, float]) -> str:
         """How long these jobs will take, as a text."""
-        seconds = eta.estimator(self.costs, eta.measured_costs(self.benchmarks))
+        seconds = eta.estimator(self.costs, self.measured())
         return eta.text(eta.remaining(jobs, seconds, self.cores))
 
     def emit(self, record: logging.LogRecord) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import shutil
 import tempfile
@@ -12,6 +11,7 @@ from pathlib import Path
 import yaml
 
 from expertaug.errors import InputError
+from expertaug.evaluation import costs
 from expertaug.evaluation.plot import NAMES
 from expertaug.evaluation.studies import KINDS
 from expertaug.files import read_json, write_json, write_text
@@ -102,9 +102,8 @@ def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
         if (results / file).exists():
             (new / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(results / file, new / file)
-    costs = _costs(results / "benchmarks")
-    lines = ["job,seconds,peak_memory_mb", *(f"{job},{seconds:.1f},{memory:.0f}" for job, seconds, memory in costs)]
-    write_text(new / "costs.csv", "\n".join(lines) + "\n")
+    measured = costs.of_run(results / "benchmarks")
+    write_text(new / "costs.csv", costs.as_csv(measured))
     settings["tracking"]["uri"] = None
     write_text(new / "config.yaml", yaml.safe_dump(settings, sort_keys=False, allow_unicode=True))
     record = {
@@ -112,8 +111,8 @@ def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
         "git_revisions": _revisions(results),
         "versions": provenance.versions(),
         "machine": provenance.machine(),
-        "job_seconds": round(sum(seconds for _, seconds, _ in costs)),
-        "peak_memory_mb": round(max((memory for *_, memory in costs), default=0)),
+        "job_seconds": round(sum(cost.seconds for cost in measured.values())),
+        "peak_memory_mb": round(max((cost.peak_memory_mb for cost in measured.values()), default=0)),
         "files": sorted([RECORD, *(str(path.relative_to(new)) for path in new.rglob("*") if path.is_file())]),
     }
     write_json(new / RECORD, record)
@@ -123,15 +122,3 @@ def _revisions(results: Path) -> list[str]:
     """Git revisions of the code that trained and fine-tuned, as its logs say."""
     logs = [read_log(path) for path in sorted(results.rglob("log.jsonl"))]
     return sorted({log.header["tags"].get("git_revision", "unknown") for log in logs})
-
-
-def _costs(folder: Path) -> list[tuple[str, float, float]]:
-    """Job, seconds and peak resident memory in MB, from Snakemake's benchmark files."""
-    found = []
-    for path in sorted(folder.rglob("*.tsv")):
-        with path.open(encoding="utf-8") as stream:
-            row = next(csv.DictReader(stream, delimiter="\t"), None)
-        if row is not None:
-            memory = 0.0 if row["max_rss"] in ("NA", "-") else float(row["max_rss"])
-            found.append((str(path.relative_to(folder).with_suffix("")), float(row["s"]), memory))
-    return found
