@@ -1,12 +1,19 @@
 """What the front door computes is what the workflow's stages compute, bit for bit."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
 import torch
+import yaml
 from small_pendulum import ENCODER, FRICTION, INTERACTION, OPTIONS, SEEN, SHIFTED
 
 import expertaug as ea
+from expertaug.cli import main
+from expertaug.config import stage_settings
+from expertaug.config.jobs import seed_groups
+from expertaug.config.load import load, validate, with_defaults
 from expertaug.config.presets import resolve
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
@@ -88,3 +95,47 @@ def test_fresh_samples_in_every_pass(sets, fit, plus):
     assert not equal(fresh, plus)
     assert all(torch.equal(v, before[k]) for k, v in fit.stored.model.state_dict().items()), "the base is left alone"
     assert all(p.requires_grad for p in fit.stored.model.parameters())
+
+
+@pytest.fixture(scope="module")
+def command_line(tmp_path_factory):
+    """The same by the commands that the workflow's rules call, with the settings of a configuration file."""
+    folder = tmp_path_factory.mktemp("command_line")
+    own = {
+        "system": {"name": "pendulum"},
+        "data": {"source": "simulation", "t1_s": 1.0} | DATA,
+        "model": {"encoder": ENCODER, "interaction": INTERACTION},
+        "training": OPTIONS,
+        "finetuning": OPTIONS,
+        "augmentation": {"prior": PRIOR},
+        "methods": ["aphynity"],
+        "augmented": ["aphynity"],
+    }
+    text = yaml.safe_dump({"run": ["tiny"], "device": "cpu", "seeds": [0, 1], "experiments": {"tiny": own}})
+    (folder / "tiny.yaml").write_text(text)
+    config = validate(load(with_defaults([folder / "tiny.yaml"])))
+    (group,) = seed_groups(config, "tiny")
+
+    def call(stage, settings, *words, **paths):
+        options = [word for name, file in paths.items() for word in (f"--{name}", str(folder / file))]
+        status = main([stage, *words, *options, "--settings", json.dumps(settings, sort_keys=True)])
+        assert status == 0, f"expertaug {stage}"
+
+    for name in SIZES:
+        call("simulate", stage_settings.simulate(config, "tiny", name), name, output=f"{name}.npz")
+    data = {"data": "", "work": "work"}
+    settings = stage_settings.train(config, "tiny", "aphynity", group)
+    call("train", settings, output="model.safetensors", **data)
+    settings = stage_settings.augment(config, "tiny", "aphynity+", group)
+    call("augment", settings, model="model.safetensors", data="", output="samples.safetensors")
+    settings = stage_settings.finetune(config, "tiny", "aphynity+", group)
+    files = {"model": "model.safetensors", "augmented": "samples.safetensors", "output": "tuned.safetensors"}
+    call("finetune", settings, **files, **data)
+    return folder
+
+
+def test_the_commands_of_the_workflow(command_line, sets, fit, plus):
+    for name, data in sets.items():
+        assert np.array_equal(ea.Trajectories.load(command_line / f"{name}.npz").y, data.y)
+    assert equal(fit, ea.load(command_line / "model.safetensors"))
+    assert equal(plus, ea.load(command_line / "tuned.safetensors"))
