@@ -118,7 +118,7 @@ def supervision(posterior: Posterior, batch: Batch, task: Task, choice: str) -> 
     mean = posterior.z_e.mean
     labels = torch.where(batch.supervised.bool().unsqueeze(-1), batch.z_e, mean.detach())  # others may be impossible
     raw = choice == "raw"
-    each = (mean - labels).square().sum(-1) if raw else -posterior.z_e.log_prob_in(labels, task.z_e_scale)
+    each = (mean - labels).square().sum(-1) if raw else -posterior.z_e.log_prob_in(labels, task.z_e_scale)  # type: ignore[attr-defined]
     return (each * batch.supervised).sum(1) / count.clamp_min(1)
 
 

@@ -14,6 +14,8 @@ FLOOR = 1e-4  # of the data's standard deviation
 class GaussianLikelihood(nn.Module):
     """y ~ N(forecast, σ²) for every observed value; σ starts at the data's standard deviation (:meth:`fit`)."""
 
+    unit: Tensor
+
     def __init__(self) -> None:
         super().__init__()
         self.log_scale = nn.Parameter(torch.zeros(1))

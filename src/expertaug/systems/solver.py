@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import torch
 from pydantic import ValidationError
@@ -25,7 +26,7 @@ class Solver(SolverSettings):
     1967), and rk4 where there is none; the tolerances are unused on a fixed grid, the substeps by adaptive methods.
     """
 
-    def __init__(self, *values: object, **settings: object) -> None:
+    def __init__(self, *values: Any, **settings: Any) -> None:
         """Settings of :class:`~expertaug.systems.settings.SolverSettings` by name, or in their order.
 
         Raises:
@@ -75,11 +76,11 @@ class Solver(SolverSettings):
                 return rodas3(f, y0, grid, rank)[:: self.substeps]
             if self.splits:
                 return _lawson4(f, y0, grid, flow)[:: self.substeps]
-            return odeint(f, y0, grid, method=self.method)[:: self.substeps]
+            return odeint(f, y0, grid, method=self.method)[:: self.substeps]  # type: ignore[return-value]
         if self.method in SCIPY:
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
         try:
-            return odeint(f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol)
+            return odeint(f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol)  # type: ignore[return-value]
         except AssertionError as error:  # torchdiffeq's word for a step that underflowed
             raise SolveError(f"{self.method} failed ({error})") from error
 

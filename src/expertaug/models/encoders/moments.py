@@ -29,6 +29,8 @@ class Moments(nn.Module):
         outputs: how many numbers :meth:`forward` gives.
     """
 
+    size: Tensor
+
     def __init__(self, system: System, frames: int, powers: Sequence[int] = (1, 3)) -> None:
         super().__init__()
         self.rank = grid_rank(system, "model.encoder.kind")

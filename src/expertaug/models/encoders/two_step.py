@@ -54,7 +54,7 @@ class TwoStep(nn.Module):
         """Standardise by the training set's observed window (T1, N, *state)."""
         seen = self.view(observed)
         for network in (self.latent_network, self.filter_network, self.expert_network):
-            network.fit(seen)
+            network.fit(seen)  # type: ignore[operator]
 
     def infer(self, seen: Tensor) -> Gaussian:
         """g_p2: q(z_e) of (…, B, *seen), the view of what the expert alone has made or could have."""
@@ -159,6 +159,9 @@ class StepFilter(nn.Module):
 
     What the interaction has done by t_i depends on t_i, so the network is told.
     """
+
+    unit: Tensor
+    time: Tensor
 
     def __init__(self, system: System, times: Tensor, latent: int, layers: Sequence[int], activation: str) -> None:
         super().__init__()

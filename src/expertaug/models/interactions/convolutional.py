@@ -65,7 +65,8 @@ class ConvInteraction(Interaction):
 
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, fields, *grid), the shape of y."""
-        layers = zip(self.state_layer.seeds(), *(layer.seeds() for layer in self.rest), strict=True)
+        rest: Sequence[Conv] = list(self.rest)  # type: ignore[assignment]
+        layers = zip(self.state_layer.seeds(), *(layer.seeds() for layer in rest), strict=True)
         stacked = y.dim() == self.rank + 3
         groups = zip(y.unbind(0), context.unbind(0), strict=True) if stacked else [(y, context)]
         with torch.autocast(y.device.type, self.precision, enabled=self.precision is not None):

@@ -37,7 +37,7 @@ class DampingInteraction(Interaction):
     ) -> None:
         super().__init__(system, latent, expert_parameters, components, components)
         self.rate = Linear(self.inputs, len(self.acts_on))
-        self.rate.bias.data += START
+        self.rate.bias.data += START  # type: ignore[union-attr]
         self._space = len(system.state_shape) - 1
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:

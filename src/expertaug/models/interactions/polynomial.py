@@ -35,6 +35,9 @@ class PolynomialInteraction(Interaction):
     """
 
     stackable = True
+    mean: Tensor
+    std: Tensor
+    mix: Tensor
 
     def __init__(
         self,

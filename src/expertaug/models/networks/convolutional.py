@@ -75,15 +75,16 @@ def wrap(x: Tensor, margin: int) -> Tensor:
     return padded.contiguous(memory_format=LAYOUTS.get(x.dim(), torch.contiguous_format))
 
 
-def layer_averages(layers: Sequence[Conv], x: Tensor) -> Tensor:
+def layer_averages(layers: nn.ModuleList, x: Tensor) -> Tensor:
     """Averages over the grid of every layer's output, (…, B, sum of the channels), for x (…, B, channels, *grid)."""
-    grid = tuple(range(-layers[0].rank, 0))
+    convolutions: Sequence[Conv] = list(layers)  # type: ignore[assignment]
+    grid = tuple(range(-convolutions[0].rank, 0))
     stacked = x.dim() == len(grid) + 3
-    parameters = zip(*(layer.seeds() for layer in layers), strict=True)
+    parameters = zip(*(layer.seeds() for layer in convolutions), strict=True)
     found = []
     for one, own in zip(x.unbind(0) if stacked else [x], parameters, strict=True):
         averages = []
-        for layer, (weight, bias) in zip(layers, own, strict=True):
+        for layer, (weight, bias) in zip(convolutions, own, strict=True):
             one = torch.relu(convolve(wrap(one, layer.kernel // 2), weight, bias, layer.stride))
             averages.append(one.mean(grid))
         found.append(torch.cat(averages, dim=-1))
@@ -100,6 +101,9 @@ def differences(fields: Tensor, rank: int) -> Tensor:
 
 class StandardiseChannels(nn.Module):
     """Subtracts the training set's mean and divides by its standard deviation, each channel on its own."""
+
+    mean: Tensor
+    std: Tensor
 
     def __init__(self, channels: int, rank: int) -> None:
         super().__init__()

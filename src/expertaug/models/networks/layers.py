@@ -85,6 +85,9 @@ class Standardise(nn.Module):
     An input that the training set holds constant is not divided: a network before this one may vary it.
     """
 
+    mean: Tensor
+    std: Tensor
+
     def __init__(self, inputs: int) -> None:
         super().__init__()
         self.register_buffer("mean", torch.zeros(1, inputs))
