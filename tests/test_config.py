@@ -71,6 +71,7 @@ def test_shipped_files_are_valid(base, name, tmp_path):
         ("experiments: {pendulum: {data: {t1_s: .nan}}}", "data.t1_s: found .nan; give a number"),
         ("recordings: 3", "recordings: found 3; give a mapping of keys"),
         ("results: /dev/null/here", "results: '/dev/null' is no folder"),
+        ("results: ''", "results: found ''; name a folder, without { } < > * or ?"),
         ("experiments: {pendulum: {model: {encoder: {latnt: 3}}}}", "encoder.latnt: unknown key; did you mean"),
         ("experiments: {pendulum: {model: {encoder: {kind: cnn}}}}", "model.encoder.kind: 'cnn' is no encoder"),
         ("experiments: {double_pendulum: {system: {l3: 0.1}}}", "double_pendulum.system.l3: unknown key"),
@@ -137,7 +138,7 @@ def test_shipped_files_are_valid(base, name, tmp_path):
         ),
         (
             "experiments: {pendulum: {augmentations: {other: {prior: {omega: [1, 2]}}}}}",
-            "pendulum.augmentations.other.prior: names omega; give a range for each parameter of augmentation.prior",
+            "pendulum.augmentations.other.prior: names omega; give a range for each parameter of the sets' z_e",
         ),
         ("experiments: {pendulum: {augmentations: {other: {}}}}", "augmentations.other.prior: missing"),
         (
@@ -217,6 +218,14 @@ def test_each_mistake_is_one_clear_line(base, text, expected):
 )
 def test_limits_of_machines_are_told_before_they_are_met(base, text, expected):
     assert expected in refused(base, text)
+
+
+def test_one_mistake_is_told_once(base):
+    """The further priors of the pendulum name the right parameters, whatever its own prior names."""
+    over = {"experiments": {"pendulum": {"augmentation": {"prior": {"omega": [1, 2]}}}}}
+    with pytest.raises(InputErrors) as caught:
+        config.validate(config.merge(base, over))
+    assert [error.where for error in caught.value.errors] == ["experiments.pendulum.augmentation.prior"]
 
 
 def test_everything_that_is_wrong_is_told(base):

@@ -42,6 +42,12 @@ def test_a_file_that_cannot_be_used_is_one_line(tmp_path, text, expected):
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_a_file_of_another_encoding_is_one_line(tmp_path):
+    (tmp_path / "a.yaml").write_bytes("results: x".encode("utf-16"))
+    with pytest.raises(InputError, match=r"a\.yaml: is not text in UTF-8 .*; save it as UTF-8"):
+        config.load([tmp_path / "a.yaml"])
+
+
 @pytest.mark.parametrize("name", ["none.yaml", ".", "a\0b"])
 def test_a_file_that_cannot_be_read_is_one_line(tmp_path, name):
     with pytest.raises(InputError, match="cannot be read"):

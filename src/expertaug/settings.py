@@ -111,7 +111,7 @@ PositivePair = Annotated[tuple[Positive, Positive], Field(strict=False)]
 Range = Annotated[
     tuple[float, float], Field(strict=False, json_schema_extra={"ordered": True}), AfterValidator(_ordered)
 ]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+Name = Annotated[str, Field(pattern=wording.PATTERNS["name"])]
 
 
 def read(kind: type[T], settings: Mapping[str, object] | T | None, where: str | None = None) -> T:

@@ -13,6 +13,16 @@ from typing import Any
 from expertaug.errors import InputError
 
 TEXT_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?")
+PATTERNS = {
+    "name": r"^[A-Za-z][A-Za-z0-9_]*$",
+    "folder": r"^[^{}<>*?]+$",
+    "sha256": r"^[0-9a-fA-F]{64}$",
+}
+_SAID = {
+    PATTERNS["name"]: "begin with a letter; letters, digits and _ may follow",
+    PATTERNS["folder"]: "name a folder, without { } < > * or ?",
+    PATTERNS["sha256"]: "give the 64 hexadecimal digits that sha256sum prints",
+}
 KINDS = {
     "float": "a number",
     "finite_number": "a number",
@@ -134,8 +144,9 @@ def _of_a_value(kind: str, value: object, context: Mapping[str, Any], place: Des
         "length": "give 2 values",
         "string_too_short": "give a text",
         "string_too_long": "give a shorter text",
-        "string_pattern_mismatch": "it must match {pattern}",
     }
+    if kind == "string_pattern_mismatch":
+        return found, _SAID[context["pattern"]]
     if kind in remedies:
         numbers = {k: f"{v:g}" if isinstance(v, float) else v for k, v in context.items()}
         return found, remedies[kind].format(**numbers)

@@ -18,6 +18,7 @@ from expertaug.recordings.chunks.settings import ChunkSettings
 from expertaug.recordings.settings import RecordingKeys
 from expertaug.settings import LEFT_OUT, Count, Name, NotNegative, Positive, Range, Seed, Settings, key, wrong
 from expertaug.systems.settings import SolverSettings
+from expertaug.wording import PATTERNS
 
 Ranges = Annotated[dict[str, Range], Field(min_length=1)]
 Names = list[str]
@@ -260,7 +261,7 @@ class Common(Settings):
         "corrected",
         "which choices to take where the paper and the authors' code disagree (expertaug/config/presets.py lists them)",
     )
-    results: str = key("results", "folder for everything that is generated", pattern=r"^[^{}<>*?]+$")
+    results: str = key("results", "folder for everything that is generated", pattern=PATTERNS["folder"])
     overwrite: bool = key(
         False, "whether a run may take over a results folder that holds the tables of other configuration files"
     )

@@ -37,14 +37,16 @@ def published_systems() -> list[str]:
 
 
 def _augmentations(where: str, experiment: Mapping) -> Iterator[InputError]:
-    expected = experiment.get("augmentation", {}).get("prior", {})
+    expected, of = experiment.get("augmentation", {}).get("prior", {}), "augmentation.prior"
+    if sets := experiment["data"].get("sets"):
+        expected, of = next(iter(sets.values()))["z_e"], "the sets' z_e"
     for name, one in experiment["augmentations"].items():
         if not experiment["augmented"]:
             yield InputError(f"{where}.augmentations", "no method is under augmented", "name one there")
             return
         here = f"{where}.augmentations.{name}"
         yield from unknown(one.get("methods", []), experiment["augmented"], f"{here}.methods", "method under augmented")
-        yield from other_parameters(one["prior"], expected, f"{here}.prior", "augmentation.prior")
+        yield from other_parameters(one["prior"], expected, f"{here}.prior", of)
 
 
 def _out_of_expertise(where: str, experiment: Mapping) -> Iterator[InputError]:

@@ -55,7 +55,9 @@ def read(path: str | Path) -> Located:
         value = None if root is None else _Reader(str(path)).construct_document(root)
     except RecursionError as error:
         raise _deep(path) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"is not text in UTF-8 ({error.reason})", "save it as UTF-8") from error
+    except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else path
         raise InputError(

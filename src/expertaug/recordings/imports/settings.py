@@ -7,8 +7,9 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 
 from expertaug.settings import Positive, Settings, Share, key
+from expertaug.wording import PATTERNS
 
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-fA-F]{64}$")]
+Sha256 = Annotated[str, Field(pattern=PATTERNS["sha256"])]
 
 
 class ArchiveSettings(Settings):
