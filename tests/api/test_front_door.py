@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from small_pendulum import ENCODER, OPTIONS, SEEN, SHIFTED, T
+from small_pendulum import ENCODER, INTERACTION, OPTIONS, SEEN, SHIFTED, T
 
 import expertaug as ea
 
@@ -93,6 +93,13 @@ class TestForecast:
         found = fit[0].forecast(window, later)
         assert found.y.shape == (10, 14, 2) and np.isfinite(found.y).all()
         np.testing.assert_array_equal(fit[0].forecast(window, T, start="y_t1").y[:, :11], window)
+
+    def test_without_the_expert_there_are_no_estimates(self, sets):
+        agnostic = ea.HybridModel(ea.DampedPendulum(), ENCODER, INTERACTION, expert=False)
+        found = ea.fit(agnostic, sets["train"], sets["validation"], observed_s=1.0, **OPTIONS | {"epochs": 1})
+        window = sets["test"].y[:, :11]
+        assert found.estimate(window, T[:11]) == {} and found.forecast(window, T).z_e == {}
+        assert "relative_error" not in set(found.evaluate(sets["test"])["metric"])
 
     def test_the_expert_forecasts_with_the_estimates(self, sets, recipe):
         alone = ea.HybridModel(ea.DampedPendulum(), ENCODER)

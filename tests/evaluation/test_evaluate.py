@@ -9,6 +9,7 @@ from expertaug.config.presets import resolve
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.tables import tabulate
 from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.systems.simulate import simulate
@@ -43,6 +44,8 @@ def folder(tmp_path_factory):
     train(folder, folder / "model.safetensors", folder / "work", TRAINING, None)
     mean = TRAINING | {"build": {"kind": "mean"}, "model": {}, "training": {}, "method": "mean", "label": "Mean"}
     train(folder, folder / "mean.safetensors", folder / "work", mean, None)
+    agnostic = TRAINING | {"build": {"kind": "hybrid", "expert": False}, "method": "ml_only", "label": "ML only"}
+    train(folder, folder / "ml_only.safetensors", folder / "work", agnostic, None)
     return folder
 
 
@@ -53,6 +56,22 @@ def run(folder, model="model", choices=None, **evaluation):
     evaluate(folder / f"{model}.safetensors", folder, *outputs, settings, None)
     table = pd.read_csv(outputs[0])
     return table.set_index(["seed", "set", "metric"])["value"], Forecasts.load(outputs[1])
+
+
+def test_a_model_without_the_expert_has_no_parameter_error(folder, tmp_path):
+    """Its z_e is not an estimate of anything: tables print a dash, figures leave it out."""
+    values, forecasts = run(folder, "ml_only")
+    metrics = {metric for *_, metric in values.index}
+    assert "log_mse_sum" in metrics and not any("omega0" in m or m == "relative_error" for m in metrics)
+    assert forecasts.estimates == {}
+    run(folder)
+    files = [folder / f"{name}.csv" for name in ("model", "ml_only")]
+    tabulate(files, [tmp_path / "table.md"], {}, [folder / "model.npz"])
+    cells = {line.split(" | ")[0]: line.split(" | ")[1:] for line in (tmp_path / "table.md").read_text().splitlines()}
+    heads = cells["| method"]
+    errors = [k for k, head in enumerate(heads) if "error [%]" in head]
+    assert errors and all(cells["| ml_only"][k].rstrip(" |") == "–" for k in errors)
+    assert all(cells["| model"][k].rstrip(" |") != "–" for k in errors)
 
 
 def test_metrics_of_every_seed_and_set_follow_from_the_forecasts(folder):

@@ -7,6 +7,7 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
+from expertaug.models.decoder import Decoder
 from expertaug.models.encoders.views import Windows
 from expertaug.models.mean import MeanModel
 from expertaug.models.networks.layers import GRU, Standardise
@@ -62,8 +63,8 @@ class TestEveryModel:
     def test_gradient_reaches_every_parameter(self, case, parts):
         model, description = make(case, [0, 1], **parts)
         y = data_for(case, 2)
-        forecast, z_e = model.predict(y[:11], torch.tensor(description["t"]), Solver("rk4"))
-        (forecast.square().sum() + z_e.sum()).backward()
+        forecast, _ = model.predict(y[:11], torch.tensor(description["t"]), Solver("rk4"))
+        (forecast.square().sum() + model.estimate(y[:11]).z_e.sum()).backward()
         unused = {"encoder.latent_head.layers.0.weight", "encoder.latent_head.layers.0.bias"}
         for name, parameter in model.named_parameters():
             if parts.get("interaction") is False and name in unused:
@@ -195,3 +196,10 @@ def test_an_input_that_training_holds_constant_is_not_blown_up():
     scale = Standardise(2)
     scale.fit(torch.stack((torch.zeros(9), torch.arange(9.0)), dim=1))
     assert scale(torch.tensor([[0.3, 4.0]])).tolist() == [[pytest.approx(0.3), 0.0]]
+
+
+@pytest.mark.parametrize(("description", "without_expert"), [(PENDULUM, False), (DOUBLE, True)])
+def test_z_e_means_something_without_the_expert_where_the_forecast_starts_from_it(description, without_expert):
+    system = systems.load(description["system"])
+    assert Decoder(system).knows_z_e
+    assert Decoder(system, expert=False).knows_z_e is without_expert

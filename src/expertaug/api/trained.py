@@ -253,7 +253,7 @@ class TrainedModel:
 
     def _named(self, z_e: Tensor | None, given: object) -> dict[str, Array]:
         """Estimates (S, N, P) by name."""
-        if z_e is None:
+        if z_e is None or not self.stored.model.knows_z_e:
             return {}
         z_e = z_e[0] if self.single else z_e
         return {p.name: arrays.like(z_e[..., k], given) for k, p in enumerate(self.system.expert_parameters)}

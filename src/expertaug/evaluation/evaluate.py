@@ -162,7 +162,7 @@ def score(
         early.append(squared_errors(system, found.states[1:observed], y[1:observed]).cpu())
         kept.append(found.states[:, :, index[(index >= first) & (index < first + size)] - first].cpu())
         runaways.append(found.runaways.cpu())
-        if found.found.z_e is not None:
+        if found.found.z_e is not None and stored.model.knows_z_e:
             estimates.append(found.found.z_e.cpu())
     errors = torch.cat(late, dim=1)
     values = log_of(system, errors)

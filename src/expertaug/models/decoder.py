@@ -34,6 +34,11 @@ class Decoder(nn.Module):
         self.expert = expert
         self.likelihood = likelihood
 
+    @property
+    def knows_z_e(self) -> bool:
+        """Whether z_e means the expert's parameters: without F_e nothing asks for them, but a start that they give."""
+        return self.expert or type(self.system).initial_state is not System.initial_state
+
     def fit(self, observed: Tensor) -> None:
         """Let the parts that learn scales from the training set's observed window (T1, N, *state) do so."""
         if self.interaction is not None:

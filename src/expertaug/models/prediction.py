@@ -12,6 +12,13 @@ from expertaug.systems.solver import Solver
 class Predictor:
     """What has ``estimate`` (an :class:`~expertaug.models.estimates.Estimator`) and ``forecast`` (a decoder's)."""
 
+    @property
+    def knows_z_e(self) -> bool:
+        """Whether an estimate of z_e is one of the expert's parameters, which can be compared with their truth: as the
+        decoder says, where there is one."""
+        decoder = getattr(self, "decoder", None)
+        return decoder is not None and decoder.knows_z_e
+
     def predicted(self, found: Estimates, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> Tensor:
         """The forecast that follows from estimates.
 
@@ -31,6 +38,7 @@ class Predictor:
         return torch.cat((observed[:last], onwards))
 
     def predict(self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0") -> tuple[Tensor, Tensor | None]:
-        """The forecast of the estimates from windows, and the estimate of z_e (…, B, P); as :meth:`predicted`."""
+        """The forecast of the estimates from windows, and the estimate of z_e (…, B, P) where :attr:`knows_z_e`; as
+        :meth:`predicted`."""
         found = self.estimate(observed)  # type: ignore[attr-defined]
-        return self.predicted(found, observed, t, solver, start), found.z_e
+        return self.predicted(found, observed, t, solver, start), found.z_e if self.knows_z_e else None
