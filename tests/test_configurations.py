@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from expertaug import systems
 from expertaug.config import load as config
-from expertaug.config import stage_settings
+from expertaug.config import presets, stage_settings
 
 FOLDER = Path(__file__).parents[1] / "config"
 
@@ -55,3 +56,15 @@ def test_nothing_of_the_default_sizes_is_left_in_the_papers(
         assert stage["schedule"] == "constant"
         assert stage["supervision_weight"] == 1.0
         assert stage["horizon_warmup"] == 0.0
+
+
+@pytest.mark.parametrize("preset", presets.NAMES)
+@pytest.mark.parametrize("one", presets.SIMULATED, ids=lambda one: f"{one.experiment}.{one.key}")
+def test_the_table_of_presets_says_what_is_simulated(one, preset):
+    complete = config.validate(config.merge(config.load([FOLDER / "config.yaml"]), {"preset": preset}))
+    value = complete["experiments"][one.experiment]
+    *above, last = one.key.split(".")
+    for part in above:
+        value = value[part]
+    found = getattr(systems.load(value), last) if above == ["system"] else value[last]
+    assert found == getattr(one, preset)

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from expertaug.config import presets
 from expertaug.config.models import Configuration
 from expertaug.files import write_text
 from expertaug.learning.settings import OBJECTIVES
@@ -39,7 +40,27 @@ def reference() -> str:
         key = "name" if name == "system" else "kind"
         sections += [_section(f"{name}, {key}: {kind}", model) for kind, model in kinds.items()]
     sections += [_section(f"training.objective, of the objective {kind}", model) for kind, model in OBJECTIVES.items()]
-    return "\n\n".join(sections) + "\n"
+    return "\n\n".join([*sections, *_presets()]) + "\n"
+
+
+def _presets() -> Iterator[str]:
+    """What each preset chooses: the rows that ``choices`` may override, and what the shipped experiments simulate."""
+    heads = [*presets.NAMES, "meaning"]
+    rows = [_cells(f"`{name}`", row) for name, row in presets.ROWS.items()]
+    yield "\n".join(["## choices, by preset", "", *_head("row", *heads), *rows])
+    rows = [_cells(f"`{one.experiment}` | `{one.key}`", one) for one in presets.SIMULATED]
+    title = "## What the shipped experiments simulate, by preset"
+    yield "\n".join([title, "", *_head("experiment", "key", *heads), *rows])
+
+
+def _cells(name: str, row: presets.Row | presets.Simulated) -> str:
+    values = [f"`{show(getattr(row, preset))}`" for preset in presets.NAMES]
+    meaning = row.meaning.replace("|", "\\|")
+    return f"| {' | '.join([name, *values, meaning])} |"
+
+
+def _head(*titles: str) -> list[str]:
+    return [f"| {' | '.join(titles)} |", f"|{'---|' * len(titles)}"]
 
 
 def _section(title: str, kind: type[BaseModel], pointers: Mapping[str, str] = MappingProxyType({})) -> str:
