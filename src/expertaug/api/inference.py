@@ -69,7 +69,7 @@ def least_squares(
 def own_prior(
     model: TrainedModel,
     train: Trajectories,
-    windows: Array,
+    unlabelled: Array,
     *,
     noise: float = 0.0,
     prior: Ranges | None = None,
@@ -83,7 +83,7 @@ def own_prior(
     Arguments:
         model: trained, or of :func:`least_squares`.
         train: the training set.
-        windows: observed windows of where the model is to work, (N, T1, *state).
+        unlabelled: observed windows of where the model is to work, (N, T1, *state).
         noise: standard deviation of the data's noise.
         prior: ranges in which fits of the training windows start; None: at the model's own estimates.
         options: see :class:`expertaug.inference.settings.RefinementSettings`.
@@ -92,10 +92,10 @@ def own_prior(
         InputError: windows of another shape, or least squares without a prior.
     """
     names = [p.name for p in model.system.expert_parameters]
-    y = arrays.tensor(windows, "windows")
+    y = arrays.tensor(unlabelled, "unlabelled")
     if y.shape[1:] != train.y[:, : model.observed].shape[1:]:
         wanted = f"(N, {model.observed}, {', '.join(map(str, train.y.shape[2:]))})"
-        raise InputError("windows", f"has shape {tuple(y.shape)}", f"give {wanted}")
+        raise InputError("unlabelled", f"has shape {tuple(y.shape)}", f"give {wanted}")
     known = arrays.tensor(train.y[:, : model.observed], "train")
     with arrays.one_thread():
         return growing.own_prior(
