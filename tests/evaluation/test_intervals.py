@@ -20,7 +20,7 @@ RUNS = 200
 
 
 def toy(rng, seeds, samples, of_seeds=0.3, of_samples=0.7, of_both=0.3, shift=0.0):
-    """Squared errors whose logs are the sum of what seed, sample and the two together contribute; their mean is known."""
+    """Squared errors whose logs are a sum of what seed, sample and the two together contribute; their mean is known."""
     far = of_seeds * rng.normal(size=(seeds, 1)), of_samples * rng.normal(size=(1, samples))
     return np.exp(shift - 6 + far[0] + far[1] + of_both * rng.normal(size=(seeds, samples)))
 

@@ -86,7 +86,7 @@ def write(tmp_path, experiment, labels, level, sets=("validation", "test"), seed
 
 @pytest.fixture
 def runs(tmp_path):
-    """Metrics and forecasts of two experiments of one system, the first without HVAE, the second with an IID test set."""
+    """Metrics and forecasts of two experiments of one system, one without HVAE, the other with an IID test set."""
     one = write(tmp_path, "swing", LABELS[::2], -3.3)
     two = write(tmp_path, "other", LABELS, -1.2, ("validation", "iid", "test"))
     return [*one[0], *two[0]], [*one[1], *two[1]]
@@ -101,7 +101,7 @@ def test_tables(runs, tmp_path):
     row = table.set_index(["experiment", "label", "set", "metric"])
     cell = row.loc[("swing", "APHYNITY+", "test", "log_mse_sum")]  # published -3.3 +- .3
     assert (cell["mean"], cell["n"], cell["verdict"]) == (pytest.approx(-3.3, abs=0.02), 4, "not told apart")
-    assert cell["low"] < cell["mean"] < cell["high"] and cell["at_or_below"] == "True"
+    assert cell["low"] < cell["mean"] < cell["high"] and cell["at_or_below"]
     assert row.loc[("swing", "APHYNITY", "test", "log_mse_sum"), "verdict"] == "better"  # -.9 +- .2
     assert row.loc[("other", "APHYNITY+", "test", "log_mse_sum"), "verdict"] == "worse"
     assert row.loc[("swing", "HVAE", "test", "log_mse_sum"), "verdict"] == "not run"
@@ -110,15 +110,10 @@ def test_tables(runs, tmp_path):
     assert "| swing | validation (set of choices) | HVAE | −2.9 ± 0.5 | – | 0 | – | not run |" in text
     assert "swing: corrected" in text
     logs = table.query("metric == 'log_mse_sum' and verdict != 'not run'")
-    assert (
-        f"At or below the published mean plus one standard deviation: {(logs['at_or_below'] == 'True').sum()} of 12."
-        in text
-    )
-    counts = logs["verdict"].value_counts()
-    assert (
-        f"Of 12 cells {counts['better']} better, {counts['not told apart']} not told apart, {counts['worse']} worse."
-        in text
-    )
+    below, counts = logs["at_or_below"].eq(True).sum(), logs["verdict"].value_counts()
+    assert f"At or below the published mean plus one standard deviation: {below} of 12." in text
+    better, apart, worse = (counts[name] for name in ("better", "not told apart", "worse"))
+    assert f"Of 12 cells {better} better, {apart} not told apart, {worse} worse." in text
     tex = outputs[2].read_text()
     assert r"\label{tab:synth_log_mse}" in tex and r"\label{tab:param_acc}" in tex
     assert tex.isascii() and tex.count("{") == tex.count("}")

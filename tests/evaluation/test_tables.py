@@ -63,7 +63,7 @@ def test_latex(tmp_path, three_seeds):
     tabulate(three_seeds, [tmp_path / "t.tex"])
     text = (tmp_path / "t.tex").read_text()
     assert r"A & 3 & $-2.50 \pm 1.80$ & $7.0 \pm 2.0$ \\" in text
-    assert r"A+ & 3 & $\mathbf{-4.00 \pm 1.00}$ & -- \\" in text
+    assert r"A+ & 3 & $\mathbf{-4.00} \pm 1.00$ & -- \\" in text
     assert r"\cmidrule(lr){3-4}" in text
     assert r"error [\%]" in text
     assert text.count("{") == text.count("}")
@@ -222,26 +222,19 @@ def test_a_gain_of_augmentation_is_one_over_the_control(tmp_path):
     assert list(table.index) == list(levels)
     for name, over_control, from_base in (("a+", 0.2, 0.7), ("b+", 0.0, 0.5), ("c+", math.nan, 0.5)):
         row = table.loc[name]
-        assert row["test/log_mse_sum/gain"] == pytest.approx(over_control, abs=0.03, nan_ok=True)
-        assert row["test/log_mse_sum/difference"] == pytest.approx(from_base, abs=0.03)
+        assert row["test/log_mse_sum/gain"] == pytest.approx(over_control, abs=0.05, nan_ok=True)
+        assert row["test/log_mse_sum/difference"] == pytest.approx(from_base, abs=0.05)
     assert table.loc["a+", "test/log_mse_sum/gain_p"] < 0.05 < table.loc["b+", "test/log_mse_sum/gain_p"]
     assert table.loc["a+", "test/log_mse_sum/gain_low"] > 0.1
     assert table.loc["a", [c for c in table if "gain" in c or "difference" in c]].isna().all()
     long = pd.read_csv(tmp_path / "t_long.csv").set_index(["method", "set", "metric"])
-    assert long.loc[("a+", "iid", "relative_error"), "gain"] == pytest.approx(
-        10 * (np.exp(-0.5) - np.exp(-0.7)), rel=1e-3
-    )
+    wrong = 10 * (np.exp(-0.5) - np.exp(-0.7))
+    assert long.loc[("a+", "iid", "relative_error"), "gain"] == pytest.approx(wrong, rel=1e-3)
     text = (tmp_path / "t.md").read_text()
-    rows = {
-        tuple(line.split(" | ")[:2]): line
-        for line in text.splitlines()
-        if "gain over" in line or "difference from" in line
-    }
-    assert (
-        "| **0." in rows["| A+", "gain over control"] and "**" not in rows["| B+", "gain over control"].split("|")[-2]
-    )
-    assert set(rows["| C+", "gain over control"].split("|")[3:]) == {" – ", ""}, "no control: no gain of augmentation"
-    assert "| **0." in rows["| C+", "difference from base"]
+    rows = {tuple(line.split(" | ")[:2]): line.split(" | ")[2:] for line in text.splitlines()}
+    errors = rows["| A+", "gain over control"], rows["| B+", "gain over control"], rows["| C+", "difference from base"]
+    assert [cells[-2].startswith("**0.") for cells in errors] == [True, False, True]
+    assert {cell.strip(" |") for cell in rows["| C+", "gain over control"]} == {"–"}, "no control: no gain"
     assert "no gain of augmentation" in text and r"\label{tab:swing-gains}" in (tmp_path / "t.tex").read_text()
     assert (tmp_path / "t.tex").read_text().isascii()
 
