@@ -73,7 +73,11 @@ def cell_tex(cell: Mapping | None, metric: str, bold: bool = False) -> str:
 
 def _numbers(cell: Mapping, metric: str) -> tuple[str, list[str], str]:
     """Mean, ends of its interval or standard deviation, and how many of the seeds they are of, if not of all."""
-    show = number_format(metric, cell["mean"])
+    shown = number_format(metric, cell["mean"])
+
+    def show(value: float) -> str:
+        return shown(value if float(shown(value)) else 0.0)  # no −0.0
+
     few = f" ({cell['n']}/{cell['of']})" if cell["n"] < cell["of"] else ""
     if math.isfinite(cell.get("low", math.nan)):
         return show(cell["mean"]), [show(cell["low"]), show(cell["high"])], few

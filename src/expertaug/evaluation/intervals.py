@@ -112,15 +112,15 @@ def mean(errors: np.ndarray, unit: np.ndarray) -> Resampled:
 
 def log_median(errors: np.ndarray, unit: np.ndarray) -> Resampled:
     """Log of the median over samples; arguments as of :func:`log_mean`."""
-    weights, order = resamples(unit.max() + 1)[:, unit], np.argsort(errors, axis=1)
+    counts, order = resamples(int(unit.max()) + 1), np.argsort(errors, axis=1)
     drawn = np.empty((RESAMPLES, len(errors)))
     size = max(1, VALUES // errors.shape[1])
     for seed, places in enumerate(order):
-        ranked = errors[seed, places]
+        ranked, units = errors[seed, places], unit[places]
         for first in range(0, RESAMPLES, size):
-            counted = np.cumsum(weights[first : first + size][:, places], axis=1)
-            half = counted[:, -1:] / 2
-            upper, lower = (counted > half).argmax(1), (counted >= half).argmax(1)
+            passed = np.cumsum(counts[units, first : first + size], axis=0, dtype=np.int32)
+            half = passed[-1] / 2
+            lower, upper = (passed < half).sum(0), (passed <= half).sum(0)
             drawn[first : first + size, seed] = (ranked[lower] + ranked[upper]) / 2
     return Resampled(np.log(np.median(errors, axis=1)), np.log(drawn), int(unit.max()) + 1)
 
@@ -153,20 +153,17 @@ def deviations(found: Resampled) -> np.ndarray:
     of_samples = found.drawn.mean(1)
     far = (of_samples - centre) * _widened(found.units, "samples")
     if seeds > 1:
-        weights = resamples(seeds, "seeds") / seeds
+        weights = resamples(seeds, "seeds").T / seeds
         far = far + ((found.drawn - of_samples[:, None]) * weights).sum(1) * _widened(seeds, "seeds")
     return far
 
 
-def resamples(units: int, source: str = "samples") -> np.ndarray:
-    """How often each resample has each unit, (RESAMPLES, units)."""
-    return _resamples(int(units), source)
-
-
 @lru_cache(maxsize=8)
-def _resamples(units: int, source: str) -> np.ndarray:
+def resamples(units: int, source: str = "samples") -> np.ndarray:
+    """How often each unit is in each resample, (units, RESAMPLES)."""
     rng = np.random.default_rng([SEED, len(source), units])
-    return rng.multinomial(units, np.full(units, 1 / units), RESAMPLES).astype(np.float32)
+    drawn = rng.multinomial(units, np.full(units, 1 / units), RESAMPLES)
+    return np.ascontiguousarray(drawn.T.astype(np.int16))
 
 
 @lru_cache(maxsize=32)
@@ -180,11 +177,9 @@ def _widened(units: int, source: str) -> np.ndarray:
 
 def _of_means(errors: np.ndarray, unit: np.ndarray, transform: Callable[[np.ndarray], np.ndarray]) -> Resampled:
     units = int(unit.max()) + 1
-    sums = np.stack([np.bincount(unit, weights=one, minlength=units) for one in errors], axis=1)
-    sizes = np.bincount(unit, minlength=units)
-    weights = resamples(units).astype(float)
-    drawn = transform(weights @ sums / (weights @ sizes)[:, None])
-    return Resampled(transform(errors.mean(1)), drawn, units)
+    sums = np.stack([np.bincount(unit, minlength=units), *(np.bincount(unit, one, units) for one in errors)])
+    sizes, *sums = sums @ resamples(units).astype(float)
+    return Resampled(transform(errors.mean(1)), transform(np.stack(sums, axis=1) / sizes[:, None]), units)
 
 
 def _interval(mean: float, far: np.ndarray, seeds: int) -> Interval:

@@ -106,7 +106,8 @@ class Printed:
 
     def _gains(self) -> tuple[list[Column], list[tuple[str, str, list[tuple[Interval | None, Column]]]]]:
         """Columns, and label, kind and differences with their columns of each row, of the second table."""
-        columns = [column for column in self.columns if column[1] != RUNAWAYS]
+        differ = {(name, metric) for _, _, name, metric in self.gained}
+        columns = [column for column in self.columns if column in differ]
         compared = {row for row, *_ in self.gained}
         shown = [(row, label, kind) for row, label, _ in self._rows() if row in compared for kind in gains.KINDS]
         rows = [(label, k, [(self.gained.get((row, k, *c)), c) for c in columns]) for row, label, k in shown]

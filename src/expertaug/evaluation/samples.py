@@ -16,6 +16,8 @@ from expertaug.trajectories import Trajectories
 
 VERSION = ("experiment", "preset", "method")  # what tells one forecasts.npz from another, but for its seeds
 ERRORS, TRUTH, ESTIMATE, IDENTITY = "errors", "z_e", "z_e_hat", "sample_id"  # arrays of a set: <set>_<name>
+# The conventions differ by a constant: the same interval, moved, and the same differences.
+ALIKE = {"log_mse_dim": "log_mse_sum", "log_mse_median_dim": "log_mse_median"}
 REMEDY = "make it again with evaluate"
 Key = tuple[str, str, str]  # as VERSION
 
@@ -41,9 +43,9 @@ class _Set:
 
     def values(self, metric: str) -> tuple[Callable[[np.ndarray, np.ndarray], Resampled], np.ndarray] | None:
         """The statistic that a metric is, and its values of every sample, (S, N); None where they are not kept."""
-        if metric in ("log_mse_sum", "log_mse_dim"):
+        if metric == "log_mse_sum":
             return log_mean, self.errors
-        if metric in ("log_mse_median", "log_mse_median_dim"):
+        if metric == "log_mse_median":
             return log_median, self.errors
         if self.relative is None:
             return None
@@ -95,6 +97,7 @@ class Samples:
         return interval(theirs - mine)
 
     def _of(self, key: Key, name: str, metric: str) -> tuple[np.ndarray, Resampled] | None:
+        metric = ALIKE.get(metric, metric)
         if (key, name, metric) not in self._made:
             self._made[key, name, metric] = self._make(key, name, metric)
         return self._made[key, name, metric]
