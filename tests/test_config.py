@@ -121,6 +121,10 @@ def test_shipped_files_are_valid(base, name, tmp_path):
             "data.sets.test.z_e: names omega0, omega",
         ),
         (
+            "experiments: {pendulum: {data: {sets: {validation: {z_a: {alpha: [0, 1]}}}}}}",
+            "data.sets.iid: other ranges than validation's; give those of validation",
+        ),
+        (
             "experiments: {pendulum: {augmentation: {prior: {alpha: [1, 2]}}}}",
             "augmentation.prior: names omega0, alpha",
         ),

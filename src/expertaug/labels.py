@@ -18,7 +18,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 MAIN_SETS = ("train", "validation", "test")  # that every experiment has
-
+# Those that tables and figures show, in order; iid: drawn as validation is, and nothing is chosen on it.
+SHOWN_SETS = ("train", "validation", "iid", "test")
 
 AUGMENTED, CONTROL, ESTIMATOR = "+", "=", "~"
 FLOW, REFINED = "flow", "refined"  # the estimators

@@ -150,3 +150,25 @@ def write_logs(folder: Path, experiment="swing", labels=("ML only", "Hybrid", "H
         log.close()
         paths.append(path)
     return paths
+
+
+def write_samples(
+    path: Path, method: str, seeds, errors: dict, experiment="swing", preset="corrected", ids=None, wrong=None
+) -> Path:
+    """Errors of every sample as the stage evaluate keeps them.
+
+    Arguments:
+        errors: squared errors by set, (S, N).
+        ids: of the samples, by set; none of simulated ones.
+        wrong: relative errors of one parameter, omega0, by set, (S, N): 0.1 is 10 %.
+    """
+    arrays = {"version": np.array([experiment, preset, method]), "seeds": np.array(seeds)}
+    arrays |= {f"{name}_errors": np.asarray(value, dtype=np.float32) for name, value in errors.items()}
+    for name, value in (wrong or {}).items():
+        arrays |= {f"{name}_z_e": np.ones((value.shape[1], 1)), f"{name}_z_e_hat": 1 + np.asarray(value)[..., None]}
+    arrays |= {f"{name}_sample_id": np.array(value) for name, value in (ids or {}).items()}
+    arrays |= {"t": np.arange(3.0), "observed": np.array(1), "state_names": np.array(["theta"])}
+    arrays |= {"state_units": np.array(["rad"]), "parameter_names": np.array(["omega0"])}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez(path, parameter_units=np.array(["rad/s"]), **arrays)
+    return path

@@ -9,6 +9,7 @@ from expertaug.config.presets import resolve
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.tables import tabulate
 from expertaug.learning.train import train
 from expertaug.models import store
@@ -19,7 +20,7 @@ from expertaug.trajectories import Trajectories
 
 RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}
-DATA["sets"] = dict.fromkeys(("train", "validation", "test"), RANGES)
+DATA["sets"] = dict.fromkeys(("train", "validation", "iid", "test"), RANGES)
 COMMON = {"experiment": "pendulum", "preset": "corrected", "seeds": [4, 7], "device": "cpu"}
 TRAINING = COMMON | {
     "method": "aphynity",
@@ -100,6 +101,9 @@ def test_forecasts_carry_where_their_samples_come_from(folder, tmp_path):
     truth = Trajectories.load(tmp_path / "test.npz")
     own = {str(name): y for name, y in zip(truth.id, truth.y, strict=True)}
     assert set(forecasts.id) == {"validation", "test"}
+    arrays = np.load(tmp_path / "model.npz")
+    assert list(arrays["test_sample_id"]) == list(truth.id[np.linspace(0, 11, 9).astype(int)])
+    assert "train_sample_id" not in arrays
     for name, y in zip(forecasts.id["test"], forecasts.truth["test"], strict=True):
         np.testing.assert_array_equal(y, own[str(name)])
 
@@ -122,6 +126,33 @@ def test_further_sets_are_scored_but_no_forecasts_kept(folder):
     table = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
     assert table[4, "near", "log_mse_sum"] == table[4, "test", "log_mse_sum"]
     assert list(Forecasts.load(outputs[1]).truth) == ["validation", "test"]
+
+
+def test_errors_of_every_sample_are_kept_and_give_the_metrics(folder):
+    (folder / "near.npz").write_bytes((folder / "test.npz").read_bytes())
+    settings = COMMON | {"method": "a", "label": "A", "evaluation": {}, "choices": {"forecast_start": "y0"}}
+    outputs = folder / "kept.csv", folder / "kept.npz"
+    sets = ["train", "validation", "iid", "test", "near"]
+    evaluate(folder / "model.safetensors", folder, *outputs, settings | {"sets": sets}, None)
+    values = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
+    arrays = np.load(outputs[1])
+    assert list(arrays["version"]) == ["pendulum", "corrected", "a"]
+    for name in sets:
+        errors = arrays[f"{name}_errors"]
+        assert errors.shape == (2, 12)
+        for place, seed in enumerate([4, 7]):
+            assert np.log(errors[place].mean()) == pytest.approx(values[seed, name, "log_mse_sum"], abs=1e-5)
+        assert arrays[f"{name}_z_e"].shape == (12, 1) and (f"{name}_z_e_hat" in arrays) == (name != "train")
+    wrong = np.abs(arrays["near_z_e_hat"] / arrays["near_z_e"] - 1)
+    assert 100 * wrong[1].mean() == pytest.approx(values[7, "near", "relative_error"], rel=1e-4)
+    assert "iid_truth" in arrays and "near_truth" not in arrays
+    samples = Samples([outputs[1]])
+    for metric in ("log_mse_sum", "log_mse_median", "relative_error", "relative_error_omega0"):
+        found = samples.resampled(("pendulum", "corrected", "a"), "iid", metric)
+        assert found.value == pytest.approx([values[seed, "iid", metric] for seed in (4, 7)], rel=1e-4)
+    assert samples.resampled(("pendulum", "corrected", "a"), "train", "relative_error") is None
+    iid, validation = (np.load(folder / f"{name}.npz")["y"] for name in ("iid", "validation"))
+    assert not np.isin(iid[:, 0, 0], validation[:, 0, 0]).any(), "draws of its own"
 
 
 def test_the_metric_can_see_the_whole_trajectory(folder):
@@ -247,3 +278,5 @@ def test_a_seed_that_could_not_be_trained_has_no_values(folder):
     values, forecasts = run(folder, "failed")
     assert np.isnan(values[4].drop(("train", "wall_s"))).all() and np.isfinite(values[7]).all()
     assert forecasts.failed == [4]
+    errors = np.load(folder / "failed.npz")["test_errors"]
+    assert np.isnan(errors[0]).all() and np.isfinite(errors[1]).all()

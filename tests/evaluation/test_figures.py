@@ -46,6 +46,21 @@ def test_bars_have_the_means_as_heights(tmp_path, drawn):
     assert_nothing_is_cut(drawn[-1])
 
 
+def test_where_there_is_an_iid_test_set_figures_leave_validation_out(tmp_path, drawn):
+    metrics = write_metrics(tmp_path)
+    figures.bars(metrics, tmp_path / "without", pairs())
+    for path in metrics:
+        table = pd.read_csv(path)
+        pd.concat([table, table[table["set"] == "validation"].assign(set="iid")]).to_csv(path, index=False)
+    figures.bars(metrics, tmp_path / "with", pairs())
+    ticks = [[tick.get_text() for tick in figure.axes[0].get_xticklabels()] for figure in drawn]
+    assert ticks == [
+        ["train", "validation\n(set of choices)", "test\n(OOD)"],
+        ["train", "IID test", "test\n(OOD)"],
+    ]
+    assert_nothing_is_cut(drawn[-1])
+
+
 @pytest.mark.parametrize("seeds", [(0,), (0, 1, 2)])
 def test_several_experiments_and_long_labels_fit(tmp_path, drawn, monkeypatch, seeds):
     from fake_runs import SWING
@@ -205,7 +220,7 @@ def test_bad_input(tmp_path):
         figures.bars(metrics, [tmp_path / "x.svg"])
     other = pd.read_csv(metrics[0]).query("set == 'test'").assign(set="held_out")
     other.to_csv(tmp_path / "other.csv", index=False)
-    with pytest.raises(InputError, match="no log_mse_sum on train, validation, test"):
+    with pytest.raises(InputError, match="no log_mse_sum on train, validation, iid, test"):
         figures.bars([tmp_path / "other.csv"], output)
     with pytest.raises(InputError, match="no seed 9; it has 0, 1"):
         traces.forecasts(paths, output, {"seed": 9})

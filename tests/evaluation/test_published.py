@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pandas as pd
 import pytest
+from fake_runs import write_samples
 
 from expertaug.errors import InputError
-from expertaug.evaluation.published import Published, compare, published_numbers, verdict
+from expertaug.evaluation.intervals import mean
+from expertaug.evaluation.published import Published, compare, difference_of, published_numbers, verdict
 
 LABELS = ("APHYNITY", "HVAE", "APHYNITY+", "HVAE+")
 
@@ -28,60 +31,111 @@ def test_the_paper_has_24_cells_in_each_table():
     assert found["pendulum", "HVAE", "test", "relative_error"] == (117, 10)
 
 
+def ours(level, of_seeds=0.1):
+    """A statistic of four seeds, whose spread over samples is small."""
+    rng = np.random.default_rng(0)
+    values = level + of_seeds * np.array([[-1], [1], [-0.5], [0.5]]) + 0.02 * rng.normal(size=(4, 200))
+    return mean(values, np.arange(200))
+
+
 @pytest.mark.parametrize(
-    ("mean", "expected"),
-    [(-3.3, "within"), (-2.99, "worse"), (-3.0, "within"), (-3.61, "better"), (math.nan, "worse")],
+    ("level", "of_seeds", "expected"),
+    [
+        (-3.3, 0.1, "not told apart"),
+        (-3.9, 0.1, "better"),
+        (-2.7, 0.1, "worse"),
+        (-3.9, 1.0, "not told apart"),  # our seeds are too different
+    ],
 )
-def test_verdicts(mean, expected):
-    assert verdict(number(-3.3, 0.3), mean) == expected
+def test_verdicts(level, of_seeds, expected):
+    found = ours(level, of_seeds)
+    assert verdict(level, difference_of(number(-3.3, 0.3), found)) == expected
 
 
-def test_a_deviation_printed_as_zero_may_be_half_a_unit():
-    assert [verdict(number(2, 0, 0), mean) for mean in (1.4, 2.4, 2.6)] == ["better", "within", "worse"]
+def test_verdicts_without_a_finite_value():
+    assert verdict(math.nan, None) == "worse"
 
 
-@pytest.fixture
-def metrics(tmp_path):
-    """Two experiments of one system, the first without HVAE."""
-    paths = []
-    for experiment, labels, shift in (("swing", LABELS[::2], 0.0), ("other", LABELS, 2.0)):
+def test_a_deviation_printed_as_zero_and_digits_that_are_not_printed_are_spread():
+    found = [verdict(level, difference_of(number(2, 0, 0), ours(level, 0.01))) for level in (1.2, 1.7, 2.4, 2.9)]
+    assert found == ["better", "not told apart", "not told apart", "worse"]
+
+
+def write(tmp_path, experiment, labels, level, sets=("validation", "test"), seeds=(0, 1, 2, 3)):
+    """Metrics and samples' errors of an experiment: log-MSE ``level`` and parameters 6 % off, with little spread."""
+    rng, paths = np.random.default_rng(1), ([], [])
+    for label in labels:
+        errors = {name: np.exp(level + 0.05 * rng.normal(size=(len(seeds), 80))) for name in sets}
+        wrong = {name: 0.06 + 0.001 * rng.normal(size=(len(seeds), 80)) for name in sets}
         rows = [
-            (experiment, "pendulum", label.lower(), label, "corrected", seed, name, metric, value + shift + 0.1 * seed)
-            for label in labels
-            for name in ("validation", "test")
-            for metric, value in (("log_mse_sum", -3.3), ("relative_error", 6.0))
-            for seed in (0, 1)
+            (experiment, "pendulum", label.lower(), label, "corrected", seed, name, metric, value)
+            for name in sets
+            for metric, values in (
+                ("log_mse_sum", np.log(errors[name].mean(1))),
+                ("relative_error", 100 * wrong[name].mean(1)),
+            )
+            for seed, value in zip(seeds, values, strict=True)
         ]
-        paths.append(tmp_path / f"{experiment}.csv")
         columns = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
-        pd.DataFrame(rows, columns=columns).to_csv(paths[-1], index=False)
+        paths[0].append(tmp_path / f"{experiment}_{label}.csv")
+        pd.DataFrame(rows, columns=columns).to_csv(paths[0][-1], index=False)
+        file = tmp_path / f"{experiment}_{label}.npz"
+        paths[1].append(write_samples(file, label.lower(), seeds, errors, experiment, wrong=wrong))
     return paths
 
 
-def test_tables(metrics, tmp_path):
+@pytest.fixture
+def runs(tmp_path):
+    """Metrics and forecasts of two experiments of one system, one without HVAE, the other with an IID test set."""
+    one = write(tmp_path, "swing", LABELS[::2], -3.3)
+    two = write(tmp_path, "other", LABELS, -1.2, ("validation", "iid", "test"))
+    return [*one[0], *two[0]], [*one[1], *two[1]]
+
+
+def test_tables(runs, tmp_path):
     outputs = [tmp_path / f"t.{end}" for end in ("csv", "md", "tex")]
-    compare(metrics, outputs, {"published": [["swing", "pendulum"], ["other", "pendulum"]]})
+    metrics, forecasts = runs
+    compare(metrics, outputs, {"published": [["swing", "pendulum"], ["other", "pendulum"]]}, forecasts)
     table = pd.read_csv(outputs[0])
     assert len(table) == 32
     row = table.set_index(["experiment", "label", "set", "metric"])
-    cell = row.loc[("swing", "APHYNITY+", "test", "log_mse_sum")]
-    assert (cell["mean"], cell["n"], cell["verdict"]) == (pytest.approx(-3.25), 2, "within")
-    assert row.loc[("swing", "APHYNITY", "test", "log_mse_sum"), "verdict"] == "better"
+    cell = row.loc[("swing", "APHYNITY+", "test", "log_mse_sum")]  # published -3.3 +- .3
+    assert (cell["mean"], cell["n"], cell["verdict"]) == (pytest.approx(-3.3, abs=0.02), 4, "not told apart")
+    assert cell["low"] < cell["mean"] < cell["high"] and cell["at_or_below"]
+    assert row.loc[("swing", "APHYNITY", "test", "log_mse_sum"), "verdict"] == "better"  # -.9 +- .2
     assert row.loc[("other", "APHYNITY+", "test", "log_mse_sum"), "verdict"] == "worse"
     assert row.loc[("swing", "HVAE", "test", "log_mse_sum"), "verdict"] == "not run"
     text = outputs[1].read_text()
-    assert "| swing | test (OOD) | APHYNITY+ | −3.3 ± 0.3 | −3.25 ± 0.07 | 2 | within |" in text
-    assert "| swing | validation (IID) | HVAE | −2.9 ± 0.5 | – | 0 | not run |" in text
+    assert "| swing | test (OOD) | APHYNITY+ | −3.3 ± 0.3 | −3.30 [−3." in text and "| 4 | 0." in text
+    assert "| swing | validation (set of choices) | HVAE | −2.9 ± 0.5 | – | 0 | – | not run |" in text
     assert "swing: corrected" in text
-    good = table.query("metric == 'log_mse_sum' and verdict in ('within', 'better')")
-    assert f"{len(good)} of 12." in text
+    logs = table.query("metric == 'log_mse_sum' and verdict != 'not run'")
+    below, counts = logs["at_or_below"].eq(True).sum(), logs["verdict"].value_counts()
+    assert f"At or below the published mean plus one standard deviation: {below} of 12." in text
+    better, apart, worse = (counts[name] for name in ("better", "not told apart", "worse"))
+    assert f"Of 12 cells {better} better, {apart} not told apart, {worse} worse." in text
     tex = outputs[2].read_text()
     assert r"\label{tab:synth_log_mse}" in tex and r"\label{tab:param_acc}" in tex
     assert tex.isascii() and tex.count("{") == tex.count("}")
 
 
-def test_unknown_systems_are_named(metrics, tmp_path):
+def test_the_papers_validation_set_is_compared_with_the_iid_test_set(runs, tmp_path):
+    metrics, forecasts = runs
+    output = tmp_path / "t.csv"
+    compare(metrics, [output], {"published": [["swing", "pendulum"], ["other", "pendulum"]]}, forecasts)
+    sets = pd.read_csv(output).groupby("experiment")["set"].unique()
+    assert sorted(sets["other"]) == ["iid", "test"] and sorted(sets["swing"]) == ["test", "validation"]
+
+
+def test_errors_of_samples_are_needed(runs, tmp_path):
+    metrics, forecasts = runs
+    with pytest.raises(InputError, match=r"APHYNITY of swing: no errors of the samples"):
+        compare(metrics, [tmp_path / "t.csv"], {"published": [["swing", "pendulum"]]}, forecasts[1:])
+
+
+def test_unknown_systems_are_named(runs, tmp_path):
+    metrics, forecasts = runs
     with pytest.raises(InputError, match="no system 'swing'; known: pendulum"):
-        compare(metrics, [tmp_path / "t.csv"], {"published": [["swing", "swing"]]})
+        compare(metrics, [tmp_path / "t.csv"], {"published": [["swing", "swing"]]}, forecasts)
     with pytest.raises(InputError, match=r"one of \.csv"):
-        compare(metrics, [tmp_path / "t.xls"], {"published": [["swing", "pendulum"]]})
+        compare(metrics, [tmp_path / "t.xls"], {"published": [["swing", "pendulum"]]}, forecasts)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from fake_runs import LABELS, pairs, write_metrics
+from fake_runs import LABELS, pairs, write_metrics, write_samples
 
 from expertaug.errors import InputError
 from expertaug.evaluation.summary import read_metrics
@@ -63,7 +63,7 @@ def test_latex(tmp_path, three_seeds):
     tabulate(three_seeds, [tmp_path / "t.tex"])
     text = (tmp_path / "t.tex").read_text()
     assert r"A & 3 & $-2.50 \pm 1.80$ & $7.0 \pm 2.0$ \\" in text
-    assert r"A+ & 3 & $\mathbf{-4.00 \pm 1.00}$ & -- \\" in text
+    assert r"A+ & 3 & $\mathbf{-4.00} \pm 1.00$ & -- \\" in text
     assert r"\cmidrule(lr){3-4}" in text
     assert r"error [\%]" in text
     assert text.count("{") == text.count("}")
@@ -123,7 +123,8 @@ def test_runaways_are_a_column_where_there_are_any_and_the_median_is_told(tmp_pa
     path = write(tmp_path / "metrics.csv", rows)
     tabulate([path], [tmp_path / f"t.{end}" for end in ("md", "tex", "csv")])
     text = (tmp_path / "t.md").read_text()
-    assert "| method | seeds | validation (IID): log-MSE | test (OOD): log-MSE | test (OOD): runaways [%] |" in text
+    header = "validation (set of choices): log-MSE | test (OOD): log-MSE | test (OOD): runaways [%]"
+    assert f"| method | seeds | {header} |" in text
     assert "| B | 2 | 3.00 ± 0.00 | 3.12 ± 0.18 | 12.5 ± 17.7 |" in text and "Runaways: forecasts that leave" in text
     assert "| log-MSE, median sample (log_mse_median) | A | −2.00 ± 0.00 | −2.00 ± 0.00 |" in text
     assert r"runaways [\%]" in (tmp_path / "t.tex").read_text()
@@ -162,6 +163,102 @@ def test_dim_convention_and_own_titles(tmp_path):
     assert "middle energies: log-MSE" in text
     mean = read_metrics(metrics).query("label == 'Hybrid' and set == 'test' and metric == 'log_mse_dim'")["value"]
     assert f"{np.mean(mean):.2f}".replace("-", "−") in text
+
+
+SETS = ("train", "validation", "iid", "test")
+
+
+def write_runs(folder, versions, ids=None, seeds=(0, 1, 2)):
+    """Metrics and samples' errors of versions: the log of their errors is ``versions[name]`` and a spread that all
+    versions share, of samples above all."""
+    rng = np.random.default_rng(0)
+    shared = {name: rng.normal(size=(1, 60)) + 0.05 * rng.normal(size=(len(seeds), 60)) for name in SETS}
+    rows, forecasts = [], []
+    for k, (name, level) in enumerate(versions.items()):
+        own = np.random.default_rng(k + 1)
+        errors = {s: np.exp(level + far + 0.05 * own.normal(size=far.shape)) for s, far in shared.items()}
+        wrong = {s: 0.1 * np.exp(level) * np.ones((len(seeds), 60)) for s in SETS[1:]}
+        forecasts.append(write_samples(folder / name / "forecasts.npz", name, seeds, errors, ids=ids, wrong=wrong))
+        for s in SETS:
+            values = {"log_mse_sum": np.log(errors[s].mean(1)), "log_mse_median": np.log(np.median(errors[s], axis=1))}
+            values |= {"relative_error": 100 * wrong[s].mean(1)} if s in wrong else {}
+            rows += [
+                (name, name.upper(), f"corrected,{seed},{s},{metric},{value[k]}")
+                for metric, value in values.items()
+                for k, seed in enumerate(seeds)
+            ]
+    return [write(folder / "metrics.csv", rows)], forecasts
+
+
+def test_what_is_printed_contains_the_spread_over_samples(tmp_path):
+    metrics, forecasts = write_runs(tmp_path, {"a": -1.0, "b": 0.0})
+    tabulate(metrics, [tmp_path / f"t.{end}" for end in ("md", "tex", "csv")], forecasts=forecasts)
+    row = pd.read_csv(tmp_path / "t.csv").set_index("method").loc["a"]
+    mean, std, low, high = (row[f"iid/log_mse_sum/{name}"] for name in ("mean", "std", "low", "high"))
+    assert std < 0.02 and high - low > 0.4 and low < mean < high, "the seeds hardly differ, samples do"
+    text = (tmp_path / "t.md").read_text()
+    cell = f"{mean:.2f} [{low:.2f}, {high:.2f}]".replace("-", "−")
+    assert f"**{cell}**" in text and "for which seeds and samples both are resampled" in text
+    assert "IID test: log-MSE" in text and "validation (set of choices): log-MSE" in text
+    assert rf"$\mathbf{{{mean:.2f}}}_{{{low:.2f}}}^{{{high:.2f}}}$" in (tmp_path / "t.tex").read_text()
+    median = row["iid/log_mse_median/mean"], row["iid/log_mse_median/low"]
+    assert f"| {median[0]:.2f} [{median[1]:.2f}, ".replace("-", "−") in text
+
+
+def test_all_that_are_not_told_apart_from_the_best_are_bold(tmp_path):
+    metrics, forecasts = write_runs(tmp_path, {"a": -1.0, "b": -1.0, "c": -0.8})
+    tabulate(metrics, [tmp_path / "t.md"], forecasts=forecasts)
+    lines = (tmp_path / "t.md").read_text().splitlines()
+    test_set = {line.split(" | ")[0]: line.split(" | ")[-2] for line in lines if line.startswith("| ") and "**" in line}
+    assert set(test_set) == {"| A", "| B"} and all(cell.startswith("**") for cell in test_set.values())
+
+
+def test_a_gain_of_augmentation_is_one_over_the_control(tmp_path):
+    """Training on gains .5 and augmentation .2 more for a; for b training on alone gains; c has no control."""
+    levels = {"a": 0.0, "a=": -0.5, "a+": -0.7, "b": 0.0, "b=": -0.5, "b+": -0.5, "c": 0.0, "c+": -0.5}
+    metrics, forecasts = write_runs(tmp_path, levels)
+    tabulate(metrics, [tmp_path / f"t{end}" for end in (".md", ".tex", ".csv", "_long.csv")], forecasts=forecasts)
+    table = pd.read_csv(tmp_path / "t.csv").set_index("method")
+    assert list(table.index) == list(levels)
+    for name, over_control, from_base in (("a+", 0.2, 0.7), ("b+", 0.0, 0.5), ("c+", math.nan, 0.5)):
+        row = table.loc[name]
+        assert row["test/log_mse_sum/gain"] == pytest.approx(over_control, abs=0.05, nan_ok=True)
+        assert row["test/log_mse_sum/difference"] == pytest.approx(from_base, abs=0.05)
+    assert table.loc["a+", "test/log_mse_sum/gain_p"] < 0.05 < table.loc["b+", "test/log_mse_sum/gain_p"]
+    assert table.loc["a+", "test/log_mse_sum/gain_low"] > 0.1
+    assert table.loc["a", [c for c in table if "gain" in c or "difference" in c]].isna().all()
+    long = pd.read_csv(tmp_path / "t_long.csv").set_index(["method", "set", "metric"])
+    wrong = 10 * (np.exp(-0.5) - np.exp(-0.7))
+    assert long.loc[("a+", "iid", "relative_error"), "gain"] == pytest.approx(wrong, rel=1e-3)
+    text = (tmp_path / "t.md").read_text()
+    rows = {tuple(line.split(" | ")[:2]): line.split(" | ")[2:] for line in text.splitlines()}
+    errors = rows["| A+", "gain over control"], rows["| B+", "gain over control"], rows["| C+", "difference from base"]
+    assert [cells[-2].startswith("**0.") for cells in errors] == [True, False, True]
+    assert {cell.strip(" |") for cell in rows["| C+", "gain over control"]} == {"–"}, "no control: no gain"
+    assert "no gain of augmentation" in text and r"\label{tab:swing-gains}" in (tmp_path / "t.tex").read_text()
+    assert (tmp_path / "t.tex").read_text().isascii()
+
+
+def test_recordings_are_resampled_as_a_whole(tmp_path):
+    ids = {name: [f"r{k // 10}/{k}" for k in range(60)] for name in SETS}
+    metrics, forecasts = write_runs(tmp_path, {"a": 0.0}, ids)
+    tabulate(metrics, [tmp_path / "t.md"], forecasts=forecasts)
+    assert "seeds and whole recordings both are resampled" in (tmp_path / "t.md").read_text()
+
+
+def test_forecasts_from_before_errors_of_samples_were_kept(tmp_path):
+    metrics, forecasts = write_runs(tmp_path, {"a": 0.0})
+    kept = {name: value for name, value in np.load(forecasts[0]).items() if name != "version"}
+    np.savez(forecasts[0], **kept)
+    with pytest.raises(InputError, match=r"no array 'version'; make it again with evaluate"):
+        tabulate(metrics, [tmp_path / "t.md"], forecasts=forecasts)
+
+
+def test_groups_of_seeds_have_the_same_samples(tmp_path):
+    metrics, forecasts = write_runs(tmp_path, {"a": 0.0})
+    other = write_samples(tmp_path / "more.npz", "a", [3], {name: np.ones((1, 5)) for name in SETS})
+    with pytest.raises(InputError, match=r"more\.npz: other samples than .*forecasts\.npz"):
+        tabulate(metrics, [tmp_path / "t.md"], forecasts=[*forecasts, other])
 
 
 @pytest.mark.parametrize(

@@ -210,6 +210,7 @@ rule grid_of_experiment:
 rule compare_experiment:
     input:
         metrics=lambda w: per_seed_group("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        forecasts=lambda w: per_seed_group("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
         published=NUMBERS,
         code=code("compare"),
     output:
@@ -231,7 +232,8 @@ rule compare_experiment:
     message:
         "compare {wildcards.experiment} with the published numbers"
     shell:
-        "expertaug compare {input.metrics:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+        "expertaug compare {input.metrics:q} --forecasts {input.forecasts:q} --output {output:q}"
+        " --settings {params.settings:q} --log {log:q}"
 
 
 if COMPARED:
@@ -240,6 +242,7 @@ if COMPARED:
     use rule compare_experiment as compare_all with:
         input:
             metrics=[per_seed_group("metrics.csv", e, jobs.variants(CONFIG, e)) for e in COMPARED],
+            forecasts=[per_seed_group("forecasts.npz", e, jobs.variants(CONFIG, e)) for e in COMPARED],
             published=NUMBERS,
             code=code("compare"),
         output:

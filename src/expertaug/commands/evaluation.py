@@ -8,6 +8,7 @@ from pathlib import Path
 from expertaug.commands.options import Commands, add_outputs, add_paths, add_tracking, read_settings, tracking_of
 
 METRICS = "metrics.csv of every method and group of seeds"
+FORECASTS = "forecasts.npz of the same runs, which have the errors of every sample"
 
 
 def add_to(commands: Commands) -> None:
@@ -36,7 +37,7 @@ def add_to(commands: Commands) -> None:
 
     p = commands.add("tabulate", _tabulate, "make the tables of an experiment")
     p.add_argument("metrics", type=Path, nargs="+", help=METRICS)
-    p.add_argument("--forecasts", type=Path, nargs="+", default=[], help="forecasts.npz, which know the units")
+    p.add_argument("--forecasts", type=Path, nargs="+", default=[], help=FORECASTS)
     add_outputs(p, "tables, .csv, .md or .tex")
 
     p = commands.add("plot", _plot, "draw the figures of an experiment")
@@ -58,6 +59,7 @@ def add_to(commands: Commands) -> None:
 
     p = commands.add("compare", _compare, "compare experiments with the published numbers")
     p.add_argument("metrics", type=Path, nargs="+", help=METRICS)
+    p.add_argument("--forecasts", type=Path, nargs="+", required=True, help=FORECASTS)
     add_outputs(p, "tables, .csv, .md or .tex")
 
     p = commands.add("overview", _overview, "draw the figures over several experiments")
@@ -110,7 +112,7 @@ def _grid(a: argparse.Namespace) -> None:
 def _compare(a: argparse.Namespace) -> None:
     from expertaug.evaluation.published import compare
 
-    compare(a.metrics, a.output, read_settings(a.settings))
+    compare(a.metrics, a.output, read_settings(a.settings), a.forecasts)
 
 
 def _overview(a: argparse.Namespace) -> None:

@@ -195,6 +195,9 @@ def _simulation(where: str, one: Mapping, known: options.KnownSystem | None) -> 
         for part in ("z_e", "z_a"):
             at = f"{where}.data.sets.{key}.{part}"
             yield from other_parameters(one_set[part], sets[first][part], at, f"the set {first}")
+    if "iid" in sets and any(sets["iid"][part] != sets["validation"][part] for part in ("z_e", "z_a")):
+        remedy = "give those of validation: it is drawn alike, and nothing is chosen on it"
+        yield InputError(f"{where}.data.sets.iid", "other ranges than validation's", remedy)
     if "augmentation" in one:
         prior = one["augmentation"]["prior"]
         yield from other_parameters(prior, sets[first]["z_e"], f"{where}.augmentation.prior", "the sets' z_e")

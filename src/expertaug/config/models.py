@@ -80,7 +80,9 @@ class Data(Settings):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = key(0, "of the simulation")
     step_s: Positive = key(LEFT_OUT, "time from point to point of simulated sets", "s")
     t2_s: Positive = key(LEFT_OUT, "end of a simulated trajectory", "s")
-    sets: dict[Name, SimulatedSet] = key(LEFT_OUT, "the simulated sets; train, validation and test must be there")
+    sets: dict[Name, SimulatedSet] = key(
+        LEFT_OUT, "the simulated sets: train, validation, test; iid, with validation's ranges, is an IID test set"
+    )
     split: ChunkSettings = key(LEFT_OUT, "chunks of the recordings and their division into sets")
     calibrate: bool = key(False, "whether the expert's constants are fitted on the training chunks")
     calibration: CalibrationKeys = key(CalibrationKeys, "how the constants of the compound expert are fitted")
@@ -177,7 +179,7 @@ class Evaluation(Settings):
     )
     title: str | None = key(None, "how figures call the experiment; null = its name")
     set_titles: dict[str, str] = key(
-        dict, "how tables and figures call the sets; default train, validation (IID) and test (OOD)"
+        dict, "how tables and figures call the sets; default train, validation (set of choices), IID test, test (OOD)"
     )
     max_samples: Count | None = key(None, "samples of each set, at most, evenly spread; null = all")
     solver: SolverSettings = key(LEFT_OUT, "of the forecasts; left out = dopri5 with tolerances of 1.0e-6")

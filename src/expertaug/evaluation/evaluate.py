@@ -16,9 +16,10 @@ from expertaug.errors import InputError
 from expertaug.evaluation import figures, traces
 from expertaug.evaluation.metrics import log_of, log_of_median, parameter_errors, squared_errors
 from expertaug.evaluation.runaways import forecast
+from expertaug.evaluation.samples import VERSION, arrays_of
 from expertaug.files import atomic
 from expertaug.inference.least_squares import estimator_of
-from expertaug.labels import MAIN_SETS
+from expertaug.labels import MAIN_SETS, SHOWN_SETS
 from expertaug.learning.bound import largest, stored_bound
 from expertaug.models import store
 from expertaug.models.device import device_of
@@ -39,13 +40,14 @@ def evaluate(
         model: file of the trained model.
         data: folder of the sets.
         metrics: CSV in long format (experiment, system, method, label, preset, seed, set, metric, value).
-        forecasts: npz; its arrays are named in :func:`_collect`.  Beside it forecasts.png and parameters.png are drawn,
-            this group's own figures.
+        forecasts: npz; its arrays are named in :func:`_collect` and :func:`arrays_of`.  Beside it forecasts.png and
+            parameters.png are drawn, this group's own figures.
         settings: {experiment, method, label, preset, sets, evaluation, choices, seeds, device}; ``sets`` names those to
-            evaluate (forecasts are kept of validation and test alone); ``evaluation`` has ``samples`` (forecasts kept
-            of each set), ``from_s`` (the metric sees times from there on; null = those after the observed window),
-            ``max_samples`` (of each set, evenly spread; null = all) and ``solver``; ``refinement``
-            ({settings, noise, prior}, as :func:`estimator_of`): the model's estimates are refined by least squares.
+            evaluate (forecasts are kept of validation, iid and test alone, errors of all); ``evaluation`` has
+            ``samples`` (forecasts kept of each set), ``from_s`` (the metric sees times from there on; null = those
+            after the observed window), ``max_samples`` (of each set, evenly spread; null = all) and ``solver``;
+            ``refinement`` ({settings, noise, prior}, as :func:`estimator_of`): the model's estimates are refined by
+            least squares.
 
     Raises:
         InputError: the model and the settings disagree on the seeds.
@@ -64,12 +66,11 @@ def evaluate(
     rows, arrays = [], {}
     for name in settings.get("sets", MAIN_SETS):
         truth = spread(Trajectories.load(Path(data) / f"{name}.npz"), options.get("max_samples"))
-        kept = int(options.get("samples", 3)) if name in MAIN_SETS[1:] else 0
+        kept = int(options.get("samples", 3)) if name in SHOWN_SETS[1:] else 0
         scored = score(stored, truth, options, start, device, kept)
         rows += scored.rows(identity | {"set": name}, stored.seeds)
-        if name == "train":
-            arrays["train_z_e"] = truth.z_e
-        elif kept:
+        arrays |= arrays_of(name, truth, scored.errors, scored.z_e)
+        if kept:
             arrays |= _collect(name, truth, scored)
     rows += [
         {**identity, "seed": seed, "set": "train", "metric": "wall_s", "value": stored.description["wall_s"]}
@@ -77,6 +78,7 @@ def evaluate(
     ]
     system = stored.model.system
     arrays |= {
+        "version": np.array([identity[key] for key in VERSION]),
         "t": truth.t,
         "observed": np.array(stored.description["observed"] - 1),
         "seeds": np.array(stored.seeds),
@@ -108,12 +110,14 @@ class Scored:
         index: samples whose forecasts are kept, (K,).
         prediction: these forecasts, (S, K, T, *state).
         z_e: estimates (S, N, P), or None where the model estimates nothing.
+        errors: squared error of every sample (S, N), as of :func:`squared_errors`; NaN of seeds that failed.
     """
 
     values: Mapping[str, Tensor]
     index: np.ndarray
     prediction: Tensor
     z_e: Tensor | None
+    errors: Tensor
 
     def rows(self, identity: Mapping, seeds: Sequence[int]) -> list[dict]:
         """Rows of a metrics.csv."""
@@ -174,21 +178,18 @@ def score(
         values |= parameter_errors(system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
     failed = torch.tensor([seed in stored.failed for seed in stored.seeds])
     values = {name: value.masked_fill(failed, math.nan) for name, value in values.items()}
-    return Scored(values, index, torch.cat(kept, dim=2).movedim(0, 2), z_e)
+    errors = errors.masked_fill(failed.unsqueeze(1), math.nan)
+    return Scored(values, index, torch.cat(kept, dim=2).movedim(0, 2), z_e, errors)
 
 
 def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:
-    """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state), _z_e (N, P) and _z_e_hat (S, N, P), and
-    _id (K,) where the samples have one."""
+    """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state) and, where samples have one, _id (K,)."""
     arrays = {
         f"{name}_index": scored.index,
         f"{name}_truth": truth.y[scored.index],
         f"{name}_prediction": scored.prediction.numpy(),
-        f"{name}_z_e": truth.z_e,
     }
-    if truth.id is not None:
-        arrays[f"{name}_id"] = truth.id[scored.index]
-    return arrays | ({} if scored.z_e is None else {f"{name}_z_e_hat": scored.z_e.numpy()})
+    return arrays if truth.id is None else arrays | {f"{name}_id": truth.id[scored.index]}
 
 
 def _log(

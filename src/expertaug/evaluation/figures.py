@@ -18,15 +18,15 @@ from expertaug.evaluation.bars import Panel, draw_bars
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import (
     CONVENTIONS,
+    drawn_sets,
     experiment_title,
     log_mse_name,
-    order_sets,
     read_metrics,
     set_title,
 )
-from expertaug.labels import MAIN_SETS, ordered
+from expertaug.labels import SHOWN_SETS, ordered
 
-MARKERS = {"train": "^", "validation": "o", "test": "D"}
+MARKERS = {"train": "^", "validation": "o", "iid": "o", "test": "D"}
 POINTS = 200  # of one set and seed in a scatter plot
 MARGIN = 0.12  # of an axis beyond the ranges that it shows
 
@@ -126,12 +126,13 @@ def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure
 
 
 def _select(table: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFrame:
-    """Rows of these metrics on the main sets."""
-    keep = table["metric"].isin(metrics) & table["set"].isin(MAIN_SETS)
-    if not keep.any():
+    """Rows of these metrics on the sets that figures show of each experiment."""
+    found = table[table["metric"].isin(metrics) & table["set"].isin(SHOWN_SETS)]
+    if not len(found):
         known = ", ".join(dict.fromkeys(table["metric"]))
-        raise InputError("metrics", f"no {' or '.join(metrics)} on {', '.join(MAIN_SETS)}", f"the files hold {known}")
-    return table[keep]
+        raise InputError("metrics", f"no {' or '.join(metrics)} on {', '.join(SHOWN_SETS)}", f"the files hold {known}")
+    parts = [part for _, part in found.groupby("experiment", sort=False)]
+    return pd.concat([part[part["set"].isin(drawn_sets(part["set"]))] for part in parts])
 
 
 def _show_ranges(
@@ -144,7 +145,7 @@ def _show_ranges(
         training = (values.min(), values.max())
     priors = {method: settings.get("priors", {}).get(method, {}).get(name) for method in axes}
     ends = [value for limits in (training, *priors.values()) if limits is not None for value in limits]
-    shown = [data.truths[name][:, column] for name in data.estimates]
+    shown = [data.truths[name][:, column] for name in drawn_sets(data.estimates)]
     ends += [end for values in shown for end in (values.min(), values.max())]
     low, high = min(ends), max(ends)
     margin = MARGIN * ((high - low) or 1.0)
@@ -170,7 +171,7 @@ def _scatter(
     axis: Axes, data: Forecasts, column: int, limits: tuple[float, float], colour: tuple[float, float, float]
 ) -> None:
     outside = total = 0
-    for name in reversed(order_sets(data.estimates)):  # the narrower sets on top
+    for name in reversed(drawn_sets(data.estimates)):  # the narrower sets on top
         truth = data.truths[name][:, column]
         chosen = np.linspace(0, len(truth) - 1, min(POINTS, len(truth))).astype(int)
         for estimate in data.estimates[name][data.places, :, column]:
@@ -197,7 +198,7 @@ def _scatter(
 
 def _parameter_legend(figure: Figure, data: Forecasts, settings: Mapping) -> None:
     handles = []
-    for name in order_sets(data.estimates):
+    for name in drawn_sets(data.estimates):
         face = "none" if name == "test" else "0.6"
         marker = {"marker": MARKERS.get(name, "s"), "markerfacecolor": face, "markeredgecolor": "0.3"}
         handles.append(Line2D([], [], linestyle="", markersize=4, label=set_title(name, settings), **marker))

@@ -48,16 +48,40 @@ def number_format(metric: str, mean: float) -> Callable[[float], str]:
     return f"{{:.{min(max(decimals, 0), 12)}f}}".format
 
 
-def cell_text(cell: Mapping | None, metric: str, minus: str = "−", join: str = " ± ") -> str:
-    """Mean ± standard deviation of a row of :func:`expertaug.evaluation.summary.summarise`."""
+def cell_text(cell: Mapping | None, metric: str) -> str:
+    """A row of :func:`expertaug.evaluation.summary.summarise`: mean [low, high] where it has an interval, else mean ±
+    standard deviation."""
     if cell is None:
         return DASH
     if cell["n"] == 0:
         return f"not finite (0/{cell['of']})"
-    show = number_format(metric, cell["mean"])
-    text = show(cell["mean"]) + join + (DASH if math.isnan(cell["std"]) else show(cell["std"]))
+    mean, spread, few = _numbers(cell, metric)
+    text = f"{mean} ± {spread[0]}" if len(spread) == 1 else f"{mean} [{', '.join(spread)}]"
+    return text.replace("-", "−") + few
+
+
+def cell_tex(cell: Mapping | None, metric: str, bold: bool = False) -> str:
+    """The same in LaTeX, the ends of the interval as sub- and superscript."""
+    if cell is None or cell["n"] == 0:
+        return tex(cell_text(cell, metric))
+    mean, spread, few = _numbers(cell, metric)
+    mean = rf"\mathbf{{{mean}}}" if bold else mean
+    if len(spread) == 1:
+        return rf"${mean} \pm {spread[0]}$".replace(DASH, r"\text{--}") + few
+    return f"${mean}_{{{spread[0]}}}^{{{spread[1]}}}$" + few
+
+
+def _numbers(cell: Mapping, metric: str) -> tuple[str, list[str], str]:
+    """Mean, ends of its interval or standard deviation, and how many of the seeds they are of, if not of all."""
+    shown = number_format(metric, cell["mean"])
+
+    def show(value: float) -> str:
+        return shown(value if float(shown(value)) else 0.0)  # no −0.0
+
     few = f" ({cell['n']}/{cell['of']})" if cell["n"] < cell["of"] else ""
-    return text.replace("-", minus) + few
+    if math.isfinite(cell.get("low", math.nan)):
+        return show(cell["mean"]), [show(cell["low"]), show(cell["high"])], few
+    return show(cell["mean"]), [DASH if math.isnan(cell["std"]) else show(cell["std"])], few
 
 
 def write_tables(outputs: Sequence[str | Path], texts: Mapping[str, Callable[[Path], str]]) -> None:
@@ -101,17 +125,54 @@ def booktabs(
     header: Sequence[str], rows: Sequence[Sequence[str]], texts: int, caption: str, label: str, title: str
 ) -> str:
     """A LaTeX table of plain cells; an empty row becomes a rule."""
+    head = ["    " + " & ".join(map(tex, header)) + r" \\"]
+    body = [[tex(cell) for cell in row] for row in rows]
+    return _table("l" * texts + "r" * (len(header) - texts), head, body, caption, label, title)
+
+
+def spanned(
+    first: Sequence[str],
+    columns: Sequence[tuple[str, str]],
+    rows: Sequence[Sequence[str]],
+    caption: str,
+    label: str,
+    title: str,
+) -> str:
+    """A LaTeX table whose columns are grouped.
+
+    Arguments:
+        first: titles of the first columns, the first of them of text.
+        columns: group and title of each of the others.
+        rows: cells, in LaTeX.
+    """
+    spans, rules, column = [], [], len(first) + 1
+    for group in dict.fromkeys(group for group, _ in columns):
+        width = sum(one == group for one, _ in columns)
+        spans.append(rf"\multicolumn{{{width}}}{{c}}{{{tex(group)}}}")
+        rules.append(rf"\cmidrule(lr){{{column}-{column + width - 1}}}")
+        column += width
+    head = [
+        "    " + "& " * len(first) + " & ".join(spans) + r" \\",
+        "    " + " ".join(rules),
+        "    " + " & ".join(tex(text) for text in (*first, *(text for _, text in columns))) + r" \\",
+    ]
+    return _table("l" + "r" * (len(first) - 1 + len(columns)), head, rows, caption, label, title)
+
+
+def _table(
+    columns: str, head: Sequence[str], rows: Sequence[Sequence[str]], caption: str, label: str, title: str
+) -> str:
     lines = [
         r"% needs \usepackage{booktabs,amsmath}",
         r"\begin{table}",
         r"  \centering\footnotesize\setlength{\tabcolsep}{3pt}",
         rf"  \caption{{\textbf{{{tex(title)}.}} {tex(caption)}}}",
         rf"  \label{{tab:{label}}}",
-        rf"  \begin{{tabular}}{{{'l' * texts}{'r' * (len(header) - texts)}}}",
+        rf"  \begin{{tabular}}{{{columns}}}",
         r"    \toprule",
-        "    " + " & ".join(map(tex, header)) + r" \\",
+        *head,
         r"    \midrule",
-        *("    " + (" & ".join(map(tex, row)) + r" \\" if row else r"\midrule") for row in rows),
+        *("    " + (" & ".join(row) + r" \\" if row else r"\midrule") for row in rows),
         r"    \bottomrule",
         r"  \end{tabular}",
         r"\end{table}",

@@ -9,10 +9,8 @@ import pandas as pd
 
 from expertaug import plotting
 from expertaug.evaluation.bars import Panel, draw_bars
-from expertaug.evaluation.summary import CONVENTIONS, experiment_title, log_mse_name, read_metrics
+from expertaug.evaluation.summary import CONVENTIONS, experiment_title, in_domain, log_mse_name, read_metrics
 from expertaug.labels import paired
-
-SETS = ("validation", "test")
 
 
 def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
@@ -37,11 +35,11 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
         panels = []
         for one in shown:
             how = CONVENTIONS[one["convention"]].partition(" over")[0]
-            part = _shown(table, one["name"], log_mse_name(one["convention"]), SETS)
+            part = _shown(table, one["name"], log_mse_name(one["convention"]))
             panels.append(Panel(f"{_title(one)} ({how})", part, one))
         note = "log-MSE, squared error summed or averaged over the observed dimensions"
         draw_bars(panels, folder / "log_mse", shared, "log-MSE (lower is better)", note)
-        panels = [Panel(_title(one), _shown(table, one["name"], "relative_error", SETS), one) for one in shown]
+        panels = [Panel(_title(one), _shown(table, one["name"], "relative_error"), one) for one in shown]
         panels = [panel for panel in panels if len(panel.table)]
         if panels:
             note = "mean relative error of the expert parameters"
@@ -58,9 +56,14 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
         draw_bars(panels, folder / "za_shifted", shared, "log-MSE (lower is better)", note)
 
 
-def _shown(table: pd.DataFrame, experiment: str, metric: str, sets: Sequence[str]) -> pd.DataFrame:
-    """Rows of the methods that have an augmented version, and of these versions; of all where there is none."""
-    part = table[(table["experiment"] == experiment) & (table["metric"] == metric) & table["set"].isin(sets)]
+def _shown(table: pd.DataFrame, experiment: str, metric: str, sets: Sequence[str] = ()) -> pd.DataFrame:
+    """Rows of the methods that have an augmented version, and of these versions; of all where there is none.
+
+    Arguments:
+        sets: by default the set of the training's domain and the test set.
+    """
+    part = table[(table["experiment"] == experiment) & (table["metric"] == metric)]
+    part = part[part["set"].isin(sets or (in_domain(part["set"]), "test"))]
     return part[part["method"].isin(paired(part["method"]))]
 
 

@@ -12,7 +12,9 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.formats import DASH, booktabs, cell_text, escape, grid, write_tables
-from expertaug.evaluation.summary import read_metrics, set_title, summarise
+from expertaug.evaluation.intervals import Interval, Resampled, against, interval
+from expertaug.evaluation.samples import Samples
+from expertaug.evaluation.summary import in_domain, read_metrics, set_title, summarise
 
 NUMBERS = Path(__file__).with_name("paper.csv")
 # The paper's tables (labels of its source), by metric.
@@ -20,8 +22,8 @@ TITLES = {
     "log_mse_sum": "log-MSE (paper, table synth_log_mse)",
     "relative_error": "relative error of the expert parameters in % (paper, table param_acc)",
 }
-HEADER = ["experiment", "set", "method", "published", "ours", "seeds", "verdict"]
-NO_VALUE = "not run"
+HEADER = ["experiment", "set", "method", "published", "ours", "seeds", "p", "verdict"]
+NO_VALUE, NOT_APART = "not run", "not told apart"
 
 
 @dataclass(frozen=True)
@@ -60,33 +62,49 @@ def published_numbers(path: Path = NUMBERS) -> list[Published]:
     ]
 
 
-def verdict(published: Published, mean: float) -> str:
-    """within = at most one published standard deviation away, else better (lower) or worse; both metrics are errors."""
-    if not math.isfinite(mean):
+def difference_of(published: Published, found: Resampled) -> Interval:
+    """How far a mean of ours is above a published one, with the spread of both: of ours over seeds and samples, of
+    theirs over runs, and of the digits that are not printed."""
+    return against(found, published.mean, published.spread, published.n, 10**-published.decimals)
+
+
+def verdict(mean: float, difference: Interval | None) -> str:
+    """better (lower) or worse where the difference is told apart from 0; both metrics are errors.
+
+    Arguments:
+        mean: ours; one that is not finite is worse.
+        difference: of :func:`difference_of`; None where no seed has a finite value.
+    """
+    if difference is None or not math.isfinite(mean):
         return "worse"
-    if abs(mean - published.mean) <= published.spread:
-        return "within"
-    return "better" if mean < published.mean else "worse"
+    if not difference.told_apart:
+        return NOT_APART
+    return "better" if difference.mean < 0 else "worse"
 
 
-def compare(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
+def compare(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping, forecasts: Sequence[Path]) -> None:
     """Write tables of published and own numbers.
 
     Arguments:
         metrics: metrics.csv of every method and group of seeds, of one experiment or of several.
         outputs: any of .csv (full precision), .md and .tex.
         settings: {published}: pairs of an experiment and the system that the paper's numbers are of.
+        forecasts: forecasts.npz of the same runs, which have the errors of every sample.
 
     Raises:
-        InputError: a file is broken, a system is unknown, or an output's suffix.
+        InputError: a file is broken, a system is unknown, samples' errors are missing, or an output's suffix.
     """
-    table = comparison(summarise(read_metrics(metrics)), settings)
+    table = comparison(summarise(read_metrics(metrics)), Samples(forecasts), settings)
     texts = {".csv": table.to_csv(index=False), ".md": _markdown(table), ".tex": _latex(table)}
     write_tables(outputs, {suffix: lambda output: texts[output.suffix] for suffix in texts})
 
 
-def comparison(summary: pd.DataFrame, settings: Mapping) -> pd.DataFrame:
-    """One row per published number and experiment that is compared with it, in the paper's order."""
+def comparison(summary: pd.DataFrame, samples: Samples, settings: Mapping) -> pd.DataFrame:
+    """One row per published number and experiment that is compared with it, in the paper's order.
+
+    Numbers of the paper's validation set, which is of the training's domain, are compared with those of the IID test
+    set where there is one.
+    """
     numbers = published_numbers()
     ours = {(row["experiment"], row["label"], row["set"], row["metric"]): row for _, row in summary.iterrows()}
     presets = dict(zip(summary["experiment"], summary["preset"], strict=True))
@@ -96,27 +114,52 @@ def comparison(summary: pd.DataFrame, settings: Mapping) -> pd.DataFrame:
         if not found:
             known = ", ".join(dict.fromkeys(number.system for number in numbers))
             raise InputError(f"published numbers of {experiment}", f"no system '{system}'", f"known: {known}")
+        near = in_domain(summary.loc[summary["experiment"] == experiment, "set"])
         for one in found:
-            cell = ours.get((experiment, one.label, one.set, one.metric))
+            name = near if one.set == "validation" else one.set
+            cell = ours.get((experiment, one.label, name, one.metric))
             rows.append(
                 {
                     "table": one.table,
                     "experiment": experiment,
                     "preset": presets.get(experiment),
-                    "set": one.set,
+                    "set": name,
                     "label": one.label,
                     "metric": one.metric,
                     "published_mean": one.mean,
                     "published_std": one.std,
                     "published_n": one.n,
-                    "mean": math.nan if cell is None else cell["mean"],
-                    "std": math.nan if cell is None else cell["std"],
-                    "n": 0 if cell is None else int(cell["n"]),
-                    "of": 0 if cell is None else int(cell["of"]),
-                    "verdict": NO_VALUE if cell is None else verdict(one, float(cell["mean"])),
+                    **_ours(one, cell, samples),
                 }
             )
     return pd.DataFrame(rows)
+
+
+def _ours(one: Published, cell: pd.Series | None, samples: Samples) -> dict[str, object]:
+    """Columns of our number: mean, std, n, of, low and high of its interval, p, whether it is at or below the published
+    mean and one standard deviation, and the verdict."""
+    if cell is None:
+        nothing = dict.fromkeys(("mean", "std", "low", "high", "p"), math.nan)
+        return nothing | {"n": 0, "of": 0, "at_or_below": None, "verdict": NO_VALUE}
+    mean, difference, ends = float(cell["mean"]), None, (math.nan, math.nan)
+    if cell["n"]:
+        found = samples.resampled((cell["experiment"], cell["preset"], cell["method"]), cell["set"], cell["metric"])
+        if found is None:
+            what = f"{cell['label']} of {cell['experiment']}"
+            raise InputError(what, f"no errors of the samples of {cell['set']}", "give the forecasts.npz of every run")
+        own, difference = interval(found), difference_of(one, found)
+        ends = own.low, own.high
+    return {
+        "mean": mean,
+        "std": cell["std"],
+        "low": ends[0],
+        "high": ends[1],
+        "p": math.nan if difference is None else difference.p,
+        "n": int(cell["n"]),
+        "of": int(cell["of"]),
+        "at_or_below": mean <= one.mean + one.spread,
+        "verdict": verdict(mean, difference),
+    }
 
 
 def _parts(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
@@ -130,24 +173,27 @@ def _rows(part: pd.DataFrame) -> list[list[str]]:
     for _, row in part.iterrows():
         published = f"{row['published_mean']:.{digits}f} ± {row['published_std']:.{digits}f}".replace("-", "−")
         ours = cell_text(row, row["metric"]) if row["of"] else DASH
+        p = DASH if math.isnan(row["p"]) else f"{row['p']:.3f}"
         name = set_title(row["set"], {})
-        rows.append([row["experiment"], name, row["label"], published, ours, str(row["of"]), row["verdict"]])
+        rows.append([row["experiment"], name, row["label"], published, ours, str(row["of"]), p, row["verdict"]])
     return rows
 
 
 def _counts(part: pd.DataFrame) -> str:
     run = part[part["verdict"] != NO_VALUE]
-    good = int(run["verdict"].isin(["within", "better"]).sum())
-    return f"At or below the published mean plus one standard deviation: {good} of {len(run)}."
+    found = [f"{int((run['verdict'] == name).sum())} {name}" for name in ("better", NOT_APART, "worse")]
+    good = f"At or below the published mean plus one standard deviation: {int(run['at_or_below'].sum())} of {len(run)}."
+    return f"Of {len(run)} cells {', '.join(found)}. {good}"
 
 
 def _caption(part: pd.DataFrame) -> str:
     presets = ", ".join(f"{e}: {p}" for e, p in dict(zip(part["experiment"], part["preset"], strict=True)).items())
     runs = ", ".join(str(n) for n in sorted(set(part["published_n"])))
     return (
-        f"Preset of {presets}. Published: mean ± standard deviation over {runs} runs; ours: over the seeds of the "
-        "column. within = at most one published standard deviation from the published mean (where that is printed as "
-        f"0, half a unit of the last digit); better = lower; worse = higher. {_counts(part)}"
+        f"Preset of {presets}. Published: mean ± standard deviation over {runs} runs, of validation and test. Ours: "
+        "mean over seeds [95 % interval, for which seeds and samples both are resampled]. better (lower), worse: the "
+        "means differ with p < 0.05 by a test that weighs this spread of ours and the standard error of theirs. "
+        f"{_counts(part)}"
     )
 
 

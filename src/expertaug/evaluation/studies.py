@@ -11,7 +11,7 @@ import pandas as pd
 from expertaug.errors import InputError
 from expertaug.evaluation import study_figures
 from expertaug.evaluation.formats import RUNAWAYS_NOTE, booktabs, cell_text, escape, grid, metric_title, write_tables
-from expertaug.evaluation.study_figures import DURING_TRAINING_SETS, WIDTH_SETS, ranges_text
+from expertaug.evaluation.study_figures import DURING_TRAINING_SETS, ranges_text, width_sets
 from expertaug.evaluation.summary import (
     CONVENTIONS,
     has_runaways,
@@ -116,7 +116,7 @@ def _shift_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
 def _width_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
     """A row for each method and prior, a column for each metric and set."""
     found = cells_of(summary, "metric", "set", "method")
-    columns = [(m, s) for m in tabled_metrics(summary, settings["convention"]) for s in WIDTH_SETS]
+    columns = [(m, s) for m in tabled_metrics(summary, settings["convention"]) for s in width_sets(summary)]
     header = [f"{set_title(name, settings)}: {metric_title(metric, {})}" for metric, name in columns]
     rows = []
     for method in dict.fromkeys(map(base, settings["labels"])):

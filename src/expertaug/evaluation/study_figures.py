@@ -14,10 +14,16 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from expertaug import plotting
-from expertaug.evaluation.summary import CONVENTIONS, experiment_title, log_mse_name, set_title, shown_metrics
+from expertaug.evaluation.summary import (
+    CONVENTIONS,
+    experiment_title,
+    in_domain,
+    log_mse_name,
+    set_title,
+    shown_metrics,
+)
 from expertaug.labels import base
 
-WIDTH_SETS = ("validation", "test")
 DURING_TRAINING_SETS = ("train", "validation", "test")
 ALONG_COLOURS = {"train": "#7A7A7A", "validation": "#0072B2", "test": "#D55E00"}
 # Of the model as trained, then of each length of fine-tuning.
@@ -33,6 +39,11 @@ ALONG_LINES = (
 def ranges_text(ranges: Mapping[str, Sequence[float]]) -> str:
     """Ranges of parameters as plain text."""
     return ", ".join(f"{name} ∈ [{low:g}, {high:g}]" for name, (low, high) in ranges.items()).replace("-", "−")
+
+
+def width_sets(summary: pd.DataFrame) -> tuple[str, str]:
+    """Sets that the study of p⁺'s width shows."""
+    return in_domain(summary["set"]), "test"
 
 
 def by_width(priors: Mapping[str, Mapping]) -> list[str]:
@@ -77,13 +88,13 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
     priors = by_width(ranges)
     colours = plotting.colours([f"{method}+" for method in methods], settings["all_methods"])
     chosen = summary.set_index(["metric", "method", "set"])
-    metrics = shown_metrics(summary, settings["convention"])
+    metrics, sets = shown_metrics(summary, settings["convention"]), width_sets(summary)
     with plotting.styled():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(metrics) > 1 else 4.6)
         grid = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axis, metric in zip(grid, metrics, strict=True):
             for place, method in enumerate(methods):
-                for name, line in zip(WIDTH_SETS, (plotting.DASHED, "-"), strict=True):
+                for name, line in zip(sets, (plotting.DASHED, "-"), strict=True):
                     variants = [method, *(f"{method}+{prior}" for prior in priors)]
                     cells = [_cell(chosen, (metric, variant, name)) for variant in variants]
                     x = np.arange(len(variants)) + _dodge(place, len(methods))
@@ -100,7 +111,7 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
                 _percent(axis)
         names = {f"{method}+": settings["labels"][method] for method in methods}
         handles = [Line2D([], [], color=colours[m], linewidth=3, label=label) for m, label in names.items()]
-        for name, line, marker in zip(WIDTH_SETS, (plotting.DASHED, "-"), "so", strict=True):
+        for name, line, marker in zip(sets, (plotting.DASHED, "-"), "so", strict=True):
             look = {"color": "0.3", "linestyle": line, "marker": marker, "markersize": 3}
             handles.append(Line2D([], [], label=set_title(name, settings), **look))
         plotting.legend(figure, handles)

@@ -10,10 +10,15 @@ import numpy as np
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.labels import MAIN_SETS
+from expertaug.labels import SHOWN_SETS
 from expertaug.tracking.log_file import COLUMNS, read_rows
 
-SET_TITLES = {"train": "train", "validation": "validation (IID)", "test": "test (OOD)"}
+SET_TITLES = {
+    "train": "train",
+    "validation": "validation (set of choices)",
+    "iid": "IID test",
+    "test": "test (OOD)",
+}
 RUNAWAYS = "runaway_share"
 CONVENTIONS = {
     "sum": "summed over the observed dimensions",
@@ -64,13 +69,24 @@ def labels_of(table: pd.DataFrame) -> dict[str, str]:
 
 
 def order_sets(sets: Iterable[str]) -> list[str]:
-    """Train, validation, test, then others in order of appearance."""
+    """Train, validation, IID test, test, then others in order of appearance."""
     known = list(dict.fromkeys(sets))
-    return [name for name in MAIN_SETS if name in known] + [name for name in known if name not in MAIN_SETS]
+    return [name for name in SHOWN_SETS if name in known] + [name for name in known if name not in SHOWN_SETS]
+
+
+def in_domain(sets: Iterable[str]) -> str:
+    """The set that says how good a method is in its training's domain: the IID test set, on which nothing was chosen;
+    validation where there is none."""
+    return "iid" if "iid" in set(sets) else "validation"
+
+
+def drawn_sets(sets: Iterable[str]) -> list[str]:
+    """Sets that figures show, in order: validation only where there is no IID test set."""
+    return [name for name in order_sets(sets) if name != "validation" or in_domain(sets) == name]
 
 
 def set_title(name: str, settings: Mapping) -> str:
-    """A set's name as it is printed; ``settings["set_titles"]`` may say otherwise (validation is not always IID)."""
+    """A set's name as it is printed; ``settings["set_titles"]`` may say otherwise."""
     plain = re.sub(r"(?<!\bz)_", " ", name)  # z_a_small: z_a small
     return (settings.get("set_titles") or {}).get(name, SET_TITLES.get(name, plain))
 

@@ -1,0 +1,152 @@
+"""Errors of single samples: what evaluate keeps of them, and statistics of many runs that are resampled alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from torch import Tensor
+
+from expertaug.errors import InputError
+from expertaug.evaluation.intervals import Interval, Resampled, interval, log_mean, log_median, mean, units_of
+from expertaug.files import read_npz
+from expertaug.trajectories import Trajectories
+
+VERSION = ("experiment", "preset", "method")  # what tells one forecasts.npz from another, but for its seeds
+ERRORS, TRUTH, ESTIMATE, IDENTITY = "errors", "z_e", "z_e_hat", "sample_id"  # arrays of a set: <set>_<name>
+# The conventions differ by a constant: the same interval, moved, and the same differences.
+ALIKE = {"log_mse_dim": "log_mse_sum", "log_mse_median_dim": "log_mse_median"}
+REMEDY = "make it again with evaluate"
+Key = tuple[str, str, str]  # as VERSION
+
+
+def arrays_of(name: str, truth: Trajectories, errors: Tensor, z_e: Tensor | None) -> dict[str, np.ndarray]:
+    """What a forecasts.npz holds of every sample of a set: <set>_errors (S, N), _z_e (N, P), _sample_id (N,) where the
+    samples have one, and _z_e_hat (S, N, P) where the model estimates, of all sets but train."""
+    arrays = {f"{name}_{ERRORS}": errors.float().numpy(), f"{name}_{TRUTH}": truth.z_e}
+    if z_e is not None and name != "train":
+        arrays[f"{name}_{ESTIMATE}"] = z_e.numpy()
+    return arrays if truth.id is None else arrays | {f"{name}_{IDENTITY}": truth.id}
+
+
+@dataclass(frozen=True)
+class _Set:
+    """A set's samples: errors (S, N), relative errors of parameters in % (S, N, P) or None, their names, units (N,)."""
+
+    errors: np.ndarray
+    relative: np.ndarray | None
+    parameters: list[str]
+    units: np.ndarray
+    by_recording: bool
+
+    def values(self, metric: str) -> tuple[Callable[[np.ndarray, np.ndarray], Resampled], np.ndarray] | None:
+        """The statistic that a metric is, and its values of every sample, (S, N); None where they are not kept."""
+        if metric == "log_mse_sum":
+            return log_mean, self.errors
+        if metric == "log_mse_median":
+            return log_median, self.errors
+        if self.relative is None:
+            return None
+        if metric == "relative_error":
+            return mean, self.relative.mean(2)
+        name = metric.removeprefix("relative_error_")
+        return (mean, self.relative[..., self.parameters.index(name)]) if name in self.parameters else None
+
+
+class Samples:
+    """Errors of every sample of all runs of one or several experiments.
+
+    Arguments:
+        paths: forecasts.npz of every method and group of seeds.
+
+    Raises:
+        InputError: a file is broken or from before samples' errors were kept, or two of one version have other samples.
+    """
+
+    def __init__(self, paths: Sequence[str | Path]) -> None:
+        parts: dict[Key, list[tuple[str | Path, list[int], dict[str, _Set]]]] = {}
+        for path in paths:
+            key, seeds, found = _read(path)
+            parts.setdefault(key, []).append((path, seeds, found))
+        self._sets = {key: _joined(several) for key, several in parts.items()}
+        self._seeds = {key: np.array([seed for _, seeds, _ in part for seed in seeds]) for key, part in parts.items()}
+        self._made: dict[tuple[Key, str, str], tuple[np.ndarray, Resampled] | None] = {}
+
+    def by_recording(self, experiment: str) -> bool:
+        """Whether an experiment's samples are chunks of recordings."""
+        found = [one for key, sets in self._sets.items() if key[0] == experiment for one in sets.values()]
+        return any(one.by_recording for one in found)
+
+    def resampled(self, key: Key, name: str, metric: str) -> Resampled | None:
+        """A metric of a version on a set, of the seeds with a finite value; None where no samples are kept of it."""
+        found = self._of(key, name, metric)
+        return None if found is None else found[1]
+
+    def difference(self, key: Key, reference: Key, name: str, metric: str) -> Interval | None:
+        """How much lower a version's metric is than another's, of the seeds that both have, sample by sample; None
+        where one of them is not there, or no seed is common."""
+        own, other = self._of(key, name, metric), self._of(reference, name, metric)
+        if own is None or other is None or own[1].units != other[1].units:
+            return None
+        common = np.intersect1d(own[0], other[0])
+        if not len(common):
+            return None
+        mine, theirs = (one.of([int(np.flatnonzero(seeds == s)[0]) for s in common]) for seeds, one in (own, other))
+        return interval(theirs - mine)
+
+    def _of(self, key: Key, name: str, metric: str) -> tuple[np.ndarray, Resampled] | None:
+        metric = ALIKE.get(metric, metric)
+        if (key, name, metric) not in self._made:
+            self._made[key, name, metric] = self._make(key, name, metric)
+        return self._made[key, name, metric]
+
+    def _make(self, key: Key, name: str, metric: str) -> tuple[np.ndarray, Resampled] | None:
+        one = self._sets.get(key, {}).get(name)
+        chosen = None if one is None else one.values(metric)
+        if one is None or chosen is None:
+            return None
+        statistic, values = chosen
+        finite = np.isfinite(values).all(1)
+        if not finite.any():
+            return None
+        return self._seeds[key][finite], statistic(values[finite].astype(float), one.units)
+
+
+def _read(path: str | Path) -> tuple[Key, list[int], dict[str, _Set]]:
+    """Version, seeds and sets of one file."""
+    arrays = read_npz(path, "forecast file", REMEDY)
+    if missing := [name for name in ("version", "seeds", "parameter_names") if name not in arrays]:
+        raise InputError(path, f"no array {missing[0]!r}", REMEDY)
+    experiment, preset, method = map(str, arrays["version"])
+    end, found = f"_{ERRORS}", {}
+    for name in (one.removesuffix(end) for one in arrays if one.endswith(end)):
+        errors, estimate = arrays[f"{name}{end}"], arrays.get(f"{name}_{ESTIMATE}")
+        relative = None
+        if estimate is not None:
+            truth = arrays[f"{name}_{TRUTH}"]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                relative = 100 * np.abs((estimate - truth) / truth)
+        identity = arrays.get(f"{name}_{IDENTITY}")
+        units = units_of(identity, errors.shape[1])
+        found[name] = _Set(errors, relative, list(map(str, arrays["parameter_names"])), units, identity is not None)
+    return (experiment, preset, method), [int(seed) for seed in arrays["seeds"]], found
+
+
+def _joined(parts: Sequence[tuple[str | Path, list[int], dict[str, _Set]]]) -> dict[str, _Set]:
+    """Sets of all groups of seeds of a version."""
+    path, _, first = parts[0]
+    for other, _, sets in parts[1:]:
+        if {n: one.errors.shape[1] for n, one in sets.items()} != {n: one.errors.shape[1] for n, one in first.items()}:
+            raise InputError(other, f"other samples than {path}", "make both again with evaluate")
+    joined = {}
+    for name, one in first.items():
+        several = [sets[name] for _, _, sets in parts]
+        relative = None
+        if one.relative is not None:
+            relative = np.concatenate([s.relative for s in several if s.relative is not None])
+        joined[name] = _Set(
+            np.concatenate([s.errors for s in several]), relative, one.parameters, one.units, one.by_recording
+        )
+    return joined
