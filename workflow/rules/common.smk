@@ -112,6 +112,11 @@ def during_training_of(experiment):
     return per_seed_group("during_training.csv", experiment, [study["method"]]) if study else []
 
 
+def window_studies_of(experiment):
+    """Studies of single windows: every experiment's alarms, and curves where the training range is known."""
+    return ["alarm", "distance"] if experiment in SIMULATED else ["alarm"]
+
+
 def studied(experiment, study):
     """Files of metrics that a study reads."""
     if study == "during_training":
@@ -184,7 +189,9 @@ def forecasts_to_draw():
 
 
 def tables_of(experiment):
-    named = [f"_{name}" for name in studies_of(experiment)] + ["_published"] * (experiment in COMPARED)
+    named = [f"_{name}" for name in [*studies_of(experiment), *window_studies_of(experiment)]] + ["_published"] * (
+        experiment in COMPARED
+    )
     of_others = [f"{name}{end}" for name in named for end in ENDS]
     return expand(results(f"tables/{experiment}{{end}}"), end=[*ENDS, "_long.csv", *of_others])
 
@@ -193,7 +200,7 @@ def figures_of(experiment):
     splits = ["splits"] if experiment in RECORDED else []
     return expand(
         results(f"figures/{experiment}_{{name}}.{{suffix}}"),
-        name=[*FIGURES, *splits, *studies_of(experiment)],
+        name=[*FIGURES, *splits, *studies_of(experiment), *window_studies_of(experiment)],
         suffix=["png", "pdf"],
     )
 

@@ -169,6 +169,47 @@ rule study_experiment:
         "expertaug study {input.metrics:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
 
 
+rule study_windows_of_experiment:
+    input:
+        forecasts=lambda w: per_seed_group("forecasts.npz", w.experiment, jobs.variants(CONFIG, w.experiment)),
+        code=lambda w: code(w.window_study),
+    output:
+        results("tables/{experiment}_{window_study}.csv"),
+        results("tables/{experiment}_{window_study}.tex"),
+        report(
+            results("tables/{experiment}_{window_study}.md"),
+            caption="../report/windows.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "{window_study}", "content": "table"},
+        ),
+        report(
+            results("figures/{experiment}_{window_study}.png"),
+            caption="../report/windows.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "{window_study}", "content": "figure"},
+        ),
+        results("figures/{experiment}_{window_study}.pdf"),
+    log:
+        results("logs/study/{experiment}_{window_study}.log"),
+    wildcard_constraints:
+        window_study="alarm|distance",
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        versions=lambda w: versions(w.window_study),
+        settings=lambda w: settings("windows", w.experiment),
+    message:
+        "study {wildcards.window_study} of {wildcards.experiment}"
+    shell:
+        "expertaug {wildcards.window_study} {input.forecasts:q} --output {output:q} --settings {params.settings:q}"
+        " --log {log:q}"
+
+
 rule grid_of_experiment:
     input:
         models=lambda w: per_seed_group("model.safetensors", w.experiment, jobs.grid(CONFIG, w.experiment)),

@@ -53,6 +53,15 @@ def add_to(commands: Commands) -> None:
     p.add_argument("metrics", type=Path, nargs="+", help=text)
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
 
+    of_all = "forecasts.npz of every version and group of seeds of an experiment"
+    p = commands.add("alarm", _alarm, "judge by the observed windows which forecasts fail")
+    p.add_argument("forecasts", type=Path, nargs="+", help=of_all)
+    add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
+
+    p = commands.add("distance", _distance, "show errors and alarms by the distance from the training range")
+    p.add_argument("forecasts", type=Path, nargs="+", help=of_all)
+    add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
+
     p = commands.add("grid", _grid, "make the table and the figure of a sweep over hyperparameters")
     p.add_argument("models", type=Path, nargs="+", help="model files of every point and group of seeds")
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
@@ -101,6 +110,18 @@ def _study(a: argparse.Namespace) -> None:
     from expertaug.evaluation.studies import study
 
     study(a.metrics, a.output, read_settings(a.settings))
+
+
+def _alarm(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.alarms import alarm
+
+    alarm(a.forecasts, a.output, read_settings(a.settings))
+
+
+def _distance(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.distance import distance
+
+    distance(a.forecasts, a.output, read_settings(a.settings))
 
 
 def _grid(a: argparse.Namespace) -> None:

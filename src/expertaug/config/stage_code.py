@@ -31,6 +31,8 @@ STAGES = {
     "tabulate": "expertaug.evaluation.tables",
     "plot": "expertaug.evaluation.plot",
     "study": "expertaug.evaluation.studies",
+    "alarm": "expertaug.evaluation.alarms",
+    "distance": "expertaug.evaluation.distance",
     "grid": "expertaug.evaluation.grid",
     "compare": "expertaug.evaluation.published",
     "overview": "expertaug.evaluation.overview",

@@ -50,6 +50,7 @@ __all__ = [
     "track_markers",
     "train",
     "unpack_markers",
+    "windows",
 ]
 
 # Rows of the preset's table (expertaug.config.presets) that each stage of learning obeys.
@@ -218,7 +219,23 @@ def overview(config: Mapping, experiments: list[str]) -> dict:
 
 def tabulate(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and how metrics and sets are to be read."""
-    return {"labels": _labels(config, variants(config, experiment)), **_reading(config, experiment)}
+    floors = [v for v in variants(config, experiment) if config["methods"][naming.base(v)].get("truth")]
+    return {"labels": _labels(config, variants(config, experiment)), "floors": floors, **_reading(config, experiment)}
+
+
+def windows(config: Mapping, experiment: str) -> dict:
+    """What the studies of single windows say: alarm and distance."""
+    one = config["experiments"][experiment]
+    simulated = one["data"]["source"] == "simulation"
+    shown = [v for v in variants(config, experiment) if config["methods"][naming.base(v)]["kind"] != "mean"]
+    return {
+        "labels": _labels(config, shown),
+        "all_methods": _all_methods(config),
+        "training_range": one["data"]["sets"]["train"]["z_e"] if simulated else {},
+        "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
+        "mean": next((m for m in one["methods"] if config["methods"][m]["kind"] == "mean"), None),
+        **_reading(config, experiment),
+    }
 
 
 def plot(config: Mapping, experiment: str) -> dict:

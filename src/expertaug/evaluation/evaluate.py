@@ -16,7 +16,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation import figures, traces
 from expertaug.evaluation.metrics import log_of, log_of_median, parameter_errors, squared_errors
 from expertaug.evaluation.runaways import forecast
-from expertaug.evaluation.samples import VERSION, arrays_of
+from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of
 from expertaug.files import atomic
 from expertaug.inference.least_squares import estimator_of
 from expertaug.labels import MAIN_SETS, SHOWN_SETS
@@ -70,6 +70,7 @@ def evaluate(
         scored = score(stored, truth, options, start, device, kept)
         rows += scored.rows(identity | {"set": name}, stored.seeds)
         arrays |= arrays_of(name, truth, scored.errors, scored.z_e)
+        arrays[f"{name}_{MISFIT}"] = scored.misfit.float().numpy()
         if kept:
             arrays |= _collect(name, truth, scored)
     rows += [
@@ -111,6 +112,7 @@ class Scored:
         prediction: these forecasts, (S, K, T, *state).
         z_e: estimates (S, N, P), or None where the model estimates nothing.
         errors: squared error of every sample (S, N), as of :func:`squared_errors`; NaN of seeds that failed.
+        misfit: the same over the observed window after its first point, which needs no truth.
     """
 
     values: Mapping[str, Tensor]
@@ -118,6 +120,7 @@ class Scored:
     prediction: Tensor
     z_e: Tensor | None
     errors: Tensor
+    misfit: Tensor
 
     def rows(self, identity: Mapping, seeds: Sequence[int]) -> list[dict]:
         """Rows of a metrics.csv."""
@@ -170,7 +173,8 @@ def score(
             estimates.append(found.found.z_e.cpu())
     errors = torch.cat(late, dim=1)
     values = log_of(system, errors)
-    values["log_mse_observed"] = log_of(system, torch.cat(early, dim=1))["log_mse_sum"]
+    misfit = torch.cat(early, dim=1)
+    values["log_mse_observed"] = log_of(system, misfit)["log_mse_sum"]
     values |= log_of_median(system, errors)
     values["runaway_share"] = torch.cat(runaways, dim=1).double().mean(1)
     z_e = torch.cat(estimates, dim=1) if estimates else None
@@ -178,8 +182,8 @@ def score(
         values |= parameter_errors(system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
     failed = torch.tensor([seed in stored.failed for seed in stored.seeds])
     values = {name: value.masked_fill(failed, math.nan) for name, value in values.items()}
-    errors = errors.masked_fill(failed.unsqueeze(1), math.nan)
-    return Scored(values, index, torch.cat(kept, dim=2).movedim(0, 2), z_e, errors)
+    errors, misfit = (each.masked_fill(failed.unsqueeze(1), math.nan) for each in (errors, misfit))
+    return Scored(values, index, torch.cat(kept, dim=2).movedim(0, 2), z_e, errors, misfit)
 
 
 def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:

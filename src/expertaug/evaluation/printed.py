@@ -58,7 +58,16 @@ class Printed:
         columns = _columns(part, chosen)
         values = {(row["row"], row["set"], row["metric"]): row for _, row in part.iterrows()}
         resampled = "whole recordings" if samples.by_recording(part["experiment"].iloc[0]) else "samples"
-        return cls(part, settings, chosen, columns, values, _best(part, columns, samples), gained, resampled)
+        return cls(
+            part,
+            settings,
+            chosen,
+            columns,
+            values,
+            _best(part, columns, samples, settings.get("floors", ())),
+            gained,
+            resampled,
+        )
 
     def markdown(self) -> str:
         """The log-MSE and the parameters' error, what augmentation gains, and the other metrics."""
@@ -174,12 +183,20 @@ def _columns(part: pd.DataFrame, metrics: Sequence[str]) -> list[Column]:
     return [(name, metric) for name in order_sets(part["set"]) for metric in metrics if (name, metric) in known]
 
 
-def _best(part: pd.DataFrame, columns: Sequence[Column], samples: Samples) -> set[tuple[str, str, str]]:
+def _best(
+    part: pd.DataFrame, columns: Sequence[Column], samples: Samples, floors: Sequence[str] = ()
+) -> set[tuple[str, str, str]]:
     """Of every column of errors with something to compare: the method with the smallest mean over all of its seeds, and
     those that a test on pairs of the same seed and samples does not tell apart from it."""
     found = set()
     for name, metric in columns:
-        column = part[(part["set"] == name) & (part["metric"] == metric) & (part["n"] == part["of"])]
+        # The equation that made the data is a floor, no competitor.
+        column = part[
+            ~part["method"].isin(floors)
+            & (part["set"] == name)
+            & (part["metric"] == metric)
+            & (part["n"] == part["of"])
+        ]
         if len(column) < 2 or metric == RUNAWAYS:
             continue
         best = column.loc[column["mean"].idxmin()]

@@ -15,7 +15,8 @@ from expertaug.files import read_npz
 from expertaug.trajectories import Trajectories
 
 VERSION = ("experiment", "preset", "method")  # what tells one forecasts.npz from another, but for its seeds
-ERRORS, TRUTH, ESTIMATE, IDENTITY = "errors", "z_e", "z_e_hat", "sample_id"  # arrays of a set: <set>_<name>
+# Arrays of a set: <set>_<name>.
+ERRORS, MISFIT, TRUTH, ESTIMATE, IDENTITY = "errors", "misfit", "z_e", "z_e_hat", "sample_id"
 # The conventions differ by a constant: the same interval, moved, and the same differences.
 ALIKE = {"log_mse_dim": "log_mse_sum", "log_mse_median_dim": "log_mse_median"}
 REMEDY = "make it again with evaluate"

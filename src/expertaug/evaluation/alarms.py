@@ -1,0 +1,157 @@
+"""The stage alarm: which forecasts fail, and whether a score that needs no truth tells them beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from expertaug import plotting
+from expertaug.errors import InputError
+from expertaug.evaluation.diagnostic_figures import draw_alarm
+from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
+from expertaug.evaluation.summary import experiment_title, set_title
+from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
+from expertaug.inference.alarm import FAILING, FALSE_ALARMS, Assessment, assess, ensemble_spread
+
+KNOWN, IID = "validation", "iid"
+SCORES = {"misfit": "misfit", "spread": "spread of seeds", "density": "density of estimates"}
+CAPTION = (
+    f"Failing: forecasts whose squared error is above the {100 * FAILING:.0f} % quantile of the validation set's. "
+    "Scores need the observed window alone: the model's misfit on it (after least squares, for refined versions), the "
+    "spread of the estimates over seeds, and minus the log density of the estimates among those of the validation "
+    "windows (a Gaussian). AUROC: of failing against other windows of the set together with the IID test set where "
+    f"there is one. Caught and false alarms: of the misfit, at a threshold of {100 * FALSE_ALARMS:.0f} % on the "
+    "validation set. Means over seeds; –: no window fails, or all do."
+)
+
+
+def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
+    """Write the table of an experiment's alarms and draw the first version's on its test set.
+
+    Arguments:
+        forecasts: forecasts.npz of all versions and groups of seeds.
+        outputs: any of .csv (a row for each version, set, score and seed), .md, .tex, .png and .pdf.
+        settings: {labels, set_titles, title}; ``labels`` has pairs of a version and its printed label, in order.
+
+    Raises:
+        InputError: a file is broken, or an output's suffix is unknown.
+    """
+    versions, labels = read_windows(forecasts), dict(settings["labels"])
+    found = {v: _assessed(versions[v]) for v in labels if v in versions}
+    rows = [
+        {"method": v, "label": labels[v], "set": name, "score": score, "seed": seed, **_numbers(one)}
+        for v, sets in found.items()
+        for (name, score, seed), one in sets.items()
+    ]
+    if not rows:
+        raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
+    long = pd.DataFrame(rows)
+    title = f"{experiment_title(experiment_of(forecasts), settings)}: alarms"
+    header, cells = _table(long, settings)
+    lines = [f"## {title}", "", CAPTION, "", *grid(header, [[escape(c) for c in r] for r in cells], 2)]
+    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
+    write_tables(
+        [path for path in map(Path, outputs) if path not in drawn],
+        {
+            ".csv": lambda _: long.to_csv(index=False),
+            ".md": lambda _: "\n".join(lines) + "\n",
+            ".tex": lambda _: booktabs(header, cells, 2, CAPTION, "alarms", title),
+        },
+    )
+    if drawn:
+        shown = _shown(found)
+        seed = next(iter(found[shown]))[2]
+        of_test = {SCORES[s]: one for (name, s, k), one in found[shown].items() if name == "test" and k == seed}
+        plotting.save(draw_alarm(of_test, f"{title} of {labels[shown]}, seed {seed}"), drawn)
+
+
+def _shown(found: Mapping[str, Mapping]) -> str:
+    """The version that the figure shows: the first with every score, of those where some forecasts fail."""
+    for v, sets in found.items():
+        of_test = [one for (name, _, _), one in sets.items() if name == "test"]
+        if len(of_test) >= len(SCORES) and of_test[0].failing.any() and not of_test[0].failing.all():
+            return v
+    return next(iter(found))
+
+
+def _assessed(version: Version) -> dict[tuple[str, str, int], Assessment]:
+    """By set, score and seed; sets that are like the training's are no shifts, but the IID test set is with each."""
+    known, iid = version.sets[KNOWN], version.sets.get(IID)
+    found = {}
+    for name, shifted in version.sets.items():
+        if name in ("train", KNOWN):
+            continue
+        pool = shifted if iid is None or name == IID else _pooled(shifted, iid)
+        for score in SCORES:
+            for k, seed in enumerate(version.seeds):
+                here, there = (_score(score, one, known, k) for one in (pool, known))
+                if here is not None and there is not None:
+                    found[name, score, seed] = assess(here, _no_nan(pool.errors[k]), there, _no_nan(known.errors[k]))
+    return found
+
+
+def _pooled(one: WindowSet, other: WindowSet) -> WindowSet:
+    hats = None
+    if one.z_e_hat is not None and other.z_e_hat is not None:
+        hats = np.concatenate((one.z_e_hat, other.z_e_hat), axis=1)
+    return WindowSet(
+        np.concatenate((one.errors, other.errors), axis=1),
+        np.concatenate((one.misfit, other.misfit), axis=1),
+        np.concatenate((one.z_e, other.z_e)),
+        hats,
+    )
+
+
+def _score(score: str, windows: WindowSet, known: WindowSet, seed: int) -> np.ndarray | None:
+    """A score a window, (N,); None where a version has none."""
+    if score == "misfit":
+        return _no_nan(windows.misfit[seed])
+    if windows.z_e_hat is None or known.z_e_hat is None:
+        return None
+    if score == "spread":
+        scale = known.z_e_hat.std((0, 1)).clip(1e-12)
+        spread = ensemble_spread(_no_nan(windows.z_e_hat), scale) if len(windows.z_e_hat) > 1 else None
+        return spread if spread is not None and spread.any() else None  # least squares is one estimator, not several
+    own = known.z_e_hat[seed]
+    centred, mean = own - own.mean(0), own.mean(0)
+    covariance = np.atleast_2d(centred.T @ centred / len(own)) + 1e-12 * np.eye(own.shape[1])
+    away = _no_nan(windows.z_e_hat[seed]) - mean
+    return 0.5 * np.einsum("np,pq,nq->n", away, np.linalg.inv(covariance), away)
+
+
+def _no_nan(values: np.ndarray) -> np.ndarray:
+    """What is no number is as bad as can be."""
+    return np.nan_to_num(values.astype(float), nan=1e30, posinf=1e30, neginf=-1e30)
+
+
+def _numbers(one: Assessment) -> dict[str, float]:
+    return {
+        "failing": float(one.failing.mean()),
+        "auroc": float(one.area.value),
+        "caught": one.caught,
+        "false_alarms": one.false_alarms,
+        "risk_area": float(one.risk.area),
+        "best_risk_area": float(one.risk.best_area),
+    }
+
+
+def _table(long: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]]]:
+    """A row for each version and set: share failing, AUROC of each score, caught and false alarms by misfit."""
+    mean = long.groupby(["label", "set", "score"], sort=False).mean(numeric_only=True)
+    header = ["method", "set", "failing [%]", *(f"AUROC, {text}" for text in SCORES.values())]
+    header += ["caught [%]", "false alarms [%]"]
+    rows = []
+    for label, name in dict.fromkeys(zip(long["label"], long["set"], strict=True)):
+        each = mean.loc[label, name]
+        areas = [each["auroc"].get(score, np.nan) for score in SCORES]
+        of_misfit = [100 * each.loc["misfit", key] for key in ("caught", "false_alarms")]
+        cells = [_text(100 * each.loc["misfit", "failing"], 1), *(_text(a, 3) for a in areas)]
+        rows.append([label, set_title(name, settings), *cells, *(_text(v, 1) for v in of_misfit)])
+    return header, rows
+
+
+def _text(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else DASH

@@ -1,0 +1,183 @@
+"""The stage distance: error, alarms and skill as functions of how far z_e lies from the training range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from expertaug import plotting
+from expertaug.errors import InputError
+from expertaug.evaluation.alarms import KNOWN
+from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
+from expertaug.evaluation.summary import experiment_title
+from expertaug.evaluation.windows import Version, experiment_of, read_windows
+from expertaug.inference.alarm import threshold
+from expertaug.labels import is_augmented, is_control, is_refined
+
+SETS = ("iid", "validation", "test")  # the first two where the first is missing
+BINS = 6  # of windows beyond the range, of equal numbers; those within are one
+LINES = 8  # in the figure
+CAPTION = (
+    "Distance: how far the true z_e of a window lies beyond the training range, in widths of that range, the largest "
+    "over parameters; bins of equal numbers of windows, their medians. log-MSE: natural logarithm of the mean squared "
+    "error of the forecast. Skill: 1 at the floor (the equation that made the data, fitted to each window), 0 at the "
+    "mean of the training set, on the scale of log-MSE. Alarms: windows whose misfit is above the 95 % threshold of "
+    "the validation set. Means over seeds."
+)
+METRICS = {
+    "log_mse": "log-MSE",
+    "parameter_error": "parameter error [%]",
+    "alarms": "alarms [%]",
+    "skill": "skill",
+}
+
+
+def distance(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
+    """Write the table of an experiment's curves and draw them.
+
+    Arguments:
+        forecasts: forecasts.npz of all versions and groups of seeds, of the mean and of the true equation too where
+            they are run: without them there is no skill.
+        outputs: any of .csv, .md, .tex, .png and .pdf.
+        settings: {labels, all_methods, training_range, floor, mean, title}: pairs of a version and its printed label;
+            [low, high] by parameter; names of the versions that skill is measured by, or null.
+
+    Raises:
+        InputError: a file is broken, or an output's suffix is unknown.
+    """
+    versions, labels = read_windows(forecasts), dict(settings["labels"])
+    known = [v for v in labels if v in versions]
+    if not known:
+        raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
+    scale = [settings.get(key) for key in ("floor", "mean")]
+    ends = [_curve(versions[v], settings["training_range"])["log_mse"] if v in versions else None for v in scale]
+    parts = []
+    for v in known:
+        curve = _curve(versions[v], settings["training_range"])
+        if ends[0] is not None and ends[1] is not None:
+            curve["skill"] = (ends[1] - curve["log_mse"]) / (ends[1] - ends[0])
+        parts.append(curve.assign(method=v, label=labels[v]))
+    long = pd.concat(parts, ignore_index=True)
+    title = f"{experiment_title(experiment_of(forecasts), settings)}: distance from the training range"
+    header, rows = _table(long)
+    lines = [f"## {title}", "", CAPTION, "", *grid(header, [[escape(c) for c in r] for r in rows], 2)]
+    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
+    write_tables(
+        [path for path in map(Path, outputs) if path not in drawn],
+        {
+            ".csv": lambda _: long.to_csv(index=False),
+            ".md": lambda _: "\n".join(lines) + "\n",
+            ".tex": lambda _: booktabs(header, rows, 2, CAPTION, "distance", title),
+        },
+    )
+    if drawn:
+        _draw(long, drawn, settings, title)
+
+
+def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequence[float]]) -> np.ndarray:
+    """How far z_e (N, P) lies beyond ranges, in their widths: (N,), 0 within; the largest over parameters."""
+    each = []
+    for k, name in enumerate(parameters):
+        low, high = ranges[name]
+        each.append(np.maximum(np.maximum(low - z_e[:, k], z_e[:, k] - high), 0) / max(high - low, 1e-12))
+    return np.max(each, axis=0)
+
+
+def _curve(version: Version, ranges: Mapping[str, Sequence[float]]) -> pd.DataFrame:
+    """A row a bin: distance (median), windows, log_mse, parameter_error, alarms."""
+    names = [name for name in SETS if name in version.sets]
+    names = [name for name in names if name != "validation" or "iid" not in names]
+    sets = [version.sets[name] for name in names]
+    errors, misfit = (np.concatenate([getattr(s, key) for s in sets], axis=1) for key in ("errors", "misfit"))
+    z_e = np.concatenate([s.z_e for s in sets])
+    away = beyond(z_e, version.parameters, ranges)
+    outside = away[away > 0]
+    inner = np.quantile(outside, np.linspace(0, 1, BINS + 1))[1:-1] if len(outside) >= BINS else np.array([])
+    edges = np.unique(np.concatenate(([0.0], inner)))
+    place = np.where(away > 0, 1 + np.searchsorted(edges[1:], away, side="left"), 0)
+    known = version.sets[KNOWN].misfit
+    limits = np.array([threshold(np.nan_to_num(one, nan=1e30)) for one in known])[:, None]
+    relative = None
+    if all(s.z_e_hat is not None for s in sets):
+        hat = np.concatenate([s.z_e_hat for s in sets], axis=1)  # type: ignore[misc]
+        relative = 100 * np.abs((hat - z_e) / z_e).mean(2)
+    rows = []
+    for k in np.unique(place):
+        here = place == k
+        rows.append(
+            {
+                "distance": float(np.median(away[here])),
+                "windows": int(here.sum()),
+                "log_mse": float(np.log(errors[:, here].mean(1)).mean()),
+                "parameter_error": np.nan if relative is None else float(relative[:, here].mean()),
+                "alarms": float(100 * (misfit[:, here] > limits).mean()),
+                "skill": np.nan,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _table(long: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
+    """A row for each version and metric, a column for each bin."""
+    bins = list(dict.fromkeys(long["distance"]))
+    header = ["method", "", *("within" if d == 0 else f"{d:.2f}" for d in bins)]
+    rows = []
+    for label, part in long.groupby("label", sort=False):
+        cells = part.set_index("distance")
+        for metric, title in METRICS.items():
+            values = [cells[metric].get(d, np.nan) for d in bins]
+            if np.isfinite(values).any():
+                digits = 1 if metric in ("parameter_error", "alarms") else 2
+                rows.append([str(label), title, *(f"{v:.{digits}f}" if np.isfinite(v) else DASH for v in values)])
+    return header, rows
+
+
+def _draw(long: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, title: str) -> None:
+    """A panel a metric, a line a version: those that people choose between."""
+    floor = settings.get("floor")
+    named = list(dict.fromkeys(long["method"]))
+    chosen = [v for v in named if v != floor and not is_control(v) and (is_augmented(v) or not is_refined(v))]
+    chosen = sorted(chosen, key=lambda v: (not is_augmented(v), named.index(v)))[:LINES]
+    chosen = [v for v in named if v in chosen]
+    colours = plotting.colours(chosen, settings["all_methods"])
+    with plotting.styled():
+        figure = plotting.new_figure(4.6)
+        axes = figure.subplots(2, 2, sharex=True)
+        for axis, (metric, name) in zip(axes.flat, METRICS.items(), strict=True):
+            for v in chosen:
+                _line(axis, long[long["method"] == v], metric, _look(v, colours))
+            if floor in named and metric != "skill":
+                look = {"color": "0.55", "linestyle": ":", "linewidth": 1.2, "label": "True equation"}
+                _line(axis, long[long["method"] == floor], metric, look)
+            axis.set_ylabel(name)
+            axis.grid(alpha=0.4)
+        axes[0, 1].set_yscale("log")
+        axes[1, 1].set_ylim(-0.5, 1.15)
+        for axis in axes[1]:
+            axis.set_xlabel("distance from the training range [its widths]")
+        plotting.heading(figure, plotting.text(title))
+        handles, texts = axes[0, 0].get_legend_handles_labels()
+        for handle, text in zip(handles, texts, strict=True):
+            handle.set_label(plotting.text(text))
+        plotting.legend(figure, handles)
+        plotting.save(figure, outputs)
+
+
+def _look(version: str, colours: Mapping) -> dict:
+    return {
+        "color": colours[version],
+        "linestyle": (0, (1, 1)) if is_refined(version) else plotting.dash(version),
+        "marker": "s" if is_refined(version) else "o",
+        "markersize": 3,
+        "linewidth": 1.2,
+    }
+
+
+def _line(axis: Axes, part: pd.DataFrame, metric: str, look: Mapping) -> None:
+    good = part[np.isfinite(part[metric])]
+    if len(good):
+        axis.plot(good["distance"], good[metric], **{"label": str(part["label"].iloc[0]), **look})
