@@ -34,6 +34,7 @@ __all__ = [
     "evaluate",
     "extract_frames",
     "finetune",
+    "flow",
     "import_markers",
     "init_tracking",
     "measure_angles",
@@ -58,6 +59,7 @@ CHOICES = {
     "train": (*_TRAINING, "observed_points"),
     "augment": ("loss_window", "augmentation_noise", "augmented_x", "augmented_z_a"),
     "finetune": (*_TRAINING, "frozen", "resample"),
+    "flow": ("augmentation_noise", "augmented_x", "augmented_z_a"),
     "evaluate": ("forecast_start",),
 }
 
@@ -133,6 +135,12 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
         "device": config["device"],
         **foreign(config, experiment, method),
     }
+
+
+def flow(config: Mapping, experiment: str, variant: str, group: str) -> dict:
+    one = experiment_of(config, experiment, naming.base(variant))
+    own = {"flow": one["flow"], "choices": _choices(one, "flow")}
+    return augment(config, experiment, variant, group) | _identity(config, experiment, variant) | own
 
 
 def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict:

@@ -18,6 +18,7 @@ from expertaug.learning.bound import Stopping, stored_bound
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.hybrid import HybridNet
+from expertaug.models.prediction import Predictor
 from expertaug.models.stacking import stack
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
@@ -34,7 +35,7 @@ class Head(nn.Module):
         self.density = Density(context.inputs, unknowns.count, settings)
 
 
-class FlowEstimator(nn.Module):
+class FlowEstimator(Predictor, nn.Module):
     """q(z_e, z_a, y0 | window) beside the model from whose draws it learned: an
     :class:`~expertaug.models.estimates.Estimator` with samples.
 
@@ -95,9 +96,10 @@ class FlowEstimator(nn.Module):
         return z_e, z_a, y0
 
     def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, S, B, *state) → the posterior's means."""
-        z_e, z_a, y0 = self.sample(windows, self.samples)
-        return Estimates(y0.mean(0), z_e.mean(0), z_a.mean(0))
+        """Observed windows (T1, S, B, *state) → the posterior's means, with the draws that they are the means of."""
+        draws = self.sample(windows, self.samples)
+        z_e, z_a, y0 = (value.mean(0) for value in draws)
+        return Estimates(y0, z_e, z_a, draws=tuple(value.movedim(0, 2) for value in draws))  # type: ignore[arg-type]
 
     def log_prob(self, windows: Tensor, z_e: Tensor, z_a: Tensor, y0: Tensor) -> Tensor:
         """Log-density (S, B) of z_e (S, B, P), of the principal components of z_a (S, B, Q), and of the inferred
@@ -110,18 +112,18 @@ class FlowEstimator(nn.Module):
         """The decoder's: states (T, …, B, *state) at the times t (T,), from y0 (…, B, *state)."""
         return self.decoder.forecast(y0, z_e, z_a, t, solver)
 
-    def predict(
-        self, observed: Tensor, t: Tensor, solver: Solver | Stopping, start: str = "y0"
-    ) -> tuple[Tensor, Tensor]:
-        """Mean of the posterior predictive forecasts; as :meth:`HybridNet.predict`."""
-        z_e, z_a, y0 = self.sample(observed, self.samples)
+    def predicted(
+        self, found: Estimates, observed: Tensor, t: Tensor, solver: Solver | Stopping, start: str = "y0"
+    ) -> Tensor:
+        """The mean of the forecasts from the estimates' draws: posterior predictive; as :meth:`Predictor.predicted`."""
+        assert found.draws is not None, "estimates of a flow"
+        z_e, z_a, y0 = (value.movedim(2, 0) for value in found.draws)
         bound = solver.bound if isinstance(solver, Stopping) else self.bound
         if start == "y0":
-            return mean_forecast(self.decoder, z_e, z_a, y0, t, solver, bound), z_e.mean(0)
+            return mean_forecast(self.decoder, z_e, z_a, y0, t, solver, bound)
         last = len(observed) - 1
         y0 = observed[last].expand_as(y0)
-        onwards = mean_forecast(self.decoder, z_e, z_a, y0, t[last:], solver, bound)
-        return torch.cat((observed[:last], onwards)), z_e.mean(0)
+        return torch.cat((observed[:last], mean_forecast(self.decoder, z_e, z_a, y0, t[last:], solver, bound)))
 
 
 def build(base: HybridNet, description: Mapping, latents: Tensor | None = None) -> FlowEstimator:

@@ -7,20 +7,11 @@ import math
 import torch
 from torch import Tensor, nn
 
+from expertaug.inference.window_fit import given_components
 from expertaug.systems import System
 
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of a uniform number
 DEAD = 1e-5  # of the whole: a principal component with a smaller standard deviation does not vary
-
-
-def given(system: System) -> list[int]:
-    """Components of y0 that matter where a forecast starts: :meth:`System.initial_state` may replace some by z_e."""
-    if len(system.state_shape) > 1:
-        return []
-    y0, z_e = torch.zeros(1, *system.state_shape), torch.ones(1, len(system.expert_parameters))
-    begun = system.initial_state(y0, z_e)
-    moved = [system.initial_state(y0 + row, z_e) for row in torch.eye(y0.shape[1])]
-    return [k for k, other in enumerate(moved) if not torch.equal(begun, other)]
 
 
 def box(system: System, low: Tensor, high: Tensor, margin: float) -> tuple[Tensor, Tensor]:
@@ -47,7 +38,8 @@ class Unknowns(nn.Module):
         self, system: System, low: Tensor, high: Tensor, latents: Tensor, components: int, noise: float
     ) -> None:
         super().__init__()
-        self.noise, self.given, self.state_shape = noise, given(system) if noise else [], system.state_shape
+        self.noise, self.state_shape = noise, system.state_shape
+        self.given = given_components(system).nonzero().flatten().tolist() if noise else []
         self.register_buffer("low", low.unsqueeze(0).clone())
         self.register_buffer("high", high.unsqueeze(0).clone())
         mean = latents.mean(0, keepdim=True)
