@@ -7,7 +7,7 @@ import zuko
 from torch import Tensor, nn
 
 from expertaug.inference.settings import FlowSettings
-from expertaug.models.networks.layers import MLP, Standardise
+from expertaug.models.networks.layers import MLP, Linear, Standardise
 from expertaug.models.stacking import SeedWise
 
 NARROWEST = 9.0  # standard deviations of a posterior are at least exp(−9) of the prior's
@@ -17,7 +17,7 @@ class Density(nn.Module):
     """q(θ | x): a Gaussian whose location and scale a network gives, bent by splines that see a summary of x as well.
 
     The Gaussian goes first because posteriors are orders of magnitude narrower than their prior, on which a spline's
-    bins lie.
+    bins lie.  A linear map of x is added to its location.
 
     Arguments:
         inputs: numbers of x.
@@ -30,6 +30,7 @@ class Density(nn.Module):
         self.scale = Standardise(inputs)
         self.trunk = MLP(inputs, settings.layers, settings.summary, "silu")
         self.gaussian = MLP(settings.summary, (), 2 * unknowns)
+        self.skip = Linear(inputs, unknowns, bias=False)
         self.splines = SeedWise(Splines(unknowns, settings), "flow")
 
     def fit(self, x: Tensor) -> None:
@@ -51,9 +52,10 @@ class Density(nn.Module):
 
     def _summary(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Summary, location and logarithm of the scale; the latter bounded smoothly."""
-        hidden = self.trunk.activation(self.trunk(self.scale(x)))
+        x = self.scale(x)
+        hidden = self.trunk.activation(self.trunk(x))
         loc, raw = self.gaussian(hidden).chunk(2, dim=-1)
-        return hidden, loc, NARROWEST * torch.tanh(raw / NARROWEST)
+        return hidden, loc + self.skip(x), NARROWEST * torch.tanh(raw / NARROWEST)
 
 
 class Splines(nn.Module):

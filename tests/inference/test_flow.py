@@ -1,0 +1,212 @@
+"""Posteriors by flows: a known one is found, seeds are on their own, files and checkpoints hold all of them."""
+
+import json
+
+import pytest
+import torch
+from known_posterior import COMMON, NOISE
+
+from expertaug.errors import InputError
+from expertaug.evaluation.runaways import forecast
+from expertaug.inference import store
+from expertaug.inference.draws import HELD_OUT, Pool
+from expertaug.inference.flow_training import flow, prepare
+from expertaug.inference.predictive import predictive
+from expertaug.learning.trainer import Trainer
+from expertaug.models import store as models
+from expertaug.models.store import StoredModel
+from expertaug.systems.solver import Solver
+from expertaug.trajectories import Trajectories
+
+RK4 = Solver("rk4")
+SMALL = {
+    "steps": 12,
+    "batch_size": 20,
+    "pool": 80,
+    "uses": 2,
+    "held_out": 50,
+    "layers": [16],
+    "summary": 8,
+    "transforms": 1,
+    "hidden": [8],
+    "latent": 2,
+    "samples": 8,
+    "checkpoint_s": 0.0,
+    "solver": {"method": "rk4"},
+}
+
+
+def settings(prior, noise, **flow):
+    return COMMON | {"method": "a+~flow", "label": "A+ flow", "prior": prior, "noise": noise, "flow": SMALL | flow}
+
+
+PENDULUM = settings({"omega0": [0.5, 3.5]}, 0.01)
+
+
+def windows(data, points, seeds):
+    y = torch.from_numpy(data.y).movedim(0, 1)[:points, None]
+    return y.expand(-1, seeds, *y.shape[2:]).contiguous()
+
+
+@pytest.fixture(scope="module")
+def known(lines):
+    """A flow that has learned the lines' posterior, and windows of its own prior with their slopes and starts."""
+    base, data = lines
+    told = settings({"slope": [-2.0, 2.0]}, NOISE, steps=1500, batch_size=200, pool=2000, uses=1, layers=[32, 32])
+    training = prepare(base, data, told | {"flow": told["flow"] | {"learning_rate": 1e-2, "held_out": 1000}})
+    simulator, estimator = training.trainer.pool.simulator, training.run().model.eval()
+    drawn = simulator.draw(400, HELD_OUT, 1)
+    first = drawn.x[..., :1]  # the recurrent encoder has no windows: the context is every observed point
+    slope, _, start = estimator.head.unknowns.unpack(drawn.theta, first)
+    return estimator, drawn.x.movedim(-1, 0).unsqueeze(-1), slope, start
+
+
+def test_a_known_posterior_is_found(known):
+    """Against least squares, which is the posterior while the prior is wide: mean, width and coverage."""
+    estimator, y, slope, start = known
+    t = torch.linspace(0, 1, 5)
+    design = torch.stack((torch.ones(5), t), dim=1)
+    covariance = NOISE**2 * torch.linalg.inv(design.T @ design)
+    fitted = torch.einsum("pt,tsbk->sbp", torch.linalg.pinv(design), y)  # start and slope
+    inside = (slope.squeeze(-1).abs() < 1.7) & (fitted[..., 1].abs() < 1.7)
+    z_e, _, y0 = estimator.sample(y, 400, seed=3)
+    for found, truth, k in ((y0, start, 0), (z_e, slope, 1)):
+        std, error = covariance[k, k].sqrt(), (found.mean(0).squeeze(-1) - fitted[..., k])[inside]
+        assert error.square().mean().sqrt() < 0.35 * std
+        assert 0.85 < (found.std(0).squeeze(-1)[inside] / std).mean() < 1.15
+        rank = (found < truth).float().mean(0).squeeze(-1)
+        assert abs(((rank > 0.05) & (rank < 0.95))[inside].float().mean() - 0.9) < 0.05
+        assert abs(((rank > 0.25) & (rank < 0.75))[inside].float().mean() - 0.5) < 0.08
+    together = torch.stack((z_e, y0), dim=-1)[..., 0, :] - torch.stack((z_e, y0), dim=-1)[..., 0, :].mean(0)
+    product = together.prod(-1).mean(0)[inside] / covariance.diagonal().prod().sqrt()
+    wanted = covariance[0, 1] / covariance.diagonal().prod().sqrt()
+    assert abs(product.mean() - wanted) < 0.15, "the two are correlated as in least squares"
+
+
+def test_its_density_is_one(known):
+    """∫ q(slope, start | window) over a grid wide enough is 1."""
+    estimator, y, slope, start = known
+    y = y[:, :1, :1]
+    around = [torch.linspace(float(x[0, 0]) - 0.5, float(x[0, 0]) + 0.5, 161) for x in (slope, start)]
+    z_e, y0 = (g.reshape(1, -1, 1) for g in torch.meshgrid(*around, indexing="ij"))
+    seeds = estimator.head.unknowns.low.shape[0]
+    many = [x.expand(seeds, -1, -1) for x in (z_e, torch.zeros(1, z_e.shape[1], 2), y0)]
+    with torch.no_grad():
+        log = estimator.log_prob(y.expand(-1, seeds, z_e.shape[1], -1), *many)[0]
+    assert abs(float(log.exp().sum()) * (1 / 160) ** 2 - 1) < 0.03
+
+
+def test_forecasts_are_posterior_predictive(known):
+    estimator, y, slope, start = known
+    t = torch.linspace(0, 2, 9)
+    found = predictive(estimator, y, t, RK4, 200, levels=(0.05, 0.5, 0.95), seed=1, keep=True)
+    assert torch.allclose(found.samples.mean(0), found.mean, atol=1e-5)
+    assert torch.allclose(found.quantiles[1], found.samples.quantile(0.5, dim=0), atol=1e-5)
+    truth = start + slope * t[-1]
+    inside = (truth > found.quantiles[0, -1]) & (truth < found.quantiles[2, -1])
+    assert abs(inside.float().mean() - 0.9) < 0.05
+    scored = forecast(estimator, y, t, RK4, "y0", None)
+    assert (scored.states[-1] - truth).square().mean() < 1.3 * (found.mean[-1] - truth).square().mean()
+    assert torch.equal(scored.states, estimator.predict(y, t, RK4)[0])
+    part = forecast(estimator, y[:, :, 7:9], t, RK4, "y0", torch.full((2, 1), 100.0)).states
+    assert torch.allclose(part, scored.states[:, :, 7:9], atol=1e-5), "a window's forecast depends on it alone"
+
+
+def test_a_runaway_draw_is_cut_off_at_the_bound(known):
+    estimator, y, _, _ = known
+    cut = forecast(estimator, y[:, :, :3], torch.linspace(0, 1e4, 5), RK4, "y0", torch.tensor([50.0])).states
+    assert torch.isfinite(cut).all() and cut.abs().max() <= 50.0
+
+
+def test_a_seed_does_not_depend_on_the_seeds_beside_it(pendulum):
+    """The flow of a seed alone and in a group: the same draws of the simulator, to float rounding."""
+    train = Trajectories.load(pendulum / "train.npz")
+    both, alone = (prepare(models.load(pendulum / f"{n}.safetensors"), train, PENDULUM) for n in ("both", "alone"))
+    # Trained apart, the two seed 1 differ by rounding; the same tensors make the draws comparable.
+    a, b = (t.trainer.pool.simulator.draw(60, HELD_OUT, 7) for t in (both, alone))
+    assert torch.allclose(a.x[1], b.x[0], atol=1e-3) and torch.allclose(a.theta[1], b.theta[0], atol=1e-2)
+    assert not torch.allclose(a.x[0], a.x[1], atol=0.1), "another seed, other draws"
+    trained = [t.run().model.eval() for t in (both, alone)]
+    y = windows(train, 11, 2)
+    z, other = trained[0].sample(y, 16, seed=2)[0][:, 1], trained[1].sample(y[:, 1:], 16, seed=2)[0][:, 0]
+    assert torch.allclose(z, other, atol=1e-2)
+
+
+def run(pendulum, folder, told=PENDULUM):
+    flow(pendulum / "both.safetensors", pendulum, folder / "model.safetensors", folder / "work", told, None)
+    return folder / "model.safetensors"
+
+
+@pytest.fixture(scope="module")
+def whole(pendulum, tmp_path_factory):
+    return run(pendulum, tmp_path_factory.mktemp("whole"))
+
+
+def test_a_file_holds_the_flow_and_its_base_model(pendulum, whole, tmp_path):
+    stored, base = store.load(whole), models.load(pendulum / "both.safetensors")
+    assert stored.description["base"] == json.loads(json.dumps(base.description))
+    assert stored.description["kind"] == "flow" and stored.seeds == [0, 1] and stored.failed == []
+    kept = stored.model.base.state_dict()
+    assert all(torch.equal(value, kept[name]) for name, value in base.model.state_dict().items()), "it is frozen"
+    models.save(tmp_path / "again.safetensors", stored.model, stored.description)
+    again = store.load(tmp_path / "again.safetensors")
+    y = windows(Trajectories.load(pendulum / "test.npz"), 11, 2)
+    for one, other in zip(stored.model.sample(y, 4), again.model.sample(y, 4), strict=True):
+        assert torch.equal(one, other)
+    with pytest.raises(InputError, match="kind 'flow'"):
+        models.load(whole)
+    assert isinstance(store.load(pendulum / "both.safetensors"), StoredModel), "other kinds as ever"
+
+
+def test_estimates_lie_in_the_widened_prior_and_speeds_are_what_was_observed(pendulum, whole):
+    model, data = store.load(whole).model, Trajectories.load(pendulum / "test.npz")
+    y = windows(data, 11, 2)
+    z_e, z_a, y0 = model.sample(y, 64, seed=0)
+    assert z_e.shape == (64, 2, 40, 1) and z_a.shape == (64, 2, 40, 3) and y0.shape == (64, 2, 40, 2)
+    assert z_e.min() > 0.43 and z_e.max() < 3.57
+    assert not torch.equal(y0[0], y0[1]), "a noisy first point is inferred"
+    found = model.estimate(y)
+    assert torch.equal(found.part(slice(3, 5)).draws[0], found.draws[0][:, 3:5])
+
+
+def test_a_killed_training_resumes_to_the_same_bits(pendulum, whole, tmp_path, monkeypatch):
+    steps, taken = Trainer.step, []
+
+    def dying(self, *args):
+        if len(taken) == 9:  # in the third pass
+            raise KeyboardInterrupt
+        taken.append(1)
+        return steps(self, *args)
+
+    monkeypatch.setattr(Trainer, "step", dying)
+    with pytest.raises(KeyboardInterrupt):
+        run(pendulum, tmp_path)
+    assert (tmp_path / "work/checkpoint.pt").exists()
+    taken.clear()
+    monkeypatch.setattr(Trainer, "step", lambda self, *args: taken.append(1) or steps(self, *args))
+    resumed = store.load(run(pendulum, tmp_path)).model.state_dict()
+    assert len(taken) == 4, "only the last pass is left"
+    assert all(torch.equal(value, resumed[name]) for name, value in store.load(whole).model.state_dict().items())
+
+
+def test_a_pool_is_renewed_by_parts_and_follows_from_the_pass_alone(pendulum):
+    train = Trajectories.load(pendulum / "train.npz")
+    made = prepare(models.load(pendulum / "both.safetensors"), train, PENDULUM).trainer.pool
+    first, second = made(3), made(4)
+    assert len(first) == 80 and torch.equal(first.theta[:, 40:], second.theta[:, :40])
+    assert not torch.equal(first.theta[:, :40], second.theta[:, 40:])
+    assert torch.equal(Pool(made.simulator, 40, 2)(4).x, second.x)
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ({"prior": {"omega": [1.0, 2.0]}}, "augmentation.prior"),
+        ({"flow": {"transforms": 0}}, "flow.transforms"),
+        ({"flow": {"step": 3}}, "flow.step"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):
+    train = Trajectories.load(pendulum / "train.npz")
+    with pytest.raises(InputError, match=expected):
+        prepare(models.load(pendulum / "both.safetensors"), train, PENDULUM | changed)
