@@ -6,7 +6,7 @@ from expertaug.config.presets import resolve
 from expertaug.systems import Parameter, System
 
 COMMON = {"experiment": "toy", "preset": "corrected", "choices": resolve("corrected"), "device": "cpu"}
-NOISE = 0.05  # of the lines
+NOISE = 0.3  # of the lines
 
 
 class Line(System):

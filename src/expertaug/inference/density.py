@@ -31,6 +31,7 @@ class Density(nn.Module):
         self.trunk = MLP(inputs, settings.layers, settings.summary, "silu")
         self.gaussian = MLP(settings.summary, (), 2 * unknowns)
         self.skip = Linear(inputs, unknowns, bias=False)
+        nn.init.zeros_(self.skip.weight)
         self.splines = SeedWise(Splines(unknowns, settings), "flow")
 
     def fit(self, x: Tensor) -> None:

@@ -126,16 +126,13 @@ class FlowEstimator(Predictor, nn.Module):
         return torch.cat((observed[:last], mean_forecast(self.decoder, z_e, z_a, y0, t[last:], solver, bound)))
 
 
-def build(
-    base: HybridNet, description: Mapping, latents: Tensor | None = None, starts: Tensor | None = None
-) -> FlowEstimator:
+def build(base: HybridNet, description: Mapping, latents: Tensor | None = None) -> FlowEstimator:
     """A flow beside a trained model, untrained.
 
     Arguments:
         base: the model; a copy of it is kept.
         description: {base, seeds, flow, prior, noise}, as a model file has it.
         latents: z_a (S, N, Q) of the training windows; None: a file's tensors will say what is known of them.
-        starts: first points (N, *state) of the training windows; None likewise.
     """
     of_base, settings, system = description["base"], FlowSettings.from_mapping(description["flow"]), base.system
     low, high = box(system, *prior_range(base, description["prior"]), settings.margin)
@@ -143,13 +140,12 @@ def build(
     components = 0 if base.interaction is None else min(settings.latent, width)
     if latents is None:
         latents = torch.zeros(len(description["seeds"]), 1, width)
-    starts = torch.zeros(2, *system.state_shape) if starts is None else starts.cpu()
     times = torch.tensor(of_base["t"][: of_base["observed"]], dtype=torch.float64)
     heads = []
     for seed, own in zip(description["seeds"], latents.cpu(), strict=True):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            unknowns = Unknowns(system, low, high, own, components, starts, description["noise"] > 0)
+            unknowns = Unknowns(system, low, high, own, components, float(description["noise"]))
             heads.append(Head(Context(system, times, of_base["model"]["encoder"]), unknowns, settings))
     return FlowEstimator(
         copy.deepcopy(base).requires_grad_(False), stack(heads), settings.samples, stored_bound(of_base)

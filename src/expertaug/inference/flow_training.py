@@ -80,7 +80,7 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
     }
     windows = StackedSet.of(train, device).window(base["observed"]).y
     latents = _latents(stored, windows, choices)
-    estimator = flows.build(stored.model, description, latents, windows[0, 0]).to(device)
+    estimator = flows.build(stored.model, description, latents).to(device)
     estimator.head.context.fit(windows[:, 0])
     low, high = prior_range(stored.model, settings["prior"])
     unknowns = estimator.head.unknowns

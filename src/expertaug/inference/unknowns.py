@@ -24,26 +24,23 @@ def box(system: System, low: Tensor, high: Tensor, margin: float) -> tuple[Tenso
 class Unknowns(nn.Module):
     """θ = (logit of z_e in a box, principal components of z_a, first point − observed first point).
 
-    Each in units of its prior's width: a network then needs no large weights, however narrow the posterior.  The first
-    point stands in its difference from the observed one, since an angle's sine and cosine do not tell its turns.
+    z_e and z_a are in units of their prior's width, the first point is in units of the noise: each is then about
+    standard normal before anything is learned.
 
     Arguments:
         system: with P parameters.
         low, high: ends (P,) of the box.
         latents: z_a (N, Q) of the training windows.
         components: principal components of z_a that are inferred, at most.
-        starts: first points (N, *state) of the training windows.
-        noisy: whether data have noise; else the first point is what was observed.
+        noise: standard deviation of the data's noise; 0: the first point is what was observed.
     """
 
     def __init__(
-        self, system: System, low: Tensor, high: Tensor, latents: Tensor, components: int, starts: Tensor, noisy: bool
+        self, system: System, low: Tensor, high: Tensor, latents: Tensor, components: int, noise: float
     ) -> None:
         super().__init__()
-        self.state_shape = system.state_shape
-        self.given = given_components(system).nonzero().flatten().tolist() if noisy else []
-        width = starts[:, self.given].std(0, keepdim=True) if self.given else starts.new_ones(1, 0)
-        self.register_buffer("width", torch.where(width > 0, width, 1.0))
+        self.noise, self.state_shape = noise, system.state_shape
+        self.given = given_components(system).nonzero().flatten().tolist() if noise else []
         self.register_buffer("low", low.unsqueeze(0).clone())
         self.register_buffer("high", high.unsqueeze(0).clone())
         mean = latents.mean(0, keepdim=True)
@@ -77,7 +74,7 @@ class Unknowns(nn.Module):
         share = ((z_e - self.low) / (self.high - self.low)).clamp(1e-6, 1 - 1e-6)
         parts = [torch.logit(share) / LOGISTIC, scores]
         if self.given:
-            parts.append((y0 - first)[..., self.given] / self.width)
+            parts.append((y0 - first)[..., self.given] / self.noise)
         return torch.cat(parts, dim=-1)
 
     def unpack(self, theta: Tensor, first: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -87,7 +84,7 @@ class Unknowns(nn.Module):
         y0 = first.expand(*theta.shape[:-1], *self.state_shape)
         if self.given:
             y0 = y0.clone()
-            y0[..., self.given] += self.width * moved
+            y0[..., self.given] += self.noise * moved
         return z_e, self.latent(scores), y0
 
     def log_slope(self, theta: Tensor) -> Tensor:
@@ -95,4 +92,4 @@ class Unknowns(nn.Module):
         raw = LOGISTIC * theta[..., : self.sizes[0]]
         width = ((self.high - self.low) * LOGISTIC).log()
         slope = (nn.functional.logsigmoid(raw) + nn.functional.logsigmoid(-raw) + width).sum(-1)
-        return slope + self.width.log().sum(-1)
+        return slope + (len(self.given) * math.log(self.noise) if self.given else 0.0)
