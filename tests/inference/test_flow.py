@@ -4,7 +4,7 @@ import json
 
 import pytest
 import torch
-from known_posterior import COMMON, NOISE
+from known_posterior import COMMON, NOISE, lines
 
 from expertaug.errors import InputError
 from expertaug.evaluation.runaways import forecast
@@ -12,13 +12,16 @@ from expertaug.inference import store
 from expertaug.inference.draws import HELD_OUT, Pool
 from expertaug.inference.flow_training import flow, prepare
 from expertaug.inference.predictive import predictive
+from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store as models
 from expertaug.models.store import StoredModel
+from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
 
 RK4 = Solver("rk4")
+SETS = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 SMALL = {
     "steps": 12,
     "batch_size": 20,
@@ -49,9 +52,29 @@ def windows(data, points, seeds):
 
 
 @pytest.fixture(scope="module")
-def known(lines):
+def pendulum(tmp_path_factory):
+    """Folder of a pendulum's sets and of the models ``both`` (seeds 0 and 1) and ``alone`` (seed 1)."""
+    folder = tmp_path_factory.mktemp("pendulum")
+    drawn = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.01}
+    drawn["sets"] = {name: SETS | {"size": 40} for name in ("train", "validation", "test")}
+    for name in drawn["sets"]:
+        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": drawn})
+    told = COMMON | {"method": "aphynity", "label": "APHYNITY", "t1_s": 1.0, "system": {"name": "pendulum"}}
+    told |= {"build": {"kind": "hybrid"}, "training": {"epochs": 1, "batch_size": 10, "solver": {"method": "rk4"}}}
+    windows = {"theta": [0.0, 1.0], "omega": [0.0, 1.0]}
+    told["model"] = {
+        "encoder": {"kind": "window", "windows": windows, "layers": [8], "latent": 3},
+        "interaction": {"kind": "mlp", "layers": [6]},
+    }
+    for name, seeds in (("both", [0, 1]), ("alone", [1])):
+        train(folder, folder / f"{name}.safetensors", folder / name, told | {"seeds": seeds}, None)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def known():
     """A flow that has learned the lines' posterior, and windows of its own prior with their slopes and starts."""
-    base, data = lines
+    base, data = lines()
     told = settings({"slope": [-2.0, 2.0]}, NOISE, steps=800, batch_size=200, pool=2000, uses=1, layers=[32, 32])
     training = prepare(base, data, told | {"flow": told["flow"] | {"learning_rate": 1e-2, "held_out": 1000}})
     simulator, estimator = training.trainer.pool.simulator, training.run().model.eval()
@@ -119,14 +142,14 @@ def test_a_runaway_draw_is_cut_off_at_the_bound(known):
 
 def test_a_seed_does_not_depend_on_the_seeds_beside_it(pendulum):
     """The flow of a seed alone and in a group: the same draws of the simulator, to float rounding."""
-    train = Trajectories.load(pendulum / "train.npz")
-    both, alone = (prepare(models.load(pendulum / f"{n}.safetensors"), train, PENDULUM) for n in ("both", "alone"))
+    data = Trajectories.load(pendulum / "train.npz")
+    both, alone = (prepare(models.load(pendulum / f"{n}.safetensors"), data, PENDULUM) for n in ("both", "alone"))
     # Trained apart, the two seed 1 differ by rounding; the same tensors make the draws comparable.
     a, b = (t.trainer.pool.simulator.draw(60, HELD_OUT, 7) for t in (both, alone))
     assert torch.allclose(a.x[1], b.x[0], atol=1e-3) and torch.allclose(a.theta[1], b.theta[0], atol=1e-2)
     assert not torch.allclose(a.x[0], a.x[1], atol=0.1), "another seed, other draws"
     trained = [t.run().model.eval() for t in (both, alone)]
-    y = windows(train, 11, 2)
+    y = windows(data, 11, 2)
     z, other = trained[0].sample(y, 16, seed=2)[0][:, 1], trained[1].sample(y[:, 1:], 16, seed=2)[0][:, 0]
     assert torch.allclose(z, other, atol=1e-2)
 
@@ -189,8 +212,8 @@ def test_a_killed_training_resumes_to_the_same_bits(pendulum, whole, tmp_path, m
 
 
 def test_a_pool_is_renewed_by_parts_and_follows_from_the_pass_alone(pendulum):
-    train = Trajectories.load(pendulum / "train.npz")
-    made = prepare(models.load(pendulum / "both.safetensors"), train, PENDULUM).trainer.pool
+    data = Trajectories.load(pendulum / "train.npz")
+    made = prepare(models.load(pendulum / "both.safetensors"), data, PENDULUM).trainer.pool
     first, second = made(3), made(4)
     assert len(first) == 80 and torch.equal(first.theta[:, 40:], second.theta[:, :40])
     assert not torch.equal(first.theta[:, :40], second.theta[:, 40:])
@@ -206,6 +229,6 @@ def test_a_pool_is_renewed_by_parts_and_follows_from_the_pass_alone(pendulum):
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):
-    train = Trajectories.load(pendulum / "train.npz")
+    data = Trajectories.load(pendulum / "train.npz")
     with pytest.raises(InputError, match=expected):
-        prepare(models.load(pendulum / "both.safetensors"), train, PENDULUM | changed)
+        prepare(models.load(pendulum / "both.safetensors"), data, PENDULUM | changed)
