@@ -6,15 +6,21 @@ import pytest
 import torch
 from known_posterior import COMMON, NOISE, lines
 
+from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation.runaways import forecast
 from expertaug.inference import store
+from expertaug.inference.context import Context
 from expertaug.inference.draws import HELD_OUT, Pool
 from expertaug.inference.flow_training import flow, prepare
 from expertaug.inference.predictive import predictive
+from expertaug.inference.unknowns import Unknowns
+from expertaug.learning.train import prepare as prepare_training
 from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store as models
+from expertaug.models.describe import describe
+from expertaug.models.recipe import HybridModel
 from expertaug.models.store import StoredModel
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
@@ -232,3 +238,44 @@ def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):
     data = Trajectories.load(pendulum / "train.npz")
     with pytest.raises(InputError, match=expected):
         prepare(models.load(pendulum / "both.safetensors"), data, PENDULUM | changed)
+
+
+def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path):
+    """Noisy fields, whose draws are used several times; the expert's parameter is found in their moments."""
+    system, ranges = {"name": "field_systems:Fisher"}, {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.5, 1.5]}}
+    drawn = {"seed": 0, "step_s": 0.1, "t2_s": 1.0, "noise": 1e-3, "sets": {"train": ranges | {"size": 40}}}
+    simulate("train", tmp_path / "train.npz", {"system": system, "data": drawn})
+    data = Trajectories.load(tmp_path / "train.npz")
+    recipe = HybridModel(
+        systems.load(system), {"kind": "moments", "layers": [8]}, {"kind": "polynomial", "latent_degree": 1}
+    )
+    told = COMMON | {"method": "a", "label": "A", "objective": "aphynity", "t1_s": 0.5, "seeds": [0]}
+    told |= {"training": {"epochs": 1, "batch_size": 10}}
+    base = prepare_training(recipe, data, data, told, describe(recipe)).run()
+    plus = settings({"D": [1e-3, 6e-3]}, 1e-3, steps=150, batch_size=100, pool=800, uses=4, layers=[32])
+    training = prepare(base, data, plus)
+    held, done = training.trainer.held, training.run()
+    y = windows(data, 6, 1)
+    z_e, _, y0 = done.model.eval().sample(y, 32)
+    assert torch.equal(y0, y[0].expand_as(y0)), "a field's first point is what was observed"
+    with torch.no_grad():
+        theta = done.model.head.density.sample(held.x, torch.zeros(1, *held.theta.shape))[0]
+    assert (theta - held.theta)[..., 0].std() < 0.5 * held.theta[..., 0].std(), "windows tell the diffusion"
+    models.save(tmp_path / "flow.safetensors", done.model, done.description)
+    again = store.load(tmp_path / "flow.safetensors", classes=[system["name"]]).model
+    assert torch.equal(again.sample(y, 32)[0], z_e)
+    with pytest.raises(InputError, match="needs field_systems:Fisher"):
+        store.load(tmp_path / "flow.safetensors")
+
+
+def test_speeds_that_nobody_measured_are_neither_seen_nor_inferred_twice():
+    constants = {"B1": 0.3, "G1": 90.0, "B2": 1.0, "G2": 120.0}
+    system = systems.load({"name": "double_pendulum", "constants": constants})
+    low, high = torch.tensor([-25.0, -60.0]), torch.tensor([25.0, 60.0])
+    unknowns = Unknowns(system, low, high, torch.zeros(4, 3), 0, 1e-3)
+    assert unknowns.sizes == (2, 0, 2), "both speeds as z_e, both angles as y0"
+    context = Context(system, torch.linspace(0, 0.1, 11), {})
+    y = torch.randn(11, 5, 4)
+    other = y.clone()
+    other[..., 2:] += 1.0
+    assert torch.equal(context(y), context(other)) and context(y).shape == (5, 44)

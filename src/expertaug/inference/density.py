@@ -11,6 +11,7 @@ from expertaug.models.networks.layers import MLP, Linear, Standardise
 from expertaug.models.stacking import SeedWise
 
 NARROWEST = 9.0  # standard deviations of a posterior are at least exp(−9) of the prior's
+FARTHEST = 10.0  # standard deviations of the draws: a number of a window that no draw is like says no more than that
 
 
 class Density(nn.Module):
@@ -53,7 +54,7 @@ class Density(nn.Module):
 
     def _summary(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Summary, location and logarithm of the scale; the latter bounded smoothly."""
-        x = self.scale(x)
+        x = self.scale(x).clamp(-FARTHEST, FARTHEST)
         hidden = self.trunk.activation(self.trunk(x))
         loc, raw = self.gaussian(hidden).chunk(2, dim=-1)
         return hidden, loc + self.skip(x), NARROWEST * torch.tanh(raw / NARROWEST)

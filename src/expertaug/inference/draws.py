@@ -126,7 +126,10 @@ class Simulator:
         good = within(y, self.task.bound)
         y = bounded(y, self.task.bound)
         if self.noise:
-            y = y + self.noise * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+            noise = self.noise * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+            if not self.unknowns.given:  # a field's first point has noise already, and forecasts start from it
+                noise[0] = 0.0
+            y = y + noise
         draws = Draws(self.context(y), self.unknowns.pack(z_e, scores, y0, y[0]))
         return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
 
