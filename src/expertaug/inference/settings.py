@@ -44,9 +44,9 @@ class FlowSettings(Settings):
 
     WHERE: ClassVar[str] = "flow"
 
-    steps: Count = key(6000, "of the training")
+    steps: Count = key(8000, "of the training")
     batch_size: Count = key(256, "draws of each seed in a step")
-    learning_rate: Positive = key(1.0e-3, "of Adam, at the peak of a linear warm-up and a cosine to zero")
+    learning_rate: Positive = key(4.0e-3, "of Adam, at the peak of a linear warm-up and a cosine to zero")
     warmup: Share = key(0.1, "share of all steps over which the learning rate warms up")
     clip_norm: Positive | None = key(1.0, "largest norm of a seed's gradient; null = not clipped")
     pool: Count = key(4096, "draws of each seed that are at hand at a time")
@@ -54,7 +54,7 @@ class FlowSettings(Settings):
     held_out: Count = key(2000, "further draws of each seed, whose loss selects the best state")
     layers: Hidden = key((256, 256), "widths of the network on the observed window")
     summary: Width = key(64, "numbers that this network gives the flow")
-    transforms: Annotated[int, Field(ge=1, le=100)] = key(3, "splines, each autoregressive over the parameters")
+    transforms: Annotated[int, Field(ge=1, le=100)] = key(2, "splines, each autoregressive over the parameters")
     hidden: Hidden = key((64, 64), "widths of the hidden layers that set a spline")
     bins: Annotated[int, Field(ge=2, le=1000)] = key(8, "of a spline")
     latent: Count = key(8, "principal components of z_a that are inferred, at most; the others stay at their mean")
