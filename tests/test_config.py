@@ -394,13 +394,13 @@ def test_blocks_and_variants(base):
     own = {"experiments": {"x": {"based_on": "pendulum", **methods, "controls": [], "refined": []}}}
     found = config.validate(config.merge(base, own | {"seeds": [4, 0, 7], "seeds_per_job": 2}))
     assert stage_settings.seed_groups(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
-    assert stage_settings.variants(found, "x") == ["mean", "aphynity", "aphynity+"]
+    assert jobs.variants(found, "x") == ["mean", "aphynity", "aphynity+"]
     assert stage_settings.label(found, "aphynity+") == "APHYNITY+"
     # Controls and refined versions that are inherited count for the methods that are there.
     own["experiments"]["x"] |= {"controls": ["aphynity", "hvae"], "refined": ["aphynity+", "hvae", "aphynity="]}
     found = config.validate(config.merge(base, own))
     expected = ["mean", "aphynity", "aphynity=", "aphynity=~refined", "aphynity+", "aphynity+~refined"]
-    assert stage_settings.variants(found, "x") == expected
+    assert jobs.variants(found, "x") == expected
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,7 @@ NUMERIC = {
     "scipy": ("scipy",),
     "cv2": ("opencv-python-headless", "opencv-python"),
     "av": ("av",),
+    "zuko": ("zuko",),
 }
 
 

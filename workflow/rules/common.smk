@@ -74,12 +74,16 @@ def every_variant(experiment):
 
 
 def augmented_of(experiment):
-    return [v for v in every_variant(experiment) if labels.is_augmented(v) and labels.trained(v) == v]
+    return [v for v in every_variant(experiment) if labels.is_augmented(v) and not labels.parse(v).estimators]
 
 
 def finetuned_of(experiment):
     """Augmented versions and controls."""
     return [*augmented_of(experiment), *[v for v in jobs.variants(CONFIG, experiment) if v.endswith("=")]]
+
+
+def flows_of(experiment):
+    return [v for v in every_variant(experiment) if labels.is_flow(v) and labels.trained(v) == v]
 
 
 def seed_groups_of(experiment):
@@ -245,6 +249,7 @@ OVERALL += expand(results("figures/{name}.{suffix}"), name=OVERVIEWS, suffix=["p
 ALL = [SUMMARY, of_all("page.png"), [[tables_of(e), figures_of(e)] for e in RUN], OVERALL]
 AUGMENTED = one_of([v for e in RUN for v in augmented_of(e)])
 FINETUNED = one_of([v for e in RUN for v in finetuned_of(e)])
+FLOWS = one_of([v for e in RUN for v in flows_of(e)])
 
 
 wildcard_constraints:

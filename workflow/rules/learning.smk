@@ -153,6 +153,37 @@ rule finetune_seed_group:
         " --tracking {input.tracking:q} --log {log:q}"
 
 
+rule flow_seed_group:
+    input:
+        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
+        train=results("{experiment}/data/train.npz"),
+        tracking=ancient(results("mlflow/tracking.json")),
+        code=lambda w: code("flow", w.experiment, method_of(w.variant)),
+    output:
+        results("{experiment}/{variant}/{seed_group}/model.safetensors"),
+    log:
+        results("logs/flow/{experiment}_{variant}_{seed_group}.log"),
+    benchmark:
+        results("benchmarks/flow/{experiment}_{variant}_{seed_group}.tsv")
+    wildcard_constraints:
+        variant=FLOWS,
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+    params:
+        versions=lambda w: versions("flow", w.experiment, method_of(w.variant)),
+        settings=lambda w: settings("flow", w.experiment, w.variant, w.seed_group),
+        data=lambda w: results(f"{w.experiment}/data"),
+        work=lambda w: results(f".work/{w.experiment}/{w.variant}/{w.seed_group}"),
+    message:
+        "learn the posterior {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
+    shell:
+        "expertaug flow --model {input.model:q} --data {params.data:q} --output {output:q} --work {params.work:q}"
+        " --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
+
+
 # Targets: `snakemake --cores 2 NAME`.
 
 
@@ -169,6 +200,11 @@ rule augment:
 rule finetune:
     input:
         and_before([per_seed_group("model.safetensors", e, finetuned_of(e)) for e in RUN]),
+
+
+rule flow:
+    input:
+        and_before([per_seed_group("model.safetensors", e, flows_of(e)) for e in RUN]),
 
 
 rule during_training:

@@ -33,6 +33,10 @@ def add_to(commands: Commands) -> None:
     add_paths(p, output="model file", work="folder for checkpoints")
     add_tracking(p)
 
+    p = commands.add("flow", _flow, "learn the posterior of a trained model from its own draws")
+    add_paths(p, model="model file", data="folder of the sets", output="model file", work="folder for checkpoints")
+    add_tracking(p)
+
 
 def _calibrate(a: argparse.Namespace) -> None:
     from expertaug.recordings.angles.calibration import calibrate
@@ -62,3 +66,9 @@ def _finetune(a: argparse.Namespace) -> None:
     from expertaug.learning.finetune import finetune
 
     finetune(a.model, a.augmented, a.data, a.output, a.work, read_settings(a.settings), tracking_of(a))
+
+
+def _flow(a: argparse.Namespace) -> None:
+    from expertaug.inference.flow_training import flow
+
+    flow(a.model, a.data, a.output, a.work, read_settings(a.settings), tracking_of(a))

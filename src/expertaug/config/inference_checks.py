@@ -1,4 +1,4 @@
-"""Checks of what a configuration says of controls, refined versions and least squares."""
+"""Checks of what a configuration says of controls, flows, refined versions and least squares."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ from collections.abc import Iterator, Mapping
 from expertaug.config.names import unknown, unknown_one
 from expertaug.config.options import KnownSystem
 from expertaug.errors import InputError
-from expertaug.labels import base, parse
+from expertaug.labels import FLOW, base, parse
 
 
 def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None) -> Iterator[InputError]:
-    """What is wrong with the keys controls, refined and refinement of a completed experiment.
+    """What is wrong with the keys controls, flows, refined and refinement of a completed experiment.
 
     Versions of methods that the experiment does not train are no mistake: an override may take a method away.
     """
-    yield from unknown(one["controls"], methods, f"{where}.controls", "method")
-    for k, method in enumerate(one["controls"]):
-        kind = _kind(methods, method)
-        if kind != "hybrid":
-            remedy = "only hybrid methods can be trained on"
-            yield InputError(f"{where}.controls[{k}]", f"'{method}' is of kind {kind}", remedy)
-    for key in ("augmentation", "finetuning"):
-        if set(one["controls"]) & set(one["methods"]) and key not in one:
-            yield InputError(f"{where}.{key}", "missing", "methods under controls need it")
+    remedies = {"controls": "only hybrid methods can be trained on", "flows": "only hybrid methods have a posterior"}
+    for block, needed in (("controls", ("augmentation", "finetuning")), ("flows", ("augmentation",))):
+        yield from unknown(one[block], methods, f"{where}.{block}", "method")
+        for k, method in enumerate(one[block]):
+            kind = _kind(methods, method)
+            if kind != "hybrid":
+                yield InputError(f"{where}.{block}[{k}]", f"'{method}' is of kind {kind}", remedies[block])
+        for key in needed:
+            if set(one[block]) & set(one["methods"]) and key not in one:
+                yield InputError(f"{where}.{key}", "missing", f"methods under {block} need it")
     yield from _refined(f"{where}.refined", one["refined"], methods)
     fitted = [m for m in one["methods"] if _kind(methods, m) == "least_squares"]
     if fitted and "augmentation" not in one:
@@ -44,7 +45,7 @@ def _refined(where: str, variants: list[str], methods: Mapping) -> Iterator[Inpu
     for k, variant in enumerate(variants):
         here, kind = f"{where}[{k}]", _kind(methods, base(variant))
         yield from unknown_one(base(variant), methods, here, "method")
-        if parse(variant).estimators:
+        if parse(variant).estimators not in ((), (FLOW,)):
             yield InputError(here, f"found '{variant}'", "name the version that is to be refined, as METHOD+")
         elif variant in variants[:k]:
             yield InputError(here, f"'{variant}' is there twice", "name each version once")

@@ -18,7 +18,7 @@ def seed_groups(config: Mapping, experiment: str | None = None) -> dict[str, lis
 
 
 def variants(config: Mapping, experiment: str) -> list[str]:
-    """An experiment's methods, each followed by its control, its augmented version and their refined ones."""
+    """An experiment's methods, each followed by its control, its augmented version, its flow and their refined ones."""
     one = config["experiments"][experiment]
     each = []
     for name in trained_variants(one):
@@ -33,6 +33,7 @@ def trained_variants(experiment: Mapping) -> list[str]:
         each.append(method)
         each += [f"{method}{naming.CONTROL}"] if method in experiment["controls"] else []
         each += [f"{method}{naming.AUGMENTED}"] if method in experiment["augmented"] else []
+        each += [f"{method}{naming.AUGMENTED}~{naming.FLOW}"] if method in experiment["flows"] else []
     return each
 
 

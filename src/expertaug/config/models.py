@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field, field_serializer
 
 from expertaug.config import presets
-from expertaug.inference.settings import RefinementSettings
+from expertaug.inference.settings import FlowSettings, RefinementSettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
 from expertaug.recordings.chunks.settings import ChunkSettings
@@ -194,6 +194,7 @@ class Override(Settings):
     augmentation: Augmentation = key(LEFT_OUT, "as the experiment's augmentation")
     finetuning: TrainSettings = key(LEFT_OUT, "as the experiment's finetuning")
     refinement: RefinementSettings = key(LEFT_OUT, "as the experiment's refinement")
+    flow: FlowSettings = key(LEFT_OUT, "as the experiment's flow")
 
 
 class Experiment(Settings):
@@ -240,6 +241,12 @@ class Experiment(Settings):
     refinement: RefinementSettings = key(
         RefinementSettings, "least squares on each window: of methods of kind least_squares and of refined versions"
     )
+    flows: Names = key(
+        list,
+        "those of them beside which a flow learns the posterior under p⁺ (METHOD+~flow); methods that the experiment "
+        "does not train are left out",
+    )
+    flow: FlowSettings = key(FlowSettings, "how a flow learns the posterior from draws of a trained model")
 
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:

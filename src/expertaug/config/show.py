@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from expertaug import labels
 from expertaug.config import jobs, stage_settings
 from expertaug.config.layers import layers, origin_of
 from expertaug.config.load import validate
@@ -55,15 +56,19 @@ def _jobs(config: Mapping, experiment: str, method: str) -> Iterator[tuple[str, 
     for group in jobs.seed_groups(config, experiment):
         title = f"{method} {group}"
         yield f"train {title}", stage_settings.train(config, experiment, method, group), {}
-        plus = [v for v in _variants(config, experiment) if v.partition("+")[0] == method and "+" in v]
-        for variant in plus:
-            name = variant.partition("+")[2]
-            prior = {"prior": ("augmentations", name, "prior")} if name else {}
+        own = [v for v in _variants(config, experiment) if labels.base(v) == method and v != method]
+        for variant in own:
+            found = labels.parse(variant)
+            if found.estimators == (labels.FLOW,):
+                yield f"flow {variant} {group}", stage_settings.flow(config, experiment, variant, group), {}
+            if found.estimators or found.step != labels.AUGMENTED:
+                continue
+            prior = {"prior": ("augmentations", found.prior, "prior")} if found.prior else {}
             here = f"{variant} {group}"
             yield f"augment {here}", stage_settings.augment(config, experiment, variant, group), prior
             settings = stage_settings.finetune(config, experiment, variant, group)
             yield f"finetune {here}", settings, {"training": ("finetuning",)}
-        for variant in (method, *plus):
+        for variant in (method, *own):
             yield f"evaluate {variant} {group}", stage_settings.evaluate(config, experiment, variant, group), {}
 
 

@@ -26,6 +26,7 @@ STAGES = {
     "train": "expertaug.learning.train",
     "augment": "expertaug.learning.augment",
     "finetune": "expertaug.learning.finetune",
+    "flow": "expertaug.inference.flow_training",
     "during_training": "expertaug.evaluation.during_training",
     "evaluate": "expertaug.evaluation.evaluate",
     "tabulate": "expertaug.evaluation.tables",

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field
 
 from expertaug.config.models import Evaluation
 from expertaug.errors import InputErrors
-from expertaug.inference.settings import RefinementSettings
+from expertaug.inference.settings import FlowSettings, RefinementSettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.settings import LEFT_OUT, NotNegative, Positive, Range, Seed, Settings, check, key
 
@@ -106,6 +106,14 @@ class Finetune(Labelled):
     training: TrainSettings = key(..., "how it is fine-tuned")
 
 
+class Flow(Labelled):
+    """The training of a flow."""
+
+    flow: FlowSettings = key(..., "how it is trained and used")
+    prior: dict[str, Range] = key(..., "p⁺")
+    noise: NotNegative = key(..., "standard deviation of the noise of the data")
+
+
 class Evaluate(Labelled):
     """An evaluation."""
 
@@ -174,6 +182,7 @@ STAGES: Mapping[str, type[StageSettings]] = {
     "train": Train,
     "augment": Augment,
     "finetune": Finetune,
+    "flow": Flow,
     "evaluate": Evaluate,
     "during-training": Follow,
     "tabulate": Tabulate,

@@ -19,6 +19,7 @@ from expertaug.evaluation.runaways import forecast
 from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of
 from expertaug.files import atomic
 from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.store import load
 from expertaug.labels import MAIN_SETS, SHOWN_SETS
 from expertaug.learning.bound import largest, stored_bound
 from expertaug.models import store
@@ -53,7 +54,7 @@ def evaluate(
         InputError: the model and the settings disagree on the seeds.
     """
     device = device_of(settings["device"])
-    stored = store.load(model, device, settings.get("classes", ()))
+    stored = load(model, device, settings.get("classes", ()))
     if stored.seeds != list(settings["seeds"]):
         raise InputError(model, f"holds seeds {stored.seeds}", f"expected {list(settings['seeds'])}: train again")
     options = settings["evaluation"]

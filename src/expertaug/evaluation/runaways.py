@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from expertaug.errors import SolveError
-from expertaug.learning.bound import FALLBACK, bounded, within
+from expertaug.learning.bound import FALLBACK, Stopping, bounded, within
 from expertaug.models.estimates import Estimates
 from expertaug.models.prediction import Predictor
 from expertaug.systems.solver import Solver
@@ -28,28 +27,6 @@ class Forecast:
     states: Tensor
     found: Estimates
     runaways: Tensor
-
-
-class Stopping:
-    """A solver that leaves a trajectory where it went beyond the bound: to follow one to infinity takes for ever.
-
-    Arguments:
-        solver: solves the others, to the same bits as alone.
-        bound: (K,) or (B, K).
-    """
-
-    def __init__(self, solver: Solver, bound: Tensor) -> None:
-        self.solver, self.bound, self.splits = solver, bound, solver.splits
-
-    def __call__(self, f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, *args: object) -> Tensor:
-        """States (T, S, B, *state), as of :class:`Solver`."""
-
-        def stopped(s: Tensor, y: Tensor) -> Tensor:
-            near = within(y.unsqueeze(0), self.bound)
-            rate = f(s, y)
-            return rate if near.all() else torch.where(near.view(*near.shape, *[1] * (y.dim() - 2)), rate, 0.0)
-
-        return self.solver(stopped, y0, *args)
 
 
 def forecast(

@@ -6,8 +6,12 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from expertaug.settings import LEFT_OUT, Count, Positive, Range, Settings, key
+from expertaug.learning.settings import TrainSettings
+from expertaug.models.settings import Hidden, Width
+from expertaug.settings import LEFT_OUT, Count, NotNegative, Positive, Range, Settings, Share, key
 from expertaug.systems.settings import SolverSettings
+
+SCORES = 25  # of the draws held out in a training of a flow, at most
 
 
 class RefinementSettings(Settings):
@@ -33,3 +37,57 @@ class RefinementSettings(Settings):
         LEFT_OUT, "from when to when each component counts, in s; left out = all of the observed window"
     )
     solver: SolverSettings = key(LEFT_OUT, "of the fit; left out = the training's")
+
+
+class FlowSettings(Settings):
+    """How a flow learns the posterior from draws of a trained model, and how it is used."""
+
+    WHERE: ClassVar[str] = "flow"
+
+    steps: Count = key(8000, "of the training")
+    batch_size: Count = key(256, "draws of each seed in a step")
+    learning_rate: Positive = key(4.0e-3, "of Adam, at the peak of a linear warm-up and a cosine to zero")
+    warmup: Share = key(0.1, "share of all steps over which the learning rate warms up")
+    clip_norm: Positive | None = key(1.0, "largest norm of a seed's gradient; null = not clipped")
+    pool: Count = key(4096, "draws of each seed that are at hand at a time")
+    uses: Count = key(1, "steps in which each draw is used; 1 = fresh draws in every step, more where they are dear")
+    held_out: Count = key(2000, "further draws of each seed, whose loss selects the best state")
+    layers: Hidden = key((256, 256), "widths of the network on the observed window")
+    summary: Width = key(64, "numbers that this network gives the flow")
+    transforms: Annotated[int, Field(ge=1, le=100)] = key(2, "splines, each autoregressive over the parameters")
+    hidden: Hidden = key((64, 64), "widths of the hidden layers that set a spline")
+    bins: Annotated[int, Field(ge=2, le=1000)] = key(8, "of a spline")
+    latent: Count = key(8, "principal components of z_a that are inferred, at most; the others stay at their mean")
+    jitter: NotNegative = key(
+        0.1,
+        "width of the kernel that smooths the training windows' z_a and first points, in their standard deviations",
+        le=1,
+    )
+    margin: Positive = key(0.02, "by which p⁺ is widened at both ends where the flow has its bounds, in its widths")
+    samples: Count = key(128, "draws of the posterior in an estimate or a forecast")
+    checkpoint_s: NotNegative = key(30.0, "least time between two checkpoints", "s")
+    solver: SolverSettings = key(LEFT_OUT, "of the draws; left out = that of the model's forecasts")
+
+    @property
+    def training(self) -> TrainSettings:
+        """The same for the trainer, whose pass is one over the pool."""
+        epochs = max(round(self.steps * self.batch_size / self.size), 1)
+        return TrainSettings(
+            epochs=epochs,
+            batch_size=self.batch_size,
+            learning_rate=self.learning_rate,
+            warmup=self.warmup,
+            clip_norm=self.clip_norm,
+            validate_every=max(epochs // SCORES, 1),
+            checkpoint_s=self.checkpoint_s,
+        )
+
+    @property
+    def renewed(self) -> int:
+        """Draws of the pool that are replaced after each pass."""
+        return max(self.pool // self.uses, 1)
+
+    @property
+    def size(self) -> int:
+        """Draws of the pool: a whole number of renewals."""
+        return self.renewed * self.uses

@@ -81,7 +81,7 @@ def generate(
         index = torch.arange(start, min(start + size, len(data)))
         batch = StackedSet(data.y[:, :, index], data.z_e[:, index], data.supervised[index]).whole(len(seeds))
         y0 = batch.y[0]
-        z_a = _latent(model.encode(batch.y[: task.observed]), z_a_from, partial(random.normal, len(index)))
+        z_a = latent(model.encode(batch.y[: task.observed]), z_a_from, partial(random.normal, len(index)))
         if resample_x:
             y0 = model.system.resample_known(y0, partial(random.uniform, len(index)))
         y, z_e = _simulate(model, y0, z_a, low, high, task, random)
@@ -109,7 +109,8 @@ def generate(
     return StackedSet(y, z_e, torch.ones(z_e.shape[1], device=y.device))
 
 
-def _latent(posterior: Posterior, z_a_from: str, normal: Normal) -> Tensor:
+def latent(posterior: Posterior, z_a_from: str, normal: Normal) -> Tensor:
+    """z_a (…, B, Q): a sample of a posterior, or of N(0, I) where ``z_a_from`` says prior and it is not a point."""
     if z_a_from == "prior" and isinstance(posterior.z_a, Gaussian):
         return normal(posterior.z_a.loc.shape[-1])
     return posterior.z_a.draw(normal)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from expertaug.errors import SolveError
+from expertaug.models.decoder import Decoder
 from expertaug.models.hybrid import HybridNet
 from expertaug.systems.solver import Solver
 
@@ -52,12 +53,37 @@ def bounded(y: Tensor, bound: Tensor | None) -> Tensor:
     return torch.where(torch.isnan(y), limit, y.clamp(-limit, limit))
 
 
-def solved(model: HybridNet, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+def solved(
+    model: HybridNet | Decoder, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver | Stopping
+) -> Tensor:
     """A forecast (T, S, B, *state) that never raises: a runaway is in its values instead."""
     try:
         return model.forecast(y0, z_e, z_a, t, solver)
     except SolveError:
         return model.forecast(y0, z_e, z_a, t, FALLBACK)
+
+
+class Stopping:
+    """A solver that leaves a trajectory where it went beyond the bound: to follow one to infinity takes for ever.
+
+    Arguments:
+        solver: solves the others, to the same bits as alone.
+        bound: (K,), or (B, K) for B samples or for several draws of each, in the order of the draws.
+    """
+
+    def __init__(self, solver: Solver, bound: Tensor) -> None:
+        self.solver, self.bound, self.splits = solver, bound, solver.splits
+
+    def __call__(self, f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, *args: object) -> Tensor:
+        """States (T, S, B, *state), as of :class:`Solver`."""
+        bound = self.bound if self.bound.dim() == 1 else self.bound.repeat(y0.shape[1] // len(self.bound), 1)
+
+        def stopped(s: Tensor, y: Tensor) -> Tensor:
+            near = within(y.unsqueeze(0), bound)
+            rate = f(s, y)
+            return rate if near.all() else torch.where(near.view(*near.shape, *[1] * (y.dim() - 2)), rate, 0.0)
+
+        return self.solver(stopped, y0, *args)
 
 
 def _shaped(bound: Tensor, y: Tensor) -> Tensor:

@@ -21,6 +21,7 @@ def run(
     inputs: Sequence[Path],
     settings: Mapping,
     tracking: Mapping | None,
+    module: str | None = None,
 ) -> None:
     """Run a training, resuming a killed run of it, and write the model file.
 
@@ -32,12 +33,13 @@ def run(
         inputs: files that the training depends on: a checkpoint of others is not used.
         settings: of the stage; a checkpoint of others is not used.
         tracking: see :class:`RunLog`.
+        module: of the stage, whose files a checkpoint stands for; None: the module of learning with the stage's name.
     """
     output, work, trainer, description = Path(output), Path(work), training.trainer, training.description
     with locked(work):
         wanted = {k: v for k, v in settings.items() if k != "device"}
         named = modules(description["system"]["name"], description["model"], description["objective"])
-        code = [f"expertaug.learning.{description['stage']}", *named]
+        code = [module or f"expertaug.learning.{description['stage']}", *named]
         checkpoint = Checkpoint(work, fingerprint(wanted, list(inputs), code))
         state = checkpoint.load()
         if state is not None:

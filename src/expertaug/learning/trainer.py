@@ -47,8 +47,11 @@ class Trainer:
         failed: seeds that could not be trained before, with the reasons.
 
     Attributes:
+        SCORE: what :meth:`score` gives, for messages.
         failed: seeds that cannot be trained, with the reasons; the others go on without them.
     """
+
+    SCORE = "validation log-MSE"
 
     def __init__(
         self,
@@ -210,8 +213,8 @@ class Trainer:
         scores = self.best_score[torch.isfinite(self.best_score)]
         best = f"{scores.mean():.2f}" if len(scores) else "–"
         logger.info(
-            "%s: step %d/%d, loss %.4g, best validation log-MSE %s, %d s gone, %d s left",
-            self.name, step, steps, parts["loss"].mean(), best, seconds, left,
+            "%s: step %d/%d, loss %.4g, best %s %s, %d s gone, %d s left",
+            self.name, step, steps, parts["loss"].mean(), self.SCORE, best, seconds, left,
         )  # fmt: skip
 
     def state(self) -> dict:

@@ -22,6 +22,7 @@ class Estimates:
         z_a: latent of the interaction model, (…, B, Q); None where nothing is estimated.
         posterior: the distribution that z_e and z_a are the means of, where the estimator has one.
         chi2: how well they fit each window, (…, B), where the estimator has compared them with it.
+        draws: of the posterior of z_e, z_a and y0, each (…, B, K, ·), where the estimator's forecast is their mean.
     """
 
     y0: Tensor
@@ -29,6 +30,7 @@ class Estimates:
     z_a: Tensor | None
     posterior: Posterior | None = None
     chi2: Tensor | None = None
+    draws: tuple[Tensor, Tensor, Tensor] | None = None
 
     def part(self, samples: slice) -> Estimates:
         """Those of some samples, B; ``chi2`` and the posterior with them."""
@@ -67,7 +69,8 @@ class Estimates:
         if posterior is not None:
             posterior = replace(posterior, z_e=_changed(posterior.z_e, change), z_a=_changed(posterior.z_a, change))
             posterior = replace(posterior, z_a_used=changed(posterior.z_a_used), filtered=None)
-        return replace(self, **found, posterior=posterior)
+        draws = None if self.draws is None else tuple(change(value) for value in self.draws)
+        return replace(self, **found, posterior=posterior, draws=draws)
 
 
 def _changed(one: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:

@@ -9,7 +9,18 @@ from pathlib import Path
 
 import expertaug
 
-PACKAGES = ("torch", "torchdiffeq", "numpy", "scipy", "pandas", "opencv-python-headless", "av", "snakemake", "mlflow")
+PACKAGES = (
+    "torch",
+    "torchdiffeq",
+    "zuko",
+    "numpy",
+    "scipy",
+    "pandas",
+    "opencv-python-headless",
+    "av",
+    "snakemake",
+    "mlflow",
+)
 
 
 def revision() -> str | None:

@@ -1,0 +1,121 @@
+"""What tables, figures and studies are told of the configuration: it changes no number.
+
+Every function returns the ``settings`` of the stage of its name (``windows``: of alarm and distance).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from expertaug import labels as naming
+from expertaug.config.grid import points
+from expertaug.config.jobs import label, studied, variants
+from expertaug.config.methods import experiment_of
+
+# Keys of an evaluation that say how its numbers are read.
+READING = ("convention", "set_titles", "title")
+
+
+def study(config: Mapping, experiment: str, name: str) -> dict:
+    """What a study's table and figure say: order and labels of the variants, sets, ranges."""
+    one = config["experiments"][experiment]
+    settings = {
+        "study": name,
+        "labels": _labels(config, studied(config, experiment, name)),
+        "all_methods": _all_methods(config),
+        "sets": one["data"].get("sets", {}),
+        **_reading(config, experiment),
+    }
+    if name == "prior_width":
+        further = {k: v["prior"] for k, v in one["augmentations"].items()}
+        methods = dict.fromkeys(naming.base(variant) for variant in studied(config, experiment, name))
+        own = {m: experiment_of(config, experiment, m)["augmentation"]["prior"] for m in methods}
+        return settings | {"priors": {m: {"": own[m]} | further for m in methods}}
+    options = one["studies"][name]
+    if name == "out_of_expertise":
+        options = {"distances": options["distances"], "panels": [[k, v] for k, v in options["panels"].items()]}
+    return settings | {"options": options}
+
+
+def grid(config: Mapping, experiment: str) -> dict:
+    """What a sweep's table and figure say: the method, the varied keys and their values at each point."""
+    method = config["experiments"][experiment]["studies"]["grid"]["method"]
+    found = points(config, experiment)
+    return {
+        "experiment": experiment,
+        "label": label(config, method),
+        "keys": list(next(iter(found.values()))),
+        "points": [[name, list(values.values())] for name, values in found.items()],
+    }
+
+
+def compare(config: Mapping, experiments: list[str]) -> dict:
+    """Which published numbers each experiment is compared with."""
+    return {"published": [[name, config["experiments"][name]["evaluation"]["published"]] for name in experiments]}
+
+
+def overview(config: Mapping, experiments: list[str]) -> dict:
+    """What the figures over several experiments show of each."""
+    all_of = [config["experiments"][name] for name in experiments]
+    shifted = [one["studies"].get("out_of_expertise", {}).get("overview") for one in all_of]
+    return {
+        "experiments": [
+            {"name": name, "shown": one["evaluation"]["overview"], "shifted": far, **_reading(config, name)}
+            for name, one, far in zip(experiments, all_of, shifted, strict=True)
+            if one["evaluation"]["overview"] or far
+        ],
+        "all_methods": _all_methods(config),
+    }
+
+
+def tabulate(config: Mapping, experiment: str) -> dict:
+    """The order of the methods, and how metrics and sets are to be read."""
+    floors = [v for v in variants(config, experiment) if config["methods"][naming.base(v)].get("truth")]
+    return {"labels": _labels(config, variants(config, experiment)), "floors": floors, **_reading(config, experiment)}
+
+
+def plot(config: Mapping, experiment: str) -> dict:
+    """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
+    one = config["experiments"][experiment]
+    priors = {
+        v: experiment_of(config, experiment, naming.base(v)).get("augmentation", {}).get("prior", {})
+        for v in variants(config, experiment)
+    }
+    return {
+        "labels": _labels(config, variants(config, experiment)),
+        "all_methods": _all_methods(config),
+        **_reading(config, experiment),
+        "training_range": one["data"]["sets"]["train"]["z_e"] if one["data"]["source"] == "simulation" else {},
+        "priors": priors,
+    }
+
+
+def windows(config: Mapping, experiment: str) -> dict:
+    """What the studies of single windows say: alarm and distance."""
+    one = config["experiments"][experiment]
+    simulated = one["data"]["source"] == "simulation"
+    shown = [v for v in variants(config, experiment) if config["methods"][naming.base(v)]["kind"] != "mean"]
+    return {
+        "labels": _labels(config, shown),
+        "all_methods": _all_methods(config),
+        "training_range": one["data"]["sets"]["train"]["z_e"] if simulated else {},
+        "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
+        "mean": next((m for m in one["methods"] if config["methods"][m]["kind"] == "mean"), None),
+        **_reading(config, experiment),
+    }
+
+
+def _reading(config: Mapping, experiment: str) -> dict:
+    """What tables and figures say of an experiment's metrics; it changes none of them."""
+    evaluation = config["experiments"][experiment]["evaluation"]
+    return {key: evaluation[key] for key in ("from_s", *READING)}
+
+
+def _all_methods(config: Mapping) -> list[str]:
+    """Every method of the configuration, points of grids aside."""
+    return [name for name in config["methods"] if "@" not in name]
+
+
+def _labels(config: Mapping, named: Iterable[str]) -> list[list[str]]:
+    """Pairs of a version of a method and what is printed for it, in order."""
+    return [[variant, label(config, variant)] for variant in named]

@@ -1,0 +1,50 @@
+"""What a posterior sees of an observed window: numbers of what somebody measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.models.encoders.moments import Moments
+from expertaug.models.encoders.views import Windows
+from expertaug.systems import System
+
+
+class Context(nn.Module):
+    """The observed window as the base model's encoder is allowed to see it: its windows of components where it has
+    some, else every observed quantity; of fields their moments.
+
+    Arguments:
+        times: of the observed window in s, (T1,).
+        encoder: the base model's settings of its encoder.
+
+    Attributes:
+        inputs: how many numbers :meth:`forward` gives.
+    """
+
+    def __init__(self, system: System, times: Tensor, encoder: Mapping) -> None:
+        super().__init__()
+        self.system, self.moments, self.windows = system, None, None
+        if len(system.state_shape) > 1:
+            self.moments = Moments(system, len(times), encoder.get("powers") or (1, 3))
+            self.inputs = self.moments.outputs
+        elif encoder.get("windows"):
+            self.windows = Windows(system, times, encoder["windows"], encoder.get("angles", ()))
+            self.inputs = self.windows.inputs
+        else:
+            self.inputs = len(times) * system.observe(torch.zeros(1, *system.state_shape)).shape[-1]
+
+    def fit(self, observed: Tensor) -> None:
+        """Learn the moments' scales from windows (T1, N, *state)."""
+        if self.moments is not None:
+            self.moments.fit(observed.movedim(0, 1))
+
+    def forward(self, observed: Tensor) -> Tensor:
+        """(T1, …, B, *state) → (…, B, inputs)."""
+        if self.moments is not None:
+            return self.moments(observed.movedim(0, -2 - self.moments.rank))
+        if self.windows is not None:
+            return self.windows.features(self.windows(observed))
+        return self.system.observe(observed).movedim(0, -2).flatten(-2)

@@ -1,0 +1,176 @@
+"""Endless draws of a frozen hybrid simulator, for a posterior to learn from: no gradient passes the solver."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from expertaug.inference.unknowns import Unknowns
+from expertaug.learning.augmentation import CHUNK, NUMBERS
+from expertaug.learning.bound import bounded, solved, within
+from expertaug.learning.noise import Noise
+from expertaug.learning.task import Task
+from expertaug.models.decoder import Decoder
+
+logger = logging.getLogger(__name__)
+FLOW = 3  # of the keys of random numbers: augmentation's end in 1
+LATENTS, HELD_OUT, POOL = 0, 1, 2  # what they are for
+LOST = 0.05  # share of draws that may run away without a word
+
+
+@dataclass(frozen=True)
+class Draws:
+    """M draws of each of S seeds: contexts x (S, M, inputs) and θ (S, M, D)."""
+
+    x: Tensor
+    theta: Tensor
+
+    def __len__(self) -> int:
+        return self.theta.shape[1]
+
+    def __add__(self, other: Draws) -> Draws:
+        return Draws(torch.cat((self.x, other.x), dim=1), torch.cat((self.theta, other.theta), dim=1))
+
+    def __getitem__(self, part: slice) -> Draws:
+        return Draws(self.x[:, part], self.theta[:, part])
+
+    def steps(self, size: int) -> int:
+        """Batches in one pass."""
+        return max(len(self) // min(size, len(self)), 1)
+
+    def batches(self, seeds: Sequence[int], epoch: int, size: int) -> Iterator[Draws]:
+        """One pass: full batches in an order that depends on the seed and the epoch alone (a rest is left out)."""
+        order = np.stack([np.random.default_rng([seed, epoch]).permutation(len(self)) for seed in seeds])
+        row, size = torch.arange(len(seeds), device=self.x.device).unsqueeze(1), min(size, len(self))
+        for start in range(0, len(self) - size + 1, size):
+            index = torch.from_numpy(order[:, start : start + size]).to(self.x.device)
+            yield Draws(self.x[row, index], self.theta[row, index])
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """What draws (window, θ) of a group of seeds: z_e ~ p⁺, z_a and the first point from the training windows, each on
+    its own, y by the model, and the data's noise on every point.
+
+    z_a and y0 are drawn apart (in Algorithm 1 both come from one window): a posterior would else infer z_a from the
+    few training windows that begin nearly alike.  A smooth bootstrap fills the gaps between those windows.
+
+    Attributes:
+        decoder: stacked, trained.
+        unknowns: stacked.
+        context: stacked; windows → x.
+        scores: principal components of z_a (S, N, ·) of the training windows.
+        starts: their first points (N, *state).
+        low, high: ends (P,) of p⁺.
+        noise: standard deviation of the data's noise.
+        jitter: width of the bootstrap's kernel, in standard deviations of what it smooths.
+        resample_x: whether x is drawn anew (:meth:`System.resample_known`).
+        task: of the observed window: times, solver, bound.
+        seeds: in the group's order.
+    """
+
+    decoder: Decoder
+    unknowns: Unknowns
+    context: nn.Module
+    scores: Tensor
+    starts: Tensor
+    low: Tensor
+    high: Tensor
+    noise: float
+    jitter: float
+    resample_x: bool
+    task: Task
+    seeds: Sequence[int]
+
+    @torch.no_grad()
+    def draw(self, count: int, *key: int) -> Draws:
+        """``count`` draws of each seed, which depend on the seed and the key alone.
+
+        A draw that runs away (:mod:`expertaug.learning.bound`) is replaced by the one after it: θ is then drawn given
+        that it does not.
+        """
+        random = Noise(self.seeds, *key, FLOW, device=self.starts.device)
+        size = max(min(CHUNK, NUMBERS // self.starts[0].numel()), 1)
+        parts, lost = [], 0
+        for start in range(0, count, size):
+            part, bad = self._part(min(size, count - start), random)
+            parts.append(part)
+            lost = lost + bad
+        for seed, share in zip(self.seeds, (lost / count).tolist(), strict=True):
+            if share > LOST:
+                text = "flow, seed %d: %.0f %% of the draws run away; consider a narrower augmentation.prior"
+                logger.warning(text, seed, 100 * share)
+        x, theta = (torch.cat([getattr(part, name) for part in parts], dim=1) for name in ("x", "theta"))
+        return Draws(x, theta)
+
+    def _part(self, count: int, random: Noise) -> tuple[Draws, Tensor]:
+        """Draws, and how many (S,) of them ran away."""
+        system, kept = self.decoder.system, (1 - self.jitter**2) ** 0.5
+        z_e = self.low + (self.high - self.low) * random.uniform(count, len(self.low))
+        row = torch.arange(len(self.seeds), device=self.starts.device).unsqueeze(1)
+        scores = kept * self.scores[row, self._index(count, random)]
+        scores = scores + self.jitter * random.normal(count, scores.shape[-1])
+        y0 = self.starts[self._index(count, random)]
+        if len(system.state_shape) == 1:
+            mean, std = self.starts.mean(0), self.starts.std(0)
+            y0 = mean + kept * (y0 - mean) + self.jitter * std * random.normal(count, *system.state_shape)
+        if self.resample_x:
+            y0 = system.resample_known(y0, partial(random.uniform, count))
+        y = solved(self.decoder, y0, z_e, self.unknowns.latent(scores), self.task.t, self.task.solver)
+        good = within(y, self.task.bound)
+        y = bounded(y, self.task.bound)
+        if self.noise:
+            noise = self.noise * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+            if not self.unknowns.given:  # a field's first point has noise already, and forecasts start from it
+                noise[0] = 0.0
+            y = y + noise
+        draws = Draws(self.context(y), self.unknowns.pack(z_e, scores, y0, y[0]))
+        return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
+
+    def _index(self, count: int, random: Noise) -> Tensor:
+        """(S, count) places of training windows."""
+        return (random.uniform(count) * len(self.starts)).long().clamp_max(len(self.starts) - 1)
+
+
+class Pool:
+    """The training sets of the passes: after each the oldest draws make room for new ones.
+
+    Nothing of it is kept in a checkpoint: a pool follows from the seeds and the pass.
+
+    Arguments:
+        draw: count and key → draws.
+        renewed: draws that are replaced after each pass.
+        uses: passes that a draw stays for.
+    """
+
+    def __init__(self, simulator: Simulator, renewed: int, uses: int) -> None:
+        self.simulator, self.renewed, self.uses = simulator, renewed, uses
+        self.number, self.held = -1, None
+
+    def __call__(self, epoch: int) -> Draws:
+        """The pool of a pass: the renewals ``epoch`` to ``epoch + uses − 1``."""
+        if self.held is None or epoch != self.number:
+            after = self.held is not None and epoch == self.number + 1
+            wanted = range(epoch + self.uses - 1, epoch + self.uses) if after else range(epoch, epoch + self.uses)
+            kept = [self.held[slice(self.renewed, None)]] if after else []
+            parts = [*kept, *(self.simulator.draw(self.renewed, POOL, number) for number in wanted)]
+            self.held = sum(parts[1:], parts[0])
+            self.number = epoch
+        return self.held
+
+
+def _without(draws: Draws, good: Tensor) -> Draws:
+    """Draws in which the good (S, M) draw of their seed that follows, in a circle, replaces one that is not."""
+    index = torch.arange(good.shape[1], device=good.device).repeat(len(good), 1)
+    for place in range(len(good)):
+        fine = good[place].nonzero().flatten()
+        if len(fine):
+            index[place] = fine[torch.searchsorted(fine, index[place]) % len(fine)]
+    row = torch.arange(len(good), device=good.device).unsqueeze(1)
+    return Draws(draws.x[row, index], draws.theta[row, index])

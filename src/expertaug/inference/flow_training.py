@@ -1,0 +1,183 @@
+"""Training of a flow on draws of a trained model, and the stage flow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from expertaug.errors import InputError
+from expertaug.inference import flow as flows
+from expertaug.inference import store
+from expertaug.inference.draws import FLOW, HELD_OUT, LATENTS, Draws, Pool, Simulator
+from expertaug.inference.flow import FlowEstimator
+from expertaug.inference.settings import FlowSettings
+from expertaug.learning import job
+from expertaug.learning.augmentation import latent, prior_range
+from expertaug.learning.bound import Stopping
+from expertaug.learning.fitting import Training
+from expertaug.learning.noise import Noise
+from expertaug.learning.objectives import Objective
+from expertaug.learning.sets import StackedSet
+from expertaug.learning.task import Task, task_of
+from expertaug.learning.trainer import Trainer
+from expertaug.models.device import device_of
+from expertaug.models.store import StoredModel, forecast_solver
+from expertaug.systems.solver import Solver
+from expertaug.trajectories import Trajectories
+
+IDENTITY = ("experiment", "method", "label", "preset", "choices")
+
+
+def flow(model: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None) -> None:
+    """Stage: learn the posterior of a trained model from its own draws; the model stays as it is.
+
+    Arguments:
+        model: file of the trained model.
+        data: folder of the sets; the observed windows of ``train.npz`` are used.
+        output: model file.
+        work: folder for checkpoints.
+        settings: those of :func:`prepare`; ``classes``, names of the model's classes from elsewhere.
+        tracking: see :class:`expertaug.tracking.runlog.RunLog`.
+    """
+    stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
+    path = Path(data) / "train.npz"
+    training = prepare(stored, Trajectories.load(path), settings, model)
+    inputs = [Path(model), path]
+    job.run(training, output, work, inputs, {**settings, "seeds": stored.seeds}, tracking, __name__)
+
+
+def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: object = "flow") -> Training:
+    """Make the training of a flow in memory.
+
+    Arguments:
+        stored: a trained hybrid model.
+        train: the set that it was trained on.
+        settings: {experiment, method, label, preset, flow, prior, noise, choices, device}; ``noise`` is the standard
+            deviation of the data's noise.
+        where: for messages.
+
+    Raises:
+        InputError: the model is no hybrid one, or the prior does not name its expert parameters.
+    """
+    base, device = dict(stored.description), device_of(settings["device"])
+    if base["kind"] != "hybrid":
+        raise InputError(where, f"a {base['kind']} model", "a flow learns from a trained hybrid model")
+    options, choices, seeds = FlowSettings.from_mapping(settings["flow"]), settings["choices"], stored.seeds
+    description = base | {k: settings[k] for k in IDENTITY}
+    description |= {
+        "kind": store.FLOW,
+        "stage": "flow",
+        "flow": options.model_dump(mode="json"),
+        "prior": settings["prior"],
+        "noise": float(settings["noise"]) if choices["augmentation_noise"] == "as_data" else 0.0,
+        "base": base,
+        "base_wall_s": base["wall_s"],
+    }
+    windows = StackedSet.of(train, device).window(base["observed"]).y
+    latents = _latents(stored, windows, choices)
+    estimator = flows.build(stored.model, description, latents).to(device)
+    estimator.head.context.fit(windows[:, 0])
+    low, high = prior_range(stored.model, settings["prior"])
+    unknowns = estimator.head.unknowns
+    simulator = Simulator(
+        decoder=estimator.decoder,
+        unknowns=unknowns,
+        context=estimator.head.context,
+        scores=unknowns.scores(latents),
+        starts=windows[0, 0],
+        low=low.to(device),
+        high=high.to(device),
+        noise=description["noise"],
+        jitter=options.jitter,
+        resample_x=choices["augmented_x"] == "resampled",
+        task=_task(base, options, device),
+        seeds=seeds,
+    )
+    held = simulator.draw(options.held_out, HELD_OUT)
+    scale = estimator.head.density.scale
+    scale.mean.copy_(held.x.mean(1, keepdim=True))
+    std = held.x.std(1, keepdim=True)
+    scale.std.copy_(torch.where(std > 1e-6, std, torch.ones_like(std)))
+    name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
+    trainer = FlowTrainer(estimator, simulator, held, options, name, base.get("failed", ()))
+    return Training(trainer, description, stored.classes)
+
+
+@torch.no_grad()
+def _latents(stored: StoredModel, windows: Tensor, choices: Mapping) -> Tensor:
+    """z_a (S, N, Q) of the training windows (T1, 1, N, *state): draws of the base model's posterior."""
+    seeds = len(stored.seeds)
+    random, parts = Noise(stored.seeds, LATENTS, FLOW, device=windows.device), []
+    for part in windows.split(1024, dim=2):
+        posterior = stored.model.encode(part.expand(-1, seeds, *part.shape[2:]))
+        parts.append(latent(posterior, choices["augmented_z_a"], partial(random.normal, part.shape[2])))
+    return torch.cat(parts, dim=1)
+
+
+def _task(base: Mapping, options: FlowSettings, device: torch.device) -> Task:
+    """Of the draws: the observed window, by an accurate solver that follows no trajectory beyond the bound."""
+    task = task_of(base["training"], base, device).shortened(base["observed"])
+    given = None if options.solver is None else options.solver.model_dump()
+    solver = Solver.from_mapping(given or base.get("forecast_solver") or forecast_solver(base["training"]))
+    return replace(task, solver=solver if task.bound is None else Stopping(solver, task.bound))  # type: ignore
+
+
+class Likelihood(Objective):
+    """−log q(θ | window), averaged over the draws (neural posterior estimation)."""
+
+    def loss(self, model: FlowEstimator, batch: Draws, task: Task) -> tuple[Tensor, dict[str, Tensor]]:  # type: ignore
+        """Loss (S,) and its parts, each (S,), without gradient."""
+        loss = -model.head.density.log_prob(batch.x, batch.theta).mean(1)
+        return loss, {"loss": loss.detach()}
+
+
+class FlowTrainer(Trainer):
+    """The trainer of a flow: a pass is one over the pool of draws, and draws held out select the best state.
+
+    Arguments:
+        estimator: stacked.
+        simulator: gives the draws.
+        held: draws held out.
+        settings: how to train.
+        name: for messages.
+        failed: seeds of the base model that could not be trained.
+    """
+
+    SCORE = "loss on draws held out"
+
+    def __init__(
+        self,
+        estimator: FlowEstimator,
+        simulator: Simulator,
+        held: Draws,
+        settings: FlowSettings,
+        name: str,
+        failed: Sequence[int],
+    ) -> None:
+        seeds = list(simulator.seeds)
+        reasons = dict.fromkeys(failed, "it failed in the training before")
+        pool = Pool(simulator, settings.renewed, settings.uses)
+        objective = Likelihood(seeds, {})
+        super().__init__(
+            estimator,  # type: ignore[arg-type]
+            objective,
+            simulator.task,
+            pool,  # type: ignore[arg-type]
+            [],
+            seeds,
+            settings.training,
+            name,
+            failed=reasons,
+        )
+        self.pool, self.held = pool, held
+
+    @torch.no_grad()
+    def score(self) -> Tensor:
+        """Loss (S,) on the draws held out; infinite where not finite."""
+        loss = -self.model.head.density.log_prob(self.held.x, self.held.theta).mean(1)
+        return loss.nan_to_num(float("inf"), float("inf")).cpu()

@@ -1,0 +1,122 @@
+"""Posterior predictive forecasts: mean, quantiles and samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from expertaug.learning.bound import Stopping, bounded, solved
+from expertaug.models.decoder import Decoder
+from expertaug.systems import System
+from expertaug.systems.solver import Solver
+
+CHUNK_BYTES = 2**27  # of the forecasts made at a time
+
+
+class Sampler(Protocol):
+    """An estimator with a distribution over (z_e, z_a, y0)."""
+
+    bound: Tensor | None
+
+    @property
+    def system(self) -> System: ...
+
+    @property
+    def decoder(self) -> Decoder: ...
+
+    def sample(self, windows: Tensor, count: int, seed: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
+        """Windows (T1, S, B, *state) → z_e (K, S, B, P), z_a (K, S, B, Q), y0 (K, S, B, *state)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Predictive:
+    """What a posterior says of B windows.
+
+    Attributes:
+        mean: of the forecasts, (T, S, B, *state): what minimises the expected squared error.
+        quantiles: of every value on its own, (L, T, S, B, *state), in the order of the levels asked for.
+        samples: (K, T, S, B, *state), where they were asked for.
+        z_e, z_a: the draws (K, S, B, ·) that they start from.
+    """
+
+    mean: Tensor
+    quantiles: Tensor
+    samples: Tensor | None
+    z_e: Tensor
+    z_a: Tensor
+
+
+@torch.no_grad()
+def predictive(
+    estimator: Sampler,
+    windows: Tensor,
+    t: Tensor,
+    solver: Solver,
+    count: int,
+    levels: Sequence[float] = (0.05, 0.95),
+    seed: int | None = None,
+    keep: bool = False,
+) -> Predictive:
+    """Forecast every window from draws of its posterior; a forecast that runs away is cut off at the bound.
+
+    Arguments:
+        windows: observed, (T1, S, B, *state).
+        t: (T,) in s.
+        count: K, draws of each window.
+        levels: of the quantiles, in (0, 1).
+        seed: of the draws; None: evenly spread points, the same for every window.
+        keep: whether to return the samples.
+    """
+    z_e, z_a, y0 = estimator.sample(windows, count, seed)
+    if estimator.bound is not None:
+        solver = Stopping(solver, estimator.bound)
+    seeds, samples, each = y0.shape[1], y0.shape[2], y0[0, 0, 0].numel() * y0.element_size()
+    size = max(CHUNK_BYTES // (count * seeds * len(t) * each), 1)
+    at = torch.tensor(levels, dtype=y0.dtype, device=y0.device)
+    means, quantiles, kept = [], [], []
+    for start in range(0, samples, size):
+        part = slice(start, start + size)
+        y = forecasts(estimator.decoder, y0[:, :, part], z_e[:, :, part], z_a[:, :, part], t, solver, estimator.bound)
+        means.append(y.mean(0))
+        quantiles.append(torch.quantile(y, at, dim=0))
+        kept += [y] if keep else []
+    return Predictive(
+        torch.cat(means, dim=2), torch.cat(quantiles, dim=3), torch.cat(kept, dim=3) if keep else None, z_e, z_a
+    )
+
+
+@torch.no_grad()
+def mean_forecast(
+    decoder: Decoder, z_e: Tensor, z_a: Tensor, y0: Tensor, t: Tensor, solver: Solver | Stopping, bound: Tensor | None
+) -> Tensor:
+    """Mean (T, S, B, *state) of the forecasts from draws (K, S, B, ·), a part of the draws at a time."""
+    total = sum(
+        forecasts(decoder, y0[part], z_e[part], z_a[part], t, solver, bound).sum(0) for part in _parts(y0, len(t))
+    )
+    return total / len(y0)
+
+
+def forecasts(
+    decoder: Decoder, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver | Stopping, bound: Tensor | None
+) -> Tensor:
+    """Forecasts (K, T, S, B, *state) from draws y0 (K, S, B, *state), z_e (K, S, B, P) and z_a (K, S, B, Q), bounded.
+
+    Arguments:
+        bound: (C,) for the components of a state, or (B, C).
+    """
+    draws = len(y0)
+    one = [x.transpose(0, 1).flatten(1, 2) for x in (y0, z_e, z_a)]  # (S, K·B, …)
+    y = solved(decoder, *one, t, solver)
+    limit = bound if bound is None or bound.dim() == 1 else bound.repeat(draws, 1)
+    return bounded(y, limit).unflatten(2, (draws, -1)).movedim(2, 0)
+
+
+def _parts(y0: Tensor, times: int) -> Iterator[slice]:
+    """Slices of the draws whose forecasts fit into the memory."""
+    size = max(CHUNK_BYTES // (y0[0].numel() * y0.element_size() * times), 1)
+    return (slice(k, k + size) for k in range(0, len(y0), size))

@@ -1,0 +1,36 @@
+"""Files of estimators: a trained model's, or a flow's, which holds its base model as well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+import torch
+
+from expertaug.errors import InputError
+from expertaug.inference import flow
+from expertaug.models import store
+from expertaug.models.store import StoredModel
+
+__all__ = ["FLOW", "load"]
+
+FLOW, BASE = "flow", "base."  # the kind in a description; where the base model's tensors are
+
+
+def load(path: str | Path, device: torch.device | str = "cpu", classes: Collection[str | Callable] = ()) -> StoredModel:
+    """Read a model file of any kind; arguments and errors as :func:`expertaug.models.store.load`.
+
+    A flow's ``model`` is a :class:`~expertaug.inference.flow.FlowEstimator`, and its description has its base model's
+    under ``base``.
+    """
+    description, tensors = store.read_tensors(path)
+    if description.get("kind") != FLOW:
+        return store.restore(path, description, tensors, device, classes)
+    own = {name.removeprefix(BASE): value for name, value in tensors.items() if name.startswith(BASE)}
+    try:
+        base = store.restore(path, description["base"], own, "cpu", classes)
+        model = flow.build(base.model, description)
+        model.load_state_dict(tensors)
+    except (KeyError, TypeError, RuntimeError, AttributeError) as error:
+        raise InputError(path, f"describes no flow ({error})", "make it again with its stage") from error
+    return StoredModel(model.to(device).eval(), description, base.classes)

@@ -1,0 +1,95 @@
+"""What a flow infers, in the unbounded space where it does so: θ = (z_e, z_a, y0) and back."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.inference.window_fit import given_components
+from expertaug.systems import System
+
+LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of a uniform number
+DEAD = 1e-5  # of the whole: a principal component with a smaller standard deviation does not vary
+
+
+def box(system: System, low: Tensor, high: Tensor, margin: float) -> tuple[Tensor, Tensor]:
+    """p⁺'s ends (P,) moved outwards by ``margin`` of its widths; a positive parameter stays positive."""
+    wide = margin * (high - low).clamp_min(1e-6 * high.abs().clamp_min(1.0))
+    positive = torch.tensor([p.positive for p in system.expert_parameters])
+    return torch.where(positive, (low - wide).clamp_min(0.0), low - wide), high + wide
+
+
+class Unknowns(nn.Module):
+    """θ = (logit of z_e in a box, principal components of z_a, first point − observed first point).
+
+    z_e and z_a are in units of their prior's width, the first point is in units of the noise: each is then about
+    standard normal before anything is learned.
+
+    Arguments:
+        system: with P parameters.
+        low, high: ends (P,) of the box.
+        latents: z_a (N, Q) of the training windows.
+        components: principal components of z_a that are inferred, at most.
+        noise: standard deviation of the data's noise; 0: the first point is what was observed.
+    """
+
+    def __init__(
+        self, system: System, low: Tensor, high: Tensor, latents: Tensor, components: int, noise: float
+    ) -> None:
+        super().__init__()
+        self.noise, self.state_shape = noise, system.state_shape
+        self.given = given_components(system).nonzero().flatten().tolist() if noise else []
+        self.register_buffer("low", low.unsqueeze(0).clone())
+        self.register_buffer("high", high.unsqueeze(0).clone())
+        mean = latents.mean(0, keepdim=True)
+        spread = (latents - mean).double()
+        squares, columns = torch.linalg.eigh(spread.mT @ spread / max(len(latents) - 1, 1))
+        std = squares.flip(0)[:components].clamp_min(0.0).sqrt()
+        alive = std > DEAD * squares.clamp_min(0.0).sum().sqrt()
+        rows = columns.mT.flip(0)[:components] * torch.where(alive, std, 0.0).unsqueeze(-1)
+        self.register_buffer("mean", mean)
+        self.register_buffer("rows", rows.to(latents))  # (components, Q), of one standard deviation each
+        self.sizes = (low.numel(), len(rows), len(self.given))
+
+    @property
+    def count(self) -> int:
+        """Numbers of θ."""
+        return sum(self.sizes)
+
+    def scores(self, z_a: Tensor) -> Tensor:
+        """Principal components (…, N, ·) of z_a (…, N, Q), in standard deviations."""
+        squares = self.rows.square().sum(-1)
+        inverse = torch.where(squares > 0, 1 / squares.clamp_min(1e-30), 0.0).unsqueeze(-1) * self.rows
+        return (z_a - self.mean) @ inverse.transpose(-1, -2)
+
+    def latent(self, scores: Tensor) -> Tensor:
+        """z_a (…, B, Q) of principal components (…, B, ·)."""
+        return self.mean + scores @ self.rows
+
+    def pack(self, z_e: Tensor, scores: Tensor, y0: Tensor, first: Tensor) -> Tensor:
+        """θ (…, B, count) of z_e (…, B, P), components of z_a, and the first point (…, B, *state), observed as
+        ``first``."""
+        share = ((z_e - self.low) / (self.high - self.low)).clamp(1e-6, 1 - 1e-6)
+        parts = [torch.logit(share) / LOGISTIC, scores]
+        if self.given:
+            parts.append((y0 - first)[..., self.given] / self.noise)
+        return torch.cat(parts, dim=-1)
+
+    def unpack(self, theta: Tensor, first: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """z_e (…, B, P), z_a (…, B, Q) and y0 (…, B, *state) of θ (…, B, count)."""
+        logit, scores, moved = theta.split(self.sizes, dim=-1)
+        z_e = self.low + (self.high - self.low) * torch.sigmoid(LOGISTIC * logit)
+        y0 = first.expand(*theta.shape[:-1], *self.state_shape)
+        if self.given:
+            y0 = y0.clone()
+            y0[..., self.given] += self.noise * moved
+        return z_e, self.latent(scores), y0
+
+    def log_slope(self, theta: Tensor) -> Tensor:
+        """Logarithm of |∂(z_e, components of z_a, y0) / ∂θ|, (…, B)."""
+        raw = LOGISTIC * theta[..., : self.sizes[0]]
+        width = ((self.high - self.low) * LOGISTIC).log()
+        slope = (nn.functional.logsigmoid(raw) + nn.functional.logsigmoid(-raw) + width).sum(-1)
+        return slope + (len(self.given) * math.log(self.noise) if self.given else 0.0)

@@ -1,0 +1,38 @@
+"""A system whose posterior is known, and what the tests of inference have in common."""
+
+import torch
+from torch import Tensor
+
+from expertaug.config.presets import resolve
+from expertaug.learning.train import prepare
+from expertaug.models.describe import describe
+from expertaug.models.recipe import HybridModel
+from expertaug.models.store import StoredModel
+from expertaug.systems import Parameter, System
+from expertaug.trajectories import Trajectories
+
+COMMON = {"experiment": "toy", "preset": "corrected", "choices": resolve("corrected"), "device": "cpu"}
+NOISE = 0.3  # of the lines
+
+
+class Line(System):
+    """dy/dt = z_e: windows are straight lines, and least squares knows the posterior."""
+
+    state = (Parameter("y"),)
+    expert_parameters = (Parameter("slope", positive=False),)
+
+    def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
+        return z_e.expand_as(y)
+
+
+def lines() -> tuple[StoredModel, Trajectories]:
+    """An expert of lines (one seed, no interaction) and its training set: starts and slopes are standard normal."""
+    random = torch.Generator().manual_seed(0)
+    t = torch.linspace(0, 1, 5, dtype=torch.float64)
+    y0, slope = torch.randn(2, 400, 1, generator=random, dtype=torch.float64)
+    y = y0 + slope * t + NOISE * torch.randn(400, 5, generator=random, dtype=torch.float64)
+    data = Trajectories(t.numpy(), y.unsqueeze(-1).numpy(), slope.numpy())
+    recipe = HybridModel(Line(), {"kind": "recurrent", "hidden": 2, "layers": [2]}, None)
+    told = COMMON | {"method": "line", "label": "Line", "objective": "aphynity", "t1_s": 1.0, "seeds": [0]}
+    made = prepare(recipe, data, data, told | {"training": {"solver": {"method": "rk4"}}}, describe(recipe))
+    return StoredModel(made.trainer.model, {**made.description, "wall_s": 0.0, "failed": []}), data

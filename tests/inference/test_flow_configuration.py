@@ -1,0 +1,61 @@
+"""Flows in the configuration: versions, settings of their stage, and mistakes."""
+
+import pytest
+
+from expertaug.config import jobs, show, stage_settings
+from expertaug.config.load import default_files, load, validate
+from expertaug.errors import InputErrors
+
+
+def completed(**pendulum):
+    given = load(default_files())
+    experiment = {**given["experiments"]["pendulum"], **pendulum}
+    return validate({**given, "run": ["pendulum"], "experiments": {**given["experiments"], "pendulum": experiment}})
+
+
+def test_a_flow_follows_its_augmented_version_and_may_be_refined():
+    config = completed(flows=["aphynity", "hvae"], augmented=["aphynity"], refined=["aphynity+~flow"], controls=[])
+    found = [v for v in jobs.variants(config, "pendulum") if v.startswith(("aphynity", "hvae"))]
+    assert found == ["aphynity", "aphynity+", "aphynity+~flow", "aphynity+~flow~refined", "hvae", "hvae+~flow"]
+
+
+def test_its_stage_gets_its_prior_noise_and_own_settings():
+    over = {"aphynity": {"flow": {"bins": 5}}}
+    config = completed(flows=["aphynity", "hvae"], overrides=over, flow={"steps": 7})
+    one, other = (stage_settings.flow(config, "pendulum", f"{m}+~flow", "seeds_0_1_2") for m in ("aphynity", "hvae"))
+    assert (one["flow"]["bins"], one["flow"]["steps"]) == (5, 7) and other["flow"]["bins"] == 8
+    assert one["label"] == "APHYNITY+ flow" and one["prior"] == {"omega0": [0.5, 3.5]} and one["noise"] == 0.01
+    assert set(one["choices"]) == {"augmentation_noise", "augmented_x", "augmented_z_a"}
+    wide = stage_settings.flow(config, "pendulum", "aphynity+wide~flow", "seeds_0_1_2")
+    assert wide["prior"] == {"omega0": [0.1, 7.0]}
+
+
+def test_what_it_runs_with_is_shown():
+    given = load(default_files())
+    given["experiments"]["pendulum"]["flows"] = ["aphynity"]
+    lines = list(show.show(given, "pendulum", "aphynity"))
+    start = next(k for k, line in enumerate(lines) if line.startswith("flow aphynity+~flow"))
+    assert any("flow.steps: 8000" in line and "default" in line for line in lines[start:])
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"flows": ["mean"]}, "flows[0]: 'mean' is of kind mean; only hybrid methods have a posterior"),
+        ({"flows": ["aphinity"]}, "flows[0]"),
+        ({"flow": {"bins": 1}}, "flow.bins: found 1; give 2 or more"),
+        ({"refined": ["aphynity+~flaw"]}, "refined"),
+    ],
+)
+def test_mistakes(changed, message):
+    with pytest.raises(InputErrors) as raised:
+        completed(**changed)
+    assert message in str(raised.value)
+
+
+def test_without_p_plus_there_is_nothing_to_draw_from():
+    given = load(default_files())
+    one = {k: v for k, v in given["experiments"]["pendulum"].items() if k not in ("augmentation", "augmentations")}
+    one |= {"flows": ["aphynity"], "augmented": [], "controls": [], "methods": ["aphynity"], "refined": []}
+    with pytest.raises(InputErrors, match="augmentation: missing"):
+        validate({**given, "run": ["pendulum"], "experiments": {"pendulum": one}})
