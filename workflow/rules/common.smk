@@ -118,7 +118,7 @@ def during_training_of(experiment):
 
 def window_studies_of(experiment):
     """Studies of single windows: every experiment's alarms, and curves where the training range is known."""
-    return ["alarm", "distance"] if experiment in SIMULATED else ["alarm"]
+    return ["alarm", "coverage", "distance"] if experiment in SIMULATED else ["alarm", "coverage"]
 
 
 def studied(experiment, study):

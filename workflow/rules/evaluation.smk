@@ -194,7 +194,7 @@ rule study_windows_of_experiment:
     log:
         results("logs/study/{experiment}_{window_study}.log"),
     wildcard_constraints:
-        window_study="alarm|distance",
+        window_study="alarm|coverage|distance",
     conda:
         "../envs/expertaug.yaml"
     threads: 1

@@ -58,6 +58,10 @@ def add_to(commands: Commands) -> None:
     p.add_argument("forecasts", type=Path, nargs="+", help=of_all)
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
 
+    p = commands.add("coverage", _coverage, "show whether intervals of the expert parameters hold")
+    p.add_argument("forecasts", type=Path, nargs="+", help=of_all)
+    add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
+
     p = commands.add("distance", _distance, "show errors and alarms by the distance from the training range")
     p.add_argument("forecasts", type=Path, nargs="+", help=of_all)
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
@@ -116,6 +120,12 @@ def _alarm(a: argparse.Namespace) -> None:
     from expertaug.evaluation.alarms import alarm
 
     alarm(a.forecasts, a.output, read_settings(a.settings))
+
+
+def _coverage(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.coverage import coverage
+
+    coverage(a.forecasts, a.output, read_settings(a.settings))
 
 
 def _distance(a: argparse.Namespace) -> None:

@@ -16,7 +16,17 @@ from expertaug.wording import number_in
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
 TARGETS = (*stage_code.STAGES, "recordings", "studies", "report", "all", "everything")
 # Files of an experiment are called after it and one of these.
-ENDINGS = ("long", "published", "alarm", "distance", "out_of_expertise", "prior_width", "during_training", "grid")
+ENDINGS = (
+    "long",
+    "published",
+    "alarm",
+    "coverage",
+    "distance",
+    "out_of_expertise",
+    "prior_width",
+    "during_training",
+    "grid",
+)
 FREE = ("label", "sha256", "results", "path", "rate_provenance", "experiment", "title", "set_titles", "uri")
 
 

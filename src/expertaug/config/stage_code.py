@@ -33,6 +33,7 @@ STAGES = {
     "plot": "expertaug.evaluation.plot",
     "study": "expertaug.evaluation.studies",
     "alarm": "expertaug.evaluation.alarms",
+    "coverage": "expertaug.evaluation.coverage",
     "distance": "expertaug.evaluation.distance",
     "grid": "expertaug.evaluation.grid",
     "compare": "expertaug.evaluation.published",

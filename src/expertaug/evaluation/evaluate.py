@@ -16,9 +16,10 @@ from expertaug.errors import InputError
 from expertaug.evaluation import figures, traces
 from expertaug.evaluation.metrics import log_of, log_of_median, parameter_errors, squared_errors
 from expertaug.evaluation.runaways import forecast
-from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of
+from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, ranks_of
 from expertaug.files import atomic
 from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.posterior_draws import z_e_draws
 from expertaug.inference.store import load
 from expertaug.labels import MAIN_SETS, SHOWN_SETS
 from expertaug.learning.bound import largest, stored_bound
@@ -72,6 +73,7 @@ def evaluate(
         rows += scored.rows(identity | {"set": name}, stored.seeds)
         arrays |= arrays_of(name, truth, scored.errors, scored.z_e)
         arrays[f"{name}_{MISFIT}"] = scored.misfit.float().numpy()
+        arrays |= ranks_of(name, truth, scored.draws) if name != "train" else {}
         if kept:
             arrays |= _collect(name, truth, scored)
     rows += [
@@ -113,6 +115,7 @@ class Scored:
         prediction: these forecasts, (S, K, T, *state).
         z_e: estimates (S, N, P), or None where the model estimates nothing.
         errors: squared error of every sample (S, N), as of :func:`squared_errors`; NaN of seeds that failed.
+        draws: of z_e (S, N, K, P), where the estimator has a distribution.
         misfit: the same over the observed window after its first point, which needs no truth.
     """
 
@@ -122,6 +125,7 @@ class Scored:
     z_e: Tensor | None
     errors: Tensor
     misfit: Tensor
+    draws: Tensor | None
 
     def rows(self, identity: Mapping, seeds: Sequence[int]) -> list[dict]:
         """Rows of a metrics.csv."""
@@ -161,7 +165,7 @@ def score(
         begin = int(np.searchsorted(truth.t, options["from_s"] - 1e-9))
     index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
-    late, early, estimates, kept, runaways = [], [], [], [], []
+    late, early, estimates, kept, runaways, drawn = [], [], [], [], [], []
     for first in range(0, len(truth), size):
         y = torch.from_numpy(truth.y[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
         limit = None if bound is None else torch.maximum(bound, largest(y[:, 0]))  # to follow the truth is not to run
@@ -172,6 +176,8 @@ def score(
         runaways.append(found.runaways.cpu())
         if found.found.z_e is not None and stored.model.knows_z_e:
             estimates.append(found.found.z_e.cpu())
+            of_each = z_e_draws(found.found)
+            drawn += [] if of_each is None else [of_each.cpu()]
     errors = torch.cat(late, dim=1)
     values = log_of(system, errors)
     misfit = torch.cat(early, dim=1)
@@ -184,7 +190,15 @@ def score(
     failed = torch.tensor([seed in stored.failed for seed in stored.seeds])
     values = {name: value.masked_fill(failed, math.nan) for name, value in values.items()}
     errors, misfit = (each.masked_fill(failed.unsqueeze(1), math.nan) for each in (errors, misfit))
-    return Scored(values, index, torch.cat(kept, dim=2).movedim(0, 2), z_e, errors, misfit)
+    return Scored(
+        values,
+        index,
+        torch.cat(kept, dim=2).movedim(0, 2),
+        z_e,
+        errors,
+        misfit,
+        torch.cat(drawn, dim=1) if drawn else None,
+    )
 
 
 def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:

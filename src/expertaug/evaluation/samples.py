@@ -12,15 +12,26 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.evaluation.intervals import Interval, Resampled, interval, log_mean, log_median, mean, units_of
 from expertaug.files import read_npz
+from expertaug.inference.calibration import calibration
 from expertaug.trajectories import Trajectories
 
 VERSION = ("experiment", "preset", "method")  # what tells one forecasts.npz from another, but for its seeds
+RANKS, TARP, DRAWS = "ranks", "tarp", "rank_draws"  # the last is no set's
 # Arrays of a set: <set>_<name>.
 ERRORS, MISFIT, TRUTH, ESTIMATE, IDENTITY = "errors", "misfit", "z_e", "z_e_hat", "sample_id"
 # The conventions differ by a constant: the same interval, moved, and the same differences.
 ALIKE = {"log_mse_dim": "log_mse_sum", "log_mse_median_dim": "log_mse_median"}
 REMEDY = "make it again with evaluate"
 Key = tuple[str, str, str]  # as VERSION
+
+
+def ranks_of(name: str, truth: Trajectories, draws: Tensor | None) -> dict[str, np.ndarray]:
+    """Where the true z_e lies among draws (S, N, K, P): <set>_ranks (S, N, P), <set>_tarp (S, N), and rank_draws, K."""
+    if draws is None or not truth.z_e.shape[1]:
+        return {}
+    each = [calibration(one.movedim(1, 0).double().nan_to_num().numpy(), truth.z_e) for one in draws]
+    ranks, tarp = (np.stack([getattr(one, key) for one in each]) for key in ("marginal", "tarp"))
+    return {f"{name}_{RANKS}": ranks, f"{name}_{TARP}": tarp, DRAWS: np.array(draws.shape[2])}
 
 
 def arrays_of(name: str, truth: Trajectories, errors: Tensor, z_e: Tensor | None) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.evaluation.samples import ERRORS, ESTIMATE, MISFIT, REMEDY, TRUTH
+from expertaug.evaluation.samples import DRAWS, ERRORS, ESTIMATE, MISFIT, RANKS, REMEDY, TARP, TRUTH
 from expertaug.files import read_npz
 
 
@@ -22,12 +22,17 @@ class WindowSet:
         misfit: squared error over the observed window, (S, N).
         z_e: true expert parameters, (N, P).
         z_e_hat: estimates (S, N, P), or None where a version has none.
+        ranks: of the true parameters among ``draws`` draws, (S, N, P), or None where a version estimates a point.
+        tarp: ranks by distance from random points, (S, N).
     """
 
     errors: np.ndarray
     misfit: np.ndarray
     z_e: np.ndarray
     z_e_hat: np.ndarray | None
+    ranks: np.ndarray | None = None
+    tarp: np.ndarray | None = None
+    draws: int = 0
 
 
 @dataclass(frozen=True)
@@ -61,13 +66,11 @@ def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
         good = ~np.isin(arrays["seeds"], arrays.get("failed", []))
         sets = {}
         for name in (key.removesuffix(f"_{MISFIT}") for key in arrays if key.endswith(f"_{MISFIT}")):
-            z_e_hat = arrays.get(f"{name}_{ESTIMATE}")
-            sets[name] = WindowSet(
-                arrays[f"{name}_{ERRORS}"][good],
-                arrays[f"{name}_{MISFIT}"][good],
-                arrays[f"{name}_{TRUTH}"],
-                None if z_e_hat is None else z_e_hat[good],
-            )
+            of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE, RANKS, TARP)}
+            errors, misfit, *others = (None if v is None else v[good] for v in of_seeds.values())
+            assert errors is not None and misfit is not None
+            draws = int(arrays.get(DRAWS, np.array(0)))
+            sets[name] = WindowSet(errors, misfit, arrays[f"{name}_{TRUTH}"], *others, draws)
         one = Version([int(s) for s in arrays["seeds"][good]], list(map(str, arrays["parameter_names"])), sets)
         parts.setdefault(str(arrays["version"][2]), []).append(one)
     return {name: _joined(several) for name, several in parts.items()}
@@ -75,17 +78,21 @@ def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
 
 def _joined(parts: Sequence[Version]) -> Version:
     first = parts[0]
+    if len(parts) == 1:
+        return first
     sets = {}
     for name, one in first.sets.items():
         each = [part.sets[name] for part in parts]
-        hats = [s.z_e_hat for s in each if s.z_e_hat is not None]
-        sets[name] = WindowSet(
-            np.concatenate([s.errors for s in each]),
-            np.concatenate([s.misfit for s in each]),
-            one.z_e,
-            np.concatenate(hats) if hats else None,
-        )
+        joined = [
+            _together([getattr(s, key) for s in each]) for key in ("errors", "misfit", "z_e_hat", "ranks", "tarp")
+        ]
+        sets[name] = WindowSet(joined[0], joined[1], one.z_e, *joined[2:], one.draws)  # type: ignore[arg-type]
     return Version([seed for part in parts for seed in part.seeds], first.parameters, sets)
+
+
+def _together(parts: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
 
 
 def experiment_of(paths: Sequence[str | Path]) -> str:

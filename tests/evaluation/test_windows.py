@@ -1,0 +1,113 @@
+"""Studies of single windows: alarms, coverage and curves by distance, on made-up forecasts whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from expertaug.errors import InputError
+from expertaug.evaluation.alarms import alarm
+from expertaug.evaluation.coverage import coverage
+from expertaug.evaluation.distance import beyond, distance
+from expertaug.evaluation.windows import read_windows
+
+N, S = 400, 2
+RANGE = {"omega0": [1.5, 3.1]}
+LABELS = [["a", "A"], ["a+~flow", "A+ flow"]]
+SETTINGS = {"labels": LABELS, "all_methods": ["a"], "set_titles": {}, "title": None}
+CURVES = SETTINGS | {"training_range": RANGE, "floor": None, "mean": None}
+
+
+def fake(path, method, seeds, width=1.0, failing=0.5, spoiled=None):
+    """Windows whose error grows with the distance, and whose misfit tells which forecasts fail."""
+    random = np.random.default_rng([len(method), *seeds])
+    arrays = {"version": np.array(["e", "corrected", method]), "seeds": np.array(seeds), "failed": np.array([], int)}
+    arrays |= {"parameter_names": np.array(["omega0"]), "rank_draws": np.array(119)}
+    for name, (low, high) in {"validation": (1.5, 3.1), "iid": (1.5, 3.1), "test": (0.5, 1.5)}.items():
+        z_e = np.random.default_rng(len(name)).uniform(low, high, (N, 1))
+        away = beyond(z_e, ["omega0"], RANGE)
+        bad = away > failing
+        misfit = 1e-4 * (1 + random.random((len(seeds), N))) + 1e-2 * bad
+        arrays[f"{name}_z_e"] = z_e
+        arrays[f"{name}_errors"] = 1e-3 * (1 + random.random((len(seeds), N))) + bad
+        arrays[f"{name}_misfit"] = misfit
+        arrays[f"{name}_z_e_hat"] = z_e + 0.01 * random.standard_normal((len(seeds), N, 1))
+        if width:
+            draws = random.standard_normal((119, len(seeds), N)) * width
+            arrays[f"{name}_ranks"] = (draws < random.standard_normal((len(seeds), N))).sum(0)[..., None]
+            arrays[f"{name}_tarp"] = random.integers(0, 120, (len(seeds), N))
+    arrays |= spoiled or {}
+    np.savez(path, **arrays)
+    return path
+
+
+@pytest.fixture
+def files(tmp_path):
+    made = [("a", [0], None), ("a", [1], None), ("a+~flow", [0], 1.0), ("a+~flow", [1], 1.0)]
+    return [fake(tmp_path / f"{k}.npz", method, seeds, width) for k, (method, seeds, width) in enumerate(made)]
+
+
+def test_seeds_of_all_groups_come_together(files):
+    found = read_windows(files)
+    assert list(found) == ["a", "a+~flow"] and found["a"].seeds == [0, 1]
+    assert found["a"].sets["test"].errors.shape == (2, N) and found["a"].sets["test"].ranks is None
+    assert found["a+~flow"].sets["iid"].ranks.shape == (2, N, 1)
+
+
+def test_an_alarm_that_knows_is_told_from_one_that_does_not(files, tmp_path):
+    outputs = [tmp_path / f"alarm.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
+    alarm(files, outputs, SETTINGS)
+    table = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
+    test = table.loc["a", "test", "misfit", 0]
+    assert test["auroc"] > 0.99 and test["caught"] > 0.99 and 0.02 < test["false_alarms"] < 0.1
+    assert 0.15 < test["failing"] < 0.3  # a fifth of the test set, pooled with as many IID windows
+    assert abs(table.loc["a", "test", "spread", 0]["auroc"] - 0.5) < 0.1  # noise that knows nothing
+    assert (
+        np.isnan(table.loc["a", "iid", "misfit", 0]["caught"]) or table.loc["a", "iid", "misfit", 0]["failing"] < 0.05
+    )
+    assert "| A | test (OOD) |" in outputs[1].read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("width", "low", "high"), [(1.0, 0.85, 0.95), (0.3, 0.0, 0.5), (3.0, 0.97, 1.0)])
+def test_coverage_says_too_narrow_right_and_too_wide(tmp_path, width, low, high):
+    file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], width)
+    outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md", "tex", "png")]
+    coverage([file], outputs, SETTINGS)
+    table = pd.read_csv(outputs[0]).set_index("set")
+    assert low <= table.loc["test", "coverage_90"] <= high
+
+
+def test_points_alone_have_no_coverage(tmp_path):
+    file = fake(tmp_path / "x.npz", "a", [0], width=None)
+    outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md", "tex", "png")]
+    coverage([file], outputs, SETTINGS)
+    assert "No version has intervals" in outputs[1].read_text(encoding="utf-8") and outputs[3].exists()
+
+
+def test_curves_by_distance(files, tmp_path):
+    outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
+    distance(files, outputs, CURVES)
+    of_a = pd.read_csv(outputs[0]).query("method == 'a'")
+    assert of_a["distance"].iloc[0] == 0 and of_a["distance"].is_monotonic_increasing and len(of_a) == 7
+    assert of_a["windows"].sum() == 2 * N
+    assert of_a["alarms"].iloc[0] < 10 and of_a["alarms"].iloc[-1] > 90
+    assert of_a["log_mse"].iloc[-1] > of_a["log_mse"].iloc[0] + 3 and of_a["skill"].isna().all()
+    scaled = CURVES | {"floor": "a+~flow", "mean": "a"}
+    distance(files, outputs, scaled)
+    table = pd.read_csv(outputs[0])
+    assert np.allclose(table.query("method == 'a'")["skill"], 0)
+    assert np.allclose(table.query("method == 'a+~flow'")["skill"], 1)
+
+
+def test_distance_is_in_widths_of_the_range_the_largest_over_parameters():
+    ranges = {"a": [1.0, 3.0], "b": [0.0, 1.0]}
+    z_e = np.array([[2.0, 0.5], [0.0, 0.5], [2.0, 1.5], [5.0, -0.25]])
+    np.testing.assert_allclose(beyond(z_e, ["a", "b"], ranges), [0, 0.5, 0.5, 1.0])
+
+
+def test_files_from_before_are_refused_in_one_line(files, tmp_path):
+    with np.load(files[0]) as arrays:
+        np.savez(tmp_path / "old.npz", **{k: v for k, v in arrays.items() if not k.endswith("misfit")})
+    with pytest.raises(InputError, match="no array 'test_misfit'; make it again with evaluate"):
+        alarm([tmp_path / "old.npz"], [tmp_path / "alarm.csv"], SETTINGS)
