@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.labels import base, is_augmented
+from expertaug.labels import base, is_augmented, is_control, is_flow, is_refined
 
 WIDTH = 7.0  # inches: the text width of a page
 DPI = 200
@@ -70,6 +70,18 @@ def colours(variants: Sequence[str], methods: Sequence[str] = ()) -> dict[str, t
 def dash(variant: str) -> str | tuple:
     """The style of a version's line: solid when augmented, else dashed, to be told apart where they overlap."""
     return "-" if is_augmented(variant) else DASHED
+
+
+def hatch(variant: str) -> str:
+    """The pattern of a version's bar, for versions of one colour: stripes for a control, crosses for a flow, dots for
+    refined estimates."""
+    stripes = "////" if is_control(variant) else ""
+    return stripes + ("xxxx" if is_flow(variant) else "") + ("...." if is_refined(variant) else "")
+
+
+def marker(variant: str) -> str:
+    """The marker on a version's line."""
+    return "s" if is_refined(variant) else "^" if is_flow(variant) else "v" if is_control(variant) else "o"
 
 
 def symbol(name: str) -> str:

@@ -66,7 +66,8 @@ def draw_bars(
         number = "1 seed" if set(seeds) == {1} else f"{seeds.min()} seeds" if seeds.nunique() == 1 else "all seeds"
         number = number if number == "1 seed" else f"mean ± std over {number}"
         plotting.heading(figure, f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}")
-        handles = [Patch(facecolor=colours[m], edgecolor="0.25", linewidth=0.5, label=labels[m]) for m in methods]
+        looks = {m: {"facecolor": colours[m], "edgecolor": "0.25", "hatch": plotting.hatch(m)} for m in methods}
+        handles = [Patch(**looks[m], linewidth=0.5, label=labels[m]) for m in methods]
         plotting.legend(figure, handles)
         plotting.save(figure, outputs)
 
@@ -88,7 +89,8 @@ def _bar_panel(axis: Axes, part: pd.DataFrame, methods: Sequence[str], colours: 
             if cell["n"] == 0:
                 axis.annotate("not finite", (x, 0), rotation=90, ha="center", va="bottom", fontsize=6, color="0.3")
                 continue
-            axis.bar(x, cell["mean"], 0.9 * step, color=colours[method], edgecolor="0.25", linewidth=0.5, zorder=2)
+            look = {"color": colours[method], "edgecolor": "0.25", "hatch": plotting.hatch(method)}
+            axis.bar(x, cell["mean"], 0.9 * step, **look, linewidth=0.5, zorder=2)
             if cell["n"] > 1:
                 seeds = part.loc[(part["method"] == method) & (part["set"] == name), "value"]
                 spread = np.linspace(-0.22, 0.22, len(seeds)) * step

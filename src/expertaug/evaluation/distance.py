@@ -171,7 +171,7 @@ def _look(version: str, colours: Mapping) -> dict:
     return {
         "color": colours[version],
         "linestyle": (0, (1, 1)) if is_refined(version) else plotting.dash(version),
-        "marker": "s" if is_refined(version) else "o",
+        "marker": plotting.marker(version),
         "markersize": 3,
         "linewidth": 1.2,
     }
