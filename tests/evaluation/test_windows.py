@@ -61,7 +61,7 @@ def test_an_alarm_that_knows_is_told_from_one_that_does_not(files, tmp_path):
     table = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
     test = table.loc["a", "test", "misfit", 0]
     assert test["auroc"] > 0.97 and test["caught"] > 0.9 and 0.02 < test["false_alarms"] < 0.1
-    assert 0.15 < test["failing"] < 0.3  # a fifth of the test set, pooled with as many IID windows
+    assert 0.05 < test["failing"] < 0.15  # a fifth of the test set, pooled with as many IID windows
     assert abs(table.loc["a", "test", "spread", 0]["auroc"] - 0.5) < 0.1  # noise that knows nothing
     assert (
         np.isnan(table.loc["a", "iid", "misfit", 0]["caught"]) or table.loc["a", "iid", "misfit", 0]["failing"] < 0.05
