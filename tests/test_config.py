@@ -557,3 +557,27 @@ def test_recordings_are_listed_by_name(base: dict, tmp_path: Path) -> None:
     assert found["markers"] == {"2": str(tmp_path / "2.csv"), "10": str(tmp_path / "10.csv")}
     simulated = config.validate(config.merge(base, {"run": ["pendulum"]}))
     assert recording_checks.list_recordings(simulated) == {}
+
+
+def test_horizons_and_dissipation_of_recordings(base):
+    over = yaml.safe_load("experiments: {double_pendulum: {data: {split: {horizons_s: [1.0, 0.5]}}}}")
+    found = config.validate(config.merge(base, over))
+    sets = ["train", "validation", "test", "validation_1s", "test_1s", "validation_500ms", "test_500ms"]
+    assert jobs.sets(found, "double_pendulum") == sets
+    assert stage_settings.evaluate(found, "double_pendulum", "aphynity", "seeds_0_1_2")["sets"] == sets
+    assert jobs.sets(found, "pendulum") == ["train", "validation", "iid", "test"]
+    assert "horizons_s" not in stage_settings.split_chunks(found, "double_pendulum"), "a horizon redoes no training"
+    one = stage_settings.cut_horizon(found, "double_pendulum", "test_500ms")
+    assert one["set"] == "test_500ms" and one["split"]["horizons_s"] == [0.5]
+    study = stage_settings.study(found, "double_pendulum", "horizons")["options"]
+    panels = [["validation", "validation_1s", "validation_500ms"], ["test", "test_1s", "test_500ms"]]
+    assert study == {"distances": ["0.19 s", "1 s", "0.5 s"], "panels": [[one[0], one] for one in panels]}
+    shown = stage_settings.dissipation(found, "double_pendulum")["versions"]
+    refined = ["aphynity~refined", "hvae~refined"]
+    assert [v for v, _, fit in shown if fit and v in refined] == refined
+    assert [v for v, *_ in shown if v not in refined] == ["least_squares_friction", "aphynity", "hvae"]
+    assert jobs.dissipating(found, "pendulum") == []
+    assert jobs.studies(config.validate(base), "double_pendulum") == ["during_training"]
+    assert "found 0.1; chunks end at 0.19 s already" in refused(
+        base, "experiments: {double_pendulum: {data: {split: {horizons_s: [0.1]}}}}"
+    )

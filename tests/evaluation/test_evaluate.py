@@ -13,6 +13,7 @@ from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.tables import tabulate
 from expertaug.learning.train import train
 from expertaug.models import store
+from expertaug.models.mean import MeanModel
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
 from expertaug.tracking.mlflow_store import initialise
@@ -159,6 +160,42 @@ def test_the_metric_can_see_the_whole_trajectory(folder):
     late, _ = run(folder)
     whole, _ = run(folder, from_s=0.0)
     assert whole[4, "test", "log_mse_sum"] < late[4, "test", "log_mse_sum"], "the first point is known"
+
+
+def test_times_after_the_observed_window_are_also_scored_alone(folder):
+    late, _ = run(folder)
+    whole, _ = run(folder, from_s=0.0)
+    assert not [name for *_, name in late.index if "after" in name]
+    for seed in (4, 7):
+        for name in ("train", "validation", "test"):
+            for convention in ("sum", "dim"):
+                after = whole[seed, name, f"log_mse_after_{convention}"]
+                assert after == pytest.approx(late[seed, name, f"log_mse_{convention}"], abs=1e-6)
+
+
+def test_longer_sets_are_forecast_from_the_same_windows(folder):
+    """Samples of them are those of other sets, so that errors of single ones are kept of these alone."""
+    long = {**DATA, "t2_s": 4.0, "sets": {"long": RANGES}}
+    simulate("long", folder / "long.npz", {"system": {"name": "pendulum"}, "data": long})
+    settings = COMMON | {"method": "a", "label": "a", "choices": {"forecast_start": "y0"}}
+    settings |= {"evaluation": {}, "sets": ["train", "validation", "test", "long"]}
+    outputs = folder / "long.csv", folder / "long_forecasts.npz"
+    evaluate(folder / "model.safetensors", folder, *outputs, settings, None)
+    values = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
+    stored, truth = store.load(folder / "model.safetensors"), Trajectories.load(folder / "long.npz")
+    y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
+    with torch.no_grad():
+        states, _ = stored.model.predict(y[:11], torch.from_numpy(truth.t).float(), stored.solver)
+    expected = (states - y)[11:].double().square().sum(-1).mean((0, 2)).log()
+    assert [values[s, "long", "log_mse_sum"] for s in (4, 7)] == pytest.approx(expected.tolist(), abs=1e-3)
+    arrays = np.load(outputs[1])
+    assert len(arrays["t"]) == 21 and "long_errors" not in arrays and "test_errors" in arrays
+
+
+def test_the_mean_goes_on_with_the_last_one():
+    model = MeanModel(None, torch.arange(3.0)[:, None].expand(3, 2))
+    found = model.forecast(torch.zeros(4, 2), None, None, torch.arange(5.0), None)
+    assert found[:, 0, 0].tolist() == [0.0, 1.0, 2.0, 2.0, 2.0] and found.shape == (5, 4, 2)
 
 
 def test_a_forecast_from_the_last_observed_point_shows_the_observation(folder):

@@ -64,6 +64,21 @@ def test_shifts(tmp_path, drawn):
     assert left.get_xticklabels()[1].get_text() == "small\n$\\alpha$: 0.3\nto 0.6"
 
 
+def test_horizons(tmp_path, drawn):
+    labels = {"hybrid": "Hybrid", "hybrid+": "Hybrid+"}
+    path = write(tmp_path / "m.csv", labels, ("train", "validation", "test", "validation_1s", "test_1s"))
+    panels = [["validation", ["validation", "validation_1s"]], ["test", ["test", "test_1s"]]]
+    options = {"distances": ["0.19 s", "1 s"], "panels": panels}
+    settings = READING | {"study": "horizons", "labels": list(labels.items()), "options": options}
+    study([path], outputs(tmp_path), settings)
+    text = (tmp_path / "study.md").read_text()
+    assert "| metric | set | until | Hybrid | Hybrid+ |" in text
+    assert "| log-MSE | test (OOD) | 1 s | 0.90 ± 0.71 | 1.90 ± 0.71 |" in text
+    right = drawn[0].axes[1]
+    assert right.get_title() == "test (OOD)" and right.get_xlabel() == "end of the forecast"
+    assert list(right.containers[0].lines[0].get_ydata()) == pytest.approx([0.7, 0.9])
+
+
 def test_widths_are_in_the_order_of_their_volume(tmp_path, drawn):
     labels = {"hybrid": "Hybrid", "hybrid+": "Hybrid+", "hybrid+wide": "Hybrid+ (wide)"}
     labels["hybrid+narrow"] = "Hybrid+ (narrow)"

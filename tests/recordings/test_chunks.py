@@ -8,6 +8,8 @@ from pendulum_motion import CONSTANTS, real_recordings, truth
 from expertaug.errors import InputError
 from expertaug.recordings.angles.measure import measure_angles
 from expertaug.recordings.chunks.cut import split_chunks
+from expertaug.recordings.chunks.horizons import cut_horizon
+from expertaug.recordings.chunks.settings import ChunkSettings
 from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, number_segments
 from expertaug.recordings.imports.ibm import import_markers, list_marker_files
 from expertaug.recordings.reports.splits import plot_splits
@@ -213,3 +215,48 @@ def test_real_recordings_by_energy(tmp_path):
     counts = np.array([report["chunks"][name] for name in SPLITS])
     assert counts / counts.sum() == pytest.approx([0.4, 0.3, 0.3], abs=0.02)
     assert report["initial_speeds_p99"]["test"][1] > 1.5 * report["initial_speeds_p99"]["train"][1]
+
+
+@pytest.mark.parametrize("by", ["energy", "time"])
+def test_long_chunks_lie_in_the_frames_of_their_split(tmp_path, by):
+    angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth())]
+    settings = {**SMALL, "by": by, "horizons_s": [1.0, 2.0]}
+    split_chunks(angles, tmp_path / "data", settings)
+    spans = frames_of(tmp_path / "data")
+    for name in ("validation_1s", "test_2s"):
+        output = tmp_path / f"{name}.npz"
+        cut_horizon(angles, output, {"split": settings, "set": name})
+        long, (split, end) = Trajectories.load(output), (name.split("_")[0], float(name[-2]))
+        assert long.t[-1] == pytest.approx(end) and len(long.t) == 100 * end + 1
+        assert 0 < len(long) <= 300
+        others = set().union(*(frames for one, frames in spans.items() if one != split))
+        for identity, y in zip(long.id, long.y, strict=True):
+            recording, first = identity.split("/")
+            rows = int(first) + 4 * np.arange(len(long.t))
+            expected = truth()[int(recording[1:])][rows]
+            turns = (expected[:, :2] - y[:, :2]) / (2 * np.pi)
+            np.testing.assert_allclose(turns, np.broadcast_to(turns[0].round(), turns.shape), atol=1e-5)
+            np.testing.assert_allclose(y[:, 2:], expected[:, 2:], rtol=1e-5, atol=1e-5)
+            assert not {(recording, f) for f in range(rows[0], rows[-1] + 1)} & others
+
+
+def test_recordings_too_short_for_a_horizon_are_refused_in_one_line(tmp_path):
+    angles = [write_angles(tmp_path / "r0", truth()[0][:1600])]
+    settings = {**SMALL, "by": "time", "horizons_s": [2.0]}
+    with pytest.raises(InputError, match=r"no test chunk of 2 s: the longest stretch of its frames lasts 1\.2 s; give"):
+        cut_horizon(angles, tmp_path / "test_2s.npz", {"split": settings, "set": "test_2s"})
+
+
+@pytest.mark.parametrize(
+    ("horizons", "message"),
+    [([0.1], "found 0.1; chunks end at 0.19 s already"), ([1.0, 1.0], "give each once"), ([0.0], "more than 0")],
+)
+def test_horizons_that_make_no_sense(tmp_path, horizons, message):
+    with pytest.raises(InputError, match=message):
+        split_chunks([tmp_path / "a.csv"], tmp_path / "data", {"horizons_s": horizons})
+
+
+def test_names_of_long_sets():
+    found = ChunkSettings(horizons_s=[1.0, 0.5]).horizons
+    assert list(found) == ["validation_1s", "test_1s", "validation_500ms", "test_500ms"]
+    assert found["test_500ms"] == ("test", 0.5)

@@ -106,6 +106,11 @@ def trained_of(experiment):
     return [v for v in own if CONFIG["methods"][method_of(v)]["kind"] == "hybrid"]
 
 
+def dissipating_of(experiment):
+    """Trained versions of which the power that they dissipate is compared with the recordings' loss of energy."""
+    return list(dict.fromkeys(map(labels.trained, jobs.dissipating(CONFIG, experiment))))
+
+
 def studies_of(experiment):
     return jobs.studies(CONFIG, experiment)
 
@@ -193,18 +198,18 @@ def forecasts_to_draw():
 
 
 def tables_of(experiment):
-    named = [f"_{name}" for name in [*studies_of(experiment), *window_studies_of(experiment)]] + ["_published"] * (
-        experiment in COMPARED
-    )
+    named = [f"_{name}" for name in [*studies_of(experiment), *window_studies_of(experiment)]]
+    named += ["_published"] * (experiment in COMPARED) + ["_dissipation"] * bool(dissipating_of(experiment))
     of_others = [f"{name}{end}" for name in named for end in ENDS]
     return expand(results(f"tables/{experiment}{{end}}"), end=[*ENDS, "_long.csv", *of_others])
 
 
 def figures_of(experiment):
-    splits = ["splits"] if experiment in RECORDED else []
+    further = ["splits"] if experiment in RECORDED else []
+    further += ["dissipation"] if dissipating_of(experiment) else []
     return expand(
         results(f"figures/{experiment}_{{name}}.{{suffix}}"),
-        name=[*FIGURES, *splits, *studies_of(experiment), *window_studies_of(experiment)],
+        name=[*FIGURES, *further, *studies_of(experiment), *window_studies_of(experiment)],
         suffix=["png", "pdf"],
     )
 

@@ -248,6 +248,47 @@ rule grid_of_experiment:
         "expertaug grid {input.models:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
 
 
+rule dissipation_of_experiment:
+    input:
+        models=lambda w: per_seed_group("model.safetensors", w.experiment, dissipating_of(w.experiment)),
+        sets=expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
+        code=lambda w: code("dissipation", w.experiment),
+    output:
+        results("tables/{experiment}_dissipation.csv"),
+        results("tables/{experiment}_dissipation.tex"),
+        report(
+            results("tables/{experiment}_dissipation.md"),
+            caption="../report/dissipation.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "dissipation", "content": "table"},
+        ),
+        report(
+            results("figures/{experiment}_dissipation.png"),
+            caption="../report/dissipation.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "dissipation", "content": "figure"},
+        ),
+        results("figures/{experiment}_dissipation.pdf"),
+    log:
+        results("logs/dissipation/{experiment}.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        versions=versions("dissipation"),
+        settings=lambda w: settings("dissipation", w.experiment),
+        data=lambda w: results(f"{w.experiment}/data"),
+    message:
+        "compare dissipated power and loss of energy of {wildcards.experiment}"
+    shell:
+        "expertaug dissipation {input.models:q} --data {params.data:q} --output {output:q} --settings {params.settings:q}"
+        " --log {log:q}"
+
+
 rule compare_experiment:
     input:
         metrics=lambda w: per_seed_group("metrics.csv", w.experiment, jobs.variants(CONFIG, w.experiment)),
@@ -349,6 +390,18 @@ rule studies:
                 results(f"{folder}/{experiment}_{name}.{end}")
                 for experiment in RUN
                 for name in studies_of(experiment)
+                for folder, end in (("tables", "md"), ("figures", "png"))
+            ]
+        ),
+
+
+rule dissipation:
+    input:
+        and_before(
+            [
+                results(f"{folder}/{experiment}_dissipation.{end}")
+                for experiment in RUN
+                if dissipating_of(experiment)
                 for folder, end in (("tables", "md"), ("figures", "png"))
             ]
         ),

@@ -285,6 +285,32 @@ rule split_chunks_of_experiment:
         "expertaug split-chunks {input.angles:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
 
 
+# Longer chunks of the same frames, which are evaluated alone.
+rule cut_horizon_of_experiment:
+    input:
+        angles=lambda w: of_recordings("angles.csv"),
+        code=code("cut_horizon"),
+    output:
+        results("{experiment}/data/{set}.npz"),
+    log:
+        results("logs/cut_horizon/{experiment}_{set}.log"),
+    wildcard_constraints:
+        experiment=one_of(RECORDED),
+        set=one_of({name for e in RECORDED for name in jobs.horizons(CONFIG, e)}),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+    params:
+        versions=versions("cut_horizon"),
+        settings=lambda w: settings("cut_horizon", w.experiment, w.set),
+    message:
+        "cut the chunks of {wildcards.set} for {wildcards.experiment}"
+    shell:
+        "expertaug cut-horizon {input.angles:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
 rule plot_splits_of_experiment:
     input:
         sets=expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),

@@ -70,6 +70,11 @@ def add_to(commands: Commands) -> None:
     p.add_argument("models", type=Path, nargs="+", help="model files of every point and group of seeds")
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
 
+    p = commands.add("dissipation", _dissipation, "compare the power that models dissipate with the loss of energy")
+    p.add_argument("models", type=Path, nargs="+", help="model files of every trained method and group of seeds")
+    add_paths(p, data="folder of the sets")
+    add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
+
     p = commands.add("compare", _compare, "compare experiments with the published numbers")
     p.add_argument("metrics", type=Path, nargs="+", help=METRICS)
     p.add_argument("--forecasts", type=Path, nargs="+", required=True, help=FORECASTS)
@@ -138,6 +143,12 @@ def _grid(a: argparse.Namespace) -> None:
     from expertaug.evaluation.grid import grid
 
     grid(a.models, a.output, read_settings(a.settings))
+
+
+def _dissipation(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.dissipation import dissipation
+
+    dissipation(a.models, a.data, a.output, read_settings(a.settings))
 
 
 def _compare(a: argparse.Namespace) -> None:

@@ -69,6 +69,10 @@ def add_to(commands: Commands) -> None:
     p.add_argument("angles", type=Path, nargs="+", help="angles.csv of each recording")
     add_paths(p, output="folder of the sets")
 
+    p = commands.add("cut-horizon", _cut_horizon, "cut long chunks out of the frames of a split")
+    p.add_argument("angles", type=Path, nargs="+", help="angles.csv of each recording")
+    add_paths(p, output="npz of the set")
+
     p = commands.add("plot-splits", _plot_splits, "draw the distributions of the splits", settings=False)
     p.add_argument("data", type=Path, help="folder of the sets")
     add_outputs(p, "figure files, .png or .pdf")
@@ -176,6 +180,13 @@ def _split_chunks(a: argparse.Namespace) -> None:
     from expertaug.recordings.intake import divide
 
     split_chunks(divide(a.angles)[0], a.output, read_settings(a.settings))
+
+
+def _cut_horizon(a: argparse.Namespace) -> None:
+    from expertaug.recordings.chunks.horizons import cut_horizon
+    from expertaug.recordings.intake import divide
+
+    cut_horizon(divide(a.angles)[0], a.output, read_settings(a.settings))
 
 
 def _plot_splits(a: argparse.Namespace) -> None:

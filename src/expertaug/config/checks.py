@@ -22,6 +22,8 @@ ENDINGS = (
     "alarm",
     "coverage",
     "distance",
+    "dissipation",
+    "horizons",
     "out_of_expertise",
     "prior_width",
     "during_training",

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from expertaug import labels as naming
 from expertaug.config import grid as grids
 from expertaug.config import study_checks
+from expertaug.config.methods import build_of
 
 
 def seed_groups(config: Mapping, experiment: str | None = None) -> dict[str, list[int]]:
@@ -46,7 +47,8 @@ def further_variants(config: Mapping, experiment: str) -> list[str]:
 def studies(config: Mapping, experiment: str) -> list[str]:
     """Names of an experiment's studies."""
     named = list(config["experiments"][experiment]["studies"])
-    return [*named, "prior_width"] if further_variants(config, experiment) else named
+    named += ["prior_width"] if further_variants(config, experiment) else []
+    return named + (["horizons"] if horizons(config, experiment) else [])
 
 
 def studied(config: Mapping, experiment: str, name: str) -> list[str]:
@@ -67,6 +69,30 @@ def grid(config: Mapping, experiment: str) -> list[str]:
 def sets(config: Mapping, experiment: str) -> list[str]:
     """Names of an experiment's sets."""
     return study_checks.sets_of(config["experiments"][experiment])
+
+
+def horizons(config: Mapping, experiment: str) -> dict[str, tuple[str, float]]:
+    """An experiment's sets of long chunks by name: the split that each is of, and its length in s."""
+    return study_checks.horizons_of(config["experiments"][experiment])
+
+
+def dissipating(config: Mapping, experiment: str) -> list[str]:
+    """Methods of an experiment on the double pendulum that have an expert and what makes it lose energy: F_a, or a
+    friction that it knows; with their refined versions.  All other versions have
+    their method's F_a."""
+    one = config["experiments"][experiment]
+    if one["system"]["name"] != "double_pendulum":
+        return []
+    own = [v for v in variants(config, experiment) if not naming.parse(v).step and not naming.is_flow(v)]
+    return [v for v in own if _dissipates(config, experiment, naming.base(v))]
+
+
+def _dissipates(config: Mapping, experiment: str, method: str) -> bool:
+    build = build_of(config, experiment, method)
+    if build["kind"] == "mean" or build.get("expert") is False:
+        return False
+    rubs = (config["experiments"][experiment]["system"] | build.get("system", {})).get("friction") is not None
+    return rubs or (build["kind"] != "least_squares" and build.get("interaction") is not False)
 
 
 def label(config: Mapping, variant: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from expertaug.config.jobs import variants
+from expertaug.config import jobs
 from expertaug.recordings.provenance import RENDERED
 
 
@@ -59,11 +59,17 @@ def overlaid(config: Mapping) -> tuple[str, list[str]] | None:
     experiment = chosen["experiment"] or next(iter(known), None)
     if experiment is None:
         return None
-    return experiment, chosen["variants"] or variants(config, experiment)[-1:]
+    return experiment, chosen["variants"] or jobs.variants(config, experiment)[-1:]
 
 
 def split_chunks(config: Mapping, experiment: str) -> dict:
-    return dict(config["experiments"][experiment]["data"]["split"])
+    return {k: v for k, v in config["experiments"][experiment]["data"]["split"].items() if k != "horizons_s"}
+
+
+def cut_horizon(config: Mapping, experiment: str, name: str) -> dict:
+    """Of a set of long chunks, by its name."""
+    _, seconds = jobs.horizons(config, experiment)[name]
+    return {"split": split_chunks(config, experiment) | {"horizons_s": [seconds]}, "set": name}
 
 
 def calibrate(config: Mapping, experiment: str) -> dict:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 
 from expertaug import labels as naming
 from expertaug.config.grid import points
-from expertaug.config.jobs import label, studied, variants
+from expertaug.config.jobs import horizons, label, studied, variants
 from expertaug.config.methods import experiment_of
 
 # Keys of an evaluation that say how its numbers are read.
@@ -22,19 +22,30 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
     settings = {
         "study": name,
         "labels": _labels(config, studied(config, experiment, name)),
-        "all_methods": _all_methods(config),
+        "all_methods": all_methods(config),
         "sets": one["data"].get("sets", {}),
-        **_reading(config, experiment),
+        **reading(config, experiment),
     }
     if name == "prior_width":
         further = {k: v["prior"] for k, v in one["augmentations"].items()}
         methods = dict.fromkeys(naming.base(variant) for variant in studied(config, experiment, name))
         own = {m: experiment_of(config, experiment, m)["augmentation"]["prior"] for m in methods}
         return settings | {"priors": {m: {"": own[m]} | further for m in methods}}
+    if name == "horizons":
+        return settings | {"options": _horizons(config, experiment)}
     options = one["studies"][name]
     if name == "out_of_expertise":
         options = {"distances": options["distances"], "panels": [[k, v] for k, v in options["panels"].items()]}
     return settings | {"options": options}
+
+
+def _horizons(config: Mapping, experiment: str) -> dict:
+    """As of out_of_expertise: the ends of the sets' times, and by split the sets in that order."""
+    split = config["experiments"][experiment]["data"]["split"]
+    long = horizons(config, experiment).items()
+    panels = [[name, [name, *(other for other, (of, _) in long if of == name)]] for name in ("validation", "test")]
+    ends = [(split["length"] - 1) / split["rate_hz"], *split["horizons_s"]]
+    return {"distances": [f"{end:g} s" for end in ends], "panels": panels}
 
 
 def grid(config: Mapping, experiment: str) -> dict:
@@ -60,18 +71,18 @@ def overview(config: Mapping, experiments: list[str]) -> dict:
     shifted = [one["studies"].get("out_of_expertise", {}).get("overview") for one in all_of]
     return {
         "experiments": [
-            {"name": name, "shown": one["evaluation"]["overview"], "shifted": far, **_reading(config, name)}
+            {"name": name, "shown": one["evaluation"]["overview"], "shifted": far, **reading(config, name)}
             for name, one, far in zip(experiments, all_of, shifted, strict=True)
             if one["evaluation"]["overview"] or far
         ],
-        "all_methods": _all_methods(config),
+        "all_methods": all_methods(config),
     }
 
 
 def tabulate(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and how metrics and sets are to be read."""
     floors = [v for v in variants(config, experiment) if config["methods"][naming.base(v)].get("truth")]
-    return {"labels": _labels(config, variants(config, experiment)), "floors": floors, **_reading(config, experiment)}
+    return {"labels": _labels(config, variants(config, experiment)), "floors": floors, **reading(config, experiment)}
 
 
 def plot(config: Mapping, experiment: str) -> dict:
@@ -83,8 +94,8 @@ def plot(config: Mapping, experiment: str) -> dict:
     }
     return {
         "labels": _labels(config, variants(config, experiment)),
-        "all_methods": _all_methods(config),
-        **_reading(config, experiment),
+        "all_methods": all_methods(config),
+        **reading(config, experiment),
         "training_range": one["data"]["sets"]["train"]["z_e"] if one["data"]["source"] == "simulation" else {},
         "priors": priors,
     }
@@ -97,21 +108,21 @@ def windows(config: Mapping, experiment: str) -> dict:
     shown = [v for v in variants(config, experiment) if config["methods"][naming.base(v)]["kind"] != "mean"]
     return {
         "labels": _labels(config, shown),
-        "all_methods": _all_methods(config),
+        "all_methods": all_methods(config),
         "training_range": one["data"]["sets"]["train"]["z_e"] if simulated else {},
         "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
         "mean": next((m for m in one["methods"] if config["methods"][m]["kind"] == "mean"), None),
-        **_reading(config, experiment),
+        **reading(config, experiment),
     }
 
 
-def _reading(config: Mapping, experiment: str) -> dict:
+def reading(config: Mapping, experiment: str) -> dict:
     """What tables and figures say of an experiment's metrics; it changes none of them."""
     evaluation = config["experiments"][experiment]["evaluation"]
     return {key: evaluation[key] for key in ("from_s", *READING)}
 
 
-def _all_methods(config: Mapping) -> list[str]:
+def all_methods(config: Mapping) -> list[str]:
     """Every method of the configuration, points of grids aside."""
     return [name for name in config["methods"] if "@" not in name]
 

@@ -20,6 +20,7 @@ STAGES = {
     "plot_recording": "expertaug.recordings.reports.page",
     "overlay": "expertaug.recordings.reports.overlay",
     "split_chunks": "expertaug.recordings.chunks.cut",
+    "cut_horizon": "expertaug.recordings.chunks.horizons",
     "plot_splits": "expertaug.recordings.reports.splits",
     "calibrate": "expertaug.recordings.angles.calibration",
     "simulate": "expertaug.systems.simulate",
@@ -37,6 +38,7 @@ STAGES = {
     "distance": "expertaug.evaluation.distance",
     "grid": "expertaug.evaluation.grid",
     "compare": "expertaug.evaluation.published",
+    "dissipation": "expertaug.evaluation.dissipation",
     "overview": "expertaug.evaluation.overview",
 }
 

@@ -10,10 +10,11 @@ from collections.abc import Mapping
 
 from expertaug import labels as naming
 from expertaug.config import options
-from expertaug.config.jobs import label, seed_groups, sets, snapshots
+from expertaug.config.jobs import dissipating, label, seed_groups, sets, snapshots
 from expertaug.config.methods import build_of, experiment_of, foreign, modules, objective_of
 from expertaug.config.recording_settings import (
     calibrate,
+    cut_horizon,
     extract_frames,
     import_markers,
     measure_angles,
@@ -24,17 +25,31 @@ from expertaug.config.recording_settings import (
     track_markers,
     unpack_markers,
 )
-from expertaug.config.shown_settings import READING, compare, overview, plot, study, tabulate, windows
+from expertaug.config.shown_settings import (
+    READING,
+    all_methods,
+    compare,
+    grid,
+    overview,
+    plot,
+    reading,
+    study,
+    tabulate,
+    windows,
+)
 
 __all__ = [
     "augment",
     "calibrate",
     "compare",
+    "cut_horizon",
+    "dissipation",
     "during_training",
     "evaluate",
     "extract_frames",
     "finetune",
     "flow",
+    "grid",
     "import_markers",
     "init_tracking",
     "measure_angles",
@@ -169,6 +184,22 @@ def during_training(config: Mapping, experiment: str, method: str, group: str) -
         "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
+    }
+
+
+def dissipation(config: Mapping, experiment: str) -> dict:
+    """Which versions are compared, and how the estimates of each are found."""
+    versions = dissipating(config, experiment)
+    fits = [_estimator(config, experiment, v).get("refinement") for v in versions]
+    own = [foreign(config, experiment, naming.base(v)).get("classes", []) for v in versions]
+    classes = list(dict.fromkeys(name for names in own for name in names))
+    return {
+        "experiment": experiment,
+        "versions": [[v, label(config, v), fit] for v, fit in zip(versions, fits, strict=True)],
+        "all_methods": all_methods(config),
+        **reading(config, experiment),
+        "device": config["device"],
+        **({"classes": classes} if classes else {}),
     }
 
 

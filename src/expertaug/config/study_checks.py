@@ -9,6 +9,7 @@ from pathlib import Path
 from expertaug.config.names import other_parameters, unknown, unknown_keys, unknown_one
 from expertaug.errors import InputError
 from expertaug.labels import MAIN_SETS
+from expertaug.recordings.chunks.settings import ChunkSettings
 
 PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"
 
@@ -27,7 +28,13 @@ def check(where: str, experiment: Mapping, methods: Mapping) -> Iterator[InputEr
 
 def sets_of(experiment: Mapping) -> list[str]:
     """Names of an experiment's sets."""
-    return list(experiment["data"].get("sets", MAIN_SETS))
+    return [*experiment["data"].get("sets", MAIN_SETS), *horizons_of(experiment)]
+
+
+def horizons_of(experiment: Mapping) -> dict[str, tuple[str, float]]:
+    """Sets of long chunks of an experiment on recordings by name: the split that each is of, and its length in s."""
+    data = experiment["data"]
+    return ChunkSettings.from_mapping(data["split"]).horizons if data["source"] == "recordings" else {}
 
 
 def published_systems() -> list[str]:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.evaluation import figures, traces
-from expertaug.evaluation.metrics import log_of, log_of_median, parameter_errors, squared_errors
+from expertaug.evaluation.metrics import log_after, log_of, log_of_median, parameter_errors, squared_errors
 from expertaug.evaluation.runaways import forecast
 from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, ranks_of
 from expertaug.files import atomic
@@ -45,11 +45,12 @@ def evaluate(
         forecasts: npz; its arrays are named in :func:`_collect` and :func:`arrays_of`.  Beside it forecasts.png and
             parameters.png are drawn, this group's own figures.
         settings: {experiment, method, label, preset, sets, evaluation, choices, seeds, device}; ``sets`` names those to
-            evaluate (forecasts are kept of validation, iid and test alone, errors of all); ``evaluation`` has
+            evaluate (forecasts are kept of validation, iid and test alone, errors of every sample of all that are no
+            longer than the training's); ``evaluation`` has
             ``samples`` (forecasts kept of each set), ``from_s`` (the metric sees times from there on; null = those
-            after the observed window), ``max_samples`` (of each set, evenly spread; null = all) and ``solver``;
-            ``refinement`` ({settings, noise, prior}, as :func:`estimator_of`): the model's estimates are refined by
-            least squares.
+            after the observed window, which ``log_mse_after_sum`` and ``_dim`` see alone where others count too),
+            ``max_samples`` (of each set, evenly spread; null = all) and ``solver``; ``refinement``
+            ({settings, noise, prior}, as :func:`estimator_of`): the model's estimates are refined by least squares.
 
     Raises:
         InputError: the model and the settings disagree on the seeds.
@@ -71,9 +72,10 @@ def evaluate(
         kept = int(options.get("samples", 3)) if name in SHOWN_SETS[1:] else 0
         scored = score(stored, truth, options, start, device, kept)
         rows += scored.rows(identity | {"set": name}, stored.seeds)
-        arrays |= arrays_of(name, truth, scored.errors, scored.z_e)
-        arrays[f"{name}_{MISFIT}"] = scored.misfit.float().numpy()
-        arrays |= ranks_of(name, truth, scored.draws) if name != "train" else {}
+        if len(truth.t) <= len(stored.description["t"]):  # longer ones have other errors, of windows that others have
+            arrays |= {"t": truth.t, **arrays_of(name, truth, scored.errors, scored.z_e)}
+            arrays[f"{name}_{MISFIT}"] = scored.misfit.float().numpy()
+            arrays |= ranks_of(name, truth, scored.draws) if name != "train" else {}
         if kept:
             arrays |= _collect(name, truth, scored)
     rows += [
@@ -83,7 +85,6 @@ def evaluate(
     system = stored.model.system
     arrays |= {
         "version": np.array([identity[key] for key in VERSION]),
-        "t": truth.t,
         "observed": np.array(stored.description["observed"] - 1),
         "seeds": np.array(stored.seeds),
         "failed": np.array(stored.failed, dtype=int),
@@ -165,13 +166,15 @@ def score(
         begin = int(np.searchsorted(truth.t, options["from_s"] - 1e-9))
     index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
-    late, early, estimates, kept, runaways, drawn = [], [], [], [], [], []
+    late, early, after, estimates, kept, runaways, drawn = [], [], [], [], [], [], []
     for first in range(0, len(truth), size):
         y = torch.from_numpy(truth.y[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
         limit = None if bound is None else torch.maximum(bound, largest(y[:, 0]))  # to follow the truth is not to run
         found = forecast(stored.model, y[:observed].expand(-1, seeds, *y.shape[2:]), t, solver, start, limit)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
         early.append(squared_errors(system, found.states[1:observed], y[1:observed]).cpu())
+        if begin < observed:
+            after.append(squared_errors(system, found.states[observed:], y[observed:]).cpu())
         kept.append(found.states[:, :, index[(index >= first) & (index < first + size)] - first].cpu())
         runaways.append(found.runaways.cpu())
         if found.found.z_e is not None and stored.model.knows_z_e:
@@ -182,6 +185,8 @@ def score(
     values = log_of(system, errors)
     misfit = torch.cat(early, dim=1)
     values["log_mse_observed"] = log_of(system, misfit)["log_mse_sum"]
+    if after:
+        values |= log_after(system, torch.cat(after, dim=1))
     values |= log_of_median(system, errors)
     values["runaway_share"] = torch.cat(runaways, dim=1).double().mean(1)
     z_e = torch.cat(estimates, dim=1) if estimates else None

@@ -19,8 +19,8 @@ RUNAWAYS_NOTE = (
 def metric_title(metric: str, units: Mapping[str, str]) -> str:
     """A metric's name with its unit, as printed."""
     if metric.startswith("log_mse"):
-        further = {"observed": ", observed window", "median": ", median sample", "median_dim": ", median sample"}
-        return "log-MSE" + further.get(metric.removeprefix("log_mse_"), "")
+        further = {"observed": ", observed window", "median": ", median sample", "after": ", after t1 alone"}
+        return "log-MSE" + further.get(metric.removeprefix("log_mse_").partition("_")[0], "")
     if metric == "runaway_share":
         return "runaways [%]"
     if metric == "relative_error":
@@ -118,6 +118,7 @@ def tex(text: str) -> str:
     for plain, escaped in (("_", r"\_"), ("{", r"\{"), ("}", r"\}"), ("±", r"$\pm$"), ("−", "$-$"), (DASH, "--")):
         text = text.replace(plain, escaped)
     text = text.replace("⁺", "$^+$").replace("∈", r"$\in$").replace("→", r"$\to$")
+    text = text.replace("⁻³", "$^{-3}$").replace("∇", r"$\nabla$").replace(" · ", r" $\cdot$ ")
     return text.replace("|estimate $-$ truth| / |truth|", r"$|\hat z - z| / |z|$").replace("(t1, t2]", "$(t_1, t_2]$")
 
 

@@ -45,6 +45,11 @@ def log_of_median(system: System, errors: Tensor) -> dict[str, Tensor]:
     return {name.removesuffix("_sum"): value for name, value in found.items()}
 
 
+def log_after(system: System, errors: Tensor) -> dict[str, Tensor]:
+    """``log_mse_after_sum`` and ``log_mse_after_dim``, where errors are those after the observed window alone."""
+    return _conventions("log_mse_after", errors.mean(1).log(), system)
+
+
 def _conventions(name: str, summed: Tensor, system: System) -> dict[str, Tensor]:
     return {f"{name}_sum": summed, f"{name}_dim": summed - torch.log(torch.tensor(float(system.error_dims)))}
 

@@ -48,10 +48,11 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -
     Arguments:
         metrics: metrics.csv (of the study along training: during_training.csv) of all variants and groups of seeds.
         outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
-        settings: {study, labels, all_methods, sets, convention, set_titles, title, from_s} and, of out_of_expertise and
-            along, ``options`` (the study's configuration), of prior_width ``priors`` (ranges by method and name, "" =
-            the method's own); ``labels`` has pairs of a variant and its printed label, in order,
-            ``options["panels"]`` pairs of a title and the sets of a panel, ``sets`` the simulated sets' ranges.
+        settings: {study, labels, all_methods, sets, convention, set_titles, title, from_s} and, of out_of_expertise,
+            horizons and along, ``options`` (the study's configuration), of prior_width ``priors`` (ranges by method and
+            name, "" = the method's own); ``labels`` has pairs of a variant and its printed label, in order,
+            ``options["panels"]`` pairs of a title (of horizons: a split) and the sets of a panel, ``sets`` the
+            simulated sets' ranges.
 
     Raises:
         InputError: a file is broken or lacks what the study compares, or an output's suffix is unknown.
@@ -113,6 +114,18 @@ def _shift_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
     return ["metric", "shifted", "distance", "z_a of the set", *settings["labels"].values()], rows, 4
 
 
+def _horizon_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
+    """A row for each metric, split and end of the forecast, a column for each method."""
+    options, found = settings["options"], cells_of(summary, "metric", "set", "method")
+    rows = []
+    for metric in tabled_metrics(summary, settings["convention"]):
+        for split, names in options["panels"]:
+            for end, name in zip(options["distances"], names, strict=True):
+                values = [cell_text(found.get((metric, name, v)), metric) for v in settings["labels"]]
+                rows.append([metric_title(metric, {}), set_title(split, settings), end, *values])
+    return ["metric", "set", "until", *settings["labels"].values()], rows, 3
+
+
 def _width_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
     """A row for each method and prior, a column for each metric and set."""
     found = cells_of(summary, "metric", "set", "method")
@@ -144,6 +157,7 @@ def _during_training_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[lis
 
 KINDS = {
     "out_of_expertise": Study("shifts out of the expertise", (), _shift_rows, study_figures.shifts),
+    "horizons": Study("longer forecasts", (), _horizon_rows, study_figures.horizons),
     "prior_width": Study("width of the augmentation prior", (), _width_rows, study_figures.widths),
     "during_training": Study(
         "augmentation along the training", AROUND, _during_training_rows, study_figures.during_training

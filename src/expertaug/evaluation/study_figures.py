@@ -53,6 +53,17 @@ def by_width(priors: Mapping[str, Mapping]) -> list[str]:
 
 def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
     """The log-MSE against the distance of the shift: a panel for each kind of shift, a line for each method."""
+    _by_set(summary, outputs, settings, "distance of the shift")
+
+
+def horizons(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+    """The log-MSE against the end of the forecast: a panel for each split, a line for each method."""
+    panels = [(set_title(split, settings), names) for split, names in settings["options"]["panels"]]
+    titled = {**settings, "options": {**settings["options"], "panels": panels}}
+    _by_set(summary, outputs, titled, "end of the forecast")
+
+
+def _by_set(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, xlabel: str) -> None:
     options, metric = settings["options"], log_mse_name(settings["convention"])
     labels = settings["labels"]
     colours = plotting.colours(list(labels), settings["all_methods"])
@@ -69,7 +80,7 @@ def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
             places = zip(options["distances"], names, strict=True)
             axis.set_xticks(range(len(names)), [_tick(distance, name, settings) for distance, name in places])
             axis.set_xlim(-0.4, len(names) - 0.6)
-            axis.set(title=plotting.text(title), xlabel="distance of the shift")
+            axis.set(title=plotting.text(title), xlabel=xlabel)
             axis.grid(axis="y")
         grid[0].set_ylabel("log-MSE (lower is better)")
         handles = [

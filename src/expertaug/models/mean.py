@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor, nn
 
 from expertaug.models.estimates import Estimates
@@ -27,7 +28,10 @@ class MeanModel(Predictor, nn.Module):
         return Estimates(windows[0], None, None)
 
     def forecast(self, y0: Tensor, z_e: None, z_a: None, t: Tensor, solver: Solver) -> Tensor:
-        """(…, B, *state) → (T, …, B, *state); the same for every sample."""
+        """(…, B, *state) → (T, …, B, *state); the same for every sample, and beyond the training's times that
+        of the last of them."""
+        last = len(self.mean) - 1
+        known = self.mean[torch.arange(len(t)).clamp_max(last)]
         lead = y0.dim() - self.mean.dim() + 1
-        mean = self.mean.reshape(len(self.mean), *[1] * lead, *self.mean.shape[1:])
+        mean = known.reshape(len(t), *[1] * lead, *self.mean.shape[1:])
         return mean.expand(len(t), *y0.shape)

@@ -91,6 +91,25 @@ def energy(y: np.ndarray, constants: Constants) -> np.ndarray:
     return kinetic + c.G1 * (1 - np.cos(theta1)) + ratio * c.G2 * (1 - np.cos(theta2))
 
 
+def energy_gradient(y: Tensor, constants: Constants) -> Tensor:
+    """Gradient of :func:`energy` with respect to the state, so that dE/dt = ∇E · dy/dt.
+
+    Arguments:
+        y: states (..., 4).
+
+    Returns:
+        (..., 4) in s⁻² per unit of each component.
+    """
+    c = constants
+    theta1, theta2, omega1, omega2 = y.unbind(-1)
+    ratio = c.B1 / c.B2
+    sin, cos = torch.sin(theta1 - theta2), torch.cos(theta1 - theta2)
+    coupled = c.B1 * sin * omega1 * omega2
+    by_angles = c.G1 * torch.sin(theta1) - coupled, ratio * c.G2 * torch.sin(theta2) + coupled
+    by_speeds = omega1 + c.B1 * cos * omega2, ratio * omega2 + c.B1 * cos * omega1
+    return torch.stack((*by_angles, *by_speeds), dim=-1)
+
+
 class DoublePendulum(System):
     """Known initial angles, unknown initial speeds z_e = (θ1'(0), θ2'(0)) (paper, section 4.2).
 

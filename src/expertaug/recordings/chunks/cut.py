@@ -36,6 +36,27 @@ class Recording:
     rate_hz: float
 
 
+@dataclass(frozen=True)
+class Division:
+    """Which split each frame of the recordings belongs to.
+
+    Attributes:
+        recordings: in natural order of their names.
+        steps: of each, frames from one point of a chunk to the next.
+        energies: of each, (n,) in s⁻².
+        labels: of each, (n,): 0 train, 1 validation, 2 test, -1 none.
+        fit: the constants of the energies.
+        thresholds: of the energies in s⁻², where they divide.
+    """
+
+    recordings: list[Recording]
+    steps: list[int]
+    energies: list[np.ndarray]
+    labels: list[np.ndarray]
+    fit: Fit
+    thresholds: dict[str, float] | None
+
+
 def split_chunks(
     angles: Sequence[str | Path], output_dir: str | Path, settings: Mapping[str, object] | None = None
 ) -> None:
@@ -55,10 +76,20 @@ def split_chunks(
     """
     options = read_settings(ChunkSettings, settings, "chunks")
     output_dir = Path(output_dir)
+    division = divide(angles, output_dir, options)
+    _write(output_dir, division, _choose(output_dir, division, options), options)
+
+
+def divide(angles: Sequence[str | Path], output: Path, options: ChunkSettings) -> Division:
+    """Read the recordings and say of each frame which split it belongs to; ``output`` is for messages.
+
+    Raises:
+        InputError: as :func:`split_chunks`.
+    """
     recordings = sorted((_read_angles(Path(path)) for path in angles), key=lambda r: natural_key(r.name))
     names = [r.name for r in recordings]
     if not recordings or len(set(names)) < len(names):
-        raise InputError(output_dir, f"recordings are {names}", "give the angles of recordings with different names")
+        raise InputError(output, f"recordings are {names}", "give the angles of recordings with different names")
     steps = [_step(r, options) for r in recordings]
     fit = _pooled_fit(recordings, steps, options)
     energies = [energy(r.y, fit.constants) for r in recordings]
@@ -71,22 +102,15 @@ def split_chunks(
     labels = [
         keep_apart(label, round(options.guard_s * r.rate_hz)) for label, r in zip(labels, recordings, strict=True)
     ]
-    chosen = _choose(output_dir, labels, steps, options)
-    _write(output_dir, recordings, energies, steps, chosen, options, fit, thresholds)
+    return Division(recordings, steps, energies, labels, fit, thresholds)
 
 
-def _choose(
-    output_dir: Path, labels: list[np.ndarray], steps: list[int], options: ChunkSettings
-) -> dict[str, np.ndarray]:
+def _choose(output_dir: Path, division: Division, options: ChunkSettings) -> dict[str, np.ndarray]:
     """Per split, rows (recording, first row of the chunk), (N, 2)."""
-    chosen = {}
-    for split, name in enumerate(SPLITS):
-        stride = options.stride if name == "train" else options.evaluation_stride
-        starts = [
-            chunk_starts(label == split, step, options, stride) for label, step in zip(labels, steps, strict=True)
-        ]
-        recording = np.repeat(np.arange(len(starts)), [len(s) for s in starts])
-        chosen[name] = np.stack((recording, np.concatenate(starts)), axis=1)
+    chosen = {
+        name: rows_of(division, name, options, options.stride if name == "train" else options.evaluation_stride)
+        for name in SPLITS
+    }
     for name, rows in chosen.items():
         if len(rows) < options.min_chunks:
             counts = ", ".join(f"{n} {len(of)}" for n, of in chosen.items())
@@ -95,9 +119,26 @@ def _choose(
             )
             raise InputError(output_dir, f"too few chunks for the {name} split ({counts})", remedy)
         limit = options.limit(name)
-        if limit is not None and limit < len(rows):
-            chosen[name] = rows[np.linspace(0, len(rows) - 1, limit).round().astype(int)]
+        chosen[name] = thinned(rows, limit)
     return chosen
+
+
+def rows_of(division: Division, split: str, options: ChunkSettings, stride: int) -> np.ndarray:
+    """A split's chunks: rows (recording, first row of the chunk), (N, 2)."""
+    place = SPLITS.index(split)
+    starts = [
+        chunk_starts(label == place, step, options, stride)
+        for label, step in zip(division.labels, division.steps, strict=True)
+    ]
+    recording = np.repeat(np.arange(len(starts)), [len(s) for s in starts])
+    return np.stack((recording, np.concatenate(starts)), axis=1)
+
+
+def thinned(rows: np.ndarray, limit: int | None) -> np.ndarray:
+    """At most ``limit`` rows, evenly spread; None = all."""
+    if limit is None or limit >= len(rows):
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, limit).round().astype(int)]
 
 
 def chunk_starts(member: np.ndarray, step: int, options: ChunkSettings, stride: int) -> np.ndarray:
@@ -139,42 +180,43 @@ def _read_angles(path: Path) -> Recording:
     return Recording(path.parent.name, table["frame"].to_numpy(), y, measured, float(rate))
 
 
-def _write(
-    output_dir: Path,
-    recordings: list[Recording],
-    energies: list[np.ndarray],
-    steps: list[int],
-    chosen: dict[str, np.ndarray],
-    options: ChunkSettings,
-    fit: Fit,
-    thresholds: dict[str, float] | None,
-) -> None:
-    tables, counts, speeds = [], {}, {}
+def trajectories_of(division: Division, rows: np.ndarray, options: ChunkSettings) -> Trajectories:
+    """The chunks (N, 2) of :func:`rows_of`, with the first angles in (−π, π]."""
+    y, identity = [], []
+    for (index, first), points in zip(rows, _points(division, rows, options), strict=True):
+        recording = division.recordings[index]
+        y.append(recording.y[points])
+        identity.append(f"{recording.name}/{recording.frame[first]}")
+    states = np.stack(y)
+    # Whole turns before the chunk are of no interest, and single precision would lose digits to them.
+    states[..., :2] -= 2 * np.pi * np.round(states[:, :1, :2] / (2 * np.pi))
     times = np.arange(options.length) / options.rate_hz
+    return Trajectories(times, states, states[:, 0, 2:], id=np.array(identity))
+
+
+def _points(division: Division, rows: np.ndarray, options: ChunkSettings) -> np.ndarray:
+    """Rows of a recording that each chunk's points are, (N, length)."""
+    step = np.array(division.steps)[rows[:, 0]]
+    return rows[:, 1:] + step[:, None] * np.arange(options.length)
+
+
+def _write(output_dir: Path, division: Division, chosen: dict[str, np.ndarray], options: ChunkSettings) -> None:
+    tables, counts, speeds, recordings = [], {}, {}, division.recordings
     for name, rows in chosen.items():
-        y, level, first = [], [], []
-        for index, recording in enumerate(recordings):
-            starts = rows[rows[:, 0] == index, 1]
-            points = starts[:, None] + steps[index] * np.arange(options.length)
-            y.append(recording.y[points])
-            level.append(energies[index][points].mean(1))
-            first.append(recording.frame[starts])
-        counts[name] = {r.name: len(part) for r, part in zip(recordings, y, strict=True)}
-        y = np.concatenate(y)
-        # Whole turns before the chunk are of no interest, and single precision would lose digits to them.
-        y[..., :2] -= 2 * np.pi * np.round(y[:, :1, :2] / (2 * np.pi))
-        speeds[name] = np.quantile(np.abs(y[:, 0, 2:]), 0.99, axis=0).round(3).tolist()
-        names, frames = [recordings[i].name for i in rows[:, 0]], np.concatenate(first)
-        identity = np.array([f"{recording}/{frame}" for recording, frame in zip(names, frames, strict=True)])
-        Trajectories(times, y, y[:, 0, 2:], id=identity).save(output_dir / f"{name}.npz")
+        chunks = trajectories_of(division, rows, options)
+        chunks.save(output_dir / f"{name}.npz")
+        points = _points(division, rows, options)
+        level = [division.energies[index][own].mean() for index, own in zip(rows[:, 0], points, strict=True)]
+        counts[name] = {r.name: int((rows[:, 0] == k).sum()) for k, r in enumerate(recordings)}
+        speeds[name] = np.quantile(np.abs(chunks.y[:, 0, 2:]), 0.99, axis=0).round(3).tolist()
         tables.append(
             pd.DataFrame(
                 {
-                    "chunk": np.arange(len(y)),
-                    "recording": names,
-                    "first_frame": frames,
+                    "chunk": np.arange(len(rows)),
+                    "recording": [recordings[index].name for index in rows[:, 0]],
+                    "first_frame": [recordings[index].frame[first] for index, first in rows],
                     "split": name,
-                    "energy": np.concatenate(level),
+                    "energy": level,
                 }
             )
         )
@@ -185,12 +227,12 @@ def _write(
         output_dir / "splits.json",
         {
             "by": options.by,
-            "thresholds": thresholds,
+            "thresholds": division.thresholds,
             "chunks": {name: int(sum(of.values())) for name, of in counts.items()},
             "recordings": counts,
             "initial_speeds_p99": speeds,
-            "energy_constants": fit.constants.to_dict(),
+            "energy_constants": division.fit.constants.to_dict(),
             "energy_constants_note": "fitted on all recordings; a label to rank chunks by, used by no model",
-            "settings": {**options.model_dump(), "max_chunks": limits},
+            "settings": {**options.model_dump(exclude={"horizons_s"}), "max_chunks": limits},
         },
     )

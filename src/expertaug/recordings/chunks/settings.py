@@ -56,6 +56,12 @@ class ChunkSettings(Settings):
         None, "at most so many chunks, evenly spread; null = all; one value, or one for each set"
     )
     min_chunks: Count = key(100, "a set with fewer is refused")
+    horizons_s: list[Positive] = key(
+        list,
+        "lengths of further sets of validation and test chunks, from the same frames, which are evaluated alone: 1.0 "
+        "makes validation_1s and test_1s",
+        "s",
+    )
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
@@ -67,7 +73,19 @@ class ChunkSettings(Settings):
         for name in ("stride", "evaluation_stride"):
             if getattr(self, name) > self.length:
                 raise disagree(f"found {getattr(self, name)}", f"give at most the length, {self.length}", name)
+        for k, seconds in enumerate(self.horizons_s):
+            if points_until(seconds, self.rate_hz) <= self.length:
+                last = (self.length - 1) / self.rate_hz
+                raise disagree(f"found {seconds:g}", f"chunks end at {last:g} s already", f"horizons_s[{k}]")
+        named = list(map(suffix, self.horizons_s))
+        if len(set(named)) < len(named):
+            raise disagree(f"found {self.horizons_s}", "give each once", "horizons_s")
         return self
+
+    @property
+    def horizons(self) -> dict[str, tuple[str, float]]:
+        """Further sets by name: the split that they are of, and their length in s."""
+        return {f"{split}_{suffix(s)}": (split, s) for s in self.horizons_s for split in ("validation", "test")}
 
     @property
     def shares(self) -> tuple[float, float, float]:
@@ -76,3 +94,13 @@ class ChunkSettings(Settings):
     def limit(self, split: str) -> int | None:
         """Chunks of a set, at most; None = all."""
         return getattr(self.max_chunks, split) if isinstance(self.max_chunks, ChunkLimits) else self.max_chunks
+
+
+def points_until(seconds: float, rate_hz: float) -> int:
+    """Points from 0 to a time."""
+    return round(seconds * rate_hz) + 1
+
+
+def suffix(seconds: float) -> str:
+    """A length as the end of a set's name: 1s, 500ms."""
+    return f"{seconds:g}s" if float(seconds).is_integer() else f"{round(1000 * seconds)}ms"

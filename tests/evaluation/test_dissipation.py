@@ -1,0 +1,155 @@
+"""Power that models dissipate beside the loss of energy: of a friction that is known."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from torch import nn
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "recordings"))
+from pendulum_motion import CONSTANTS, FRICTION
+
+from expertaug.cli import main
+from expertaug.errors import InputError
+from expertaug.evaluation.dissipation import dissipation
+from expertaug.evaluation.energy_balance import dissipated_power, measured_loss
+from expertaug.models import store
+from expertaug.models.decoder import Decoder
+from expertaug.models.estimates import Estimates
+from expertaug.recordings.rendering.motion import simulate
+from expertaug.systems.double_pendulum import DoublePendulum, accelerations, energy, energy_gradient
+from expertaug.trajectories import Trajectories
+
+T = np.arange(20) / 100
+
+
+class Friction(nn.Module):
+    """F_a: what both joints' friction adds to the expert without one; ``share`` of it, and z_a times that."""
+
+    def __init__(self, share=1.0):
+        super().__init__()
+        self.share = share
+
+    def context(self, z_a, z_e):
+        return z_a
+
+    def forward(self, y, context):
+        rubbed = accelerations(y, CONSTANTS, FRICTION) - accelerations(y, CONSTANTS)
+        return torch.cat((torch.zeros_like(rubbed), self.share * context * rubbed), -1)
+
+
+def motion(n=60, seed=0):
+    """Chunks (N, T, 4) of the true motion with friction, from two recordings."""
+    low, high = np.array([-2.0, -2.0, -8.0, -15.0]), np.array([2.0, 2.0, 8.0, 15.0])
+    start = np.random.default_rng(seed).uniform(low, high, size=(n, 4))
+    y = simulate(start, T, CONSTANTS, FRICTION)
+    names = np.array([f"{'ab'[k % 2]}/{k}" for k in range(n)])
+    return Trajectories(T, y, y[:, 0, 2:], id=names)
+
+
+def pendulum(**arguments):
+    return DoublePendulum("compound", CONSTANTS.to_dict(), **arguments)
+
+
+def test_gradient_of_energy():
+    torch.manual_seed(0)
+    y = 3 * torch.randn(50, 4, dtype=torch.float64)
+    gradient = energy_gradient(y, CONSTANTS)
+    for k in range(4):
+        step = torch.zeros(4, dtype=torch.float64)
+        step[k] = 1e-5
+        difference = (energy((y + step).numpy(), CONSTANTS) - energy((y - step).numpy(), CONSTANTS)) / 2e-5
+        np.testing.assert_allclose(gradient[:, k], difference, rtol=1e-6, atol=1e-6)
+    rates = torch.cat((y[:, 2:], accelerations(y, CONSTANTS)), -1)
+    size = (gradient * rates).abs().sum(-1)
+    assert ((gradient * rates).sum(-1).abs() < 1e-12 * size).all(), "the expert conserves energy"
+
+
+def test_a_known_friction_dissipates_what_is_lost():
+    """To 1 %: the median of slopes between points .19 s apart at most is not quite the mean rate."""
+    chunks = motion()
+    measured = measured_loss(chunks, CONSTANTS)
+    states = torch.from_numpy(chunks.y).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
+    one = torch.ones(2, len(chunks), 1)
+    one[1] = 0.5
+    found = Estimates(states[0], states[0, ..., 2:], one)
+    power = dissipated_power(Decoder(pendulum(), Friction()), states, found)
+    assert power.shape == (2, len(chunks))
+    assert measured.mean() > 1.0
+    assert power[0].mean() == pytest.approx(measured.mean(), rel=0.01)
+    torch.testing.assert_close(power[1], power[0] / 2, rtol=1e-3, atol=1e-3)
+    known = dissipated_power(Decoder(pendulum(friction=FRICTION)), states, None)
+    torch.testing.assert_close(known[0], power[0], rtol=1e-3, atol=1e-3)
+    none = dissipated_power(Decoder(pendulum()), states, None)
+    assert none.abs().max() < 1e-3 * power[0].mean()
+
+
+def test_slopes_hardly_feel_one_bad_point():
+    chunks = motion(10)
+    y = chunks.y.copy()
+    y[:, 7, 2] += 5.0
+    bad = Trajectories(chunks.t, y, chunks.z_e)
+    np.testing.assert_allclose(measured_loss(bad, CONSTANTS), measured_loss(chunks, CONSTANTS), rtol=0.2, atol=0.1)
+
+
+def save(path, method, seeds=(0, 1), friction=None, name="double_pendulum"):
+    """A model file of the expert alone, with a friction that it knows."""
+    system = pendulum(friction=friction)
+    described = {"kind": "least_squares", "method": method, "seeds": list(seeds), "t": T.tolist(), "observed": 11}
+    described["system"] = {"name": name, "expert": "compound", "constants": CONSTANTS.to_dict()}
+    described["system"] |= {} if friction is None else {"friction": list(friction)}
+    store.save(path, Decoder(system), described)
+    return path
+
+
+SETTINGS = {
+    "experiment": "swing",
+    "versions": [["rubbing", "With friction", None], ["half", "Half of it", None]],
+    "all_methods": ["rubbing", "half"],
+    "set_titles": {},
+    "title": None,
+    "device": "cpu",
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for k, name in enumerate(("train", "validation", "test")):
+        motion(20, k).save(tmp_path / f"{name}.npz")
+    save(tmp_path / "a.safetensors", "rubbing", friction=FRICTION)
+    save(tmp_path / "b.safetensors", "half", friction=tuple(f / 2 for f in FRICTION))
+    return tmp_path
+
+
+def test_the_stage_by_recording(folder, drawn):
+    outputs = [folder / f"out.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
+    models = [folder / "b.safetensors", folder / "a.safetensors"]
+    dissipation(models, folder, outputs, SETTINGS)
+    table = pd.read_csv(outputs[0])
+    assert len(table) == 2 * 2 * 3 * 2, "versions, seeds, sets, recordings"
+    assert set(table["recording"]) == {"a", "b"} and (table["chunks"] == 10).all()
+    whole, half = (table[table["method"] == name].reset_index() for name in ("rubbing", "half"))
+    np.testing.assert_allclose(whole["dissipated"], whole["measured"], rtol=0.1)
+    np.testing.assert_allclose(half["dissipated"], whole["dissipated"] / 2, rtol=1e-4)
+    text = outputs[1].read_text()
+    first = whole[whole["set"] == "train"]
+    assert f"| train | With friction | {first['measured'].mean():.2f} |" in text
+    assert f"| train | a | 10 | {first['measured'].iloc[0]:.2f} ± {first['measured_se'].iloc[0]:.2f} |" in text
+    assert outputs[2].read_text().isascii() and r"\nabla" in outputs[2].read_text()
+    points = [line for line in drawn[0].axes[0].lines if line.get_linestyle() == "None"]
+    assert len(drawn[0].axes) == 3 and [len(line.get_xdata()) for line in points] == [2, 2]
+
+
+def test_refusals(folder, capsys):
+    with pytest.raises(InputError, match="half: no model of this version"):
+        dissipation([folder / "a.safetensors"], folder, [folder / "o.csv"], SETTINGS)
+    other = save(folder / "c.safetensors", "third")
+    with pytest.raises(InputError, match="a model of 'third'; give those of rubbing, half"):
+        dissipation([other], folder, [folder / "o.csv"], SETTINGS)
+    arguments = ["dissipation", str(other), "--data", str(folder), "--output", str(folder / "o.csv")]
+    assert main([*arguments, "--settings", json.dumps(SETTINGS)]) == 2
+    assert "third" in capsys.readouterr().err
