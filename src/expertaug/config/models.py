@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field, field_serializer
 
 from expertaug.config import presets
-from expertaug.inference.settings import FlowSettings, RefinementSettings
+from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
 from expertaug.recordings.chunks.settings import ChunkSettings
@@ -45,9 +45,10 @@ class Method(Settings):
 
     RENAMED: ClassVar = {"system": "say it in the experiment: overrides: {METHOD: {system: …}}"}
 
-    kind: Literal["hybrid", "least_squares", "mean"] = key(
+    kind: Literal["hybrid", "alternating", "least_squares", "mean"] = key(
         ...,
-        "hybrid = encoder, expert and interaction model; least_squares = the expert alone, fitted to each window, "
+        "hybrid = encoder, expert and interaction model; alternating = expert and interaction model, learned from fits "
+        "of each window, without an encoder; least_squares = the expert alone, fitted to each window, "
         "without a network; mean = forecasts the training set's mean",
     )
     label: str = key(..., "what tables and figures print; augmented versions get a +", min_length=1)
@@ -195,6 +196,7 @@ class Override(Settings):
     finetuning: TrainSettings = key(LEFT_OUT, "as the experiment's finetuning")
     refinement: RefinementSettings = key(LEFT_OUT, "as the experiment's refinement")
     flow: FlowSettings = key(LEFT_OUT, "as the experiment's flow")
+    alternation: AlternatingSettings = key(LEFT_OUT, "as the experiment's alternation")
 
 
 class Experiment(Settings):
@@ -239,7 +241,8 @@ class Experiment(Settings):
         "(VERSION~refined); versions that the experiment does not make are left out",
     )
     refinement: RefinementSettings = key(
-        RefinementSettings, "least squares on each window: of methods of kind least_squares and of refined versions"
+        RefinementSettings,
+        "least squares on each window: of methods of kind least_squares and alternating, and of refined versions",
     )
     flows: Names = key(
         list,
@@ -247,6 +250,7 @@ class Experiment(Settings):
         "does not train are left out",
     )
     flow: FlowSettings = key(FlowSettings, "how a flow learns the posterior from draws of a trained model")
+    alternation: AlternatingSettings = key(AlternatingSettings, "how methods of kind alternating are trained")
 
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:
