@@ -391,7 +391,7 @@ def test_slices_hold_only_what_their_stage_uses(base):
 
 def test_blocks_and_variants(base):
     methods = {"methods": ["mean", "aphynity"], "augmented": ["aphynity"]}
-    own = {"experiments": {"x": {"based_on": "pendulum", **methods, "controls": [], "refined": []}}}
+    own = {"experiments": {"x": {"based_on": "pendulum", **methods, "controls": [], "flows": [], "refined": []}}}
     found = config.validate(config.merge(base, own | {"seeds": [4, 0, 7], "seeds_per_job": 2}))
     assert stage_settings.seed_groups(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
     assert jobs.variants(found, "x") == ["mean", "aphynity", "aphynity+"]
@@ -575,7 +575,7 @@ def test_horizons_and_dissipation_of_recordings(base):
     shown = stage_settings.dissipation(found, "double_pendulum")["versions"]
     refined = ["aphynity~refined", "hvae~refined"]
     assert [v for v, _, fit in shown if fit and v in refined] == refined
-    assert [v for v, *_ in shown if v not in refined] == ["least_squares_friction", "aphynity", "hvae"]
+    assert [v for v, *_ in shown if v not in refined] == ["least_squares_friction", "aphynity", "hvae", "alternating"]
     assert jobs.dissipating(found, "pendulum") == []
     assert jobs.studies(config.validate(base), "double_pendulum") == ["during_training"]
     assert "found 0.1; chunks end at 0.19 s already" in refused(

@@ -77,6 +77,7 @@ def test_tables_and_figures_are_told_each_method_s_own_p_plus(base):
     valid = config.validate(config.merge(base, yaml.safe_load(prior)))
     told = stage_settings.plot(valid, "pendulum")["priors"]
     own, other = {"omega0": [0.25, 3.5]}, {"omega0": [0.5, 3.5]}
-    versions = ("aphynity", "aphynity~refined", "aphynity=", "aphynity+", "aphynity+~refined")
+    versions = ["aphynity", "aphynity~refined", "aphynity=", "aphynity+", "aphynity+~refined"]
+    versions += ["aphynity+~flow", "aphynity+~flow~refined"]
     assert {label: p for label, p in told.items() if p != other} == dict.fromkeys(versions, own)
     assert stage_settings.study(valid, "pendulum", "prior_width")["priors"]["aphynity"][""] == own

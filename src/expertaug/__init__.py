@@ -43,6 +43,7 @@ _EXPORTS = {
     "Trajectories": "expertaug.trajectories:Trajectories",
     "WindowEncoder": "expertaug.models.encoders.window:WindowEncoder",
     "alarm": "expertaug.api.alarm",
+    "alternate": "expertaug.api.alternation:alternate",
     "augment": "expertaug.api.training:augment",
     "diagnostics": "expertaug.api.diagnostics",
     "evaluate": "expertaug.api.trained:evaluate",

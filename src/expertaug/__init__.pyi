@@ -4,6 +4,7 @@ from expertaug.api import alarm as alarm
 from expertaug.api import diagnostics as diagnostics
 from expertaug.api import metrics as metrics
 from expertaug.api import plots as plots
+from expertaug.api.alternation import alternate as alternate
 from expertaug.api.forecasts import Forecast as Forecast
 from expertaug.api.inference import least_squares as least_squares
 from expertaug.api.inference import own_prior as own_prior
@@ -71,6 +72,7 @@ __all__ = [
     "WindowEncoder",
     "__version__",
     "alarm",
+    "alternate",
     "augment",
     "diagnostics",
     "evaluate",

@@ -12,7 +12,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.levenberg_marquardt import minimise
-from expertaug.inference.window_fit import given_components, seen_components
+from expertaug.inference.window_problem import given_components, seen_components
 from expertaug.learning import train as train_stage
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder

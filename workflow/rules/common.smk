@@ -103,7 +103,12 @@ def per_seed_group(pattern, experiment, methods):
 def trained_of(experiment):
     """Variants that have a training's log: all but those that are computed at once."""
     own = [v for v in jobs.variants(CONFIG, experiment) if labels.trained(v) == v]
-    return [v for v in own if CONFIG["methods"][method_of(v)]["kind"] == "hybrid"]
+    return [v for v in own if CONFIG["methods"][method_of(v)]["kind"] in ("alternating", "hybrid")]
+
+
+def training_of(method):
+    """The stage that trains a method."""
+    return "alternate" if CONFIG["methods"][method]["kind"] == "alternating" else "train"
 
 
 def dissipating_of(experiment):

@@ -28,7 +28,7 @@ rule train_seed_group:
         validation=results("{experiment}/data/validation.npz"),
         calibration=lambda w: calibration_of(w.experiment),
         tracking=ancient(results("mlflow/tracking.json")),
-        code=lambda w: code("train", w.experiment, w.method),
+        code=lambda w: code(training_of(w.method), w.experiment, w.method),
     output:
         model=results("{experiment}/{method}/{seed_group}/model.safetensors"),
         # States at several of its stages, for the study during_training; an empty file where no study follows it.
@@ -43,15 +43,16 @@ rule train_seed_group:
     resources:
         mem_mb=4000,
     params:
-        versions=lambda w: versions("train", w.experiment, w.method),
+        versions=lambda w: versions(training_of(w.method), w.experiment, w.method),
         settings=lambda w: settings("train", w.experiment, w.method, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
         work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.seed_group}"),
         calibration=lambda w, input: f"--calibration {shlex.quote(str(input.calibration))}" if input.calibration else "",
+        stage=lambda w: training_of(w.method),
     message:
         "train {wildcards.method} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug train --data {params.data:q} {params.calibration} --output {output.model:q} --work {params.work:q}"
+        "expertaug {params.stage} --data {params.data:q} {params.calibration} --output {output.model:q} --work {params.work:q}"
         " --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
 
 

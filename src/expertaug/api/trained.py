@@ -105,7 +105,7 @@ class TrainedModel:
             raise IndexError(f"no seeds at {place}: the group has {len(self)}")
         description = dict(self.stored.description)
         for key, value in description.items():  # one value a seed
-            if key in ("seeds", "best_score", "best_epoch") and value is not None:
+            if key in ("seeds", "best_score", "best_epoch", "best_step") and value is not None:
                 description[key] = [value[k] for k in chosen]
         for block in [key for key in ("carried", "latent") if key in description]:
             description[block] = {

@@ -23,6 +23,11 @@ def add_to(commands: Commands) -> None:
     p.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
     add_tracking(p)
 
+    p = commands.add("alternate", _alternate, "learn an interaction model from fits of each window")
+    add_paths(p, data="folder of the sets", output="model file", work="folder for checkpoints")
+    p.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
+    add_tracking(p)
+
     p = commands.add("augment", _augment, "draw augmented samples from a trained model")
     add_paths(p, model="model file", data="folder of the sets", output="augmented samples")
 
@@ -54,6 +59,12 @@ def _train(a: argparse.Namespace) -> None:
     from expertaug.learning.train import train
 
     train(a.data, a.output, a.work, read_settings(a.settings), tracking_of(a), a.calibration)
+
+
+def _alternate(a: argparse.Namespace) -> None:
+    from expertaug.inference.alternate import alternate
+
+    alternate(a.data, a.output, a.work, read_settings(a.settings), tracking_of(a), a.calibration)
 
 
 def _augment(a: argparse.Namespace) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from expertaug.config.methods import FITTED
 from expertaug.config.names import unknown, unknown_one
 from expertaug.config.options import KnownSystem
 from expertaug.errors import InputError
@@ -26,7 +27,7 @@ def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None)
             if set(one[block]) & set(one["methods"]) and key not in one:
                 yield InputError(f"{where}.{key}", "missing", f"methods under {block} need it")
     yield from _refined(f"{where}.refined", one["refined"], methods)
-    fitted = [m for m in one["methods"] if _kind(methods, m) == "least_squares"]
+    fitted = [m for m in one["methods"] if _kind(methods, m) in FITTED]
     if fitted and "augmentation" not in one:
         found = f"missing, {fitted[0]} needs its prior"
         yield InputError(f"{where}.augmentation", found, "give p⁺: the fits start within it")
@@ -51,8 +52,8 @@ def _refined(where: str, variants: list[str], methods: Mapping) -> Iterator[Inpu
             yield InputError(here, f"'{variant}' is there twice", "name each version once")
         elif kind == "mean":
             yield InputError(here, f"'{variant}' is of kind mean", "name a version with an expert")
-        elif kind == "least_squares":
-            yield InputError(here, f"'{variant}' is of kind least_squares", "it is fitted to each window already")
+        elif kind in FITTED:
+            yield InputError(here, f"'{variant}' is of kind {kind}", "it is fitted to each window already")
 
 
 def _kind(methods: Mapping, method: str) -> str:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from expertaug.config.layers import merge, plain
 from expertaug.learning import kinds
 
+FITTED = ("alternating", "least_squares")  # kinds of methods whose estimates are fits of each window
+
 
 def experiment_of(config: Mapping, experiment: str, method: str | None) -> dict:
     """An experiment with what it overrides for a method."""
@@ -30,6 +32,8 @@ def modules(config: Mapping, experiment: str, method: str | None = None) -> list
     one = experiment_of(config, experiment, method)
     build = build_of(config, experiment, method) if method else {"kind": "none"}
     system = build.get("system", {}).get("name", one["system"]["name"])
+    if build["kind"] == "alternating":
+        return kinds.modules(system, {"interaction": one["model"]["interaction"]}, None)
     if build["kind"] != "hybrid":
         return kinds.modules(system, {}, None)
     parts = {part: settings for part, settings in one["model"].items() if build.get(part, True)}

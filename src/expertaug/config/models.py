@@ -11,7 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field, field_serializer
 
 from expertaug.config import presets
-from expertaug.inference.settings import FlowSettings, RefinementSettings
+from expertaug.config.study_models import SomeNames, Studies
+from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
 from expertaug.recordings.chunks.settings import ChunkSettings
@@ -22,7 +23,6 @@ from expertaug.wording import PATTERNS
 
 Ranges = Annotated[dict[str, Range], Field(min_length=1)]
 Names = list[str]
-SomeNames = Annotated[list[str], Field(min_length=1)]
 
 
 def _choices(value: dict[str, str]) -> dict[str, str]:
@@ -45,9 +45,10 @@ class Method(Settings):
 
     RENAMED: ClassVar = {"system": "say it in the experiment: overrides: {METHOD: {system: …}}"}
 
-    kind: Literal["hybrid", "least_squares", "mean"] = key(
+    kind: Literal["hybrid", "alternating", "least_squares", "mean"] = key(
         ...,
-        "hybrid = encoder, expert and interaction model; least_squares = the expert alone, fitted to each window, "
+        "hybrid = encoder, expert and interaction model; alternating = expert and interaction model, learned from fits "
+        "of each window, without an encoder; least_squares = the expert alone, fitted to each window, "
         "without a network; mean = forecasts the training set's mean",
     )
     label: str = key(..., "what tables and figures print; augmented versions get a +", min_length=1)
@@ -108,59 +109,6 @@ class FurtherPrior(Settings):
     methods: SomeNames = key(LEFT_OUT, "methods that get this version; left out = all under augmented")
 
 
-class OutOfExpertise(Settings):
-    """Log-MSE on sets whose interaction parameters are shifted as well."""
-
-    distances: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)] = key(
-        ..., "names of the distances, in order"
-    )
-    panels: Annotated[dict[str, SomeNames], Field(min_length=1)] = key(
-        ..., "title of each panel, and its sets in the order of the distances"
-    )
-    overview: str | None = key(None, "set that the figure over all experiments (za_shifted) shows; null = none")
-
-
-class DuringTraining(Settings):
-    """Augmentation and fine-tuning of the model at several stages of its training."""
-
-    method: str = key(..., "method whose training is followed")
-    epochs: Annotated[list[Count], Field(min_length=1)] = key(
-        ..., "passes of the training after which its state is kept"
-    )
-    finetune_epochs: Annotated[list[Count], Field(min_length=1)] = key(
-        lambda: [1, 10], "lengths of the fine-tunings of each kept state, in passes"
-    )
-    max_samples: Count | None = key(1000, "samples of each set that are evaluated, at most, evenly spread; null = all")
-
-
-class Grid(Settings):
-    """A sweep: one training for every combination of some keys' values, on the same data."""
-
-    method: str = key(..., "hybrid method that is trained")
-    keys: dict[str, Annotated[list[Any], Field(min_length=1)]] = key(
-        ..., "values by dotted key of the experiment, below model, training, system or choices", min_length=1
-    )
-
-
-class Studies(Settings):
-    """Further questions to the experiment's models, each with a table and a figure of its own."""
-
-    RENAMED: ClassVar = {"along": "it is called during_training now"}
-
-    during_training: DuringTraining | None = key(
-        LEFT_OUT,
-        "augmentation and fine-tuning of the model at several stages of its training; null takes an inherited one away",
-    )
-    grid: Grid | None = key(
-        LEFT_OUT,
-        "one training for every combination of some keys' values, on the same data, compared by the score on the "
-        "validation set; null takes an inherited one away",
-    )
-    out_of_expertise: OutOfExpertise | None = key(
-        LEFT_OUT, "log-MSE on sets whose interaction parameters are shifted as well; null takes an inherited one away"
-    )
-
-
 class Evaluation(Settings):
     """What is measured and kept of each set."""
 
@@ -195,6 +143,7 @@ class Override(Settings):
     finetuning: TrainSettings = key(LEFT_OUT, "as the experiment's finetuning")
     refinement: RefinementSettings = key(LEFT_OUT, "as the experiment's refinement")
     flow: FlowSettings = key(LEFT_OUT, "as the experiment's flow")
+    alternation: AlternatingSettings = key(LEFT_OUT, "as the experiment's alternation")
 
 
 class Experiment(Settings):
@@ -239,7 +188,8 @@ class Experiment(Settings):
         "(VERSION~refined); versions that the experiment does not make are left out",
     )
     refinement: RefinementSettings = key(
-        RefinementSettings, "least squares on each window: of methods of kind least_squares and of refined versions"
+        RefinementSettings,
+        "least squares on each window: of methods of kind least_squares and alternating, and of refined versions",
     )
     flows: Names = key(
         list,
@@ -247,6 +197,7 @@ class Experiment(Settings):
         "does not train are left out",
     )
     flow: FlowSettings = key(FlowSettings, "how a flow learns the posterior from draws of a trained model")
+    alternation: AlternatingSettings = key(AlternatingSettings, "how methods of kind alternating are trained")
 
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:

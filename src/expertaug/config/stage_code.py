@@ -25,6 +25,7 @@ STAGES = {
     "calibrate": "expertaug.recordings.angles.calibration",
     "simulate": "expertaug.systems.simulate",
     "train": "expertaug.learning.train",
+    "alternate": "expertaug.inference.alternate",
     "augment": "expertaug.learning.augment",
     "finetune": "expertaug.learning.finetune",
     "flow": "expertaug.inference.flow_training",

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field
 
 from expertaug.config.models import Evaluation
 from expertaug.errors import InputErrors
-from expertaug.inference.settings import FlowSettings, RefinementSettings
+from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.settings import LEFT_OUT, NotNegative, Positive, Range, Seed, Settings, check, key
 
@@ -91,6 +91,13 @@ class Untrained(Train):
 
     training: dict[str, Any] = key(..., "empty")  # type: ignore[assignment]
     refinement: Refinement = key(LEFT_OUT, "of kind least_squares")
+
+
+class Alternating(Train):
+    """The training of a method of kind alternating."""
+
+    training: AlternatingSettings = key(..., "how it is trained")  # type: ignore[assignment]
+    refinement: Refinement = key(..., "how windows are fitted")
 
 
 class Augment(OfSeeds):
@@ -180,6 +187,7 @@ STAGES: Mapping[str, type[StageSettings]] = {
     "init-tracking": InitTracking,
     "simulate": Simulate,
     "train": Train,
+    "alternate": Alternating,
     "augment": Augment,
     "finetune": Finetune,
     "flow": Flow,

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from expertaug import labels as naming
 from expertaug.config import options
 from expertaug.config.jobs import dissipating, label, seed_groups, sets, snapshots
-from expertaug.config.methods import build_of, experiment_of, foreign, modules, objective_of
+from expertaug.config.methods import FITTED, build_of, experiment_of, foreign, modules, objective_of
 from expertaug.config.recording_settings import (
     calibrate,
     cut_horizon,
@@ -101,7 +101,9 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
     if build.get("interaction") is False:
         del model["interaction"]
     given = {}
-    if build["kind"] != "hybrid":
+    if build["kind"] == "alternating":
+        model, training = {"interaction": model["interaction"]}, one["alternation"]
+    elif build["kind"] != "hybrid":
         model, training = {}, {}
     else:
         training = _with_own_options(training, build)
@@ -216,7 +218,7 @@ def _with_own_options(training: Mapping, build: Mapping) -> dict:
 def _estimator(config: Mapping, experiment: str, variant: str) -> dict:
     """What least squares on each window needs, where a version's estimates come from it."""
     method = naming.base(variant)
-    if not naming.is_refined(variant) and config["methods"][method]["kind"] != "least_squares":
+    if not naming.is_refined(variant) and config["methods"][method]["kind"] not in FITTED:
         return {}
     one = experiment_of(config, experiment, method)
     prior = one["augmentation"]["prior"] if "augmentation" in one else None

@@ -9,16 +9,14 @@ from torch import Tensor, nn
 
 from expertaug.errors import InputError
 from expertaug.inference.settings import RefinementSettings
-from expertaug.inference.window_fit import Latent, WindowFit
+from expertaug.inference.window_fit import WindowFit
+from expertaug.inference.window_problem import Latent, assumed_noise
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates, Estimator
 from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
-
-SMALLEST = 1e-3  # of the largest value of the training set: the noise that is assumed where data have none
-BOUND_FACTOR = 10.0  # the stored bound is so many times that value
 
 
 class LeastSquares(Predictor, nn.Module):
@@ -61,7 +59,7 @@ def estimator_of(
     """Least squares with a stored model's decoder: from its own estimates too, where it has any.
 
     Arguments:
-        stored: hybrid, a flow's, or the expert alone (kind least_squares).
+        stored: hybrid, a flow's, or a decoder without estimates of its own (kinds alternating and least_squares).
         settings: see :class:`RefinementSettings`.
         noise: standard deviation of the data's noise.
         prior: range of each expert parameter in which starts lie; None: only the model's own estimates are starts.
@@ -75,17 +73,16 @@ def estimator_of(
         raise InputError("refinement", "a mean of the training set", "only models with an expert can be fitted")
     if description["kind"] == "hybrid" and "latent" not in description:
         raise InputError("refinement", "the model file does not say where its z_a lie", "train it again")
-    first = None if description["kind"] == "least_squares" else stored.model
+    first = None if description["kind"] in ("alternating", "least_squares") else stored.model
     decoder: Decoder = stored.model if first is None else stored.model.decoder
     given = options.model_fields_set
-    assumed = options.noise if "noise" in given else noise
     solver = options.solver if "solver" in given else description["training"].get("solver")
     free = options.free_start if "free_start" in given else noise > 0
     fit = WindowFit(
         decoder,
         torch.tensor(description["t"][: description["observed"]], dtype=torch.float64),
         options,
-        assumed or SMALLEST * max(description["bound"]) / BOUND_FACTOR,
+        assumed_noise(options, noise, description["bound"]),
         bool(free),
         prior,
         Latent.of(description),

@@ -14,6 +14,7 @@ Residuals = Callable[[Tensor, Tensor], Tensor]
 DIFFERENCE = 1e-6  # of a parameter, for its derivative in double precision; parameters are of order one
 DAMPING, LESS, MORE = 1e-2, 0.2, 4.0  # the first damping, and its factors after a better and after a worse step
 TIGHTEST = 1e8  # a problem that no step under this damping betters is at its minimum
+LONGEST = 0.5  # step of one parameter
 LARGEST = 1e4  # of a residual: a candidate that runs away counts as very bad, not as infinite
 
 
@@ -33,7 +34,9 @@ class Minimum:
 
 
 @torch.no_grad()
-def minimise(residuals: Residuals, x: Tensor, steps: int, longest: float = 0.5, tolerance: float = 1e-6) -> Minimum:
+def minimise(
+    residuals: Residuals, x: Tensor, steps: int, longest: float | Tensor = LONGEST, tolerance: float = 1e-6
+) -> Minimum:
     """Minimise the sum of squared residuals of every problem from its own start.
 
     Each step solves once for the trial point and its derivatives; problems that are done are left out of the next.
@@ -42,7 +45,7 @@ def minimise(residuals: Residuals, x: Tensor, steps: int, longest: float = 0.5, 
         residuals: of candidates; what is not finite counts as :data:`LARGEST`.
         x: starts (…, B, K), float64, of order one.
         steps: at most so many.
-        longest: step of one parameter.
+        longest: step of each parameter, or of all.
         tolerance: a problem is done when a step betters it by less than this share.
     """
     x = x.clone()
@@ -68,23 +71,50 @@ def minimise(residuals: Residuals, x: Tensor, steps: int, longest: float = 0.5, 
     return Minimum(x, cost, curvature)
 
 
+@torch.no_grad()
+def trial(residuals: Residuals, x: Tensor, damping: Tensor, longest: float | Tensor = LONGEST) -> tuple[Tensor, Tensor]:
+    """One step that its caller is to accept or not (:func:`adapted`): where it leads (…, B, K), and the cost (…, B)
+    from where it starts.
+
+    Arguments:
+        x: parameters (…, B, K).
+        damping: of each problem, (…, B).
+    """
+    cost, curvature, slope = _derivatives(residuals, x, torch.arange(x.shape[-2], device=x.device))
+    return x + _step(curvature, slope, damping, longest), cost
+
+
+def adapted(damping: Tensor, better: Tensor) -> Tensor:
+    """The damping (…, B) of the next step, after one that was ``better`` (…, B) or was not."""
+    return torch.where(better, damping * LESS, damping * MORE).clamp(1 / TIGHTEST, TIGHTEST)
+
+
 def _derivatives(residuals: Residuals, x: Tensor, columns: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Cost (…, B), JᵀJ (…, B, K, K) and Jᵀr (…, B, K) by forward differences."""
     size = x.shape[-1]
     moves = torch.cat((x.new_zeros(1, size), DIFFERENCE * torch.eye(size, dtype=x.dtype, device=x.device)))
-    found = residuals(x + moves.view(size + 1, *[1] * (x.dim() - 1), size), columns)
-    found = found.nan_to_num(LARGEST, LARGEST, -LARGEST).clamp(-LARGEST, LARGEST)
+    found = _limited(residuals(x + moves.view(size + 1, *[1] * (x.dim() - 1), size), columns))
     here = found[0]
     jacobian = ((found[1:] - here) / DIFFERENCE).movedim(0, -1)  # (…, B, M, K)
     transposed = jacobian.transpose(-1, -2)
     return here.square().sum(-1), transposed @ jacobian, (transposed @ here.unsqueeze(-1)).squeeze(-1)
 
 
-def _step(curvature: Tensor, slope: Tensor, damping: Tensor, longest: float) -> Tensor:
+def cost_of(residuals: Tensor) -> Tensor:
+    """The sum of squares (…) of residuals (…, M), as the steps compare it."""
+    return _limited(residuals).square().sum(-1)
+
+
+def _limited(residuals: Tensor) -> Tensor:
+    return residuals.nan_to_num(LARGEST, LARGEST, -LARGEST).clamp(-LARGEST, LARGEST)
+
+
+def _step(curvature: Tensor, slope: Tensor, damping: Tensor, longest: float | Tensor) -> Tensor:
     """The damped step (…, B, K), damping in proportion to the curvature of each parameter."""
     diagonal = curvature.diagonal(dim1=-2, dim2=-1)
     # What moves nothing gets a damping of its own, or the matrix would be singular.
     floor = 1e-9 * diagonal.amax(-1, keepdim=True).clamp_min(1e-30)
     damped = curvature + torch.diag_embed(damping[..., None] * diagonal + floor)
     step = -torch.linalg.solve_ex(damped, slope.unsqueeze(-1)).result.squeeze(-1)
-    return step.nan_to_num(0.0, 0.0, 0.0).clamp(-longest, longest)
+    limit = torch.as_tensor(longest).to(step)
+    return step.nan_to_num(0.0, 0.0, 0.0).clamp(-limit, limit)

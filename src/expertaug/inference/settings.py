@@ -93,3 +93,37 @@ class FlowSettings(Settings):
     def size(self) -> int:
         """Draws of the pool: a whole number of renewals."""
         return self.renewed * self.uses
+
+
+class AlternatingSettings(Settings):
+    """A training of F_a without an encoder: each window's own estimates, and gradient steps on F_a, in turns."""
+
+    WHERE: ClassVar[str] = "alternation"
+
+    latent: Annotated[int, Field(ge=0, le=100)] = key(1, "size of z_a")
+    steps: Count = key(400, "gradient steps, before each of which its windows' estimates are improved by one step")
+    batch_size: Count = key(100, "windows of each seed in a step")
+    learning_rate: Positive = key(3.0e-3, "of Adam, at its peak")
+    warmup: Share = key(0.2, "share of all steps over which the rate rises; then a cosine to zero")
+    clip_norm: Positive | None = key(5.0, "largest norm of a seed's gradient; null = not clipped")
+    penalty: NotNegative = key(
+        30.0,
+        "weight of the mean of (F_a / the expert's root mean square rate)² beside the mean squared residual in units "
+        "of the noise",
+    )
+    share: NotNegative = key(
+        300.0,
+        "weight of the same for the part of F_a that another z_e would give as well, which belongs to the expert; 0 "
+        "where the true F_a resembles it",
+    )
+    threshold: Positive = key(
+        5.0, "residuals far beyond so many standard deviations of the noise hardly count (Cauchy's loss)"
+    )
+    train_samples: Count | None = key(None, "training windows, at most, evenly spread; null = all")
+    validate_every: Count = key(50, "steps from one validation to the next")
+    validation_samples: Count | None = key(100, "validation samples, at most, evenly spread; null = all")
+    checkpoint_s: NotNegative = key(30.0, "least time between two checkpoints", "s")
+    horizon_s: Positive = key(
+        LEFT_OUT, "end of the part of a training trajectory that is fitted; left out = data.t1_s", "s"
+    )
+    solver: SolverSettings = key(LEFT_OUT, "of the differential equation in training; left out = its defaults")

@@ -38,7 +38,7 @@ def run(
     output, work, trainer, description = Path(output), Path(work), training.trainer, training.description
     with locked(work):
         wanted = {k: v for k, v in settings.items() if k != "device"}
-        named = modules(description["system"]["name"], description["model"], description["objective"])
+        named = modules(description["system"]["name"], description["model"], description.get("objective"))
         code = [module or f"expertaug.learning.{description['stage']}", *named]
         checkpoint = Checkpoint(work, fingerprint(wanted, list(inputs), code))
         state = checkpoint.load()

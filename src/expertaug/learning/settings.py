@@ -81,12 +81,17 @@ class TrainSettings(Settings):
         """Learning rate of step ``step`` of ``steps``."""
         if self.schedule == "constant":
             return self.learning_rate
-        warm = max(self.warmup * steps, 1)
-        if step < warm:
-            return self.learning_rate * (step + 1) / warm
-        return self.learning_rate * 0.5 * (1 + math.cos(math.pi * (step - warm) / max(steps - warm, 1)))
+        return self.learning_rate * one_cycle(step, steps, self.warmup)
 
     def points(self, horizon: int, step: int, steps: int) -> int:
         """Points of the loss window in step ``step`` of ``steps``, ``horizon`` at the end."""
         growing = self.horizon_warmup * steps
         return horizon if step + 1 >= growing else max(2, math.ceil(horizon * (step + 1) / growing))
+
+
+def one_cycle(step: int, steps: int, warmup: float) -> float:
+    """Share of the peak's learning rate in step ``step`` of ``steps``: a linear warm-up, then a cosine to zero."""
+    warm = max(warmup * steps, 1)
+    if step < warm:
+        return (step + 1) / warm
+    return 0.5 * (1 + math.cos(math.pi * (step - warm) / max(steps - warm, 1)))

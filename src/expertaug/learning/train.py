@@ -44,7 +44,7 @@ def train(
         InputError: unusable data or settings.
         SolveError: a seed cannot be trained.
     """
-    constants = None if calibration is None else _constants(calibration)
+    constants = None if calibration is None else constants_of(calibration)
     build, described = settings["build"], described_by(settings, constants)
     system = systems.load(described["system"])
     inputs = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
@@ -86,7 +86,7 @@ def observed_points(t: Sequence[float], settings: Mapping) -> int:
     return points_until(t, settings["t1_s"]) - (settings["choices"]["observed_points"] == "exclusive")
 
 
-def _constants(calibration: Path) -> Mapping:
+def constants_of(calibration: Path) -> Mapping:
     """What the stage calibrate wrote."""
     found = read_json(calibration)
     if not isinstance(found, dict) or "constants" not in found or "with_friction" not in found:
@@ -119,7 +119,7 @@ def prepare(
     if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
         raise InputError("validation set", "has other times than the training set", "give both the same times")
     kind = objective_of(settings["objective"], classes)
-    description = {"kind": "hybrid", **_of_data(train, settings), **described}
+    description = {"kind": "hybrid", **of_data(train, settings), **described}
     description |= {
         "likelihood": kind.learns_likelihood,
         "stage": "train",
@@ -145,7 +145,7 @@ def prepare(
 
 def mean(system: systems.System, train: Trajectories, settings: Mapping, described: Mapping) -> store.StoredModel:
     """The baseline that forecasts the training set's mean; ``settings`` and ``described`` as of :func:`prepare`."""
-    description = {"kind": "mean", **_of_data(train, settings), **described, "wall_s": 0.0, "best_score": None}
+    description = {"kind": "mean", **of_data(train, settings), **described, "wall_s": 0.0, "best_score": None}
     return store.StoredModel(MeanModel(system, torch.from_numpy(train.y).mean(0)), description)
 
 
@@ -162,7 +162,7 @@ def expert_alone(
     Raises:
         InputError: the true equation of data that were not simulated.
     """
-    description = {"kind": "least_squares", **_of_data(train, settings), **described}
+    description = {"kind": "least_squares", **of_data(train, settings), **described}
     description |= {"expert": True, "interaction": False, "model": {}, "wall_s": 0.0, "best_score": None}
     description |= {"refinement": settings["refinement"]}
     if not truth:
@@ -174,7 +174,7 @@ def expert_alone(
     return store.StoredModel(TruthDecoder(system), description | {"truth": True, "latent": latent})
 
 
-def _of_data(train: Trajectories, settings: Mapping) -> dict:
+def of_data(train: Trajectories, settings: Mapping) -> dict:
     """What a description says of data and settings."""
     t = [float(v) for v in train.t]
     observed = observed_points(t, settings)

@@ -15,6 +15,7 @@ from expertaug.errors import SolveError
 from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.checkpoint import Checkpoint
 from expertaug.learning.contract import check_loss
+from expertaug.learning.gradients import clip_each_seed
 from expertaug.learning.objectives import Objective, mean_squared_error
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.settings import TrainSettings
@@ -99,15 +100,7 @@ class Trainer:
 
     def _tame(self) -> None:
         """Clip each seed's gradient by its own norm; a seed whose gradient is not finite sits this step out."""
-        gradients = [p.grad for p in self.parameters if p.grad is not None]
-        norm = torch.stack([g.reshape(len(g), -1).square().sum(1) for g in gradients]).sum(0).sqrt()
-        good = torch.isfinite(norm) & self._alive().to(norm.device)
-        limit = self.settings.clip_norm or math.inf
-        factor = torch.where(good, (limit / norm.clamp_min(1e-12)).clamp_max(1.0), torch.zeros_like(norm))
-        for g in gradients:
-            if not good.all():
-                g.nan_to_num_(0.0, 0.0, 0.0)
-            g.mul_(factor.view(-1, *[1] * (g.dim() - 1)))
+        good = clip_each_seed(self.parameters, self.settings.clip_norm, self._alive())
         self.skipped = torch.where(good.cpu(), 0, self.skipped + 1)
         reason = f"the gradient was not finite in {SKIPPED_LIMIT} steps in a row"
         self._fail(self.skipped > SKIPPED_LIMIT, f"{reason}; lower training.learning_rate or clip_norm")

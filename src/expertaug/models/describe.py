@@ -7,8 +7,9 @@ from functools import partial
 
 from expertaug import systems
 from expertaug.errors import InputError
+from expertaug.models.decoder import Decoder
 from expertaug.models.kinds import PARTS
-from expertaug.models.recipe import HybridModel
+from expertaug.models.recipe import HybridModel, build_decoder
 from expertaug.registry import Part, short_name
 from expertaug.systems import System
 
@@ -83,6 +84,12 @@ def recipe_of(system: System, description: Mapping, classes: Mapping[str, Callab
     )
 
 
+def decoder_of(system: System, description: Mapping, classes: Mapping[str, Callable] | None = None) -> Decoder:
+    """The decoder without an encoder, of a description of kind alternating; arguments as :func:`recipe_of`."""
+    interaction = _with_class(description["model"]["interaction"], classes or {})
+    return build_decoder(system, interaction, description["latent_size"], description["seeds"])
+
+
 def system_of(description: Mapping, classes: Mapping[str, Callable] | None = None) -> System:
     """The system that a description names."""
     settings = dict(description["system"])
@@ -98,7 +105,7 @@ def foreign(description: Mapping) -> Iterator[str]:
     name = str(description["system"].get("name"))
     if not _is_built_in_system(name):
         yield name
-    if description["kind"] != "hybrid":
+    if description["kind"] not in ("hybrid", "alternating"):
         return
     kinds = [str(settings["kind"]) for name, settings in description["model"].items() if name in PARTS]
     kinds += [str(description["objective"])] if "objective" in description else []

@@ -17,7 +17,7 @@ from expertaug.models.hybrid import HybridNet
 from expertaug.models.kinds import PARTS
 from expertaug.models.likelihood import GaussianLikelihood
 from expertaug.models.plain import encoder_of, interaction_of
-from expertaug.models.stacking import stack
+from expertaug.models.stacking import Network, stack
 from expertaug.systems import System
 
 # {"kind": …, and the class's arguments}, the class, or functools.partial of it and its arguments.
@@ -53,12 +53,7 @@ class HybridModel:
         Raises:
             InputError: an unknown kind or argument, or one that the class refuses.
         """
-        models = []
-        for seed in seeds:
-            with torch.random.fork_rng(devices=[]):
-                torch.manual_seed(seed)
-                models.append(self.build_one(times, likelihood))
-        return stack(models)
+        return _one_a_seed(lambda: self.build_one(times, likelihood), seeds)
 
     def build_one(self, times: Tensor | Sequence[float], likelihood: bool = False) -> HybridNet:
         """One network from torch's random state as it is, not stacked; arguments as :meth:`build`."""
@@ -66,10 +61,36 @@ class HybridModel:
         encoder = encoder_of(_make("encoder", self.encoder, system=self.system, times=times), self.system)
         interaction = None
         if self.interaction is not None:
-            made = _make("interaction", self.interaction, system=self.system, latent=encoder.latent)
-            interaction = interaction_of(made, self.system)
+            interaction = _interaction(self.system, self.interaction, encoder.latent)
         likelihood_model = GaussianLikelihood() if likelihood else None
         return HybridNet(encoder, Decoder(self.system, interaction, self.expert, likelihood_model))
+
+
+def build_decoder(system: System, interaction: Part, latent: int, seeds: Sequence[int]) -> Decoder:
+    """Decoders without an encoder for a group of seeds, one initialisation a seed, stacked.
+
+    Arguments:
+        interaction: F_a, as of :class:`HybridModel`.
+        latent: size of z_a.
+
+    Raises:
+        InputError: as :meth:`HybridModel.build`.
+    """
+    return _one_a_seed(lambda: Decoder(system, _interaction(system, interaction, latent)), seeds)
+
+
+def _interaction(system: System, given: Part, latent: object) -> nn.Module:
+    return interaction_of(_make("interaction", given, system=system, latent=latent), system)
+
+
+def _one_a_seed(build: Callable[[], Network], seeds: Sequence[int]) -> Network:
+    """Networks that are built from each seed, stacked."""
+    models = []
+    for seed in seeds:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            models.append(build())
+    return stack(models)
 
 
 def _resolved(part: str, given: Part) -> tuple[type, str, dict]:

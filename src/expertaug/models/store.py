@@ -22,7 +22,7 @@ from expertaug.systems.solver import Solver
 __all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "write_tensors"]
 
 ACCURATE = {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6}
-KINDS = ("hybrid", "mean", "least_squares")
+KINDS = ("hybrid", "alternating", "mean", "least_squares")
 COARSE = ("euler", "midpoint", "rk4")  # steps of the data's own: good for training, not for a forecast
 
 
@@ -31,8 +31,8 @@ class StoredModel:
     """A model for a group of seeds and what is known about it.
 
     Attributes:
-        model: a hybrid network, the baseline of the mean, or, of kind least_squares, the decoder of the expert alone;
-            stacked over the seeds of ``description["seeds"]``.
+        model: a hybrid network, the baseline of the mean, or a decoder: of kind alternating with F_a, of kind
+            least_squares of the expert alone; stacked over the seeds of ``description["seeds"]``.
         description: system, method, model, choices, t (all times in s), observed (points), units and the training's
             record; all of it can be written to a file.
         classes: those of its parts that are not this package's, by the name that the description gives them.
@@ -113,6 +113,8 @@ def restore(
             model: Any = MeanModel(system, tensors["mean"])
         elif description["kind"] == "least_squares":
             model = TruthDecoder(system) if description.get("truth") else Decoder(system)
+        elif description["kind"] == "alternating":
+            model = describe.decoder_of(system, description, used)
         else:
             model = make(system, description, used)
     except Exception as error:  # a class of the user's may raise anything

@@ -1,0 +1,96 @@
+"""Learning an interaction model without an encoder, in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import TypedDict, Unpack
+
+from expertaug import systems
+from expertaug.api import arrays
+from expertaug.api.arrays import Ranges
+from expertaug.api.checks import check_sets, seeds_of
+from expertaug.api.trained import TrainedModel
+from expertaug.config.presets import resolve
+from expertaug.inference.alternate import prepare
+from expertaug.inference.settings import AlternatingSettings, RefinementSettings
+from expertaug.models import describe
+from expertaug.models.kinds import INTERACTION
+from expertaug.models.recipe import HybridModel
+from expertaug.systems import System
+from expertaug.trajectories import Trajectories
+
+
+class AlternatingOptions(TypedDict, total=False):
+    """How to train; see :class:`expertaug.inference.settings.AlternatingSettings` for meaning and defaults."""
+
+    latent: int
+    steps: int
+    batch_size: int
+    learning_rate: float
+    warmup: float
+    clip_norm: float | None
+    penalty: float
+    share: float
+    threshold: float
+    train_samples: int | None
+    validate_every: int
+    validation_samples: int | None
+    horizon_s: float
+    solver: Mapping
+
+
+def alternate(
+    system: System,
+    interaction: Mapping | Callable,
+    train: Trajectories,
+    validation: Trajectories,
+    *,
+    observed_s: float,
+    prior: Ranges,
+    noise: float = 0.0,
+    seeds: Iterable[int] = (0,),
+    refinement: Mapping | None = None,
+    label: str = "Alternating",
+    **options: Unpack[AlternatingOptions],
+) -> TrainedModel:
+    """Learn an interaction model from least-squares fits of each training window, without an encoder.
+
+    Arguments:
+        system: gives F_e.
+        interaction: F_a, as :class:`HybridModel` takes it.
+        train, validation: sets of the same times; the second selects each seed's best state.
+        observed_s: end of the observed window t1 in s, which is included.
+        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start.
+        noise: standard deviation of the data's noise; the first point is estimated too where there is any.
+        seeds: of initialisation and data order; they are trained as one batched computation.
+        refinement: how windows are fitted (:class:`expertaug.inference.settings.RefinementSettings`).
+        options: see :class:`AlternatingOptions`.
+
+    Returns:
+        the best state of every seed; its estimates are fits of each window.
+
+    Raises:
+        InputError: an argument that cannot be used.
+        SolveError: no seed can be trained.
+    """
+    recipe = HybridModel(system, {}, interaction)  # without an encoder
+    check_sets(recipe, train, validation)
+    part = describe.settings_of(INTERACTION, interaction)
+    described = {"system": systems.describe(system), "model": {"interaction": part}}
+    settings = {
+        "experiment": described["system"]["name"],
+        "method": "alternating",
+        "label": label,
+        "preset": "corrected",
+        "choices": resolve("corrected"),
+        "training": AlternatingSettings.from_mapping(options).model_dump(mode="json"),
+        "t1_s": float(observed_s),
+        "seeds": (chosen := seeds_of(seeds)),
+        "refinement": {
+            "settings": RefinementSettings.from_mapping(refinement).model_dump(mode="json"),
+            "noise": float(noise),
+            "prior": arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
+        },
+    }
+    stored = prepare(system, train, validation, settings, described, describe.own_classes(recipe)).run()
+    return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.description["refinement"])

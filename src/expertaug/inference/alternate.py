@@ -1,0 +1,154 @@
+"""The stage alternate: a training of F_a without an encoder, in memory and as a job of the workflow."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from expertaug import systems
+from expertaug.errors import InputError
+from expertaug.inference.alternation import Alternation
+from expertaug.inference.settings import AlternatingSettings, RefinementSettings
+from expertaug.inference.window_fit import WindowFit
+from expertaug.inference.window_problem import Latent, assumed_noise
+from expertaug.learning import job
+from expertaug.learning.fitting import Record
+from expertaug.learning.sets import StackedSet
+from expertaug.learning.task import task_of
+from expertaug.learning.train import constants_of, described_by, of_data
+from expertaug.models import describe, store
+from expertaug.models.decoder import Decoder
+from expertaug.systems import System
+from expertaug.trajectories import Trajectories
+
+WIDTH = 1.0  # standard deviation of z_a's prior in training
+STEPS = 10  # of Levenberg and Marquardt, at most, where windows are started anew and in a validation
+
+
+def alternate(
+    data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None, calibration: Path | None = None
+) -> None:
+    """Stage: train a method of kind alternating on ``data/train.npz`` and select on ``data/validation.npz``.
+
+    Arguments:
+        data: folder of the sets.
+        output: model file.
+        work: folder for checkpoints.
+        settings: {system, build, model} and those of :func:`prepare`.
+        tracking: see :class:`expertaug.tracking.runlog.RunLog`.
+        calibration: JSON whose ``constants`` complete the system's settings.
+
+    Raises:
+        InputError: unusable data or settings.
+        SolveError: no seed can be trained.
+    """
+    described = described_by(settings, None if calibration is None else constants_of(calibration))
+    system = systems.load(described["system"])
+    inputs = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
+    training = prepare(system, *map(Trajectories.load, inputs), settings, described)
+    job.run(training, output, work, inputs, settings, tracking, "expertaug.inference.alternate")
+
+
+@dataclass(frozen=True)
+class AlternatingTraining:
+    """A training that is ready to run, and what will be known about the model that it gives.
+
+    Attributes:
+        trainer: with decoder, windows and settings.
+        description: of the model, apart from the record of its training.
+        classes: see :class:`StoredModel`.
+    """
+
+    trainer: Alternation
+    description: Mapping
+    classes: Mapping[str, Callable] = field(default_factory=dict)
+
+    def run(self, log: Any = None, checkpoint: Any = None) -> store.StoredModel:
+        """Train to the end; the best state of each seed, by validation.
+
+        Arguments:
+            log: a RunLog, or None: nothing is written.
+            checkpoint: a Checkpoint, or None: nothing is written.
+
+        Raises:
+            SolveError: no seed can be trained.
+        """
+        trainer, memory = self.trainer, Record()
+        trainer.run(log or memory, checkpoint or memory)
+        trainer.model.load_state_dict(trainer.best)
+        mean, std = trainer.best_latent.tolist()
+        record = {
+            "wall_s": trainer.seconds,
+            "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],
+            "best_step": trainer.best_step.tolist(),
+            "failed": sorted(trainer.failed),
+            "latent": {"mean": mean, "std": std},
+        }
+        model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
+        return store.StoredModel(model, {**self.description, **record}, self.classes)
+
+
+def prepare(
+    system: System,
+    train: Trajectories,
+    validation: Trajectories,
+    settings: Mapping,
+    described: Mapping,
+    classes: Mapping[str, Callable] | None = None,
+) -> AlternatingTraining:
+    """Make the training in memory.
+
+    Arguments:
+        train, validation: sets of the same times.
+        settings: {experiment, method, label, preset, training, refinement, t1_s, choices, seeds}; ``training`` is an
+            :class:`AlternatingSettings`, ``refinement`` {settings, noise, prior} says how windows are fitted.
+        described: what a file says of system and model (:func:`expertaug.learning.train.described_by`).
+        classes: see :class:`StoredModel`.
+
+    Raises:
+        InputError: the sets differ in their times, there is no interaction model, or an option is unknown.
+    """
+    if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
+        raise InputError("validation set", "has other times than the training set", "give both the same times")
+    if "interaction" not in described["model"]:
+        raise InputError("model.interaction", "missing", "the training is of an interaction model")
+    options, seeds = AlternatingSettings.from_mapping(settings["training"]), list(settings["seeds"])
+    model = {"interaction": described["model"]["interaction"]}
+    description = {"kind": "alternating", **of_data(train, settings), **described, "model": model, "stage": "train"}
+    description |= {"expert": True, "interaction": True, "latent_size": options.latent}
+    description |= {"refinement": settings["refinement"]}
+    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])
+    decoder = describe.decoder_of(system, description, classes)
+    device = torch.device("cpu")
+    task = task_of(settings["training"], description, device)
+    train_set = StackedSet.of(train, device).subset(options.train_samples)
+    validation_set = StackedSet.of(validation, device).subset(options.validation_samples)
+    decoder.fit(train_set.y[: description["observed"], 0])
+    given = {"steps": STEPS, "latent_width": WIDTH}
+    how = settings["refinement"]
+    refinement, noise = RefinementSettings.from_mapping(how["settings"]), how["noise"]
+    whole = RefinementSettings.from_mapping({"starts": refinement.starts, "tries": refinement.tries, **given})
+    free = refinement.free_start if "free_start" in refinement.model_fields_set else noise > 0
+    t = torch.tensor(description["t"], dtype=torch.float64)
+    assumed = assumed_noise(refinement, noise, description["bound"])
+
+    def fit(decoder: Decoder, times: Tensor, settings: RefinementSettings, size: int) -> WindowFit:
+        mean, std = (f(size, options.latent, dtype=torch.float64) for f in (torch.zeros, torch.ones))
+        return WindowFit(decoder, times, settings, assumed, bool(free), how["prior"], Latent(mean, std), task.solver)
+
+    used, seen = t[: task.horizon], t[: description["observed"]]
+    fits = (
+        fit(decoder, used, whole, len(seeds)),
+        fit(Decoder(system), used, whole, 1),
+        fit(decoder, seen, refinement.model_copy(update=given), len(seeds)),
+    )
+    name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
+    trainer = Alternation(*fits, train_set.y[: task.horizon], validation_set.y, task, seeds, options, name)
+    return AlternatingTraining(trainer, description, classes or {})

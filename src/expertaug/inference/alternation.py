@@ -1,0 +1,283 @@
+"""Learning F_a without an encoder: each window's own estimates and gradient steps on F_a, in turns.
+
+A nonlinear mixed-effects model fitted by alternation (hard expectation maximisation; with the estimates at their
+minimum, the gradient is that of variable projection).  Of all F_a that explain the data the smallest is wanted, as
+APHYNITY does (Yin et al. 2021): :mod:`expertaug.inference.smallness` tells how that is measured.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from expertaug.errors import SolveError
+from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
+from expertaug.inference.settings import AlternatingSettings
+from expertaug.inference.smallness import expert_tangents, interaction_at, mixture, squares
+from expertaug.inference.window_fit import WindowFit
+from expertaug.learning.bound import bounded, solved
+from expertaug.learning.gradients import clip_each_seed
+from expertaug.learning.noise import Noise
+from expertaug.learning.objectives import mean_squared_error
+from expertaug.learning.settings import one_cycle
+from expertaug.learning.task import Task
+from expertaug.models.estimates import Estimates
+
+logger = logging.getLogger(__name__)
+PROGRESS_S = 10.0
+FIRST_STEPS = 8  # of Levenberg and Marquardt, with which every training window begins
+SPREAD = 0.3  # standard deviation of the first z_a: F_a learns what they are good for
+WORST = 0.1  # share of the training windows that are started anew at each validation
+# F_a is measured at so many windows' points, each so many points from the next, for z_a of so many windows.
+STATES, EVERY, LATENTS = 64, 4, 16
+
+
+class Alternation:
+    """The training of one decoder, stacked over seeds; every seed has its own estimates, data order and best state.
+
+    Arguments:
+        fit: of training windows; its decoder is trained.
+        first_fit: of the same with the expert alone.
+        validation_fit: of the observed part of validation windows.
+        train: training windows (T1, 1, N, *state).
+        validation: validation trajectories (T, 1, V, *state).
+        task: its times, solver and bound.
+        seeds: in the group's order.
+        settings: how to train.
+        name: for messages.
+
+    Attributes:
+        best: state of the decoder of each seed's best validation score, by the names of its tensors.
+        best_latent: mean and standard deviation of the training windows' z_a then, (2, S, Q).
+    """
+
+    def __init__(
+        self,
+        fit: WindowFit,
+        first_fit: WindowFit,
+        validation_fit: WindowFit,
+        train: Tensor,
+        validation: Tensor,
+        task: Task,
+        seeds: Sequence[int],
+        settings: AlternatingSettings,
+        name: str,
+    ) -> None:
+        self.fit, self.first_fit, self.validation_fit, self.task = fit, first_fit, validation_fit, task
+        self.model = fit.decoder.requires_grad_(True)
+        validation_fit.decoder = self.model
+        self.seeds, self.settings, self.name = list(seeds), settings, name
+        size = len(self.seeds)
+        self.train = train.double()
+        self.validation = validation.double().expand(-1, size, *validation.shape[2:])
+        self.count = train.shape[2]
+        self.batch = min(settings.batch_size, self.count)
+        self.parameters = list(self.model.parameters())
+        self.optimiser = torch.optim.Adam(self.parameters, lr=settings.learning_rate)
+        self.x = torch.zeros(size, self.count, sum(fit.sizes), dtype=torch.float64)
+        self.damping = torch.full((size, self.count), DAMPING, dtype=torch.float64)
+        self.misfit = torch.full((size, self.count), math.inf, dtype=torch.float64)
+        self.rates = torch.ones(size, len(fit.system.state), dtype=torch.float64)
+        self.found: Estimates | None = None  # of the validation windows
+        self.best = {k: v.detach().clone() for k, v in self.model.state_dict().items()}
+        self.best_score = torch.full((size,), math.inf)
+        self.best_step = torch.zeros(size, dtype=torch.long)
+        self.best_latent = torch.zeros(2, size, fit.sizes[1], dtype=torch.float64)
+        self.step_, self.seconds = 0, 0.0
+        self.failed: dict[int, str] = {}
+        self.keep, self.snapshots = (), {}  # it keeps no states of its passes
+
+    @torch.no_grad()
+    def begin(self) -> None:
+        """First estimates of every training window, by the expert alone, and the size of its rates along them."""
+        p, q, _ = self.fit.sizes
+        for first in range(0, self.count, self.batch):
+            windows = self.train[:, :, first : first + self.batch]
+            x = self.first_fit.best_of_grid(windows)[:, :, 0]
+            residuals = partial(_residuals, self.first_fit, windows)
+            self.x[:, first : first + self.batch] = minimise(residuals, x, FIRST_STEPS, self.fit.longest).x
+        self.x[..., p : p + q] = SPREAD * Noise(self.seeds, 0).normal(self.count, q).double()
+        index = torch.arange(self.batch).expand(len(self.seeds), -1)
+        windows, x = self._windows(index), self._of(self.x, index)
+        z_e = self.fit.parts(x, windows[0])[0]
+        states, system = self.fit.states(x, windows[0])[::EVERY], self.fit.system
+        rate = torch.stack([system.expert(t, y, z_e) for t, y in zip(self.fit.t[::EVERY], states, strict=True)])
+        size = rate.square().flatten(4).mean(-1) if rate.dim() > 4 else rate.square()
+        self.rates = size.mean((0, 2)).sqrt().clamp_min(1e-12)
+
+    def step(self) -> dict[str, Tensor]:
+        """Improve a batch's estimates by one step each, then F_a by one gradient step; the loss's parts, each (S,)."""
+        index = self._batch()
+        windows, x, damping = self._windows(index), self._of(self.x, index), self._of(self.damping, index)
+        x_new, cost = trial(partial(_residuals, self.fit, windows), x, damping, self.fit.longest)
+        states = self.fit.states(x_new, windows[0])
+        data = self.fit.differences(states, windows)
+        new_cost = cost_of(torch.cat((data.detach(), self.fit.pull(x_new)), -1))
+        better = new_cost < cost
+        rows = torch.arange(len(self.seeds)).unsqueeze(1)
+        self.x[rows, index] = torch.where(better[..., None], x_new, x)
+        self.damping[rows, index] = adapted(damping, better)
+        self.misfit[rows, index] = torch.where(better, new_cost, cost)
+        each = torch.where(better, self._robust(data).mean(-1), torch.zeros_like(cost))
+        fitted = each.sum(-1) / better.sum(-1).clamp_min(1)  # what a step has led astray teaches nothing
+        size, share = self._sizes(states.detach(), x)
+        self.optimiser.zero_grad(set_to_none=True)
+        (fitted + self.settings.penalty * size + self.settings.share * share).sum().backward()
+        clip_each_seed(self.parameters, self.settings.clip_norm, torch.ones(len(self.seeds), dtype=torch.bool))
+        rate = self.settings.learning_rate * one_cycle(self.step_, self.settings.steps, self.settings.warmup)
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate
+        self.optimiser.step()
+        self.step_ += 1
+        found = {"loss": fitted, "size": size.sqrt(), "expert_share": share.sqrt()}
+        return {name: value.detach() for name, value in found.items()}
+
+    def _robust(self, data: Tensor) -> Tensor:
+        """Squares of what is small beside the threshold; of what is large (Cauchy's loss) the logarithm."""
+        limit = self.settings.threshold**2
+        return limit * torch.log1p(data.square() / limit)
+
+    def _sizes(self, states: Tensor, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean squares (S,) of F_a and of its share of the expert, at forecasts (T1, S, B, *state) of parameters x."""
+        z_e, z_a, _ = self.fit.parts(x, states[0])
+        times, latents = self.fit.t[::EVERY], z_a[:, :LATENTS]
+        mixed = mixture(states[::EVERY, :, :STATES].nan_to_num(0.0, 0.0, 0.0))
+        tangents = expert_tangents(self.fit.system, times, mixed, z_e.mean(1, keepdim=True), self.fit.scale)
+        rates = interaction_at(self.model, mixed, z_e[:, :LATENTS], latents)
+        unit = self.rates.view(1, len(self.seeds), 1, -1, *[1] * (mixed.dim() - 4))
+        return squares(rates / unit.unsqueeze(0), tangents / unit.unsqueeze(0))
+
+    @torch.no_grad()
+    def score(self) -> Tensor:
+        """Validation score (S,): log mean squared error of the forecasts after the observed window."""
+        observed = self.task.observed
+        self.found = self.validation_fit(self.validation[:observed], self.found)
+        states = solved(self.model, *self._given(self.found), self.task.t, self.task.solver)  # type: ignore[arg-type]
+        late = bounded(states, self.task.bound)[observed:]
+        error = mean_squared_error(self.fit.system, late, self.validation[observed:])
+        return error.log().nan_to_num(math.inf, math.inf).float()
+
+    @staticmethod
+    def _given(found: Estimates) -> tuple[Tensor, Tensor, Tensor]:
+        assert found.z_e is not None and found.z_a is not None
+        return found.y0, found.z_e, found.z_a
+
+    @torch.no_grad()
+    def restart(self) -> None:
+        """Try new starts for the windows that are explained worst."""
+        count = max(1, int(WORST * self.count))
+        index = self.misfit.nan_to_num(math.inf, math.inf).topk(count, dim=1).indices
+        windows, x = self._windows(index), self._of(self.x, index)
+        z_e, z_a, y0 = self.fit.parts(x, windows[0])
+        found = self.fit(windows, Estimates(y0, z_e, z_a))
+        rows = torch.arange(len(self.seeds)).unsqueeze(1)
+        self.x[rows, index] = self.fit.coordinates(found, windows[0])
+        self.damping[rows, index] = DAMPING
+
+    def run(self, log: Any, checkpoint: Any) -> None:
+        """Train to the end, from the checkpoint's state if it has one; the best state is then in ``best``."""
+        settings, told = self.settings, 0.0
+        saved = time.monotonic()
+        if self.step_ == 0:
+            begun = time.monotonic()
+            self.begin()
+            self.seconds += time.monotonic() - begun
+        while self.step_ < settings.steps:
+            begun = time.monotonic()
+            parts = self.step()
+            record = {k: v.tolist() for k, v in parts.items()}
+            validated = self.step_ % settings.validate_every == 0 or self.step_ == settings.steps
+            if validated:
+                record["validation_score"] = self._select().tolist()
+                if self.step_ < settings.steps:
+                    self.restart()
+            self.seconds += time.monotonic() - begun
+            if validated:
+                log.metrics(self.step_, record)
+                log.flush()
+            if time.monotonic() - told > PROGRESS_S:
+                told = time.monotonic()
+                self._progress(parts)
+            if time.monotonic() - saved > settings.checkpoint_s and self.step_ < settings.steps:
+                checkpoint.save(self.state() | {"log": log.state()})
+                saved = time.monotonic()
+        bad = [s for s, score in zip(self.seeds, self.best_score.tolist(), strict=True) if not math.isfinite(score)]
+        self.failed = dict.fromkeys(bad, "no validation forecast had a finite error; lower alternation.learning_rate")
+        if len(bad) == len(self.seeds):
+            raise SolveError(f"{self.name}: {self.failed[bad[0]]}")
+
+    def _select(self) -> Tensor:
+        score = self.score()
+        better = score < self.best_score
+        self.best_score = torch.where(better, score, self.best_score)
+        self.best_step = torch.where(better, self.step_, self.best_step)
+        for key, value in self.model.state_dict().items():
+            self.best[key] = _chosen(better, value, self.best[key], 0)
+        p, q, _ = self.fit.sizes
+        z_a = self.x[..., p : p + q]
+        latent = torch.stack((z_a.mean(1), z_a.std(1, correction=0)))
+        self.best_latent = _chosen(better, latent, self.best_latent, 1)
+        return score
+
+    def _progress(self, parts: Mapping[str, Tensor]) -> None:
+        left = self.seconds / self.step_ * (self.settings.steps - self.step_)
+        scores = self.best_score[torch.isfinite(self.best_score)]
+        best = f"{scores.mean():.2f}" if len(scores) else "–"
+        logger.info(
+            "%s: step %d/%d, loss %.4g, best validation log-MSE %s, %d s gone, %d s left",
+            self.name, self.step_, self.settings.steps, parts["loss"].mean(), best, self.seconds, left,
+        )  # fmt: skip
+
+    def _batch(self) -> Tensor:
+        """Windows (S, B) of this step, in an order that depends on the seed and the pass alone."""
+        passes, k = divmod(self.step_, max(self.count // self.batch, 1))
+        order = [np.random.default_rng([seed, passes]).permutation(self.count) for seed in self.seeds]
+        return torch.from_numpy(np.stack(order))[:, k * self.batch : (k + 1) * self.batch]
+
+    def _windows(self, index: Tensor) -> Tensor:
+        """Training windows (T1, S, B, *state) by their numbers (S, B)."""
+        return self.train[:, 0][:, index]
+
+    @staticmethod
+    def _of(value: Tensor, index: Tensor) -> Tensor:
+        return value[torch.arange(len(index)).unsqueeze(1), index]
+
+    def state(self) -> dict:
+        """Everything that a resumed run needs to reach the same bits; data orders follow from seed and step."""
+        names = ("x", "damping", "misfit", "rates", *_RECORD)
+        found = None if self.found is None else self._given(self.found)
+        return {name: getattr(self, name) for name in names} | {
+            "model": self.model.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "found": found,
+        }
+
+    def restore(self, state: Mapping) -> None:
+        """Take up what :meth:`state` gave."""
+        self.model.load_state_dict(state["model"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        for name in ("x", "damping", "misfit", "rates", *_RECORD):
+            setattr(self, name, state[name])
+        self.found = None if state["found"] is None else Estimates(*state["found"])
+
+
+_RECORD = ("best", "best_score", "best_step", "best_latent", "step_", "seconds")
+
+
+def _residuals(fit: WindowFit, windows: Tensor, candidates: Tensor, columns: Tensor) -> Tensor:
+    return fit.residuals(candidates, windows[:, :, columns])
+
+
+def _chosen(which: Tensor, one: Tensor, other: Tensor, axis: int) -> Tensor:
+    """For each seed ``which`` (S,) its part of the first tensor, for the others of the second; seeds along an axis."""
+    shape = [1] * one.dim()
+    shape[axis] = len(which)
+    return torch.where(which.view(shape), one, other)

@@ -1,0 +1,73 @@
+"""How large an F_a is, and how much of the expert it holds.
+
+Of all F_a that explain the data the smallest is wanted (APHYNITY, Yin et al. 2021): it leaves to the expert what the
+expert can do.  Along the data's own trajectories that is not so: in a swing that dies away angle and speed are
+correlated, and the smallest F_a with a damping there has a share of the restoring force as well.  Here F_a is measured
+where the components of the state are independent, each taken from another window: a product of marginal distributions.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from expertaug.models.decoder import Decoder
+from expertaug.systems import System
+
+STEP = 1e-4  # of an expert parameter, in its scale, for a derivative in double precision
+RIDGE = 1e-6
+
+
+def mixture(states: Tensor) -> Tensor:
+    """States (T, S, N, *state) with each component taken from another window and another time: what drives all windows
+    alike makes the components of one time dependent."""
+    axis, (times, _, count) = 3 - states.dim(), states.shape[:3]
+    window = torch.arange(count)
+    mixed = []
+    for k, part in enumerate(states.split(1, dim=axis)):
+        moved = (torch.arange(times).unsqueeze(1) + (k + 1) * window) % times
+        mixed.append(part.movedim(2, 1)[moved, (window - k) % count].movedim(1, 2))
+    return torch.cat(mixed, dim=axis)
+
+
+@torch.no_grad()
+def expert_tangents(system: System, t: Tensor, states: Tensor, z_e: Tensor, scale: Tensor) -> Tensor:
+    """How F_e changes with each expert parameter, per scale of it: (P, T, S, N, *state).
+
+    Arguments:
+        t: times of the states, (T,).
+        states: (T, S, N, *state).
+        z_e: (S, 1, P), where the derivative is taken.
+        scale: of the parameters, (P,).
+    """
+    wide = z_e.expand(-1, states.shape[2], -1)
+
+    def rates(z: Tensor) -> Tensor:
+        return torch.stack([system.expert(s, y, z) for s, y in zip(t, states, strict=True)])
+
+    moves = STEP * torch.diag(scale)
+    return torch.stack([(rates(wide + move) - rates(wide - move)) / (2 * STEP) for move in moves])
+
+
+def interaction_at(decoder: Decoder, states: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+    """F_a at every state (T, S, N, *state) for each of M pairs of z_e (S, M, P) and z_a (S, M, Q):
+    (M, T, S, N, *state)."""
+    times, seeds, count = states.shape[:3]
+    points = states.movedim(1, 0).flatten(1, 2)  # (S, T·N, *state)
+    pairs = z_a.shape[1]
+    context = decoder.interaction.context(z_a, z_e).repeat_interleave(times * count, dim=1)
+    rates = decoder.interaction(points.repeat(1, pairs, *[1] * (points.dim() - 2)), context)
+    return rates.view(seeds, pairs, times, count, *states.shape[3:]).movedim(0, 2)
+
+
+def squares(rates: Tensor, tangents: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean squares (S,) of F_a (M, T, S, N, *state) and of its projection on tangents (P, T, S, N, *state)."""
+    numbers = rates[0, :, 0].numel()
+    f = rates.movedim(2, 0).flatten(2)  # (S, M, T·N·state)
+    g = tangents.movedim(2, 0).flatten(2)  # (S, P, …)
+    gram = g @ g.transpose(1, 2)
+    ridge = RIDGE * gram.diagonal(dim1=1, dim2=2).sum(-1)[:, None, None].clamp_min(1e-30)
+    inner = f @ g.transpose(1, 2)  # (S, M, P)
+    held = torch.linalg.solve(gram + ridge * torch.eye(gram.shape[-1]).to(gram), inner.transpose(1, 2))
+    share = (held.transpose(1, 2) * inner).sum(-1).mean(-1) / numbers
+    return f.square().mean((1, 2)), share

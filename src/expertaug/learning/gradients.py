@@ -1,0 +1,31 @@
+"""Gradients of a group of seeds, each on its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+
+def clip_each_seed(parameters: Iterable[Tensor], limit: float | None, alive: Tensor) -> Tensor:
+    """Clip each seed's gradient by its own norm; one that is not finite, or of a seed that has failed, becomes zero.
+
+    Arguments:
+        parameters: stacked, seeds first.
+        limit: largest norm; None for no clipping.
+        alive: which seeds (S,) have not failed.
+
+    Returns:
+        which seeds (S,) have a gradient that can be used.
+    """
+    gradients = [p.grad for p in parameters if p.grad is not None]
+    norm = torch.stack([g.reshape(len(g), -1).square().sum(1) for g in gradients]).sum(0).sqrt()
+    good = torch.isfinite(norm) & alive.to(norm.device)
+    factor = torch.where(good, ((limit or math.inf) / norm.clamp_min(1e-12)).clamp_max(1.0), torch.zeros_like(norm))
+    for g in gradients:
+        if not good.all():
+            g.nan_to_num_(0.0, 0.0, 0.0)
+        g.mul_(factor.view(-1, *[1] * (g.dim() - 1)))
+    return good

@@ -1,0 +1,41 @@
+"""Learning an interaction model without an encoder from Python: it forecasts, and a seed of it can be taken."""
+
+import numpy as np
+import pytest
+
+import expertaug as ea
+
+RANGES = {"z_e": {"omega0": (1.5, 3.1)}, "z_a": {"alpha": (0.1, 0.6)}}
+OPTIONS = {"steps": 4, "batch_size": 20, "validate_every": 2, "refinement": {"starts": 8, "tries": 1, "steps": 4}}
+
+
+@pytest.fixture(scope="module")
+def sets():
+    t = np.arange(31) * 0.1
+    return [
+        ea.simulate(ea.DampedPendulum(), **RANGES, n=n, t=t, noise=0.01, name=name)
+        for name, n in (("train", 40), ("validation", 10))
+    ]
+
+
+def alternate(sets, **more):
+    interaction = {"kind": "mlp", "layers": [6], "activation": "silu", "components": ["omega"]}
+    given = {"observed_s": 2.0, "prior": {"omega0": (0.5, 3.5)}, "noise": 0.01, **OPTIONS, **more}
+    return ea.alternate(ea.DampedPendulum(), interaction, *sets, **given)
+
+
+def test_forecasts_from_fits_of_each_window(sets):
+    model = alternate(sets, seeds=range(2))
+    train = sets[0]
+    found = model.forecast(train.y[:5, :21], train.t)
+    assert found.chi2.shape == (2, 5) and found.y.shape[:2] == (2, 5)
+    assert np.abs(found.z_e["omega0"] - train.z_e[:5, 0]).max() < 0.6
+    one = model[1].forecast(train.y[:5, :21], train.t)
+    np.testing.assert_allclose(one.y, found.y[1], rtol=1e-4, atol=1e-4)
+
+
+def test_what_cannot_be_used_is_said(sets):
+    with pytest.raises(ea.InputError, match=r"alternation\.step"):
+        alternate(sets, step=3)
+    with pytest.raises(ea.InputError, match="prior"):
+        alternate(sets, prior={"omega": (0.5, 3.5)})

@@ -1,0 +1,160 @@
+"""Learning F_a by alternation: it finds a known F_a, goes on to the same bits after a kill, and seeds do not meddle."""
+
+import copy
+
+import pytest
+import torch
+
+from expertaug import systems
+from expertaug.config.presets import resolve
+from expertaug.errors import InputError, SolveError
+from expertaug.inference import alternate as stage
+from expertaug.inference.least_squares import estimator_of
+from expertaug.learning.train import described_by
+from expertaug.models import store
+from expertaug.systems.simulate import simulate
+from expertaug.trajectories import Trajectories
+
+RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.1, 0.6]}}
+DATA = {
+    "seed": 0,
+    "step_s": 0.1,
+    "t2_s": 4.0,
+    "noise": 0.01,
+    "sets": {"train": RANGES | {"size": 80}, "validation": RANGES | {"size": 20}},
+}
+SETTINGS = {
+    "experiment": "pendulum",
+    "method": "alternating",
+    "label": "Alternating",
+    "preset": "corrected",
+    "system": {"name": "pendulum"},
+    "build": {"kind": "alternating"},
+    "model": {"interaction": {"kind": "mlp", "layers": [8], "activation": "silu", "components": ["omega"]}},
+    "training": {"steps": 6, "batch_size": 40, "validate_every": 3, "checkpoint_s": 0.0},
+    "refinement": {"settings": {"starts": 16, "tries": 2}, "noise": 0.01, "prior": {"omega0": [0.5, 3.5]}},
+    "t1_s": 2.0,
+    "choices": resolve("corrected"),
+    "seeds": [0, 1],
+    "device": "cpu",
+}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pendulum")
+    for name in DATA["sets"]:
+        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": DATA})
+    return folder
+
+
+@pytest.fixture
+def settings():
+    return copy.deepcopy(SETTINGS)
+
+
+def prepared(data, settings):
+    described = described_by(settings)
+    sets = [Trajectories.load(data / f"{name}.npz") for name in ("train", "validation")]
+    return stage.prepare(systems.load(described["system"]), *sets, settings, described)
+
+
+def test_finds_the_damping(data, settings):
+    settings["training"] |= {"steps": 160, "validate_every": 40, "learning_rate": 0.02}
+    settings["seeds"] = [0]
+    training = prepared(data, settings)
+    stored = training.run()
+    validation = Trajectories.load(data / "validation.npz")
+    y = torch.from_numpy(validation.y).movedim(1, 0).unsqueeze(1)
+    estimator = estimator_of(stored, **stored.description["refinement"])
+    found = estimator.estimate(y[: stored.description["observed"]])
+    states = y[::4]
+    with torch.no_grad():
+        rates = torch.stack(
+            [stored.model.interaction(s, stored.model.interaction.context(found.z_a, found.z_e)) for s in states]
+        )
+    truth = -torch.from_numpy(validation.z_a)[:, 0] * states[..., 1]
+    assert (rates[..., 0] == 0).all()
+    error = (rates[..., 1] - truth).square().mean().sqrt() / truth.square().mean().sqrt()
+    assert error < 0.25
+    assert ((found.z_e[0] - torch.from_numpy(validation.z_e)).abs() < 0.05).all()
+    assert stored.description["best_score"][0] < -6.5  # the noise alone: ln(2 · 0.01²) = −8.5; the expert alone: −2
+
+
+def test_goes_on_to_the_same_bits_after_a_kill(data, settings, tmp_path, monkeypatch):
+    stage.alternate(data, tmp_path / "whole.safetensors", tmp_path / "a", settings, None)
+    done = stage.Alternation.step
+
+    def killed(self):
+        if self.step_ == 4:
+            raise KeyboardInterrupt
+        return done(self)
+
+    monkeypatch.setattr(stage.Alternation, "step", killed)
+    with pytest.raises(KeyboardInterrupt):
+        stage.alternate(data, tmp_path / "resumed.safetensors", tmp_path / "b", settings, None)
+    counted = []
+    monkeypatch.setattr(stage.Alternation, "step", lambda self: (counted.append(self.step_), done(self))[1])
+    stage.alternate(data, tmp_path / "resumed.safetensors", tmp_path / "b", settings, None)
+    assert counted == [4, 5]
+    one, other = (store.load(tmp_path / f"{name}.safetensors") for name in ("whole", "resumed"))
+    for key, value in one.model.state_dict().items():
+        assert torch.equal(value, other.model.state_dict()[key]), key
+    for key in ("best_score", "best_step", "latent"):
+        assert one.description[key] == other.description[key]
+
+
+def test_a_seed_is_the_same_alone_and_in_a_group(data, settings):
+    together = prepared(data, settings).run()
+    alone = prepared(data, settings | {"seeds": [1]}).run()
+    for key, value in alone.model.state_dict().items():
+        torch.testing.assert_close(value[0], together.model.state_dict()[key][1], rtol=1e-4, atol=1e-5)
+    assert not torch.allclose(
+        together.model.interaction.state_layer.weight[0], together.model.interaction.state_layer.weight[1]
+    )
+
+
+def test_the_interaction_leaves_to_the_expert_what_is_its_own(data, settings):
+    settings["training"] |= {"steps": 60, "validate_every": 60, "learning_rate": 0.02}
+
+    def share(weight):
+        training = prepared(data, settings | {"training": settings["training"] | {"share": weight}})
+        training.run()
+        return training.trainer.step()["expert_share"]
+
+    assert share(1000.0).mean() < 0.6 * share(0.0).mean()
+
+
+def test_a_large_penalty_keeps_the_interaction_small(data, settings):
+    settings["training"] |= {"steps": 30, "validate_every": 30, "learning_rate": 0.02}
+
+    def size(penalty):
+        training = prepared(data, settings | {"training": settings["training"] | {"penalty": penalty}})
+        training.run()
+        return training.trainer.step()["size"]
+
+    assert (size(1e6) < 0.5 * size(0.0)).all()
+
+
+def test_a_model_file_holds_what_forecasts_need(data, settings, tmp_path):
+    path = tmp_path / "model.safetensors"
+    stage.alternate(data, path, tmp_path / "work", settings, None)
+    stored = store.load(path)
+    assert stored.description["kind"] == "alternating" and stored.seeds == [0, 1]
+    windows = torch.from_numpy(Trajectories.load(data / "validation.npz").y[:3, :21]).movedim(1, 0).unsqueeze(1)
+    found = estimator_of(stored, **stored.description["refinement"]).estimate(windows.expand(-1, 2, -1, -1))
+    assert found.z_e.shape == (2, 3, 1) and found.z_a.shape == (2, 3, 1)
+    assert ((found.z_e > 0.5) & (found.z_e < 4)).all()
+
+
+def test_seeds_that_never_forecast_are_said(data, settings, monkeypatch):
+    monkeypatch.setattr(stage.Alternation, "score", lambda self: torch.tensor([float("inf"), -1.0]))
+    assert prepared(data, settings).run().failed == [0]
+    monkeypatch.setattr(stage.Alternation, "score", lambda self: torch.full((2,), float("inf")))
+    with pytest.raises(SolveError, match="finite error"):
+        prepared(data, settings).run()
+
+
+def test_an_interaction_model_is_needed(data, settings):
+    with pytest.raises(InputError, match=r"model\.interaction: missing"):
+        prepared(data, settings | {"model": {}})
