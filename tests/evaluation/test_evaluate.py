@@ -7,8 +7,10 @@ import torch
 
 from expertaug.config.presets import resolve
 from expertaug.errors import InputError, SolveError
+from expertaug.evaluation import evaluate as stage
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.runaways import forecast
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.tables import tabulate
 from expertaug.learning.train import train
@@ -190,6 +192,20 @@ def test_longer_sets_are_forecast_from_the_same_windows(folder):
     assert [values[s, "long", "log_mse_sum"] for s in (4, 7)] == pytest.approx(expected.tolist(), abs=1e-3)
     arrays = np.load(outputs[1])
     assert len(arrays["t"]) == 21 and "long_errors" not in arrays and "test_errors" in arrays
+
+
+def test_a_longer_forecast_may_go_as_far_as_it_is_long(folder, monkeypatch):
+    """The bound is for the training's 2 s: an angle that turns goes twice as far in 4 s."""
+    data = Trajectories.load(folder / "test.npz")
+    Trajectories(2 * data.t, data.y, data.z_e, data.z_a).save(folder / "slow.npz")
+    save_as(folder, "far", lambda model: {"bound": [100.0, 50.0]})
+    limits = []
+    monkeypatch.setattr(stage, "forecast", lambda *args: (limits.append(args[-1]), forecast(*args))[1])
+    settings = COMMON | {"method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}}
+    outputs = folder / "slow.csv", folder / "slow_forecasts.npz"
+    evaluate(folder / "far.safetensors", folder, *outputs, settings | {"sets": ["test", "slow"]}, None)
+    found = [limit.flatten(0, -2).amax(0).tolist() for limit in limits]
+    assert found == [[100.0, 50.0], [200.0, 100.0]]
 
 
 def test_the_mean_goes_on_with_the_last_one():

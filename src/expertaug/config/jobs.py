@@ -78,8 +78,7 @@ def horizons(config: Mapping, experiment: str) -> dict[str, tuple[str, float]]:
 
 def dissipating(config: Mapping, experiment: str) -> list[str]:
     """Methods of an experiment on the double pendulum that have an expert and what makes it lose energy: F_a, or a
-    friction that it knows; with their refined versions.  All other versions have
-    their method's F_a."""
+    friction that it knows; with their refined versions.  All other versions have their method's F_a."""
     one = config["experiments"][experiment]
     if one["system"]["name"] != "double_pendulum":
         return []

@@ -161,6 +161,8 @@ def score(
     solver = Solver.from_mapping(options.get("solver") or {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6})
     t = torch.from_numpy(truth.t).float().to(device)
     bound = stored_bound(stored.description, device)
+    if bound is not None:  # what turns at one speed goes as far as the time is long
+        bound = bound * max(1.0, float(truth.t[-1]) / stored.description["t"][-1])
     begin = observed
     if options.get("from_s") is not None:
         begin = int(np.searchsorted(truth.t, options["from_s"] - 1e-9))
