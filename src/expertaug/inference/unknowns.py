@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from expertaug.inference.window_fit import given_components
+from expertaug.inference.window_problem import given_components
 from expertaug.systems import System
 
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of a uniform number
