@@ -8,6 +8,9 @@ from expertaug.api.alternation import alternate as alternate
 from expertaug.api.forecasts import Forecast as Forecast
 from expertaug.api.inference import least_squares as least_squares
 from expertaug.api.inference import own_prior as own_prior
+from expertaug.api.posterior import Band as Band
+from expertaug.api.posterior import fit_posterior as fit_posterior
+from expertaug.api.posterior import predictive as predictive
 from expertaug.api.trained import TrainedModel as TrainedModel
 from expertaug.api.trained import evaluate as evaluate
 from expertaug.api.trained import forecast as forecast
@@ -46,6 +49,7 @@ __all__ = [
     "RLC",
     "Aphynity",
     "AugmentedSets",
+    "Band",
     "ConvEncoder",
     "ConvInteraction",
     "ConvTwoStep",
@@ -78,12 +82,14 @@ __all__ = [
     "evaluate",
     "finetune",
     "fit",
+    "fit_posterior",
     "forecast",
     "least_squares",
     "load",
     "metrics",
     "own_prior",
     "plots",
+    "predictive",
     "simulate",
 ]
 

@@ -20,6 +20,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.evaluate import score, spread
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.settings import RefinementSettings
+from expertaug.inference.store import load as load_any
 from expertaug.models import seeds as seed_selection
 from expertaug.models import store
 from expertaug.models.device import device_of
@@ -271,7 +272,7 @@ def load(path: str | Path, *, classes: Collection[str | Callable] = (), device: 
         InputError: the file is missing, damaged or no model file, or needs a class that ``classes`` does not name.
     """
     with arrays.one_thread():
-        stored = store.load(path, device_of(device), classes)
+        stored = load_any(path, device_of(device), classes)
     return TrainedModel(stored, refinement=stored.description.get("refinement"))
 
 

@@ -152,7 +152,7 @@ def fit(
     }
     classes = describe.own_classes(model) | describe.class_of(OBJECTIVE, objective)
     with arrays.one_thread():
-        return _run(train_stage.prepare(model, train, validation, settings, described, classes))
+        return run_training(train_stage.prepare(model, train, validation, settings, described, classes))
 
 
 def augment(
@@ -241,11 +241,11 @@ def finetune(
         "device": _device(model),
     }
     with arrays.one_thread():
-        tuned = _run(finetune_stage.prepare(model.stored, augmented.drawn, train, validation, settings))
+        tuned = run_training(finetune_stage.prepare(model.stored, augmented.drawn, train, validation, settings))
     return TrainedModel(tuned.stored, tuned.history, model.single)
 
 
-def _run(training: Training) -> TrainedModel:
+def run_training(training: Training) -> TrainedModel:
     record = Record()
     stored = training.run(record)
     rows = [

@@ -1,0 +1,133 @@
+"""Posteriors in memory: a flow learned from a trained model's own draws, and forecasts with bands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypedDict, Unpack
+
+import numpy as np
+import torch
+
+from expertaug.api import arrays
+from expertaug.api.arrays import Array, Ranges
+from expertaug.api.trained import TrainedModel
+from expertaug.api.training import run_training
+from expertaug.errors import InputError
+from expertaug.inference import flow_training
+from expertaug.inference.predictive import predictive as of_windows
+from expertaug.systems.solver import Solver
+from expertaug.trajectories import Trajectories
+
+
+class FlowOptions(TypedDict, total=False):
+    """How to learn a posterior; see :class:`expertaug.inference.settings.FlowSettings` for meaning and defaults."""
+
+    steps: int
+    batch_size: int
+    learning_rate: float
+    pool: int
+    uses: int
+    held_out: int
+    transforms: int
+    samples: int
+    solver: Mapping
+
+
+@dataclass(frozen=True)
+class Band:
+    """A posterior's forecasts of N windows; of a group of S seeds every array has an axis (S,) before N.
+
+    Attributes:
+        t: times in s, (T,).
+        mean: states (N, T, *state), what minimises the expected squared error.
+        levels: L of them, between 0 and 1.
+        quantiles: of every value on its own, (L, N, T, *state).
+        z_e: draws by name, (K, N) each.
+    """
+
+    t: np.ndarray
+    mean: Array
+    levels: tuple[float, ...]
+    quantiles: Array
+    z_e: dict[str, Array]
+
+
+def fit_posterior(
+    model: TrainedModel,
+    train: Trajectories,
+    *,
+    prior: Ranges,
+    noise: float = 0.0,
+    label: str | None = None,
+    **options: Unpack[FlowOptions],
+) -> TrainedModel:
+    """Learn the posterior over (z_e, z_a, y0) by a conditional normalising flow (zuko's neural spline flow).
+
+    It learns from endless fresh draws of the trained model itself over p⁺(z_e): expert augmentation as simulation-based
+    inference.  No gradient passes the solver, and the model stays as it is.
+
+    Arguments:
+        model: a trained hybrid model.
+        train: the set of its training, whose starts and z_a the draws have.
+        prior: ranges [low, high] of p⁺ by expert parameter, in its unit.
+        noise: standard deviation of the data's noise.
+        label: default: the model's own with "+ flow".
+        options: see :class:`FlowOptions`.
+
+    Returns:
+        a model that forecasts by the mean over its posterior's draws; :func:`predictive` gives bands.
+
+    Raises:
+        InputError: an argument that cannot be used, or a model that is no hybrid one.
+    """
+    description = model.stored.description
+    label = label or f"{model.label}+ flow"
+    settings = {
+        **{key: description[key] for key in ("experiment", "preset", "choices")},
+        "method": label,
+        "label": label,
+        "flow": dict(options),
+        "prior": arrays.ranges(prior, [p.name for p in model.system.expert_parameters], "prior"),
+        "noise": float(noise),
+        "device": "cpu",
+    }
+    with arrays.one_thread():
+        found = run_training(flow_training.prepare(model.stored, train, settings, "model"))
+    return TrainedModel(found.stored, found.history, model.single)
+
+
+def predictive(
+    model: TrainedModel,
+    window: Array,
+    t: Array | Sequence[float],
+    *,
+    levels: Sequence[float] = (0.05, 0.5, 0.95),
+    draws: int = 119,
+    solver: Solver | None = None,
+) -> Band:
+    """Posterior predictive forecasts: mean and quantiles over draws, without the noise of a measurement.
+
+    Arguments:
+        model: of :func:`fit_posterior`, or a flow's file.
+        window, t, solver: as of :meth:`TrainedModel.forecast`.
+        levels: of the quantiles.
+        draws: K.
+
+    Raises:
+        InputError: a model without a posterior that can be drawn from, or levels beyond 0 and 1.
+    """
+    if not hasattr(model.predictor, "sample"):
+        raise InputError("model", f"{model.label} has no draws", "give a model of expertaug.fit_posterior")
+    if not levels or any(not 0 < level < 1 for level in levels):
+        raise InputError("levels", f"found {list(levels)}", "give numbers between 0 and 1, as 0.05")
+    observed, times = model._window(window, t)
+    with torch.no_grad(), arrays.one_thread():
+        points = torch.from_numpy(times).float().to(observed.device)
+        found = of_windows(model.predictor, observed, points, solver or model.solver, draws, levels)  # type: ignore[arg-type]
+    mean, quantiles = found.mean.movedim(0, 2), found.quantiles.movedim(1, 3)
+    z_e = found.z_e
+    if model.single:
+        mean, quantiles, z_e = mean[0], quantiles[:, 0], z_e[:, 0]
+    named = {p.name: arrays.like(z_e[..., k], window) for k, p in enumerate(model.system.expert_parameters)}
+    return Band(times, arrays.like(mean, window), tuple(levels), arrays.like(quantiles, window), named)
