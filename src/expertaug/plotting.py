@@ -68,7 +68,9 @@ def colours(variants: Sequence[str], methods: Sequence[str] = ()) -> dict[str, t
 
 
 def dash(variant: str) -> str | tuple:
-    """The style of a version's line: solid when augmented, else dashed, to be told apart where they overlap."""
+    """The style of a version's line: dotted when refined, solid when augmented, else dashed."""
+    if is_refined(variant):
+        return (0, (1, 1))
     return "-" if is_augmented(variant) else DASHED
 
 

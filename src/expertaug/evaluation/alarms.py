@@ -34,7 +34,8 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds.
         outputs: any of .csv (a row for each version, set, score and seed), .md, .tex, .png and .pdf.
-        settings: {labels, set_titles, title}; ``labels`` has pairs of a version and its printed label, in order.
+        settings: {labels, floor, set_titles, title}; ``labels`` has pairs of a version and its printed label, in order;
+            ``floor`` is the version of the true equation, which is not drawn, or null.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
@@ -62,7 +63,7 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
         },
     )
     if drawn:
-        shown = _shown(found)
+        shown = _shown({v: sets for v, sets in found.items() if v != settings.get("floor")} or found)
         seed = next(iter(found[shown]))[2]
         of_test = {SCORES[s]: one for (name, s, k), one in found[shown].items() if name == "test" and k == seed}
         plotting.save(draw_alarm(of_test, f"{title} of {labels[shown]}, seed {seed}"), drawn)
@@ -71,8 +72,8 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
 def _shown(found: Mapping[str, Mapping]) -> str:
     """The version that the figure shows: the first with every score, of those where some forecasts fail."""
     for v, sets in found.items():
-        of_test = [one for (name, _, _), one in sets.items() if name == "test"]
-        if len(of_test) >= len(SCORES) and of_test[0].failing.any() and not of_test[0].failing.all():
+        of_test = {score: one for (name, score, _), one in sets.items() if name == "test"}
+        if set(of_test) == set(SCORES) and of_test["misfit"].failing.any() and not of_test["misfit"].failing.all():
             return v
     return next(iter(found))
 

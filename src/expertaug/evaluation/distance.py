@@ -170,7 +170,7 @@ def _draw(long: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, title:
 def _look(version: str, colours: Mapping) -> dict:
     return {
         "color": colours[version],
-        "linestyle": (0, (1, 1)) if is_refined(version) else plotting.dash(version),
+        "linestyle": plotting.dash(version),
         "marker": plotting.marker(version),
         "markersize": 3,
         "linewidth": 1.2,

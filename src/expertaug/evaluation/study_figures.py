@@ -76,17 +76,15 @@ def _by_set(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, x
             for place, variant in enumerate(labels):
                 x = np.arange(len(names)) + _dodge(place, len(labels))
                 cells = [_cell(chosen, (variant, name)) for name in names]
-                _line(axis, x, cells, colours[variant], plotting.dash(variant))
+                _line(axis, x, cells, colours[variant], plotting.dash(variant), plotting.marker(variant))
             places = zip(options["distances"], names, strict=True)
             axis.set_xticks(range(len(names)), [_tick(distance, name, settings) for distance, name in places])
             axis.set_xlim(-0.4, len(names) - 0.6)
             axis.set(title=plotting.text(title), xlabel=xlabel)
             axis.grid(axis="y")
         grid[0].set_ylabel("log-MSE (lower is better)")
-        handles = [
-            Line2D([], [], color=colours[v], linestyle=plotting.dash(v), marker="o", markersize=3, label=label)
-            for v, label in labels.items()
-        ]
+        looks = {v: {"linestyle": plotting.dash(v), "marker": plotting.marker(v), "markersize": 3} for v in labels}
+        handles = [Line2D([], [], color=colours[v], **looks[v], label=label) for v, label in labels.items()]
         plotting.legend(figure, handles)
         _subtitle(figure, summary, settings)
         plotting.save(figure, outputs)
