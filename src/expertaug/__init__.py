@@ -59,6 +59,7 @@ _EXPORTS = {
     "own_prior": "expertaug.api.inference:own_prior",
     "plots": "expertaug.api.plots",
     "simulate": "expertaug.systems.simulate:trajectories",
+    "validity": "expertaug.api.inference:validity",
 }
 
 

@@ -8,6 +8,7 @@ from expertaug.api.alternation import alternate as alternate
 from expertaug.api.forecasts import Forecast as Forecast
 from expertaug.api.inference import least_squares as least_squares
 from expertaug.api.inference import own_prior as own_prior
+from expertaug.api.inference import validity as validity
 from expertaug.api.posterior import Band as Band
 from expertaug.api.posterior import fit_posterior as fit_posterior
 from expertaug.api.posterior import predictive as predictive
@@ -91,6 +92,7 @@ __all__ = [
     "plots",
     "predictive",
     "simulate",
+    "validity",
 ]
 
 __version__: str

@@ -71,3 +71,15 @@ def test_a_trained_model_is_refined_and_stays_as_it_is(sets, fit, tmp_path, caps
     call = ["forecast", "--model", str(tmp_path / "model.safetensors"), str(tmp_path / "w.csv"), "--refine"]
     assert main([*call, "0.01"]) == 0 and "chi2" in capsys.readouterr().out
     assert main([*call, "-1"]) == 2 and "--refine: found -1" in capsys.readouterr().err
+
+
+def test_where_f_a_holds_is_said_of_windows_alone(fitted):
+    def drawn(low, high, n, seed):
+        return ea.simulate(
+            ea.DampedPendulum(), {"omega0": (low, high)}, {"alpha": (0, 0)}, n=n, t=T, noise=0.01, seed=seed
+        )
+
+    train, slow = drawn(1.5, 3.0, 150, 4), drawn(0.5, 3.0, 300, 5)
+    found = ea.validity(fitted, train, slow.y[:, : fitted.observed], noise=0.01, prior=PRIOR)["omega0"]
+    low, high = found.holds  # without friction the expert alone holds everywhere
+    assert low < 0.8 and high > 2.7 and "omega0" in found.says

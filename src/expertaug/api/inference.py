@@ -1,8 +1,10 @@
-"""Inference in memory: least squares with the expert alone, and an augmentation prior that finds its own width."""
+"""Inference in memory: least squares with the expert alone, a prior that finds its own width, validity of F_a."""
 
 from __future__ import annotations
 
 from typing import Unpack
+
+import numpy as np
 
 from expertaug import systems
 from expertaug.api import arrays
@@ -13,6 +15,7 @@ from expertaug.errors import InputError
 from expertaug.inference import own_prior as growing
 from expertaug.inference.own_prior import OwnPrior
 from expertaug.inference.settings import RefinementSettings
+from expertaug.inference.validity import Validity, along
 from expertaug.learning.train import expert_alone
 from expertaug.systems import System
 from expertaug.trajectories import Trajectories
@@ -106,3 +109,38 @@ def own_prior(
             None if prior is None else arrays.ranges(prior, names, "prior"),
             dict(options),
         )
+
+
+def validity(
+    model: TrainedModel,
+    train: Trajectories,
+    unlabelled: Array,
+    *,
+    noise: float = 0.0,
+    prior: Ranges | None = None,
+    **options: Unpack[RefinementOptions],
+) -> dict[str, Validity]:
+    """Does F_a hold where z_e is not that of the training?  The paper's assumption A1, by least squares on each window.
+
+    Arguments:
+        model: trained; of a group of seeds the windows of all count.
+        train: its training set.
+        unlabelled: observed windows, (N, T1, *state), of where the model is to work; no truth is needed.
+        noise, prior, options: as of :meth:`TrainedModel.refined`.
+
+    Returns:
+        by expert parameter: where windows are explained as well as the training's; ``says`` is one sentence.
+
+    Raises:
+        InputError: windows of another shape, or an option that cannot be used.
+    """
+    refined = model.refined(noise=noise, prior=prior, **options)
+    known, found = (refined.forecast(y, model.t[: model.observed]) for y in (train.y[:, : model.observed], unlabelled))
+
+    def flat(value: object) -> np.ndarray:
+        return np.asarray(value, dtype=float).ravel()
+
+    return {
+        name: along(name, flat(found.z_e[name]), flat(found.chi2), flat(known.z_e[name]), flat(known.chi2))
+        for name in found.z_e
+    }
