@@ -35,7 +35,8 @@ def test_what_it_runs_with_is_shown():
     given["experiments"]["pendulum"]["flows"] = ["aphynity"]
     lines = list(show.show(given, "pendulum", "aphynity"))
     start = next(k for k, line in enumerate(lines) if line.startswith("flow aphynity+~flow"))
-    assert any("flow.steps: 8000" in line and "default" in line for line in lines[start:])
+    assert any("flow.bins: 8" in line and "default" in line for line in lines[start:])
+    assert any("flow.steps: 4000" in line and "pendulum.yaml" in line for line in lines[start:])
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ STUDIES = """
 run: [pendulum, double_pendulum]
 experiments:
   pendulum:
-    methods: [mean, expert_only, ml_only, aphynity]
+    methods: [mean, expert_only, ml_only, aphynity, alternating]
     augmented: [aphynity]
     data: {sets: {near: {size: 9, z_e: {omega0: [1.5, 3.1]}, z_a: {alpha: [0.6, 1.0]}}}}
     augmentations: {narrow: null, wide: {prior: {omega0: [0.1, 7.0]}, methods: [aphynity]}}
@@ -42,13 +42,16 @@ experiments:
 """
 # The rules that a change redoes: all that follows its own.
 EVALUATION = {"evaluate_seed_group", "tabulate_experiment", "plot_experiment", "plot_overview"}
+EVALUATION |= {"study_windows_of_experiment"}
 AUGMENTED = {"finetune_seed_group"} | EVALUATION
-LEARNING = {"train_seed_group", "augment_seed_group"} | AUGMENTED
+# Of the double pendulum longer forecasts and the loss of energy.
+LEARNING = {"train_seed_group", "augment_seed_group", "study_experiment", "dissipation_of_experiment"} | AUGMENTED
 CHUNKS = {"split_chunks_of_experiment", "plot_splits_of_experiment", "calibrate_experiment"} | LEARNING
+CHUNKS |= {"cut_horizon_of_experiment"}
 # Of the pendulum there is more.
 SCORED = {"study_experiment", "compare_experiment", "compare_all"} | EVALUATION
 TUNED = {"finetune_seed_group", "during_training_seed_group"} | SCORED
-TRAINED = {"train_seed_group", "augment_seed_group"} | TUNED
+TRAINED = {"train_seed_group", "augment_seed_group", "flow_seed_group"} | TUNED
 ANGLES = {"measure_angles_of_recording", "plot_page_of_recording", "summarise_recordings"} | CHUNKS
 MARKERS = {"extract_frames_of_recording", "track_markers_of_recording"} | ANGLES
 

@@ -38,7 +38,10 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
     ("change", "rules"),
     [
         ({"experiments": {"pendulum": {"finetuning": {"epochs": 5}}}}, TUNED),
-        ({"experiments": {"pendulum": {"overrides": {"aphynity": WIDER}}}}, {"augment_seed_group"} | TUNED),
+        (
+            {"experiments": {"pendulum": {"overrides": {"aphynity": WIDER}}}},
+            {"augment_seed_group", "flow_seed_group"} | TUNED,
+        ),
         ({"experiments": {"pendulum": {"evaluation": {"samples": 2}}}}, SCORED),
         ({"experiments": {"pendulum": {"training": {"learning_rate": 0.001}}}}, TRAINED),
         (
