@@ -60,7 +60,7 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
         ({"experiments": {"pendulum": {"choices": {"frozen": "interaction_and_z_e_head"}}}}, TUNED),
         ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_seed_group"} | SCORED),
         ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
-        ({"device": "cpu"}, TRAINED),
+        ({"device": "cpu"}, {"dissipation_of_experiment"} | TRAINED),
     ],
 )
 def test_a_changed_parameter_redoes_exactly_its_stages(project, change, rules):
