@@ -19,7 +19,6 @@ class MLPInteraction(Interaction):
     Arguments:
         latent: size of z_a.
         layers, activation: hidden layers.
-        scale: what the network's output is multiplied by.
         expert_parameters, components, reads: as :class:`Interaction`; a component that it does not see is zero.
     """
 
@@ -34,10 +33,9 @@ class MLPInteraction(Interaction):
         expert_parameters: bool = False,
         components: Sequence[str] | None = None,
         reads: Sequence[str] | None = None,
-        scale: float = 1.0,
     ) -> None:
         super().__init__(system, latent, expert_parameters, components, reads)
-        self.system, self.scale = system, scale
+        self.system = system
         self.mask = [float(k in self.sees) for k in range(len(system.state))]
         features = feature_count(system, "model.interaction.kind")
         self.state_layer = Linear(features, layers[0], bias=False)
@@ -52,5 +50,4 @@ class MLPInteraction(Interaction):
         """F_a at states y (…, B, *state), the shape of y."""
         seen = y if all(self.mask) else y * y.new_tensor(self.mask)
         hidden = affine(self.system.features(seen), self.state_layer.weight, context)
-        rates = self.rest(self.rest.activation(hidden))
-        return self.placed(rates if self.scale == 1 else self.scale * rates, y)
+        return self.placed(self.rest(self.rest.activation(hidden)), y)
