@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 import torch
-from tiny import PRIOR, SETTINGS
 
 from expertaug import systems
 from expertaug.config.presets import ROWS, resolve
@@ -19,6 +18,7 @@ from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
+from tiny import PRIOR, SETTINGS
 
 CPU = torch.device("cpu")
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from tiny import PRIOR
 
 from expertaug import systems
 from expertaug.errors import SolveError
@@ -24,6 +23,7 @@ from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
+from tiny import PRIOR
 
 CPU = torch.device("cpu")
 

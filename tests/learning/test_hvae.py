@@ -4,7 +4,6 @@ import json
 
 import pytest
 import torch
-from tiny import PRIOR
 
 from expertaug import systems
 from expertaug.config.presets import resolve
@@ -22,6 +21,7 @@ from expertaug.models import store
 from expertaug.models.posterior import Gaussian, unconstrain
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
+from tiny import PRIOR
 
 CPU = torch.device("cpu")
 
