@@ -1,5 +1,6 @@
 """Algorithm 1: D⁺, the frozen interaction model, supervision; and the rows of the preset table."""
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -79,6 +80,25 @@ def test_finetuning_changes_the_encoder_and_nothing_else(trained, data, tmp_path
     for name, value in before.model.state_dict().items():
         frozen = name.startswith("decoder.") or (head_frozen and name.startswith("encoder.head."))
         assert torch.equal(value, after.model.state_dict()[name]) == frozen, name
+
+
+def test_the_control_takes_the_same_steps_on_real_data_alone(trained, data, tmp_path, settings):
+    augmented(trained, data, tmp_path, settings)
+    plus = settings | {"method": "aphynity+", "label": "APHYNITY+"}
+    finetune(trained, tmp_path / "plus.st", data, tmp_path / "plus/m.st", tmp_path / "a", plus, None)
+    control = settings | {"method": "aphynity=", "label": "APHYNITY (control)"}
+    with pytest.raises(InputError, match="--augmented: missing; give the augmented samples, or prior"):
+        finetune(trained, None, data, tmp_path / "control/m.st", tmp_path / "b", control, None)
+    finetune(trained, None, data, tmp_path / "control/m.st", tmp_path / "b", control | {"prior": PRIOR}, None)
+    steps = {}
+    for name in ("plus", "control"):
+        lines = map(json.loads, (tmp_path / name / "log.jsonl").read_text().splitlines())
+        steps[name] = max(line["step"] for line in lines if "step" in line)
+    assert steps["plus"] == steps["control"] > 0
+    before, after = store.load(trained), store.load(tmp_path / "control/m.st")
+    assert after.description["method"] == "aphynity=" and after.description["augmented_prior"] == PRIOR
+    for name, value in before.model.state_dict().items():
+        assert torch.equal(value, after.model.state_dict()[name]) == name.startswith("decoder."), name
 
 
 @pytest.mark.parametrize("preset", ["paper", "code"])

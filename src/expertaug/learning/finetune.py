@@ -9,6 +9,7 @@ from pathlib import Path
 
 import torch
 
+from expertaug.errors import InputError
 from expertaug.learning import augmentation, fitting, job
 from expertaug.learning.augment import Augmented
 from expertaug.learning.fitting import Training
@@ -39,7 +40,12 @@ def finetune(
         work: folder for checkpoints.
         settings: those of :func:`prepare`; ``classes``, names of the model's classes from elsewhere.
         tracking: see :class:`expertaug.tracking.runlog.RunLog`.
+
+    Raises:
+        InputError: neither augmented samples nor the control's prior.
     """
+    if augmented is None and "prior" not in settings:
+        raise InputError("--augmented", "missing", "give the augmented samples, or prior in the settings for a control")
     device = device_of(settings["device"])
     stored = store.load(model, device, settings.get("classes", ()))
     plus = None if augmented is None else Augmented(*augmentation.load(augmented, device))
