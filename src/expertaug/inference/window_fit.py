@@ -17,7 +17,12 @@ class WindowFit(WindowProblem):
 
     @torch.no_grad()
     def __call__(self, windows: Tensor, first: Estimates | None = None) -> Estimates:
-        """Fit windows (T1, S, B, *state), also from the first estimates (…, S, B) where there are some."""
+        """Fit windows (T1, S, B, *state), also from the first estimates (…, S, B) where there are some.
+
+        The fits run on the CPU, in double precision, wherever the windows lie.
+        """
+        here = windows.cpu()
+        first = None if first is None else first.to(here)
         free = sum(self.sizes)
         tries = (self.settings.tries if self.grid is not None else 0) + (first is not None)
         if not tries:
@@ -25,7 +30,7 @@ class WindowFit(WindowProblem):
         each = windows[:, :, :1].numel() * 8 * tries * (free + 1)
         size = max(1, MEMORY // max(each, 1))
         parts = [
-            self._fit(windows[:, :, k : k + size].double(), None if first is None else first.part(slice(k, k + size)))
+            self._fit(here[:, :, k : k + size].double(), None if first is None else first.part(slice(k, k + size)))
             for k in range(0, windows.shape[2], size)
         ]
         return Estimates.joined(parts).to(windows)

@@ -70,7 +70,7 @@ class WindowProblem:
         solver: Solver,
     ) -> None:
         system = decoder.system
-        self.decoder = copy.deepcopy(decoder).double().requires_grad_(False).eval()
+        self.decoder = copy.deepcopy(decoder).cpu().double().requires_grad_(False).eval()
         self.system, self.settings, self.noise, self.latent, self.solver = system, settings, noise, latent, solver
         self.t = t.double()
         self.scale = torch.tensor([p.scale for p in system.expert_parameters], dtype=torch.float64)
