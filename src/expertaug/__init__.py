@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import importlib
 
-__version__ = "0.1.0"
-
 # Name → where it is: a module, or module:name.
 _EXPORTS = {
     "Aphynity": "expertaug.learning.objectives:Aphynity",
@@ -64,6 +62,8 @@ _EXPORTS = {
 
 
 def __getattr__(name: str) -> object:
+    if name == "__version__":
+        return _version()
     if name not in _EXPORTS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, _, attribute = _EXPORTS[name].partition(":")
@@ -72,5 +72,15 @@ def __getattr__(name: str) -> object:
     return globals()[name]
 
 
+def _version() -> str:
+    """Of the installed package, which has it from the tags of its repository."""
+    from importlib import metadata
+
+    try:
+        return metadata.version(__name__)
+    except metadata.PackageNotFoundError:  # a source tree on the path that nobody installed
+        return "0+unknown"
+
+
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_EXPORTS})
+    return sorted({*globals(), *_EXPORTS, "__version__"})

@@ -22,7 +22,7 @@ logger = logging.getLogger("expertaug")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a stage; 0 when it went well, 2 for bad input, 3 for a failed solve, 1 for a bug."""
-    arguments = commands.parser().parse_args(argv)
+    arguments = commands.parse(argv)
     stage = arguments.stage
     try:
         _log_to(arguments.log)

@@ -7,12 +7,13 @@ function that takes these and calls the stage, which it imports itself: ``expert
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
 from expertaug import __version__
-from expertaug.commands import configuration, evaluation, housekeeping, learning, recordings
+from expertaug.commands import configuration, evaluation, housekeeping, learning, recordings, workflow
 from expertaug.commands.options import Commands
 
-SUBJECTS = (recordings, learning, evaluation, configuration, housekeeping)
+SUBJECTS = (recordings, learning, evaluation, configuration, housekeeping, workflow)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -23,3 +24,14 @@ def parser() -> argparse.ArgumentParser:
     for subject in SUBJECTS:
         subject.add_to(commands)
     return parser
+
+
+def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
+    """What a command line says; a subcommand with ``rest`` gets there what this package does not know."""
+    found = parser()
+    arguments, rest = found.parse_known_args(argv)
+    if "rest" in arguments:
+        arguments.rest = rest
+    elif rest:
+        found.error(f"unrecognized arguments: {' '.join(rest)}")
+    return arguments

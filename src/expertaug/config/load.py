@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from expertaug.config import checks, presets, recording_checks
+from expertaug.config import checks, presets, project, recording_checks
 from expertaug.config.layers import layers, merge, plain
 from expertaug.config.models import Common, Configuration, Experiment
 from expertaug.config.names import unknown
@@ -59,9 +59,9 @@ def with_defaults(paths: Iterable[str | Path]) -> list[Path]:
 
 
 def default_files() -> list[Path]:
-    """What other files override: config/config.yaml of the working directory, else of this checkout; none without."""
-    folders = (Path(), Path(__file__).resolve().parents[3])
-    return next(([path] for f in folders if (path := f / "config" / "config.yaml").is_file()), [])
+    """What other files override: config/config.yaml of the working directory, else of the workflow; none without."""
+    folders = (Path(), project.folder())
+    return next(([path] for f in folders if f and (path := f / "config" / "config.yaml").is_file()), [])
 
 
 def validate(config: Mapping) -> dict:

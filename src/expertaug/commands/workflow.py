@@ -1,0 +1,48 @@
+"""The subcommand that runs the workflow, from a checkout or from the copy inside an installed package."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from expertaug.commands.options import Commands
+
+_PROFILES = ("--profile", "--workflow-profile")
+
+
+def add_to(commands: Commands) -> None:
+    """Add this module's subcommands."""
+    text = "run the workflow: snakemake with the Snakefile of this package, results below the working directory"
+    p = commands.add("run", _run, text, settings=False)
+    p.usage = "expertaug run [-h] [SNAKEMAKE'S ARGUMENTS]"
+    p.epilog = "A file of the workflow, as config/smoke.yaml, need not be in the working directory."
+    p.set_defaults(rest=[])
+
+
+def _run(a: argparse.Namespace) -> None:
+    from expertaug.config import project
+    from expertaug.errors import InputError
+
+    folder = project.folder()
+    if folder is None:
+        raise InputError("expertaug", "this installation lacks the workflow", "install from a wheel or a checkout")
+    raise SystemExit(subprocess.run(command(folder, a.rest), check=False).returncode)
+
+
+def command(folder: Path, arguments: Sequence[str]) -> list[str]:
+    """Snakemake's command line.
+
+    Arguments:
+        folder: that holds the workflow.
+        arguments: the user's; paths of files that are not here but in ``folder`` become paths there.
+    """
+    found = [
+        str(folder / a) if not a.startswith("-") and not Path(a).exists() and (folder / a).is_file() else a
+        for a in arguments
+    ]
+    profile = f"--workflow-profile={folder / 'profiles' / 'default'}"
+    profile = [] if any(a.split("=")[0] in _PROFILES for a in found) else [profile]
+    return [sys.executable, "-m", "snakemake", "--snakefile", str(folder / "Snakefile"), *profile, *found]
