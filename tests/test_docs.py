@@ -148,7 +148,7 @@ def test_expertaug_takes_these_arguments(command, reader, executed, capsys):
     if not command.whole and len(words) == 1 and not words[0].startswith("-"):
         words.append("--help")  # named, not called
     try:
-        command_line.parser().parse_args(words)
+        command_line.parse(words)
     except SystemExit as stop:
         assert stop.code == 0, capsys.readouterr().err
         return
