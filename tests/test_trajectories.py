@@ -1,4 +1,4 @@
-"""Sets of trajectories: the identities that their samples may carry."""
+"""Sets of trajectories: the identities that their samples may carry, what was measured of them, what is known."""
 
 import numpy as np
 import pytest
@@ -33,3 +33,37 @@ def test_sets_without_identities_as_older_files_are(tmp_path):
 def test_identities_are_one_text_a_sample(identity):
     with pytest.raises(InputError, match=r"id has shape .* for 3 samples; id is \(N,\), texts"):
         made(identity)
+
+
+def test_what_was_not_measured_is_masked_wherever_its_samples_go(tmp_path):
+    y = np.arange(3 * 5 * 2, dtype=float).reshape(3, 5, 2)
+    mask = np.ones(y.shape, dtype=bool)
+    mask[1, 2:4, 1] = False
+    y[~mask] = np.nan
+    Trajectories(np.arange(5) / 10, y, y[:, 0], mask=mask, noise=[0.1, 0.2]).save(tmp_path / "set.npz")
+    found = Trajectories.load(tmp_path / "set.npz")
+    assert np.array_equal(found.mask, mask) and (found.y[~mask] == 0).all() and found.noise.tolist() == [0.1, 0.2]
+    assert np.array_equal(np.isnan(found.seen), ~mask)
+    assert np.array_equal(found.subset([1]).mask, mask[[1]]) and found.subset([0, 2]).mask is None
+    assert np.array_equal(found.window(3, 5).mask, mask[:, 3:5]) and found.window(0, 2).mask is None
+
+
+def test_parameters_may_be_unknown_but_never_infinite():
+    y = np.zeros((3, 5, 2))
+    assert np.isnan(Trajectories(np.arange(5), y, np.full((3, 1), np.nan)).z_e).all()
+    with pytest.raises(InputError, match="z_e is not finite"):
+        Trajectories(np.arange(5), y, np.full((3, 1), np.inf))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"mask": np.ones((3, 5), dtype=bool)}, "mask has shape"),
+        ({"mask": np.ones((3, 5, 2))}, "mask has shape .* and type float64"),
+        ({"noise": [0.1]}, "noise has shape"),
+        ({"noise": [0.1, np.nan]}, "one number of 0 or more a component"),
+    ],
+)
+def test_masks_and_noise_fit_the_states(given, message):
+    with pytest.raises(InputError, match=message):
+        Trajectories(np.arange(5), np.zeros((3, 5, 2)), np.zeros((3, 1)), **given)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_npz
+
+OPTIONAL = ("id", "mask", "noise")
 
 
 @dataclass(frozen=True)
@@ -18,10 +20,12 @@ class Trajectories:
 
     Attributes:
         t: times in seconds, (T,), strictly increasing, float64.
-        y: states, (N, T, *state), float32, finite.
-        z_e: expert parameters, (N, P), float32, finite.
+        y: states, (N, T, *state), float32, finite; 0 where nothing was measured.
+        z_e: expert parameters, (N, P), float32; NaN where one is not known, as of measured data.
         z_a: true interaction latent where it is known, (N, Q), float32; Q = 0 where it is not.
         id: where each sample comes from, (N,) texts: ``recording/first frame`` of a chunk; None where nobody asks.
+        mask: which values of y were measured, (N, T, *state), bool; None where all were.
+        noise: standard deviation of the noise of each component of a state, (K,), where it was estimated from the data.
 
     Raises:
         InputError: an array has the wrong number of axes, sizes disagree or a value is not finite.
@@ -32,6 +36,8 @@ class Trajectories:
     z_e: np.ndarray
     z_a: np.ndarray = field(default=None)  # type: ignore[assignment]
     id: np.ndarray | None = None
+    mask: np.ndarray | None = None
+    noise: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.z_a is None:
@@ -55,31 +61,58 @@ class Trajectories:
             if self.id.shape != (len(self.y),) or self.id.dtype.kind != "U":
                 found = f"id has shape {self.id.shape} and type {self.id.dtype} for {len(self.y)} samples"
                 raise InputError("trajectories", found, "id is (N,), texts")
+        self._check_measured()
         for name in ("t", "y", "z_e", "z_a"):
-            bad = ~np.isfinite(getattr(self, name))
+            value = getattr(self, name)
+            bad = np.isinf(value) if name == "z_e" else ~np.isfinite(value)
             if bad.any():
                 where = tuple(int(i) for i in np.argwhere(bad)[0])
                 raise InputError(
                     "trajectories", f"{name} is not finite, first at index {where}", "every value must be finite"
                 )
 
+    def _check_measured(self) -> None:
+        """The mask and the noise, in their types; values that were not measured become 0."""
+        if self.noise is not None:
+            noise = np.ascontiguousarray(self.noise, dtype=np.float64)
+            object.__setattr__(self, "noise", noise)
+            if noise.shape != self.y.shape[2:3] or not (np.isfinite(noise) & (noise >= 0)).all():
+                found = f"noise has shape {noise.shape} for states of shape {self.y.shape[2:]}"
+                raise InputError("trajectories", found, "noise is (K,), one number of 0 or more a component")
+        if self.mask is None:
+            return
+        mask = np.asarray(self.mask)
+        if mask.shape != self.y.shape or mask.dtype != bool:
+            found = f"mask has shape {mask.shape} and type {mask.dtype} for y of shape {self.y.shape}"
+            raise InputError("trajectories", found, "mask is (N, T, *state), bool: True where y was measured")
+        object.__setattr__(self, "mask", None if mask.all() else np.ascontiguousarray(mask))
+        if not mask.all():
+            object.__setattr__(self, "y", np.where(mask, self.y, np.float32(0)))
+
     def __len__(self) -> int:
         return len(self.y)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """The states with NaN where nothing was measured, (N, T, *state): what models and losses are given."""
+        return self.y if self.mask is None else np.where(self.mask, self.y, np.float32(np.nan))
 
     def subset(self, index: slice | np.ndarray) -> Trajectories:
         """The samples that ``index`` (a slice, a mask or integers along N) selects."""
         identity = None if self.id is None else self.id[index]
-        return Trajectories(self.t, self.y[index], self.z_e[index], self.z_a[index], identity)
+        mask = None if self.mask is None else self.mask[index]
+        return replace(self, y=self.y[index], z_e=self.z_e[index], z_a=self.z_a[index], id=identity, mask=mask)
 
     def window(self, start: int, stop: int) -> Trajectories:
         """The points ``start`` to ``stop`` (not included) along time."""
-        return Trajectories(self.t[start:stop], self.y[:, start:stop], self.z_e, self.z_a, self.id)
+        mask = None if self.mask is None else self.mask[:, start:stop]
+        return replace(self, t=self.t[start:stop], y=self.y[:, start:stop], mask=mask)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed npz without pickle, atomically."""
         with atomic(path) as temporary, temporary.open("wb") as stream:
-            identity = {} if self.id is None else {"id": self.id}
-            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **identity)  # type: ignore
+            given = {name: value for name in OPTIONAL if (value := getattr(self, name)) is not None}
+            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **given)  # type: ignore
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectories:
@@ -89,7 +122,7 @@ class Trajectories:
             InputError: the file is missing, is no npz, lacks an array or holds no trajectories.
         """
         remedy = "make it again with its stage"
-        arrays = read_npz(path, "trajectory file", remedy, ("t", "y", "z_e", "z_a"), optional=("id",))
+        arrays = read_npz(path, "trajectory file", remedy, ("t", "y", "z_e", "z_a"), optional=OPTIONAL)
         try:
             return cls(**arrays)
         except (InputError, TypeError, ValueError) as error:
