@@ -13,6 +13,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "expertaug"
 # From the ground up: a module may import from its own floor and from those below.
 FLOORS = (
     ("errors", "files", "wording", "settings", "trajectories", "labels", "plotting", "registry", "source_files"),
+    ("measurements",),
     ("systems",),
     ("models",),
     ("tracking",),

@@ -6,11 +6,11 @@ import pytest
 from pendulum_motion import CONSTANTS, real_recordings, truth
 
 from expertaug.errors import InputError
+from expertaug.measurements.splitting import SPLITS, keep_apart, number_segments
 from expertaug.recordings.angles.measure import measure_angles
 from expertaug.recordings.chunks.cut import split_chunks
 from expertaug.recordings.chunks.horizons import cut_horizon
 from expertaug.recordings.chunks.settings import ChunkSettings
-from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, number_segments
 from expertaug.recordings.imports.ibm import import_markers, list_marker_files
 from expertaug.recordings.reports.splits import plot_splits
 from expertaug.systems.double_pendulum import energy

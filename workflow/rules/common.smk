@@ -10,6 +10,7 @@ from expertaug.config import jobs
 from expertaug.config import stage_code
 from expertaug.config import stage_settings
 from expertaug.files import sha256
+from expertaug.measurements.paths import read_checksums
 from expertaug.recordings.intake import refusal
 from expertaug.config.study_checks import PUBLISHED
 from expertaug.labels import MAIN_SETS
@@ -20,7 +21,7 @@ SOURCE = CONFIG["recordings"]["source"]
 ON_BAD_RECORDING = CONFIG["recordings"]["on_bad_recording"]
 RUN = CONFIG["run"]
 RECORDED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "recordings"]
-SIMULATED = [e for e in RUN if e not in RECORDED]
+SIMULATED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "simulation"]
 RENDERED = ["video.mp4"] if SOURCE == "rendered" else []
 LEARNING_SETS = ["train", "validation"]
 FIGURES = ["log_mse", "parameter_errors", "parameters", "forecasts", "curves"]
@@ -174,7 +175,7 @@ def checksum_of(name):
     if path is None:
         return ""
     file = os.path.basename(video_of(name) if SOURCE == "videos" else marker_csv(name))
-    return f"--sha256 {recording_checks.read_checksums(path)[file]}"
+    return f"--sha256 {read_checksums(path, 'recordings.checksums')[file]}"
 
 
 def to_retry(name, file):

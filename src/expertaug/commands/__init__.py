@@ -10,10 +10,10 @@ import argparse
 from collections.abc import Sequence
 
 from expertaug import __version__
-from expertaug.commands import configuration, evaluation, housekeeping, learning, recordings, workflow
+from expertaug.commands import configuration, evaluation, housekeeping, learning, measurements, recordings, workflow
 from expertaug.commands.options import Commands
 
-SUBJECTS = (recordings, learning, evaluation, configuration, housekeeping, workflow)
+SUBJECTS = (recordings, measurements, learning, evaluation, configuration, housekeeping, workflow)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -6,11 +6,11 @@ import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from expertaug.config import inference_checks, options, stage_code, study_checks
+from expertaug.config import inference_checks, measurement_checks, options, stage_code, study_checks
 from expertaug.config.layers import merge
 from expertaug.config.names import other_parameters, unknown, unknown_one
 from expertaug.errors import InputError
-from expertaug.wording import number_in
+from expertaug.wording import number_in, show
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
@@ -127,6 +127,8 @@ def experiment(where: str, one: Mapping, config: Mapping) -> Iterator[InputError
             yield InputError(f"{where}.{key}", "missing", "methods under augmented need it")
     if one["data"]["source"] == "simulation":
         yield from _simulation(where, one, known)
+    elif one["data"]["source"] == "files":
+        yield from measurement_checks.check(where, one, known)
     else:
         yield from _chunks(where, one, config["recordings"])
     yield from study_checks.check(where, one, methods)
@@ -196,6 +198,8 @@ def _simulation(where: str, one: Mapping, known: options.KnownSystem | None) -> 
         if not is_multiple(data[key], data["step_s"]):
             remedy = f"give a multiple of step_s, {data['step_s']:g}"
             yield InputError(f"{where}.data.{key}", f"found {data[key]:g}", remedy)
+    if not isinstance(data["noise"], int | float):
+        yield InputError(f"{where}.data.noise", f"found {show(data['noise'])}", "give simulated sets one number")
     first, name = next(iter(sets)), one["system"]["name"]
     if known is not None:
         yield from options.simulated(name, known, f"{where}.system.name")

@@ -14,15 +14,33 @@ from expertaug.config import presets
 from expertaug.config.study_models import SomeNames, Studies
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
 from expertaug.learning.settings import TrainSettings
+from expertaug.measurements.settings import MeasurementSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
 from expertaug.recordings.chunks.settings import ChunkSettings
 from expertaug.recordings.settings import RecordingKeys
-from expertaug.settings import LEFT_OUT, Count, Name, NotNegative, Positive, Range, Seed, Settings, key, wrong
+from expertaug.settings import (
+    KEYS,
+    LEFT_OUT,
+    ONE,
+    Count,
+    Name,
+    NotNegative,
+    Positive,
+    Range,
+    Seed,
+    Settings,
+    by_shape,
+    key,
+    wrong,
+)
 from expertaug.systems.settings import SolverSettings
 from expertaug.wording import PATTERNS
 
 Ranges = Annotated[dict[str, Range], Field(min_length=1)]
 Names = list[str]
+Noise = Annotated[
+    Annotated[NotNegative | Literal["estimated"], ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape
+]
 
 
 def _choices(value: dict[str, str]) -> dict[str, str]:
@@ -71,12 +89,15 @@ class SimulatedSet(Settings):
 class Data(Settings):
     """Where the trajectories come from."""
 
-    source: Literal["simulation", "recordings"] = key(
-        ..., "simulation = the system's own; recordings = chunks of the recordings"
+    source: Literal["simulation", "recordings", "files"] = key(
+        ..., "simulation = the system's own; recordings = chunks of the recordings; files = measurements of your own"
     )
     t1_s: Positive = key(..., "end of the observed window", "s")
-    noise: NotNegative = key(
-        0.0, "standard deviation of the noise on every value of the state; simulated sets and augmented samples get it"
+    noise: Noise = key(
+        0.0,
+        "standard deviation of the noise on every value of the state, or a mapping with one for each component, which "
+        "simulated sets (of the first kind) and augmented samples get; estimated = from how rough the columns of files "
+        "are",
     )
     seed: Annotated[int, Field(ge=0, lt=2**31)] = key(0, "of the simulation")
     step_s: Positive = key(LEFT_OUT, "time from point to point of simulated sets", "s")
@@ -85,6 +106,12 @@ class Data(Settings):
         LEFT_OUT, "the simulated sets: train, validation, test; iid, with validation's ranges, is an IID test set"
     )
     split: ChunkSettings = key(LEFT_OUT, "chunks of the recordings and their division into sets")
+    files: MeasurementSettings = key(LEFT_OUT, "measurements of your own: tables, chunks of them and their sets")
+    start: dict[str, Range] = key(
+        dict,
+        "of components that files do not have, or not always: range, in its unit, in which the first point of a chunk "
+        "is inferred; left out = a little beyond the measured values",
+    )
     calibrate: bool = key(False, "whether the expert's constants are fitted on the training chunks")
     calibration: CalibrationKeys = key(CalibrationKeys, "how the constants of the compound expert are fitted")
 

@@ -188,8 +188,12 @@ class _Experiment:
         return task_of(settings["training"], description, torch.device("cpu")), y
 
     def _times(self) -> list[float]:
-        """Times of a chunk of a recording in s."""
-        split = self.config["experiments"][self.name]["data"]["split"]
+        """Times of a chunk of a recording, or about those of one of measurements, in s."""
+        data = self.config["experiments"][self.name]["data"]
+        if data["source"] == "files":
+            step_s = data["files"]["step_s"] or data["t1_s"] / (data["files"]["length"] // 2)
+            return [k * step_s for k in range(data["files"]["length"])]
+        split = data["split"]
         return [k / split["rate_hz"] for k in range(split["length"])]
 
     def _where(self, what: str, *classes: type) -> str:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import glob
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from expertaug.config.checks import is_multiple
 from expertaug.config.names import unknown, unknown_one
 from expertaug.errors import InputError
+from expertaug.measurements.paths import read_checksums
 from expertaug.recordings.markers.appearance import Appearance
 from expertaug.recordings.names import by_name
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
-CHECKSUM = re.compile(r"([0-9a-fA-F]{64}) [ *](.+)")
 
 
 def check(config: Mapping) -> list[InputError]:
@@ -75,30 +74,10 @@ def _checksums(recordings: Mapping) -> None:
     files = _files(recordings)
     if files is None:
         raise InputError(where, "the recordings are in an archive", "set recordings.markers.sha256 instead")
-    known = read_checksums(path)
+    known = read_checksums(path, where)
     for file in files.values():
         if file.name not in known:
             raise InputError(where, f"'{path}' has no line for {file.name}", "add it with sha256sum")
-
-
-def read_checksums(path: str) -> dict[str, str]:
-    """SHA-256 by file name, from what ``sha256sum`` writes.
-
-    Raises:
-        InputError: no such file, or a line that is none of its.
-    """
-    where = "recordings.checksums"
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(where, f"'{path}' cannot be read ({error})", "name what sha256sum wrote") from error
-    found = {}
-    for number, line in enumerate(lines, 1):
-        match = CHECKSUM.fullmatch(line)
-        if match is None:
-            raise InputError(where, f"'{path}', line {number}: '{line}'", "expected a SHA-256 and a file's name")
-        found[Path(match[2]).name] = match[1].lower()
-    return found
 
 
 def list_recordings(config: Mapping) -> dict[str, str | int] | None:

@@ -51,6 +51,9 @@ def _jobs(config: Mapping, experiment: str, method: str) -> Iterator[tuple[str, 
     if one["data"]["source"] == "simulation":
         for name in one["data"]["sets"]:
             yield f"simulate {name}", stage_settings.simulate(config, experiment, name), {}
+    elif one["data"]["source"] == "files":
+        own = {"files": ("data", "files")}
+        yield "cut_measurements", stage_settings.cut_measurements(config, experiment), own
     else:
         yield "split_chunks", stage_settings.split_chunks(config, experiment), {"": ("data", "split")}
     for group in jobs.seed_groups(config, experiment):

@@ -43,6 +43,7 @@ __all__ = [
     "calibrate",
     "compare",
     "cut_horizon",
+    "cut_measurements",
     "dissipation",
     "during_training",
     "evaluate",
@@ -95,6 +96,12 @@ def simulate(config: Mapping, experiment: str, name: str) -> dict:
     return {"system": one["system"], "data": data}
 
 
+def cut_measurements(config: Mapping, experiment: str) -> dict:
+    """Of measurements in files; which files there are the workflow says."""
+    one = config["experiments"][experiment]
+    return {"system": one["system"], "files": one["data"]["files"]}
+
+
 def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
     one, build = experiment_of(config, experiment, method), build_of(config, experiment, method)
     model, training = dict(one["model"]), one["training"]
@@ -119,6 +126,7 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
         **given,
         **({"snapshots": kept} if (kept := snapshots(config, experiment, method)) else {}),
         "t1_s": one["data"]["t1_s"],
+        **({"start": one["data"]["start"]} if one["data"]["start"] else {}),
         "choices": _choices(one, "train"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
@@ -234,6 +242,6 @@ def _choices(experiment: Mapping, stage: str) -> dict:
     return {row: experiment["choices"][row] for row in CHOICES[stage]}
 
 
-def _noise(experiment: Mapping) -> float:
-    """Standard deviation of the noise of an experiment's data."""
+def _noise(experiment: Mapping) -> float | dict | str:
+    """Standard deviation of the noise of an experiment's data: one, one for each component, or that it is estimated."""
     return experiment["data"]["noise"] if experiment["choices"]["noise"] == "config" else 0.0

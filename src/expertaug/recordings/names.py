@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from pathlib import PurePath
 from typing import TypeVar
 
 from expertaug.errors import InputError
+from expertaug.measurements.paths import natural_key
 
 P = TypeVar("P", bound=PurePath)
 MOST = 10_000  # recordings of a run
@@ -49,11 +49,6 @@ def check_name(where: object, path: PurePath) -> None:
         better = f"recording_{better}".rstrip("_") if better in (*TAKEN, "") else better
         remedy = f"a recording is called after its file: rename it, to {better + path.suffix!r} for instance"
         raise InputError(where, f"a file is called {path.name!r}", remedy)
-
-
-def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Sorting key that puts 2 before 10."""
-    return [(0, int(p), "") if p.isdecimal() else (1, 0, p) for p in re.split(r"(\d+)", name.lower()) if p]
 
 
 def printable(text: str) -> str:

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from expertaug import registry
 from expertaug.errors import InputError
+from expertaug.measurements.names import Names
 
 if TYPE_CHECKING:
     from expertaug.systems.base import Parameter, System
 
-__all__ = ["Parameter", "System", "describe", "load"]
+__all__ = ["Parameter", "System", "describe", "load", "names"]
 
 OTHERS = {
     "base",
@@ -85,6 +86,18 @@ def _class(name: str) -> type[System]:
     if len(found) != 1:
         raise InputError("system.name", f"{module.__name__} defines {len(found)} systems", f"name one: {path}:Class")
     return next(iter(found.values()))
+
+
+def names(system: System) -> Names:
+    """What a system calls its components and parameters, with their units.
+
+    Raises:
+        InputError: its states are fields.
+    """
+    if len(system.state_shape) != 1:
+        found = f"states of {type(system).__name__} have the shape {system.state_shape}"
+        raise InputError("data.files", found, "only states of single numbers are read from tables")
+    return Names({p.name: p.unit for p in system.state}, {p.name: p.unit for p in system.expert_parameters})
 
 
 def describe(system: System) -> dict[str, object]:

@@ -8,6 +8,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from expertaug.measurements.splitting import stretches
+
 OUTLIER_PASSES = 6
 FILL_PASSES = 60
 
@@ -32,17 +34,6 @@ class Motion:
 def window_frames(seconds: float, order: int, rate: float) -> int:
     """Odd number of frames that spans ``seconds``, and at least three more than ``order``."""
     return max(2 * round(seconds * rate / 2) + 1, order + 3 - order % 2)
-
-
-def stretches(present: np.ndarray, longest_gap: int = 0) -> list[tuple[int, int]]:
-    """Runs [start, stop) of frames that are present, over gaps of at most ``longest_gap`` frames."""
-    frames = np.flatnonzero(present)
-    if len(frames) == 0:
-        return []
-    breaks = np.flatnonzero(np.diff(frames) > longest_gap + 1)
-    starts = frames[np.concatenate(([0], breaks + 1))]
-    stops = frames[np.concatenate((breaks, [len(frames) - 1]))] + 1
-    return list(zip(starts.tolist(), stops.tolist(), strict=True))
 
 
 def smooth_motion(

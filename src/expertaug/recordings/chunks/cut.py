@@ -11,12 +11,12 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, write_json
+from expertaug.measurements.chunks import chosen, rows_of, stride_of
+from expertaug.measurements.paths import natural_key
+from expertaug.measurements.splitting import SPLITS, keep_apart, label_by_level, label_by_time
 from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants
 from expertaug.recordings.angles.quality import MEASURED
-from expertaug.recordings.angles.smoothing import stretches
 from expertaug.recordings.chunks.settings import ChunkSettings
-from expertaug.recordings.chunks.splitting import SPLITS, keep_apart, label_by_energy, label_by_time
-from expertaug.recordings.names import natural_key
 from expertaug.recordings.options import read_settings
 from expertaug.recordings.tables import read_table
 from expertaug.systems.double_pendulum import energy
@@ -98,7 +98,7 @@ def divide(angles: Sequence[str | Path], output: Path, options: ChunkSettings) -
         labels, thresholds = [label_by_time(m, options.shares) for m in measured], None
     else:
         sizes = [options.length * step for step in steps]
-        labels, thresholds = label_by_energy(measured, energies, sizes, options.shares)
+        labels, thresholds = label_by_level(measured, energies, sizes, options.shares)
     labels = [
         keep_apart(label, round(options.guard_s * r.rate_hz)) for label, r in zip(labels, recordings, strict=True)
     ]
@@ -107,48 +107,8 @@ def divide(angles: Sequence[str | Path], output: Path, options: ChunkSettings) -
 
 def _choose(output_dir: Path, division: Division, options: ChunkSettings) -> dict[str, np.ndarray]:
     """Per split, rows (recording, first row of the chunk), (N, 2)."""
-    chosen = {
-        name: rows_of(division, name, options, options.stride if name == "train" else options.evaluation_stride)
-        for name in SPLITS
-    }
-    for name, rows in chosen.items():
-        if len(rows) < options.min_chunks:
-            counts = ", ".join(f"{n} {len(of)}" for n, of in chosen.items())
-            remedy = (
-                f"at least {options.min_chunks} are needed: more recordings, a smaller stride or a lower min_chunks"
-            )
-            raise InputError(output_dir, f"too few chunks for the {name} split ({counts})", remedy)
-        limit = options.limit(name)
-        chosen[name] = thinned(rows, limit)
-    return chosen
-
-
-def rows_of(division: Division, split: str, options: ChunkSettings, stride: int) -> np.ndarray:
-    """A split's chunks: rows (recording, first row of the chunk), (N, 2)."""
-    place = SPLITS.index(split)
-    starts = [
-        chunk_starts(label == place, step, options, stride)
-        for label, step in zip(division.labels, division.steps, strict=True)
-    ]
-    recording = np.repeat(np.arange(len(starts)), [len(s) for s in starts])
-    return np.stack((recording, np.concatenate(starts)), axis=1)
-
-
-def thinned(rows: np.ndarray, limit: int | None) -> np.ndarray:
-    """At most ``limit`` rows, evenly spread; None = all."""
-    if limit is None or limit >= len(rows):
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, limit).round().astype(int)]
-
-
-def chunk_starts(member: np.ndarray, step: int, options: ChunkSettings, stride: int) -> np.ndarray:
-    """First rows of the chunks that lie wholly in runs of ``member`` rows, in order."""
-    span = (options.length - 1) * step + 1
-    starts = [np.zeros(0, dtype=int)]
-    for start, stop in stretches(member):
-        phases = range(step if options.phases == "all" else 1)
-        starts += [np.arange(start + phase, stop - span + 1, stride * step) for phase in phases]
-    return np.sort(np.concatenate(starts))
+    each = {name: rows_of(division.labels, division.steps, name, options, stride_of(name, options)) for name in SPLITS}
+    return chosen(output_dir, each, options, "recordings")
 
 
 def _pooled_fit(recordings: list[Recording], steps: list[int], options: ChunkSettings) -> Fit:

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles.smoothing import stretches
-from expertaug.recordings.chunks.cut import divide, rows_of, thinned, trajectories_of
+from expertaug.measurements.chunks import rows_of, thinned
+from expertaug.measurements.splitting import SPLITS, stretches
+from expertaug.recordings.chunks.cut import divide, trajectories_of
 from expertaug.recordings.chunks.settings import ChunkSettings, points_until
-from expertaug.recordings.chunks.splitting import SPLITS
 from expertaug.recordings.options import read_settings
 
 LIMIT = 300  # chunks of a set, which overlap where they are long: more would cost more than they tell
@@ -31,7 +31,7 @@ def cut_horizon(angles: Sequence[str | Path], output: str | Path, settings: Mapp
     split, seconds = options.horizons[str(settings["set"])]
     long = options.model_copy(update={"length": points_until(seconds, options.rate_hz), "phases": "first"})
     division = divide(angles, output, options)
-    rows = rows_of(division, split, long, options.evaluation_stride)
+    rows = rows_of(division.labels, division.steps, split, long, options.evaluation_stride)
     if not len(rows):
         longest = max(
             (stop - start - 1) / (step * options.rate_hz)

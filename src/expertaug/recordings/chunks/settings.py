@@ -2,40 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from expertaug.settings import (
-    KEYS,
-    LEFT_OUT,
-    MANY,
-    ONE,
-    Count,
-    NotNegative,
-    Positive,
-    Settings,
-    Share,
-    by_shape,
-    disagree,
-    key,
-)
+from expertaug.measurements.settings import Cutting
+from expertaug.settings import NotNegative, Positive, Share, disagree, key
 
 
-class ChunkLimits(Settings):
-    """Chunks of each set, at most."""
-
-    train: Count | None = key(LEFT_OUT, "of the training set; null = all")
-    validation: Count | None = key(LEFT_OUT, "of the validation set; null = all")
-    test: Count | None = key(LEFT_OUT, "of the test set; null = all")
-
-
-class ChunkSettings(Settings):
+class ChunkSettings(Cutting):
     """Chunks of the recordings and their division into sets."""
 
     WHERE: ClassVar[str] = "chunks settings"
 
-    length: int = key(20, "points of a chunk", ge=2, le=MANY)
     rate_hz: Positive = key(100.0, "points per second; recordings.analysis_rate_hz is a multiple of it", "Hz")
     by: Literal["energy", "time"] = key(
         "energy",
@@ -47,15 +26,6 @@ class ChunkSettings(Settings):
     guard_s: NotNegative = key(
         0.06, "time left out between frames of different sets, since angles are smoothed over their neighbours", "s"
     )
-    phases: Literal["all", "first"] = key(
-        "all", "all = chunks from each of the interleaved series of the analysis rate; first = from one"
-    )
-    stride: Count = key(5, "points from one training chunk's start to the next, at most the length")
-    evaluation_stride: Count = key(20, "the same for validation and test")
-    max_chunks: Annotated[Annotated[Count, ONE] | Annotated[ChunkLimits, KEYS], by_shape] | None = key(
-        None, "at most so many chunks, evenly spread; null = all; one value, or one for each set"
-    )
-    min_chunks: Count = key(100, "a set with fewer is refused")
     horizons_s: list[Positive] = key(
         list,
         "lengths of further sets of validation and test chunks, from the same frames, which are evaluated alone: 1.0 "
@@ -70,9 +40,6 @@ class ChunkSettings(Settings):
             positive = min(self.shares) > 0
             found = f"the shares sum to {total:g}" if positive else f"the shares are {list(self.shares)}"
             raise disagree(found, "they must sum to 1" if positive else "they must be positive and sum to 1")
-        for name in ("stride", "evaluation_stride"):
-            if getattr(self, name) > self.length:
-                raise disagree(f"found {getattr(self, name)}", f"give at most the length, {self.length}", name)
         for k, seconds in enumerate(self.horizons_s):
             if points_until(seconds, self.rate_hz) <= self.length:
                 last = (self.length - 1) / self.rate_hz
@@ -90,10 +57,6 @@ class ChunkSettings(Settings):
     @property
     def shares(self) -> tuple[float, float, float]:
         return self.train_share, self.validation_share, self.test_share
-
-    def limit(self, split: str) -> int | None:
-        """Chunks of a set, at most; None = all."""
-        return getattr(self.max_chunks, split) if isinstance(self.max_chunks, ChunkLimits) else self.max_chunks
 
 
 def points_until(seconds: float, rate_hz: float) -> int:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.recordings.chunks.splitting import SPLITS
+from expertaug.measurements.splitting import SPLITS
 from expertaug.trajectories import Trajectories
 
 COLOURS = {"train": "#0072B2", "validation": "#E69F00", "test": "#D55E00"}  # told apart by the colour-blind as well

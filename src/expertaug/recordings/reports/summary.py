@@ -9,8 +9,8 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, write_text
+from expertaug.measurements.paths import natural_key
 from expertaug.recordings.angles.summary import RecordingSummary
-from expertaug.recordings.names import natural_key
 
 # Columns of the table: key in a recording's summary → heading and format of the Markdown table.
 HEADINGS = {

@@ -1,0 +1,291 @@
+"""Chunks of measured trajectories, divided into train, validation and test: in memory, and as a stage."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from expertaug.errors import InputError
+from expertaug.files import atomic, sha256, write_json
+from expertaug.measurements.chunks import chosen, rows_of, stride_of, thinned
+from expertaug.measurements.grid import Grid, Series, on_grid
+from expertaug.measurements.names import Names
+from expertaug.measurements.noise import noise_of
+from expertaug.measurements.paths import list_files, verify
+from expertaug.measurements.settings import MeasurementSettings, label_of
+from expertaug.measurements.splitting import (
+    SPLITS,
+    keep_apart,
+    label_at_random,
+    label_by_level,
+    label_by_time,
+)
+from expertaug.measurements.trajectory import WHERE, read
+from expertaug.trajectories import Trajectories
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the files hold.
+
+    Attributes:
+        files: read, in natural order.
+        names: of the system.
+        settings: how they were read.
+        grid: all trajectories.
+        noise: standard deviation of each component's noise, (K,), NaN where it cannot be told.
+    """
+
+    files: list[Path]
+    names: Names
+    settings: MeasurementSettings
+    grid: Grid
+    noise: np.ndarray
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Components that have a column, (K,)."""
+        return np.array([name in self.settings.columns for name in self.names.state])
+
+
+def measured(settings: MeasurementSettings, names: Names) -> Measured:
+    """Read the files and put their trajectories on a grid; the files are never changed.
+
+    Raises:
+        InputError: a file, a column or a time cannot be used.
+    """
+    files = list_files(settings.files)
+    if settings.checksums is not None:
+        verify(files, settings.checksums)
+    grid = on_grid(read(files, settings, names), settings)
+    for one in grid.series:
+        for name in settings.angles:
+            _unwrap(one.y, list(names.state).index(name))
+    return Measured(files, names, settings, grid, noise_of([one.y for one in grid.series]))
+
+
+def _unwrap(y: np.ndarray, k: int) -> None:
+    """Take an angle's jumps by whole turns out, in place."""
+    known = np.isfinite(y[:, k])
+    y[known, k] = np.unwrap(y[known, k])
+
+
+def divide(data: Measured) -> tuple[list[np.ndarray], dict[str, float] | None]:
+    """Which set each point belongs to, per trajectory (n,): 0 train, 1 validation, 2 test, -1 none; and the thresholds
+    of a quantity.
+
+    Raises:
+        InputError: there are too few pieces, or names that say nothing.
+    """
+    split, series = data.settings.split, data.grid.series
+    usable, where = [one.usable for one in series], f"{WHERE}.split"
+    shares, thresholds = split.shares, None
+    size = data.settings.length * data.grid.step
+    sizes = None if split.pieces == "trajectories" else [size] * len(series)
+    if split.by == "time":
+        labels = [label_by_time(one, shares, split.reverse) for one in usable]
+    elif split.by == "random":
+        labels = label_at_random(usable, sizes, shares, split.seed, where)
+    elif split.by == "quantity":
+        levels = [one.level for one in series]
+        order = shares[::-1] if split.reverse else shares
+        given = split.thresholds
+        labels, thresholds = label_by_level(usable, levels, sizes, order, split.statistic, given, where)  # type: ignore[arg-type]
+        if split.reverse:
+            labels = [np.where(one < 0, one, 2 - one) for one in labels]
+    else:
+        labels = _by_name(data, usable)
+    guard = round(split.guard_s / data.grid.row_s)
+    return [keep_apart(one, guard) for one in labels] if guard else labels, thresholds
+
+
+def _by_name(data: Measured, usable: list[np.ndarray]) -> list[np.ndarray]:
+    """Labels by the files' names, or by the values of a column."""
+    split, labels = data.settings.split, []
+    known: dict[str, None] = {}
+    for one, free in zip(data.grid.series, usable, strict=True):
+        told = np.full(len(free), _name_of(one)) if split.by == "file" else _filled(one)
+        label = np.full(len(free), -1, dtype=np.int8)
+        for value in dict.fromkeys(told):
+            known[str(value)] = None
+            fitting = [k for k, name in enumerate(SPLITS) if _fits(str(value), one, split.values(name), split.by)]
+            if len(fitting) > 1:
+                names = " and ".join(SPLITS[k] for k in fitting)
+                raise InputError(f"{WHERE}.split", f"'{value}' is in {names}", "each belongs to one set")
+            if fitting:
+                label[(told == value) & free] = fitting[0]
+        labels.append(label)
+    for k, name in enumerate(SPLITS):
+        if not any((label == k).any() for label in labels):
+            listed = ", ".join(f"'{value}'" for value in list(known)[:10] if value)
+            found = f"no {split.by} is {' or '.join(map(repr, split.values(name)))}"
+            raise InputError(f"{WHERE}.split.{name}", found, f"there are {listed}")
+    return labels
+
+
+def _name_of(one: Series) -> str:
+    return one.rows.path.name
+
+
+def _filled(one: Series) -> np.ndarray:
+    """The column's text of each point, of one without a row that of the row before."""
+    assert one.label is not None
+    last = np.maximum.accumulate(np.where(one.row >= 0, np.arange(len(one.row)), 0))
+    return one.label[last]
+
+
+def _fits(value: str, one: Series, patterns: Sequence[str], by: str) -> bool:
+    if by == "column":
+        return value in patterns
+    path = one.rows.path
+    return any(fnmatch.fnmatch(name, p) for p in patterns for name in (path.name, path.stem, str(path)))
+
+
+def candidates(data: Measured, labels: list[np.ndarray]) -> dict[str, np.ndarray]:
+    """Per split, the chunks that begin with a measured point, lie on the grid and have enough of it measured: rows
+    (series, first point), (N, 2)."""
+    steps = [data.grid.step] * len(labels)
+    options = data.settings
+    each = {name: rows_of(labels, steps, name, options, stride_of(name, options)) for name in SPLITS}
+    return {name: rows[_good(data, rows)] for name, rows in each.items()}
+
+
+def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
+    seen, h, tolerance = data.seen, data.grid.row_s, data.settings.tolerance
+    good = np.zeros(len(rows), dtype=bool)
+    for k, (index, first) in enumerate(rows):
+        one, points = data.grid.series[index], _points(data, first)
+        y, t = one.y[points][:, seen], one.t[points]
+        off = np.abs(t - t[0] - h * (points - points[0]))
+        good[k] = (
+            np.isfinite(y[0]).any()
+            and np.isfinite(y).mean() >= data.settings.min_seen
+            and not (off > max(tolerance, 1e-6) * h).any()
+        )
+    return good
+
+
+def _points(data: Measured, first: int) -> np.ndarray:
+    return first + data.grid.step * np.arange(data.settings.length)
+
+
+def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
+    """The chunks (N, 2) of :func:`candidates`; values that were not measured are masked, unknown parameters NaN."""
+    state, settings = list(data.names.state), data.settings
+    y = np.full((len(rows), settings.length, len(state)), np.nan)
+    z_e = np.full((len(rows), len(data.names.parameters)), np.nan)
+    identity = []
+    for k, (index, first) in enumerate(rows):
+        one = data.grid.series[index]
+        y[k], z_e[k] = one.y[_points(data, first)], one.rows.z_e
+        row = one.row[first]
+        identity.append(f"{one.name}/{one.rows.line[row] if row >= 0 else first}")
+    for name in settings.angles:
+        column = y[..., state.index(name)]
+        known = np.isfinite(column)
+        begins = np.take_along_axis(column, known.argmax(1)[:, None], 1)
+        column -= 2 * np.pi * np.nan_to_num(np.round(begins / (2 * np.pi)))
+    for k, parameter in enumerate(data.names.parameters):
+        start = label_of(settings.z_e[parameter]).start if parameter in settings.z_e else None
+        if start is not None:
+            z_e[:, k] = y[:, 0, state.index(start)]
+    times = np.arange(settings.length) * data.grid.step_s
+    noise = np.nan_to_num(data.noise)
+    return Trajectories(times, np.nan_to_num(y), z_e, id=np.array(identity), mask=np.isfinite(y), noise=noise)
+
+
+def sets_of(data: Measured) -> tuple[dict[str, Trajectories], dict[str, np.ndarray], dict[str, float] | None]:
+    """The three sets, their chunks (N, 2), and the thresholds of a quantity.
+
+    Raises:
+        InputError: a set has too few chunks.
+    """
+    labels, thresholds = divide(data)
+    rows = chosen(f"{WHERE}.split", candidates(data, labels), data.settings, "measurements")
+    return {name: trajectories_of(data, of) for name, of in rows.items()}, rows, thresholds
+
+
+def all_chunks(data: Measured) -> Trajectories:
+    """Chunks of everything, not divided into sets, ``stride`` points from one to the next.
+
+    Raises:
+        InputError: there is none.
+    """
+    labels = [np.where(one.usable, 0, -1) for one in data.grid.series]
+    rows = candidates(data, labels)["train"]
+    if not len(rows):
+        longest = max(int(one.usable.sum()) for one in data.grid.series)
+        found = f"no chunk of {data.settings.length} points: the longest trajectory has {longest}"
+        raise InputError(f"{WHERE}.length", found, "give a smaller length, a larger longest_gap or a smaller min_seen")
+    return trajectories_of(data, thinned(rows, data.settings.limit("train")))
+
+
+def cut_measurements(files: Sequence[Path], output_dir: str | Path, settings: Mapping, names: Names) -> None:
+    """Stage: cut measurements into chunks and divide them into sets.
+
+    Arguments:
+        files: those that ``paths`` names, which the workflow follows.
+        output_dir: gets train.npz, validation.npz, test.npz, chunks.csv and splits.json.
+        settings: see :class:`MeasurementSettings`.
+        names: of the system.
+
+    Raises:
+        InputError: a file cannot be used, or a set has too few chunks.
+    """
+    output_dir = Path(output_dir)
+    options = MeasurementSettings.from_mapping({**settings, "paths": [str(file) for file in files]})
+    data = measured(options, names)
+    sets, rows, thresholds = sets_of(data)
+    for name, one in sets.items():
+        one.save(output_dir / f"{name}.npz")
+    _write(output_dir, data, sets, rows, thresholds)
+
+
+def _write(
+    output_dir: Path,
+    data: Measured,
+    sets: Mapping[str, Trajectories],
+    rows: Mapping[str, np.ndarray],
+    thresholds: dict[str, float] | None,
+) -> None:
+    series, tables = data.grid.series, []
+    for name, of in rows.items():
+        identity = sets[name].id
+        assert identity is not None
+        first = [float(series[index].t[point]) for index, point in of]
+        named = {"trajectory": [series[index].name for index, _ in of], "first_s": first}
+        tables.append(pd.DataFrame({"chunk": np.arange(len(of)), **named, "id": identity, "split": name}))
+    with atomic(output_dir / "chunks.csv") as temporary:
+        pd.concat(tables).to_csv(temporary, index=False, float_format="%.9g")
+    state = list(data.names.state)
+
+    def by_name(values: np.ndarray | None) -> dict[str, float | None] | None:
+        if values is None:
+            return None
+        return {n: float(v) if np.isfinite(v) else None for n, v in zip(state, values, strict=True)}
+
+    seen = {name: (1.0 if one.mask is None else float(one.mask[..., data.seen].mean())) for name, one in sets.items()}
+    report = {
+        "by": data.settings.split.by,
+        "thresholds": thresholds,
+        "chunks": {name: len(of) for name, of in rows.items()},
+        "trajectories": {
+            name: {series[k].name: int(n) for k, n in enumerate(np.bincount(of[:, 0], minlength=len(series))) if n}
+            for name, of in rows.items()
+        },
+        "measured_share": seen,
+        "not_measured": [n for n, one in zip(state, data.seen, strict=True) if not one],
+        "step_s": data.grid.step_s,
+        "steps_off_the_grid": data.grid.broken,
+        "interpolation_rms": by_name(data.grid.error),
+        "interpolation_note": "of every other row from its neighbours: at the rows' own distances it is far smaller",
+        "noise": by_name(data.noise),
+        "rows_of_a_time_twice": sum(one.rows.repeated for one in series),
+        "files": {str(path): sha256(path) for path in data.files},
+    }
+    write_json(output_dir / "splits.json", report)

@@ -1,0 +1,216 @@
+"""Measured rows on a grid of even times: where they lie on one, or resampled onto one with a stated error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from expertaug.errors import InputError
+from expertaug.measurements.settings import MeasurementSettings
+from expertaug.measurements.trajectory import WHERE, Rows
+
+FITTING = 0.5  # part of the steps from row to row that must lie on a grid
+NEAR = 1e-6  # relative distance of a step from a number of few digits that is taken for it
+
+
+@dataclass(frozen=True)
+class Series:
+    """A trajectory on a grid; where it has a gap that no chunk may span, one empty point stands for it.
+
+    Attributes:
+        rows: what it was made of.
+        t: measured or interpolated times in s, (n,), NaN of points without a row.
+        row: row of each point, (n,), -1 where there is none.
+        y: states, (n, K), NaN where nothing was measured.
+        usable: points that chunks may span, (n,).
+        level, label: as of :class:`Rows`, on the grid.
+    """
+
+    rows: Rows
+    t: np.ndarray
+    row: np.ndarray
+    y: np.ndarray
+    usable: np.ndarray
+    level: np.ndarray | None
+    label: np.ndarray | None
+
+    @property
+    def name(self) -> str:
+        return self.rows.name
+
+
+@dataclass(frozen=True)
+class Grid:
+    """All trajectories on one grid.
+
+    Attributes:
+        series: in the trajectories' order.
+        row_s: time from point to point of the grid in s.
+        step: points of the grid from one of a chunk's points to the next.
+        broken: steps from row to row that lie off the grid and end a stretch.
+        error: rms error of the interpolation (K,), of every other row from its neighbours; None where rows were taken
+            as they are.
+    """
+
+    series: list[Series]
+    row_s: float
+    step: int
+    broken: int
+    error: np.ndarray | None
+
+    @property
+    def step_s(self) -> float:
+        """Time from point to point of a chunk in s."""
+        return self.row_s * self.step
+
+
+def own_step(trajectories: Sequence[Rows]) -> float:
+    """The usual time from row to row in s: the median over all trajectories."""
+    steps = np.concatenate([np.diff(one.t) for one in trajectories])
+    if not len(steps):
+        raise InputError(f"{WHERE}.time", "every trajectory has one row", "name the trajectory column, or none")
+    return float(np.median(steps))
+
+
+def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid:
+    """Put trajectories on a grid, as ``uneven`` says.
+
+    Raises:
+        InputError: the rows fit no grid, or ``step_s`` is no multiple of their step.
+    """
+    median = own_step(trajectories)
+    if settings.uneven == "interpolate":
+        return _interpolated(trajectories, settings, median)
+    row_s = _fitted(trajectories, settings, median)
+    step = 1 if settings.step_s is None else round(settings.step_s / row_s)
+    if settings.step_s is not None:
+        if step < 1 or abs(settings.step_s / row_s - step) > 0.01 * step:
+            found = f"found {settings.step_s:g}, rows are {row_s:.6g} s apart"
+            raise InputError(f"{WHERE}.step_s", found, "give a multiple of that, or set uneven to interpolate")
+        row_s = settings.step_s / step
+    series, broken = [], 0
+    for one in trajectories:
+        made, off = _placed(one, row_s, settings)
+        series.append(made)
+        broken += off
+    return Grid(series, row_s, step, broken, None)
+
+
+def _fitted(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> float:
+    """The step in s that fits the rows best."""
+    steps = np.concatenate([np.diff(one.t) for one in trajectories]) / median
+    whole = np.rint(steps)
+    good = (np.abs(steps - whole) <= settings.tolerance) & (whole >= 1) & (whole <= settings.longest_gap + 1)
+    if good.mean() < FITTING:
+        found = (
+            f"times from row to row are {median * steps.min():.3g} to {median * steps.max():.3g} s, usually "
+            f"{median:.3g}: {100 * (1 - good.mean()):.0f} % lie more than {settings.tolerance:g} of that off a grid"
+        )
+        raise InputError(f"{WHERE}.time", found, "set uneven to interpolate, or a larger tolerance")
+    return _plain(median * steps[good].sum() / whole[good].sum())
+
+
+def _plain(step_s: float) -> float:
+    """A step, or its rate, of few digits where one is near: times that are written with few digits are meant so."""
+    for candidate in (float(f"{step_s:.5g}"), 1 / float(f"{1 / step_s:.5g}")):
+        if abs(candidate / step_s - 1) < NEAR:
+            return candidate
+    return float(f"{step_s:.9g}")
+
+
+def _placed(rows: Rows, row_s: float, settings: MeasurementSettings) -> tuple[Series, int]:
+    """Rows at their points; and how many steps lie off the grid."""
+    steps = np.diff(rows.t) / row_s
+    whole = np.maximum(np.rint(steps), 1)
+    off = np.abs(steps - whole) > settings.tolerance
+    ends = off | (whole > settings.longest_gap + 1)
+    # Behind the end of a stretch stands one point that no chunk may span.
+    place = np.concatenate(([0], np.cumsum(np.where(ends, 2, whole)))).astype(int)
+    n = int(place[-1]) + 1
+    row = np.full(n, -1)
+    row[place] = np.arange(len(place))
+    usable = np.ones(n, dtype=bool)
+    usable[place[1:][ends] - 1] = False
+    return _series(rows, row, usable), int((off & (whole <= settings.longest_gap + 1)).sum())
+
+
+def _series(rows: Rows, row: np.ndarray, usable: np.ndarray) -> Series:
+    there = row >= 0
+
+    def spread(values: np.ndarray | None) -> np.ndarray | None:
+        if values is None:
+            return None
+        empty = np.nan if values.dtype.kind == "f" else ""
+        made = np.full((len(row), *values.shape[1:]), empty, dtype=values.dtype)
+        made[there] = values[row[there]]
+        return made
+
+    t, y = spread(rows.t), spread(rows.y)
+    assert t is not None and y is not None
+    return Series(rows, t, row, y, usable, spread(rows.level), spread(rows.label))
+
+
+def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
+    """Points every ``step_s`` by cubic splines through the rows of each stretch without a long gap."""
+    step_s = _plain(median) if settings.step_s is None else settings.step_s
+    longest = (settings.longest_gap + 1.5) * median
+    series, squares, counts = [], 0.0, 0.0
+    for rows in trajectories:
+        begins = np.concatenate(([0], np.flatnonzero(np.diff(rows.t) > longest) + 1, [len(rows.t)]))
+        parts = []
+        for first, last in pairwise(begins):
+            if len(parts):
+                parts.append((np.array([np.nan]), np.full((1, rows.y.shape[1]), np.nan), np.array([-1])))
+            own = slice(int(first), int(last))
+            parts.append(_resampled(rows, own, step_s, 1.5 * median))
+            error, count = _left_out(rows.t[own], rows.y[own], 2.5 * median)
+            squares, counts = squares + error, counts + count
+        t, y, row = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        usable = np.isfinite(t)
+        made = _series(rows, row, usable)
+        series.append(Series(rows, t, row, y, usable, made.level, made.label))
+    error = np.sqrt(np.asarray(squares) / np.maximum(counts, 1))
+    return Grid(series, step_s, 1, 0, error)
+
+
+def _resampled(rows: Rows, own: slice, step_s: float, near: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, states and the nearest row of a stretch's points; NaN where no rows lie close on both sides."""
+    t = rows.t[own]
+    at = t[0] + step_s * np.arange(int((t[-1] - t[0]) / step_s + 1e-6) + 1)
+    y = np.full((len(at), rows.y.shape[1]), np.nan)
+    for k, values in enumerate(rows.y[own].T):
+        known = np.isfinite(values)
+        y[:, k] = _spline(t[known], values[known], at, near)
+    after = np.clip(np.searchsorted(t, at), 0, len(t) - 1)
+    before = np.clip(after - 1, 0, len(t) - 1)
+    row = np.where(np.abs(t[after] - at) < np.abs(at - t[before]), after, before) + own.start
+    return at, y, row
+
+
+def _spline(t: np.ndarray, values: np.ndarray, at: np.ndarray, near: float) -> np.ndarray:
+    """Cubic spline at times, NaN where the known values on its two sides lie farther apart than 2 ``near``."""
+    from scipy.interpolate import make_interp_spline
+
+    found = np.full(len(at), np.nan)
+    if len(t) < 2:
+        return found
+    place = np.clip(np.searchsorted(t, at, side="right"), 1, len(t) - 1)
+    inside = (at >= t[0] - 1e-9) & (at <= t[-1] + 1e-9) & (t[place] - t[place - 1] <= 2 * near)
+    found[inside] = make_interp_spline(t, values, k=min(3, len(t) - 1))(at[inside])
+    return found
+
+
+def _left_out(t: np.ndarray, y: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+    """Squared errors and how many (K,), where every other row is found from the rest."""
+    squares, counts = np.zeros(y.shape[1]), np.zeros(y.shape[1])
+    for k, values in enumerate(y.T):
+        known = np.flatnonzero(np.isfinite(values))
+        rest, out = known[::2], known[1::2]
+        if len(rest) > 3:
+            error = _spline(t[rest], values[rest], t[out], near) - values[out]
+            error = error[np.isfinite(error)]
+            squares[k], counts[k] = (error**2).sum(), len(error)
+    return squares, counts

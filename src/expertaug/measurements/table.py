@@ -1,0 +1,235 @@
+"""A table of measurements as named columns: CSV with any common separator, Parquet, or NPZ."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from expertaug.errors import InputError
+from expertaug.files import read_npz
+from expertaug.measurements.settings import TableKeys
+
+LARGEST = 1e30  # of any number: single precision must hold it
+COMMENTS = ("#", "%")
+EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "–", "."}
+SEPARATORS = (",", ";", "\t", "|")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of one file, each (n,).
+
+    Attributes:
+        path: of the file.
+        cells: column → texts (a CSV's) or numbers, times or texts (n,), as the file has them.
+        line: the number of each row, as an editor counts lines (a CSV) or from 1.
+        units: column → unit, where the file has a row of them.
+        decimal: what separates a number's fraction in texts.
+    """
+
+    path: Path
+    cells: dict[str, np.ndarray]
+    line: np.ndarray
+    units: dict[str, str] = field(default_factory=dict)
+    decimal: str = "."
+
+    @property
+    def names(self) -> list[str]:
+        return list(self.cells)
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def texts(self, name: str) -> np.ndarray:
+        """A column as texts (n,)."""
+        cells = self._column(name)
+        numbers = cells if cells.dtype.kind == "f" else np.array([_number(cell, self.decimal) for cell in cells])
+        if (numbers == np.rint(numbers)).all() and np.abs(numbers).max(initial=0) < 2**53:  # 3.0e+00 is 3
+            cells = numbers.astype(np.int64)
+        return np.array([str(cell).strip() for cell in cells], dtype=object)
+
+    def numbers(self, name: str) -> np.ndarray:
+        """A column as numbers (n,), NaN where a cell is empty.
+
+        Raises:
+            InputError: there is no such column, or a cell holds no number that can be used.
+        """
+        cells = self._column(name)
+        if cells.dtype.kind in "biuf":
+            values = cells.astype(float)
+        else:
+            values = np.array([_number(cell, self.decimal) for cell in cells])
+            self._refuse(name, np.isneginf(values), "is no number", self._remedy(cells, np.isneginf(values)))
+        self._refuse(name, np.abs(values) > LARGEST, "is out of range", "expected numbers")
+        return values
+
+    def times(self, name: str) -> np.ndarray:
+        """A column of dates and times (n,) as seconds, from the first of them on.
+
+        Raises:
+            InputError: a cell is none.
+        """
+        import pandas as pd
+
+        cells = self._column(name)
+        found = pd.to_datetime(pd.Series(cells), errors="coerce", utc=True, format="mixed")
+        self._refuse(name, found.isna().to_numpy(), "is no date and time", "write them as 2024-05-31T12:00:00.25")
+        return (found - found.iloc[0]).dt.total_seconds().to_numpy() if len(found) else np.zeros(0)
+
+    def _remedy(self, cells: np.ndarray, bad: np.ndarray) -> str:
+        cell = str(cells[int(np.argmax(bad))])
+        if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell):
+            return "for numbers with a comma set data.files.decimal to ','"
+        return "expected a number, or nothing where none was measured"
+
+    def _column(self, name: str) -> np.ndarray:
+        if name not in self.cells:
+            listed = ", ".join(f"'{n}'" for n in self.names)
+            raise InputError(self.path, f"no column '{name}'", f"its columns are {listed}")
+        return self.cells[name]
+
+    def _refuse(self, name: str, bad: np.ndarray, why: str, remedy: str) -> None:
+        if bad.any():
+            row = int(np.argmax(bad))
+            found = f"row {self.line[row]}, column {name}: '{self.cells[name][row]}' {why}"
+            raise InputError(self.path, found, remedy)
+
+
+def _number(cell: object, decimal: str) -> float:
+    """A cell's number; NaN where it is empty, −inf where it is none."""
+    text = str(cell).strip()
+    if text.lower() in EMPTY:
+        return np.nan
+    try:
+        found = float(text.replace(decimal, ".") if decimal != "." else text)
+    except ValueError:
+        return -np.inf
+    return found if np.isfinite(found) and "_" not in text else (np.nan if np.isnan(found) else -np.inf)
+
+
+def read_table(path: str | Path, keys: TableKeys) -> Table:
+    """Read a table; nothing is converted or left out yet.
+
+    Raises:
+        InputError: the file is missing, empty or no table of its kind.
+    """
+    path = Path(path)
+    kinds: dict[str, Callable[[Path, TableKeys], Table]] = {".npz": _read_npz, ".parquet": _read_parquet}
+    table = kinds.get(path.suffix.lower(), _read_text)(path, keys)
+    if not len(table):
+        raise InputError(path, "holds no rows", "give a table with a row for each time")
+    return table
+
+
+def _read_text(path: Path, keys: TableKeys) -> Table:
+    lines = [(k, line) for k, line in enumerate(_text_of(path).splitlines(), 1) if k > keys.skip_lines]
+    lines = [(k, line) for k, line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    if not lines:
+        raise InputError(path, "holds no rows", "give a table with a row for each time")
+    separator = _separator(lines[0][1]) if keys.separator is None else keys.separator
+    split = str.split if separator == " " else lambda line: next(csv.reader([line], delimiter=separator))
+    try:
+        rows = [(k, [cell.strip() for cell in split(line)]) for k, line in lines]
+    except csv.Error as error:
+        raise InputError(path, f"no table ({error})", "set data.files.separator") from error
+    if keys.names is None:
+        names, rows = _header(path, rows[0], keys.decimal), rows[1:]
+    else:
+        names = list(keys.names)
+    units: dict[str, str] = {}
+    if rows and keys.names is None and not any(_is_value(cell, keys.decimal) for cell in rows[0][1]):
+        units, rows = dict(zip(names, rows[0][1], strict=False)), rows[1:]
+    for k, cells in rows:
+        if len(cells) != len(names):
+            of = "data.files.names has" if keys.names is not None else "the header has"
+            remedy = "every row needs a cell for each column"
+            if keys.names is not None:
+                remedy = "name every column, in order"
+            raise InputError(path, f"row {k} has {len(cells)} cells, {of} {len(names)}", remedy)
+    columns = zip(*(cells for _, cells in rows), strict=True) if rows else [[] for _ in names]
+    cells = {name: np.array(list(column), dtype=object) for name, column in zip(names, columns, strict=True)}
+    return Table(path, cells, np.array([k for k, _ in rows], dtype=int), units, keys.decimal)
+
+
+def _text_of(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise InputError(path, "no such file", "correct data.files.paths") from error
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "give a readable table") from error
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        try:
+            return data.decode("utf-16")
+        except UnicodeDecodeError as error:
+            raise InputError(path, f"no text ({error.reason})", "save it as UTF-8") from error
+    if b"\0" in data:
+        raise InputError(path, "no text: it holds zero bytes", "give a CSV, a Parquet file or an NPZ by its suffix")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")  # only names of columns can be touched by that
+
+
+def _separator(line: str) -> str:
+    """What separates the cells of a line: the most frequent of the common ones outside of quotes, else blanks."""
+    bare = re.sub(r'"[^"]*"', "", line)
+    counts = {one: bare.count(one) for one in SEPARATORS}
+    if counts[";"]:
+        return ";"
+    best = max(SEPARATORS, key=lambda one: counts[one])
+    return best if counts[best] else " "
+
+
+def _header(path: Path, row: tuple[int, list[str]], decimal: str) -> list[str]:
+    number, names = row
+    if all(_is_value(name, decimal) for name in names):
+        found = f"row {number} holds numbers where the names of the columns are expected"
+        raise InputError(path, found, f"name the {len(names)} columns in data.files.names")
+    _refuse_twins(path, names)
+    return [name or f"column {k}" for k, name in enumerate(names, 1)]
+
+
+def _refuse_twins(path: Path, names: Sequence[str]) -> None:
+    twin = next((name for k, name in enumerate(names) if name and name in names[:k]), None)
+    if twin is not None:
+        raise InputError(path, f"two columns are called '{twin}'", "rename one, or name all in data.files.names")
+
+
+def _is_value(cell: str, decimal: str) -> bool:
+    return not np.isneginf(_number(cell, decimal))
+
+
+def _read_parquet(path: Path, keys: TableKeys) -> Table:
+    try:
+        from pyarrow import parquet
+    except ImportError as error:
+        raise InputError(path, "Parquet needs the package pyarrow", "install it, or save a CSV") from error
+    if not path.is_file():
+        raise InputError(path, "no such file", "correct data.files.paths")
+    try:
+        frame = parquet.read_table(path).to_pandas()
+    except Exception as error:  # pyarrow raises a dozen kinds
+        raise InputError(path, f"not a Parquet file ({error})", "write it again") from error
+    frame.columns = [str(name) for name in frame.columns]
+    _refuse_twins(path, list(frame.columns))
+    cells = {name: frame[name].to_numpy() for name in frame.columns}
+    return Table(path, cells, np.arange(1, len(frame) + 1))
+
+
+def _read_npz(path: Path, keys: TableKeys) -> Table:
+    cells = read_npz(path, "file of arrays", "save it with numpy.savez: an array (n,) for each column")
+    lengths = {name: array.shape for name, array in cells.items()}
+    if not lengths:
+        raise InputError(path, "holds no array", "save it with numpy.savez: an array (n,) for each column")
+    first = next(iter(lengths))
+    for name, shape in lengths.items():
+        if len(shape) != 1 or shape != lengths[first]:
+            found = f"array {name} has shape {shape}, {first} {lengths[first]}"
+            raise InputError(path, found, "arrays are columns: (n,), all of one length; trajectories follow each other")
+    return Table(path, dict(cells), np.arange(1, lengths[first][0] + 1))

@@ -1,0 +1,194 @@
+"""Trajectories from tables: rows told apart, in order of time, each time once, in the units of the system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from expertaug.errors import InputError
+from expertaug.measurements import expression
+from expertaug.measurements.names import Names
+from expertaug.measurements.settings import Column, MeasurementSettings, column_of, label_of
+from expertaug.measurements.table import Table, read_table
+from expertaug.measurements.units import conversion
+
+WHERE = "data.files"
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of one trajectory, in order of time.
+
+    Attributes:
+        name: of the trajectory: its file's, and the column's value where one tells trajectories apart.
+        path: its file.
+        line: numbers of the rows in the file, (n,).
+        t: times in s, (n,), strictly increasing.
+        y: states, (n, K), NaN where nothing was measured.
+        z_e: parameters, (P,), NaN where not known.
+        level: the quantity that divides the pieces, (n,), or None.
+        label: texts (n,) of the column that divides the pieces, or None.
+        repeated: rows that were left out or averaged since others have their time.
+    """
+
+    name: str
+    path: Path
+    line: np.ndarray
+    t: np.ndarray
+    y: np.ndarray
+    z_e: np.ndarray
+    level: np.ndarray | None
+    label: np.ndarray | None
+    repeated: int
+
+
+def read(files: Sequence[Path], settings: MeasurementSettings, names: Names) -> list[Rows]:
+    """Every trajectory of the files, in their order.
+
+    Raises:
+        InputError: a setting names what the system or a file does not have; a row cannot be used; two files have one
+            name.
+    """
+    _check_names(settings, names)
+    stems = _short_names(files)
+    found: list[Rows] = []
+    for path, stem in zip(files, stems, strict=True):
+        found += _of_table(read_table(path, settings), stem, settings, names)
+    return found
+
+
+def _short_names(files: Sequence[Path]) -> list[str]:
+    """Names of files without suffix, with as many folders as tell them apart."""
+    for depth in range(1, 20):
+        found = ["/".join(path.with_suffix("").parts[-depth:]) for path in files]
+        if len(set(found)) == len(found):
+            return found
+    raise InputError(f"{WHERE}.paths", f"two files are called {files[0].stem}", "rename one")
+
+
+def _check_names(settings: MeasurementSettings, names: Names) -> None:
+    for where, given, known, what in (
+        ("columns", settings.columns, names.state, "component of the state"),
+        ("z_e", settings.z_e, names.parameters, "expert parameter"),
+        ("angles", settings.angles, settings.columns, "component with a column"),
+    ):
+        for name in given:
+            if name not in known:
+                raise InputError(f"{WHERE}.{where}.{name}", f"'{name}' is no {what}", f"known: {', '.join(known)}")
+    for parameter, named in settings.z_e.items():
+        start = label_of(named).start
+        if start is not None and start not in settings.columns:
+            where = f"{WHERE}.z_e.{parameter}.start"
+            raise InputError(where, f"'{start}' has no column", f"known: {', '.join(settings.columns)}")
+
+
+def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Names) -> list[Rows]:
+    t, y = _times(table, settings), np.full((len(table), len(names.state)), np.nan)
+    for k, (component, unit) in enumerate(names.state.items()):
+        if component in settings.columns:
+            y[:, k] = _column(table, column_of(settings.columns[component]), unit, f"columns.{component}")
+            if not np.isfinite(y[:, k]).any():
+                column = column_of(settings.columns[component]).name
+                found = f"column {column} holds no number"
+                raise InputError(table.path, found, f"leave {WHERE}.columns.{component} out if nobody measured it")
+    labels = np.full((len(table), len(names.parameters)), np.nan)
+    for k, (parameter, unit) in enumerate(names.parameters.items()):
+        label = label_of(settings.z_e[parameter]) if parameter in settings.z_e else None
+        if label is not None and label.name is not None:
+            labels[:, k] = _column(table, Column(name=label.name, unit=label.unit), unit, f"z_e.{parameter}")
+    level = _level(table, y, settings, names)
+    told = table.texts(settings.split.column) if settings.split.by == "column" else None
+    if settings.trajectory is None:
+        parts = {stem: np.arange(len(table))}
+    else:
+        ids = table.texts(settings.trajectory)
+        parts = {f"{stem}/{one}": np.flatnonzero(ids == one) for one in dict.fromkeys(ids)}
+    each = []
+    for name, index in parts.items():
+        kept, repeated, y_of = _in_order(table, t, y, index, settings)
+        z_e = np.array([_one_value(table, labels[kept, k], kept, p) for k, p in enumerate(names.parameters)])
+        of_level, of_told = (None if v is None else v[kept] for v in (level, told))
+        each.append(Rows(name, table.path, table.line[kept], t[kept], y_of, z_e, of_level, of_told, repeated))
+    return each
+
+
+def _times(table: Table, settings: MeasurementSettings) -> np.ndarray:
+    column = column_of(settings.time)
+    if column.unit == "datetime":
+        return table.times(column.name) * column.factor + column.offset
+    t = _column(table, column, "s", "time")
+    table._refuse(column.name, np.isnan(t), "is no time", "every row needs a time")
+    return t
+
+
+def _column(table: Table, column: Column, to: str, where: str) -> np.ndarray:
+    factor, summand = conversion(column.unit, to, f"{WHERE}.{where}.unit")
+    return (table.numbers(column.name) * column.factor + column.offset) * factor + summand
+
+
+def _level(table: Table, y: np.ndarray, settings: MeasurementSettings, names: Names) -> np.ndarray | None:
+    """The quantity that divides the pieces, in every row."""
+    split, where = settings.split, f"{WHERE}.split.quantity"
+    if split.by != "quantity":
+        return None
+    known = {name: y[:, k] for k, name in enumerate(names.state) if name in settings.columns}
+    for name in expression.names(split.quantity, where):
+        if name not in known:
+            if name not in table.cells:
+                raise InputError(
+                    where, f"'{split.quantity}' names '{name}'", f"known: {', '.join([*known, *table.names])}"
+                )
+            known[name] = table.numbers(name)
+    level = expression.value(split.quantity, known, where)
+    if not np.isfinite(level).any():
+        raise InputError(where, f"'{split.quantity}' is no number in any row of {table.path}", "correct it")
+    return level
+
+
+def _in_order(
+    table: Table, t: np.ndarray, y: np.ndarray, index: np.ndarray, settings: MeasurementSettings
+) -> tuple[np.ndarray, int, np.ndarray]:
+    """Rows in order of time, each time once: their places in the table, how many others there were, their states."""
+    back = np.flatnonzero(np.diff(t[index]) < 0)
+    if len(back) and settings.unordered == "refuse":
+        row, before = index[back[0] + 1], index[back[0]]
+        found = f"row {table.line[row]}: the time goes back from {t[before]:g} to {t[row]:g} s"
+        remedy = f"name the column that tells trajectories apart ({WHERE}.trajectory), or set unordered to sort"
+        raise InputError(table.path, found, remedy)
+    index = index[np.argsort(t[index], kind="stable")]
+    first = np.concatenate(([True], np.diff(t[index]) > 0))
+    if first.all():
+        return index, 0, y[index]
+    group, starts = np.cumsum(first) - 1, np.flatnonzero(first)
+    states = y[index]
+    same = states == states[starts][group]
+    differs = ~(same | (np.isnan(states) & np.isnan(states[starts][group]))).all(1)
+    if differs.any() and settings.duplicates == "refuse":
+        row = index[int(np.argmax(differs))]
+        found = f"row {table.line[row]}: another row has its time, {t[row]:g} s, and other values"
+        raise InputError(table.path, found, f"set {WHERE}.duplicates to first or mean, or name the trajectory column")
+    kept = states[starts]
+    if settings.duplicates == "mean":
+        present = np.isfinite(states)
+        total, count = np.zeros_like(kept), np.zeros_like(kept)
+        np.add.at(total, group, np.where(present, states, 0.0))
+        np.add.at(count, group, present)
+        kept = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return index[starts], int((~first).sum()), kept
+
+
+def _one_value(table: Table, values: np.ndarray, rows: np.ndarray, parameter: str) -> float:
+    """What the rows of a trajectory say of a parameter; NaN where they say nothing."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return np.nan
+    first = values[known[0]]
+    other = np.flatnonzero(np.abs(values[known] - first) > 1e-6 * max(abs(first), 1e-12))
+    if len(other):
+        lines = table.line[rows[known[0]]], table.line[rows[known[other[0]]]]
+        found = f"{parameter} is {first:g} in row {lines[0]} and {values[known[other[0]]]:g} in row {lines[1]}"
+        raise InputError(table.path, found, "a parameter is constant within a trajectory")
+    return float(first)
