@@ -24,7 +24,7 @@ class Trajectories:
         z_e: expert parameters, (N, P), float32; NaN where one is not known, as of measured data.
         z_a: true interaction latent where it is known, (N, Q), float32; Q = 0 where it is not.
         id: where each sample comes from, (N,) texts: ``recording/first frame`` of a chunk; None where nobody asks.
-        mask: which values of y were measured, (N, T, *state), bool; None where all were.
+        mask: which values of y were measured, (N, T, *state), bool; None where all are, and ever will be.
         noise: standard deviation of the noise of each component of a state, (K,), where it was estimated from the data.
 
     Raises:
@@ -85,9 +85,8 @@ class Trajectories:
         if mask.shape != self.y.shape or mask.dtype != bool:
             found = f"mask has shape {mask.shape} and type {mask.dtype} for y of shape {self.y.shape}"
             raise InputError("trajectories", found, "mask is (N, T, *state), bool: True where y was measured")
-        object.__setattr__(self, "mask", None if mask.all() else np.ascontiguousarray(mask))
-        if not mask.all():
-            object.__setattr__(self, "y", np.where(mask, self.y, np.float32(0)))
+        object.__setattr__(self, "mask", np.ascontiguousarray(mask))
+        object.__setattr__(self, "y", np.where(mask, self.y, np.float32(0)))
 
     def __len__(self) -> int:
         return len(self.y)

@@ -7,10 +7,8 @@ from pathlib import Path
 
 from expertaug.config.options import KnownSystem
 from expertaug.errors import InputError
-from expertaug.measurements import expression
 from expertaug.measurements.paths import list_files, read_checksums
 from expertaug.measurements.settings import MeasurementSettings, column_of, label_of
-from expertaug.measurements.table import read_table
 from expertaug.wording import suggest
 
 READ = 2**23  # bytes of a file that is read to see what is in it, at most
@@ -76,6 +74,9 @@ def _columns(path: Path, settings: MeasurementSettings, where: str) -> None:
     Raises:
         InputError: it cannot be read, or lacks one.
     """
+    from expertaug.measurements import expression
+    from expertaug.measurements.table import read_table
+
     split = settings.split
     used = {f"{where}.time": column_of(settings.time).name}
     used |= {f"{where}.columns.{name}": column_of(named).name for name, named in settings.columns.items()}

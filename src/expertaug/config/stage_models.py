@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
-from expertaug.config.models import Evaluation
+from expertaug.config.models import Evaluation, Noise
 from expertaug.errors import InputErrors
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
 from expertaug.learning.settings import TrainSettings
@@ -82,7 +82,7 @@ class Refinement(Settings):
     """Least squares on each window."""
 
     settings: RefinementSettings = key(..., "how to fit")
-    noise: NotNegative = key(..., "standard deviation of the data's noise")
+    noise: Noise = key(..., "standard deviation of the data's noise")
     prior: dict[str, Range] | None = key(..., "range of each expert parameter in which the fits start; null = none")
 
 
@@ -104,7 +104,7 @@ class Augment(OfSeeds):
     """An augmentation."""
 
     prior: dict[str, Range] = key(..., "p⁺")
-    noise: NotNegative = key(..., "standard deviation of the noise of augmented samples")
+    noise: Noise = key(..., "standard deviation of the noise of augmented samples")
 
 
 class Finetune(Labelled):
@@ -118,7 +118,7 @@ class Flow(Labelled):
 
     flow: FlowSettings = key(..., "how it is trained and used")
     prior: dict[str, Range] = key(..., "p⁺")
-    noise: NotNegative = key(..., "standard deviation of the noise of the data")
+    noise: Noise = key(..., "standard deviation of the noise of the data")
 
 
 class Evaluate(Labelled):

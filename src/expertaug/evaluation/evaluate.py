@@ -169,8 +169,9 @@ def score(
     index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn = [], [], [], [], [], [], []
+    seen = truth.seen
     for first in range(0, len(truth), size):
-        y = torch.from_numpy(truth.y[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
+        y = torch.from_numpy(seen[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
         limit = None if bound is None else torch.maximum(bound, largest(y[:, 0]))  # to follow the truth is not to run
         found = forecast(stored.model, y[:observed].expand(-1, seeds, *y.shape[2:]), t, solver, start, limit)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
@@ -184,12 +185,12 @@ def score(
             of_each = z_e_draws(found.found)
             drawn += [] if of_each is None else [of_each.cpu()]
     errors = torch.cat(late, dim=1)
-    values = log_of(system, errors)
+    values = log_of(system, _told(errors))
     misfit = torch.cat(early, dim=1)
-    values["log_mse_observed"] = log_of(system, misfit)["log_mse_sum"]
+    values["log_mse_observed"] = log_of(system, _told(misfit))["log_mse_sum"]
     if after:
-        values |= log_after(system, torch.cat(after, dim=1))
-    values |= log_of_median(system, errors)
+        values |= log_after(system, _told(torch.cat(after, dim=1)))
+    values |= log_of_median(system, _told(errors))
     values["runaway_share"] = torch.cat(runaways, dim=1).double().mean(1)
     z_e = torch.cat(estimates, dim=1) if estimates else None
     if z_e is not None:
@@ -208,11 +209,17 @@ def score(
     )
 
 
+def _told(errors: Tensor) -> Tensor:
+    """Errors (S, N) of the samples of which anything was measured at these times."""
+    untold = torch.isnan(errors).all(0)
+    return errors[:, ~untold] if untold.any() else errors
+
+
 def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:
     """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state) and, where samples have one, _id (K,)."""
     arrays = {
         f"{name}_index": scored.index,
-        f"{name}_truth": truth.y[scored.index],
+        f"{name}_truth": truth.seen[scored.index],
         f"{name}_prediction": scored.prediction.numpy(),
     }
     return arrays if truth.id is None else arrays | {f"{name}_id": truth.id[scored.index]}

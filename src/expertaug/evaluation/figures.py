@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 
 from expertaug import plotting
 from expertaug.errors import InputError
+from expertaug.evaluation import unknown_parameters
 from expertaug.evaluation.bars import Panel, draw_bars
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import (
@@ -113,6 +114,16 @@ def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure
         figure = plotting.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(methods) + 0.5))
         grid = figure.subplots(count, len(methods), squeeze=False, sharex="row", sharey="row")
         for row, name in enumerate(first.parameter_names):
+            if unknown_parameters.is_unknown(first, row):
+                priors = {method: settings.get("priors", {}).get(method, {}).get(name) for method in methods}
+                axes = dict(zip(methods, grid[row], strict=True))
+                unknown_parameters.draw(axes, found, row, colours, priors)
+                for method, axis in axes.items():
+                    axis.set_xlabel(f"estimated {plotting.quantity(name, first.parameter_units[row])}")
+                    if row == 0:
+                        axis.set_title(plotting.text(labels.get(method, method)))
+                grid[row, 0].set_ylabel("windows (truth not known)")
+                continue
             low, high = _show_ranges(dict(zip(methods, grid[row], strict=True)), first, row, name, settings)
             quantity = plotting.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
             for axis, method in zip(grid[row], methods, strict=True):
@@ -141,12 +152,13 @@ def _show_ranges(
     """Shade the training range, draw each method's p⁺ and set the limits, which are returned."""
     training = (settings.get("training_range") or {}).get(name)
     if training is None and _shaded(data, {}) is not None:
-        values = data.truths.get("train", data.truths.get("validation"))[:, column]
-        training = (values.min(), values.max())
+        values = data.truths["validation" if _shaded(data, {}) == "validation range" else "train"][:, column]
+        training = (np.nanmin(values), np.nanmax(values)) if np.isfinite(values).any() else None
     priors = {method: settings.get("priors", {}).get(method, {}).get(name) for method in axes}
     ends = [value for limits in (training, *priors.values()) if limits is not None for value in limits]
     shown = [data.truths[name][:, column] for name in drawn_sets(data.estimates)]
-    ends += [end for values in shown for end in (values.min(), values.max())]
+    known = [values[np.isfinite(values)] for values in shown]
+    ends += [end for values in known if len(values) for end in (values.min(), values.max())]
     low, high = min(ends), max(ends)
     margin = MARGIN * ((high - low) or 1.0)
     limits = (float(low - margin), float(high + margin))
@@ -162,9 +174,10 @@ def _show_ranges(
 
 def _shaded(data: Forecasts, settings: Mapping) -> str | None:
     """What the shaded range is."""
-    if settings.get("training_range") or "train" in data.truths:
+    known = [name for name in ("train", "validation") if np.isfinite(data.truths.get(name, np.nan)).any()]
+    if settings.get("training_range") or "train" in known:
         return "training range"
-    return "validation range" if "validation" in data.truths else None
+    return "validation range" if "validation" in known else None
 
 
 def _scatter(
@@ -176,7 +189,8 @@ def _scatter(
         chosen = np.linspace(0, len(truth) - 1, min(POINTS, len(truth))).astype(int)
         for estimate in data.estimates[name][data.places, :, column]:
             inside = (estimate >= limits[0]) & (estimate <= limits[1])
-            outside, total = outside + int((~inside).sum()), total + len(truth)
+            known = np.isfinite(truth)
+            outside, total = outside + int((~inside & known).sum()), total + int(known.sum())
             filled = name != "test"
             axis.scatter(
                 truth[chosen],

@@ -57,7 +57,11 @@ class Forecasts:
         """The expert parameters of a kept sample of a set, as figures print them."""
         values = self.truths[name][self.index[name][sample]]
         described = zip(self.parameter_names, self.parameter_units, values, strict=True)
-        return [f"{plotting.symbol(p)} = {value:.3g} {unit}".strip().replace("-", "−") for p, unit, value in described]
+        return [
+            f"{plotting.symbol(p)} = {value:.3g} {unit}".strip().replace("-", "−")
+            for p, unit, value in described
+            if np.isfinite(value)
+        ]
 
     @classmethod
     def load(cls, path: str | Path) -> Forecasts:

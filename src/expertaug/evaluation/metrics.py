@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from expertaug.learning.objectives import differences
 from expertaug.systems import System
 
 
@@ -26,10 +27,18 @@ def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tens
 def squared_errors(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
     """Squared error of every sample, summed over the observed dimensions and averaged over time: (S, N), float64.
 
+    Where nothing was measured (a truth of NaN) nothing counts: each dimension's error is the mean over the times that
+    have one; a sample without any is NaN.
+
     Arguments:
         prediction, truth: states (T, S, N, *state).
     """
-    error = (system.observe(prediction) - system.observe(truth)).double().square()
+    difference, known = differences(system, prediction, truth)
+    error = difference.double().square()
+    if known is not None:
+        counts = known.sum(0)
+        sums = (error.sum(0) / counts.clamp_min(1)).flatten(2).sum(-1)
+        return sums.masked_fill(counts.flatten(2).sum(-1) == 0, torch.nan)
     return error.flatten(3).sum(-1).mean(0)
 
 
@@ -61,11 +70,13 @@ def parameter_errors(system: System, estimate: Tensor, truth: Tensor) -> dict[st
     samples with z near 0 where a parameter can vanish, so ``rmse_<name>`` stands beside it, in the parameter's unit.
 
     Arguments:
-        estimate, truth: (S, N, P).
+        estimate, truth: (S, N, P); a truth of NaN is not known and does not count.
 
     Returns:
-        name → (S,).
+        name → (S,); nothing of a parameter that no sample knows.
     """
+    if torch.isnan(truth).any():
+        return _errors_where_known(system, estimate, truth)
     relative = 100 * ((estimate - truth) / truth).abs().double().mean(1)
     squared = (estimate - truth).double().square().mean(1).sqrt()
     names = [p.name for p in system.expert_parameters]
@@ -74,3 +85,17 @@ def parameter_errors(system: System, estimate: Tensor, truth: Tensor) -> dict[st
         | {f"relative_error_{n}": relative[:, i] for i, n in enumerate(names)}
         | {f"rmse_{n}": squared[:, i] for i, n in enumerate(names)}
     )
+
+
+def _errors_where_known(system: System, estimate: Tensor, truth: Tensor) -> dict[str, Tensor]:
+    """:func:`parameter_errors` of the samples and parameters whose truth is known."""
+    relative, rmse = {}, {}
+    for k, parameter in enumerate(system.expert_parameters):
+        known = ~torch.isnan(truth[0, :, k])
+        if known.any():
+            difference = (estimate[:, known, k] - truth[:, known, k]).double()
+            relative[f"relative_error_{parameter.name}"] = 100 * (difference / truth[:, known, k]).abs().mean(1)
+            rmse[f"rmse_{parameter.name}"] = difference.square().mean(1).sqrt()
+    if not relative:
+        return {}
+    return {"relative_error": torch.stack(list(relative.values())).mean(0)} | relative | rmse

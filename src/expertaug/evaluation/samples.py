@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +27,7 @@ Key = tuple[str, str, str]  # as VERSION
 
 def ranks_of(name: str, truth: Trajectories, draws: Tensor | None) -> dict[str, np.ndarray]:
     """Where the true z_e lies among draws (S, N, K, P): <set>_ranks (S, N, P), <set>_tarp (S, N), and rank_draws, K."""
-    if draws is None or not truth.z_e.shape[1]:
+    if draws is None or not truth.z_e.shape[1] or np.isnan(truth.z_e).any():
         return {}
     each = [calibration(one.movedim(1, 0).double().nan_to_num().numpy(), truth.z_e) for one in draws]
     ranks, tarp = (np.stack([getattr(one, key) for one in each]) for key in ("marginal", "tarp"))
@@ -62,6 +62,11 @@ class _Set:
         if self.relative is None:
             return None
         if metric == "relative_error":
+            unknown = np.isnan(self.relative)
+            if unknown.any():
+                return mean, np.where(unknown, 0.0, self.relative).sum(2) / np.where(
+                    unknown.all(2), np.nan, (~unknown).sum(2)
+                )
             return mean, self.relative.mean(2)
         name = metric.removeprefix("relative_error_")
         return (mean, self.relative[..., self.parameters.index(name)]) if name in self.parameters else None
@@ -120,6 +125,11 @@ class Samples:
         if one is None or chosen is None:
             return None
         statistic, values = chosen
+        told = np.isfinite(values).any(
+            0
+        )  # of a sample of which nothing was measured, or no parameter is known, nothing
+        if not told.all():
+            values, one = values[:, told], replace(one, units=one.units[told])
         finite = np.isfinite(values).all(1)
         if not finite.any():
             return None

@@ -69,8 +69,13 @@ def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
             of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE, RANKS, TARP)}
             errors, misfit, *others = (None if v is None else v[good] for v in of_seeds.values())
             assert errors is not None and misfit is not None
+            truth = arrays[f"{name}_{TRUTH}"]
+            told = ~np.isnan(errors).all(0) if len(errors) else np.ones(errors.shape[1], dtype=bool)
+            if not told.all():  # windows after which nothing was measured
+                errors, misfit, truth = errors[:, told], misfit[:, told], truth[told]
+                others = [None if other is None else other[:, told] for other in others]
             draws = int(arrays.get(DRAWS, np.array(0)))
-            sets[name] = WindowSet(errors, misfit, arrays[f"{name}_{TRUTH}"], *others, draws)
+            sets[name] = WindowSet(errors, misfit, truth, *others, draws)
         one = Version([int(s) for s in arrays["seeds"][good]], list(map(str, arrays["parameter_names"])), sets)
         parts.setdefault(str(arrays["version"][2]), []).append(one)
     return {name: _joined(several) for name, several in parts.items()}

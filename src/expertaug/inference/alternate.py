@@ -25,6 +25,8 @@ from expertaug.learning.task import task_of
 from expertaug.learning.train import constants_of, described_by, of_data
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder
+from expertaug.models.gaps import ends_of, fill
+from expertaug.models.measurement_noise import is_some, noise_of
 from expertaug.systems import System
 from expertaug.trajectories import Trajectories
 
@@ -121,27 +123,39 @@ def prepare(
         raise InputError("model.interaction", "missing", "the training is of an interaction model")
     options, seeds = AlternatingSettings.from_mapping(settings["training"]), list(settings["seeds"])
     model = {"interaction": described["model"]["interaction"]}
-    description = {"kind": "alternating", **of_data(train, settings), **described, "model": model, "stage": "train"}
+    description = {
+        "kind": "alternating",
+        **of_data(train, system, settings),
+        **described,
+        "model": model,
+        "stage": "train",
+    }
     description |= {"expert": True, "interaction": True, "latent_size": options.latent}
     description |= {"refinement": settings["refinement"]}
     description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])
     decoder = describe.decoder_of(system, description, classes)
-    device = torch.device("cpu")
+    device, ranges = torch.device("cpu"), description.get("start")
     task = task_of(settings["training"], description, device)
     train_set = StackedSet.of(train, device).subset(options.train_samples)
     validation_set = StackedSet.of(validation, device).subset(options.validation_samples)
-    decoder.fit(train_set.y[: description["observed"], 0])
+    seen_y = train_set.y[: description["observed"], 0]
+    if ranges is not None:
+        seen_y = fill(seen_y, torch.tensor(description["t"][: len(seen_y)]), ends_of(ranges)[0].to(seen_y))
+    decoder.fit(seen_y)
     given = {"steps": STEPS, "latent_width": WIDTH}
     how = settings["refinement"]
-    refinement, noise = RefinementSettings.from_mapping(how["settings"]), how["noise"]
+    refinement = RefinementSettings.from_mapping(how["settings"])
+    noise = noise_of(how["noise"], system, description)
     whole = RefinementSettings.from_mapping({"starts": refinement.starts, "tries": refinement.tries, **given})
-    free = refinement.free_start if "free_start" in refinement.model_fields_set else noise > 0
+    free = refinement.free_start if "free_start" in refinement.model_fields_set else is_some(noise)
     t = torch.tensor(description["t"], dtype=torch.float64)
     assumed = assumed_noise(refinement, noise, description["bound"])
 
     def fit(decoder: Decoder, times: Tensor, settings: RefinementSettings, size: int) -> WindowFit:
         mean, std = (f(size, options.latent, dtype=torch.float64) for f in (torch.zeros, torch.ones))
-        return WindowFit(decoder, times, settings, assumed, bool(free), how["prior"], Latent(mean, std), task.solver)
+        return WindowFit(
+            decoder, times, settings, assumed, bool(free), how["prior"], Latent(mean, std), task.solver, ranges
+        )
 
     used, seen = t[: task.horizon], t[: description["observed"]]
     fits = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,6 +17,8 @@ from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.noise import Noise
 from expertaug.learning.task import Task
 from expertaug.models.decoder import Decoder
+from expertaug.models.gaps import ends_of
+from expertaug.models.measurement_noise import NoiseLike, is_some, shaped
 
 logger = logging.getLogger(__name__)
 FLOW = 3  # of the keys of random numbers: augmentation's end in 1
@@ -69,6 +71,9 @@ class Simulator:
         starts: their first points (N, *state).
         low, high: ends (P,) of p⁺.
         noise: standard deviation of the data's noise.
+        gaps: where windows were not measured, (T1, N, *state); None: they have no gaps.  A draw gets those of one of
+            them, and where its first point has one, any value of its range.
+        ranges: of the components of first points, where windows have gaps.
         jitter: width of the bootstrap's kernel, in standard deviations of what it smooths.
         resample_x: whether x is drawn anew (:meth:`System.resample_known`).
         task: of the observed window: times, solver, bound.
@@ -82,7 +87,9 @@ class Simulator:
     starts: Tensor
     low: Tensor
     high: Tensor
-    noise: float
+    noise: NoiseLike
+    gaps: Tensor | None
+    ranges: Mapping[str, Sequence[float]] | None
     jitter: float
     resample_x: bool
     task: Task
@@ -118,20 +125,39 @@ class Simulator:
         scores = scores + self.jitter * random.normal(count, scores.shape[-1])
         y0 = self.starts[self._index(count, random)]
         if len(system.state_shape) == 1:
-            mean, std = self.starts.mean(0), self.starts.std(0)
+            y0 = y0 if self.ranges is None else self._anywhere(y0, random)
+            mean, std = self._spread()
             y0 = mean + kept * (y0 - mean) + self.jitter * std * random.normal(count, *system.state_shape)
         if self.resample_x:
             y0 = system.resample_known(y0, partial(random.uniform, count))
         y = solved(self.decoder, y0, z_e, self.unknowns.latent(scores), self.task.t, self.task.solver)
         good = within(y, self.task.bound)
         y = bounded(y, self.task.bound)
-        if self.noise:
-            noise = self.noise * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+        if is_some(self.noise):
+            noise = shaped(self.noise, y, system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
             if not self.unknowns.given:  # a field's first point has noise already, and forecasts start from it
                 noise[0] = 0.0
             y = y + noise
+        if self.gaps is not None:
+            y = y.masked_fill(self.gaps[:, self._index(count, random)], torch.nan)
         draws = Draws(self.context(y), self.unknowns.pack(z_e, scores, y0, y[0]))
         return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
+
+    def _anywhere(self, y0: Tensor, random: Noise) -> Tensor:
+        """First points (S, M, K) with values of their ranges where they were not measured."""
+        middle, width = ends_of(self.ranges or {}, y0)
+        return torch.where(torch.isnan(y0), middle + width * (2 * random.uniform(*y0.shape[1:]) - 1), y0)
+
+    def _spread(self) -> tuple[Tensor, Tensor]:
+        """Mean and standard deviation (K,) of the first points, of those that were measured."""
+        if self.ranges is None:
+            return self.starts.mean(0), self.starts.std(0)
+        middle, width = ends_of(self.ranges, self.starts)
+        known = ~torch.isnan(self.starts)
+        count, filled = known.sum(0), self.starts.nan_to_num()
+        mean = filled.sum(0) / count.clamp_min(1)
+        std = (torch.where(known, filled - mean, 0.0).square().sum(0) / (count - 1).clamp_min(1)).sqrt()
+        return torch.where(count > 1, mean, middle), torch.where(count > 1, std, width / 3**0.5)
 
     def _index(self, count: int, random: Noise) -> Tensor:
         """(S, count) places of training windows."""

@@ -106,7 +106,7 @@ class FlowEstimator(Predictor, nn.Module):
         components of y0 (S, B, *state)."""
         unknowns = self.head.unknowns
         theta = unknowns.pack(z_e, unknowns.scores(z_a), y0, windows[0])
-        return self.head.density.log_prob(self.head.context(windows), theta) - unknowns.log_slope(theta)
+        return self.head.density.log_prob(self.head.context(windows), theta) - unknowns.log_slope(theta, windows[0])
 
     def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
         """The decoder's: states (T, …, B, *state) at the times t (T,), from y0 (…, B, *state)."""
@@ -119,7 +119,7 @@ class FlowEstimator(Predictor, nn.Module):
         assert found.draws is not None, "estimates of a flow"
         z_e, z_a, y0 = (value.movedim(2, 0) for value in found.draws)
         bound = solver.bound if isinstance(solver, Stopping) else self.bound
-        if start == "y0":
+        if start == "y0" or torch.isnan(observed).any():
             return mean_forecast(self.decoder, z_e, z_a, y0, t, solver, bound)
         last = len(observed) - 1
         y0 = observed[last].expand_as(y0)
@@ -140,13 +140,13 @@ def build(base: HybridNet, description: Mapping, latents: Tensor | None = None) 
     components = 0 if base.interaction is None else min(settings.latent, width)
     if latents is None:
         latents = torch.zeros(len(description["seeds"]), 1, width)
-    times = torch.tensor(of_base["t"][: of_base["observed"]], dtype=torch.float64)
+    times, ranges = torch.tensor(of_base["t"][: of_base["observed"]], dtype=torch.float64), of_base.get("start")
     heads = []
     for seed, own in zip(description["seeds"], latents.cpu(), strict=True):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            unknowns = Unknowns(system, low, high, own, components, float(description["noise"]))
-            heads.append(Head(Context(system, times, of_base["model"]["encoder"]), unknowns, settings))
+            unknowns = Unknowns(system, low, high, own, components, description["noise"], ranges)
+            heads.append(Head(Context(system, times, of_base["model"]["encoder"], ranges), unknowns, settings))
     return FlowEstimator(
         copy.deepcopy(base).requires_grad_(False), stack(heads), settings.samples, stored_bound(of_base)
     )

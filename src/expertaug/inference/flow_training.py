@@ -26,6 +26,7 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task, task_of
 from expertaug.learning.trainer import Trainer
 from expertaug.models.device import device_of
+from expertaug.models.measurement_noise import noise_of
 from expertaug.models.store import StoredModel, forecast_solver
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -74,10 +75,12 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
         "stage": "flow",
         "flow": options.model_dump(mode="json"),
         "prior": settings["prior"],
-        "noise": float(settings["noise"]) if choices["augmentation_noise"] == "as_data" else 0.0,
+        "noise": 0.0,
         "base": base,
         "base_wall_s": base["wall_s"],
     }
+    if choices["augmentation_noise"] == "as_data":
+        description["noise"] = noise_of(settings["noise"], stored.model.system, base)
     windows = StackedSet.of(train, device).window(base["observed"]).y
     latents = _latents(stored, windows, choices)
     estimator = flows.build(stored.model, description, latents).to(device)
@@ -90,6 +93,8 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
         context=estimator.head.context,
         scores=unknowns.scores(latents),
         starts=windows[0, 0],
+        gaps=torch.isnan(windows[:, 0]) if "start" in base else None,
+        ranges=base.get("start"),
         low=low.to(device),
         high=high.to(device),
         noise=description["noise"],

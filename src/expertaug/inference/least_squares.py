@@ -13,6 +13,7 @@ from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import Latent, assumed_noise
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates, Estimator
+from expertaug.models.measurement_noise import is_some, noise_of
 from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
@@ -53,7 +54,7 @@ class LeastSquares(Predictor, nn.Module):
 def estimator_of(
     stored: StoredModel,
     settings: Mapping | RefinementSettings | None,
-    noise: float,
+    noise: float | Mapping[str, float] | str,
     prior: Mapping[str, tuple[float, float]] | None,
 ) -> LeastSquares:
     """Least squares with a stored model's decoder: from its own estimates too, where it has any.
@@ -61,7 +62,7 @@ def estimator_of(
     Arguments:
         stored: hybrid, a flow's, or a decoder without estimates of its own (kinds alternating and least_squares).
         settings: see :class:`RefinementSettings`.
-        noise: standard deviation of the data's noise.
+        noise: standard deviation of the data's noise (:func:`expertaug.models.measurement_noise.noise_of`).
         prior: range of each expert parameter in which starts lie; None: only the model's own estimates are starts.
 
     Raises:
@@ -77,15 +78,17 @@ def estimator_of(
     decoder: Decoder = stored.model if first is None else stored.model.decoder
     given = options.model_fields_set
     solver = options.solver if "solver" in given else description["training"].get("solver")
-    free = options.free_start if "free_start" in given else noise > 0
+    known = noise_of(noise, decoder.system, description)
+    free = options.free_start if "free_start" in given else is_some(known)
     fit = WindowFit(
         decoder,
         torch.tensor(description["t"][: description["observed"]], dtype=torch.float64),
         options,
-        assumed_noise(options, noise, description["bound"]),
+        assumed_noise(options, known, description["bound"]),
         bool(free),
         prior,
         Latent.of(description),
         Solver.from_mapping(None if solver is None else dict(solver)),
+        description.get("start"),
     )
     return LeastSquares(decoder, fit, first)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
 
-from expertaug.inference.window_problem import given_components
+from expertaug.inference.window_problem import SMALLEST, free_components, given_components
+from expertaug.models.gaps import ends_of
+from expertaug.models.measurement_noise import NoiseLike, is_some
 from expertaug.systems import System
 
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of a uniform number
@@ -33,14 +36,31 @@ class Unknowns(nn.Module):
         latents: z_a (N, Q) of the training windows.
         components: principal components of z_a that are inferred, at most.
         noise: standard deviation of the data's noise; 0: the first point is what was observed.
+        ranges: of the components of first points, where they may not be measured (NaN): such a component is in units of
+            half its range, around its middle.
     """
 
     def __init__(
-        self, system: System, low: Tensor, high: Tensor, latents: Tensor, components: int, noise: float
+        self,
+        system: System,
+        low: Tensor,
+        high: Tensor,
+        latents: Tensor,
+        components: int,
+        noise: NoiseLike,
+        ranges: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         super().__init__()
-        self.noise, self.state_shape = noise, system.state_shape
-        self.given = given_components(system).nonzero().flatten().tolist() if noise else []
+        self.state_shape = system.state_shape
+        self.given = given_components(system).nonzero().flatten().tolist() if is_some(noise) else []
+        if ranges is not None:
+            self.given = free_components(system).nonzero().flatten().tolist()
+        each = [float(noise)] * len(system.state) if isinstance(noise, int | float) else noise
+        # What has no noise, but may be missing, is known to a small part of its range.
+        self.units = [each[k] or SMALLEST * float(ends_of(ranges)[1][k]) for k in self.given] if ranges else None
+        self.noise = [each[k] for k in self.given]
+        self.middle = None if ranges is None else ends_of(ranges)[0].tolist()
+        self.ranges = None if ranges is None else [values[self.given].tolist() for values in ends_of(ranges)]
         self.register_buffer("low", low.unsqueeze(0).clone())
         self.register_buffer("high", high.unsqueeze(0).clone())
         mean = latents.mean(0, keepdim=True)
@@ -74,7 +94,8 @@ class Unknowns(nn.Module):
         share = ((z_e - self.low) / (self.high - self.low)).clamp(1e-6, 1 - 1e-6)
         parts = [torch.logit(share) / LOGISTIC, scores]
         if self.given:
-            parts.append((y0 - first)[..., self.given] / self.noise)
+            around, unit = self._first(first)
+            parts.append((y0[..., self.given] - around) / unit)
         return torch.cat(parts, dim=-1)
 
     def unpack(self, theta: Tensor, first: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -83,13 +104,23 @@ class Unknowns(nn.Module):
         z_e = self.low + (self.high - self.low) * torch.sigmoid(LOGISTIC * logit)
         y0 = first.expand(*theta.shape[:-1], *self.state_shape)
         if self.given:
-            y0 = y0.clone()
-            y0[..., self.given] += self.noise * moved
+            around, unit = self._first(first)
+            y0 = (y0 if self.middle is None else torch.where(torch.isnan(y0), y0.new_tensor(self.middle), y0)).clone()
+            y0[..., self.given] = around + unit * moved
         return z_e, self.latent(scores), y0
 
-    def log_slope(self, theta: Tensor) -> Tensor:
+    def _first(self, first: Tensor) -> tuple[Tensor, Tensor]:
+        """What the given components of first points (…, B, *state) are around, and in which units."""
+        first = first[..., self.given]
+        if self.ranges is None:
+            return first, first.new_tensor(self.noise)
+        middle, width = (first.new_tensor(values) for values in self.ranges)
+        unknown = torch.isnan(first)
+        return torch.where(unknown, middle, first), torch.where(unknown, width, first.new_tensor(self.units))
+
+    def log_slope(self, theta: Tensor, first: Tensor) -> Tensor:
         """Logarithm of |∂(z_e, components of z_a, y0) / ∂θ|, (…, B)."""
         raw = LOGISTIC * theta[..., : self.sizes[0]]
         width = ((self.high - self.low) * LOGISTIC).log()
         slope = (nn.functional.logsigmoid(raw) + nn.functional.logsigmoid(-raw) + width).sum(-1)
-        return slope + (len(self.given) * math.log(self.noise) if self.given else 0.0)
+        return slope + (self._first(first)[1].log().sum(-1) if self.given else 0.0)

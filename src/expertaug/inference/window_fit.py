@@ -56,14 +56,14 @@ class WindowFit(WindowProblem):
             index = best.view(seeds, count, 1, *[1] * (each.dim() - 3)).expand(-1, -1, 1, *each.shape[3:])
             return each.gather(2, index).squeeze(2)
 
-        return self._estimates(chosen(found.x), chosen(found.cost), chosen(found.curvature), windows[0])
+        return self._estimates(chosen(found.x), chosen(found.cost), chosen(found.curvature), windows)
 
-    def _estimates(self, x: Tensor, cost: Tensor, curvature: Tensor, y0: Tensor) -> Estimates:
+    def _estimates(self, x: Tensor, cost: Tensor, curvature: Tensor, windows: Tensor) -> Estimates:
         """What the best parameters (S, B, K) are, with Laplace's approximation of their posterior."""
         p, q, _ = self.sizes
-        z_e, z_a, start = self.parts(x, y0)
+        z_e, z_a, start = self.parts(x, windows[0])
         pulled = (x[..., p : p + q] / self.settings.latent_width).square().sum(-1)
-        freedom = max(self.observations - p - self.sizes[2], 1)
+        freedom = (self.observations - self.missing(windows) - p - self.sizes[2]).clamp_min(1)
         size = torch.eye(x.shape[-1], dtype=x.dtype)
         covariance = torch.linalg.pinv(
             curvature + 1e-12 * curvature.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * size

@@ -13,8 +13,11 @@ from expertaug.errors import InputError
 from expertaug.inference.levenberg_marquardt import LONGEST
 from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.bound import FACTOR, solved
+from expertaug.learning.objectives import differences
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
+from expertaug.models.gaps import ends_of
+from expertaug.models.measurement_noise import NoiseLike, of_observed, shaped
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
 
@@ -48,11 +51,13 @@ class WindowProblem:
         decoder: stacked over S seeds, or without parameters.
         t: times of the observed window in s, (T1,).
         settings: how to fit.
-        noise: standard deviation of the observation, > 0.
+        noise: standard deviation of the observation, > 0, one or one for each component.
         free_start: whether the first point is noisy.
         prior: range of each expert parameter in which starts lie; None: only the given first estimates are starts.
         latent: where z_a lies.
         solver: on a fixed grid; another is replaced where it fails.
+        ranges: of the components of first points, where windows may have values that were not measured (NaN): the first
+            point is then a parameter in any case, in units of half a range where it was not measured.
 
     Raises:
         InputError: a range or a window of what the system does not have, or no start at all.
@@ -63,19 +68,25 @@ class WindowProblem:
         decoder: Decoder,
         t: Tensor,
         settings: RefinementSettings,
-        noise: float,
+        noise: NoiseLike,
         free_start: bool,
         prior: Mapping[str, tuple[float, float]] | None,
         latent: Latent,
         solver: Solver,
+        ranges: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         system = decoder.system
         self.decoder = copy.deepcopy(decoder).cpu().double().requires_grad_(False).eval()
-        self.system, self.settings, self.noise, self.latent, self.solver = system, settings, noise, latent, solver
+        self.system, self.settings, self.latent, self.solver = system, settings, latent, solver
+        self.noise = shaped(noise, torch.zeros(0, dtype=torch.float64), system)
+        self.observed_noise = of_observed(noise, system)
+        self.ranges = None if ranges is None else ends_of(ranges)
         self.t = t.double()
         self.scale = torch.tensor([p.scale for p in system.expert_parameters], dtype=torch.float64)
         self.positive = torch.tensor([p.positive for p in system.expert_parameters], dtype=torch.bool)
         self.start = given_components(system) if free_start else torch.zeros(len(system.state), dtype=torch.bool)
+        if ranges is not None:
+            self.start = free_components(system)
         self.counts = _counts(system, self.t, settings.windows if "windows" in settings.model_fields_set else {})
         self.sizes = (len(self.scale), latent.mean.shape[-1], int(self.start.sum()))
         # A first point may be several standard deviations off, and its residuals are nearly linear in it.
@@ -111,10 +122,25 @@ class WindowProblem:
         """States and windows (T1, S, N, *state) → what lies between them in units of the noise, (S, N, M)."""
         counts = self.counts.T.view(len(self.t), 1, 1, -1, *[1] * (len(self.system.state_shape) - 1))
         states = torch.where(counts.to(states.device), states, observed)
-        difference = (self.system.observe(states) - self.system.observe(observed)) / self.noise
+        difference, _ = differences(self.system, states, observed)
+        difference = difference / self.observed_noise
         if not self.start.any():
             difference = difference[1:]
         return difference.movedim(0, 2).flatten(2)
+
+    def missing(self, windows: Tensor) -> Tensor:
+        """How many of the numbers that windows (T1, S, B, *state) are compared at were not measured, (S, B)."""
+        counts = self.counts.T.view(len(self.t), 1, 1, -1, *[1] * (len(self.system.state_shape) - 1))
+        gaps = torch.isnan(self.system.observe(torch.where(counts, windows, torch.zeros_like(windows))))
+        gaps = gaps if self.start.any() else gaps[1:]
+        return gaps.movedim(0, 2).flatten(2).sum(-1)
+
+    def _first(self, y0: Tensor) -> tuple[Tensor, Tensor | float]:
+        """What first points (…, *state) are sought around, and in which units."""
+        if self.ranges is None:
+            return y0, self.noise
+        unknown, (middle, width) = torch.isnan(y0), self.ranges
+        return torch.where(unknown, middle, y0), torch.where(unknown, width, torch.as_tensor(self.noise).to(y0))
 
     def pull(self, x: Tensor) -> Tensor:
         """Residuals of z_a's prior at parameters (S, N, K): (S, N, Q)."""
@@ -125,9 +151,10 @@ class WindowProblem:
         raw, latent, start = x.split(self.sizes, dim=-1)
         z_e = self.scale * torch.where(self.positive, raw.exp(), raw)
         z_a = self.latent.mean.unsqueeze(1) + self.latent.std.unsqueeze(1) * latent
-        if self.start.any():
+        if self.start.any() or self.ranges is not None:
+            y0, unit = self._first(y0)
             y0 = y0.clone()
-            y0[..., self.start] += self.noise * start
+            y0[..., self.start] += self._of_start(unit) * start
         return z_e, z_a.expand(*x.shape[:2], -1), y0
 
     def coordinates(self, first: Estimates, y0: Tensor) -> Tensor:
@@ -136,22 +163,32 @@ class WindowProblem:
         size = first.z_e.double() / self.scale
         raw = torch.where(self.positive, size.clamp_min(1e-3).log(), size)
         latent = (first.z_a.double() - self.latent.mean.unsqueeze(1)) / self.latent.std.unsqueeze(1)
-        start = (first.y0.double() - y0)[..., self.start] / self.noise if self.start.any() else raw[..., :0]
+        start = raw[..., :0]
+        if self.start.any():
+            around, unit = self._first(y0)
+            start = (first.y0.double() - around)[..., self.start] / self._of_start(unit)
         return torch.cat((raw, latent, start), -1).nan_to_num(0.0, 0.0, 0.0)
 
+    def _of_start(self, unit: Tensor | float) -> Tensor | float:
+        """Of units of all components those of the components that are parameters."""
+        return unit[..., self.start] if isinstance(unit, Tensor) else unit
+
     def _grid(self, prior: Mapping[str, tuple[float, float]]) -> Tensor:
-        """Starts (C, K) that fill the prior's box evenly, z_a as in training, the first point as observed."""
+        """Starts (C, K) that fill the prior's box evenly, z_a as in training, the first point as observed, or where it
+        was not, anywhere in its range."""
         names = [p.name for p in self.system.expert_parameters]
         if sorted(prior) != sorted(names):
             raise InputError("refinement", f"a prior of {sorted(prior)}", f"give a range for each of {names}")
         low, high = (torch.tensor([float(prior[n][end]) for n in names], dtype=torch.float64) for end in (0, 1))
         p, q, start = self.sizes
-        sobol = torch.quasirandom.SobolEngine(p + q, scramble=True, seed=0)
+        sought = start if self.ranges is not None else 0
+        sobol = torch.quasirandom.SobolEngine(p + q + sought, scramble=True, seed=0)
         unit = sobol.draw(self.settings.starts, dtype=torch.float64)
         value = (low + (high - low) * unit[:, :p]) / self.scale
         raw = torch.where(self.positive, value.clamp_min(1e-3).log(), value)
-        latent = torch.special.ndtri(unit[:, p:].clamp(0.02, 0.98))
-        return torch.cat((raw, latent, raw.new_zeros(len(raw), start)), 1)
+        latent = torch.special.ndtri(unit[:, p : p + q].clamp(0.02, 0.98))
+        first = 2 * unit[:, p + q :] - 1 if sought else raw.new_zeros(len(raw), start)
+        return torch.cat((raw, latent, first), 1)
 
     def best_of_grid(self, windows: Tensor) -> Tensor:
         """The starts that fit each window best, (S, B, tries, K)."""
@@ -165,11 +202,13 @@ class WindowProblem:
         return self.grid[best.movedim(0, -1)]
 
 
-def assumed_noise(settings: RefinementSettings, noise: float, bound: Sequence[float]) -> float:
+def assumed_noise(settings: RefinementSettings, noise: NoiseLike, bound: Sequence[float]) -> NoiseLike:
     """Standard deviation of the observation: the settings', the data's ``noise``, or, where there is none, a small part
     of the largest value that the stored ``bound`` (K,) is made of."""
     given = settings.noise if "noise" in settings.model_fields_set else noise
-    return given or SMALLEST * max(bound) / FACTOR
+    if given is None or isinstance(given, int | float):
+        return given or SMALLEST * max(bound) / FACTOR
+    return [one or SMALLEST * end / FACTOR for one, end in zip(given, bound, strict=True)]
 
 
 def seen_components(system: System) -> Tensor:
@@ -181,11 +220,16 @@ def seen_components(system: System) -> Tensor:
 
 def given_components(system: System) -> Tensor:
     """Which components (K,) of the first point are observed and not replaced by z_e; none of a field's."""
+    return seen_components(system) & free_components(system)
+
+
+def free_components(system: System) -> Tensor:
+    """Which components (K,) of the first point z_e does not replace; none of a field's."""
     if len(system.state_shape) > 1:
         return torch.zeros(len(system.state), dtype=torch.bool)
     z_e = torch.tensor([p.scale for p in system.expert_parameters], dtype=torch.float64)
     state = torch.linspace(0.1, 0.2, len(system.state), dtype=torch.float64)
-    return seen_components(system) & _felt(lambda y: system.initial_state(y, z_e), state)
+    return _felt(lambda y: system.initial_state(y, z_e), state)
 
 
 def _felt(function: object, state: Tensor) -> Tensor:

@@ -12,6 +12,7 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
+from expertaug.models.measurement_noise import NoiseLike, noise_of
 from expertaug.trajectories import Trajectories
 
 
@@ -56,7 +57,8 @@ def draw(
     Arguments:
         stored: a trained hybrid model.
         train, validation: whose x and observed windows are used.
-        settings: {prior, noise, choices, device}; ``noise`` is the standard deviation of the data's noise.
+        settings: {prior, noise, choices, device}; ``noise`` is the standard deviation of the data's noise
+            (:func:`expertaug.models.measurement_noise.noise_of`).
         where: for messages.
 
     Raises:
@@ -69,7 +71,9 @@ def draw(
     choices = settings["choices"]
     task = task_of(stored.description["training"], stored.description, device)
     task = task.shortened(task.points(choices))
-    noise = float(settings["noise"]) if choices["augmentation_noise"] == "as_data" else 0.0
+    noise: NoiseLike = 0.0
+    if choices["augmentation_noise"] == "as_data":
+        noise = noise_of(settings["noise"], stored.model.system, stored.description)
     options = {"resample_x": choices["augmented_x"] == "resampled", "z_a_from": choices["augmented_z_a"]}
     plus, plus_validation = (
         augmentation.generate(

@@ -16,6 +16,7 @@ from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
+from expertaug.models.measurement_noise import NoiseLike, shaped
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.tensor_file import read_tensors, write_tensors
 
@@ -50,7 +51,7 @@ def generate(
     task: Task,
     seeds: list[int],
     prior: Mapping,
-    noise: float,
+    noise: NoiseLike,
     draw: int,
     resample_x: bool = False,
     z_a_from: str = "posterior",
@@ -63,13 +64,15 @@ def generate(
         task: of the training: ``t``, ``observed`` and ``solver``.
         seeds: in the group's order; samples depend on the seed and ``draw`` alone.
         prior: ranges of p⁺.
-        noise: standard deviation of the noise added to every point, the first one too.
+        noise: standard deviation of the noise added to every point, the first one too; of each component, where there
+            are several.
         draw: number of the draw (sets, passes).
         resample_x: whether x is drawn anew (:meth:`System.resample_known`) instead of taken from the data.
         z_a_from: posterior: a sample of q(z_a | x, y); prior: of N(0, I), where the posterior is not a point.
 
     Returns:
-        y (T, S, N, *state), z_e (S, N, P), all supervised.  z_e is drawn again for a sample that runs away
+        y (T, S, N, *state), NaN where the sample that it came from has a gap, z_e (S, N, P), all supervised.  z_e is
+        drawn again for a sample that runs away
         (:mod:`expertaug.learning.bound`); where that does not help either, another sample of its seed stands in its
         place, and a warning tells how many these are.
     """
@@ -80,7 +83,7 @@ def generate(
     for start in range(0, len(data), size):
         index = torch.arange(start, min(start + size, len(data)))
         batch = StackedSet(data.y[:, :, index], data.z_e[:, index], data.supervised[index]).whole(len(seeds))
-        y0 = batch.y[0]
+        y0 = model.start(batch.y[: task.observed])
         z_a = latent(model.encode(batch.y[: task.observed]), z_a_from, partial(random.normal, len(index)))
         if resample_x:
             y0 = model.system.resample_known(y0, partial(random.uniform, len(index)))
@@ -96,7 +99,7 @@ def generate(
         else:
             y, z_e = _without_runaways(y, z_e, good, task)
             lost += (~good).sum(1).cpu()
-        parts.append((y, z_e))
+        parts.append((_as_measured(y, batch.y), z_e))
     for seed, count in zip(seeds, lost.tolist(), strict=True):
         if count:
             logger.warning(
@@ -105,8 +108,18 @@ def generate(
             )  # fmt: skip
     y, z_e = torch.cat([p[0] for p in parts], dim=2), torch.cat([p[1] for p in parts], dim=1)
     if noise:
-        y = y + noise * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+        y = y + shaped(noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
     return StackedSet(y, z_e, torch.ones(z_e.shape[1], device=y.device))
+
+
+def _as_measured(y: Tensor, like: Tensor) -> Tensor:
+    """States y (T, S, N, *state) with the gaps of others: an encoder is to learn from windows such as it will get."""
+    gaps = torch.isnan(like[: len(y)])
+    if not gaps.any():
+        return y
+    y = y.clone()
+    y[: len(gaps)] = y[: len(gaps)].masked_fill(gaps, torch.nan)
+    return y
 
 
 def latent(posterior: Posterior, z_a_from: str, normal: Normal) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -18,16 +18,20 @@ FLOOR = 1e-3  # of the largest component's bound: a component that is zero in th
 FALLBACK = Solver("rk4")  # a fixed grid goes on where a solver with tolerances gives up
 
 
-def bound_of(y: np.ndarray) -> list[float]:
-    """The largest plausible size of each component of a state (K values), from a training set (N, T, *state)."""
+def bound_of(y: np.ndarray, start: Mapping[str, Sequence[float]] | None = None) -> list[float]:
+    """The largest plausible size of each component of a state (K values), from a training set (N, T, *state), and from
+    the ranges of first points where it has values that were not measured."""
     found = largest(torch.from_numpy(y).movedim(1, 0)).amax(0).double()
+    if start is not None:
+        ends = torch.tensor([[abs(float(end)) for end in ends] for ends in start.values()], dtype=found.dtype)
+        found = torch.maximum(found, ends.amax(1))
     found = found.clamp_min(FLOOR * float(found.max()))
     return (FACTOR * torch.where(found > 0, found, 1.0)).tolist()
 
 
 def largest(y: Tensor) -> Tensor:
     """The largest size of each component, the first axis of a state, of every sample: (T, N, *state) → (N, K)."""
-    return y.abs().amax(0).reshape(*y.shape[1:3], -1).amax(-1)
+    return y.nan_to_num().abs().amax(0).reshape(*y.shape[1:3], -1).amax(-1)
 
 
 def stored_bound(description: Mapping, device: torch.device | str = "cpu") -> Tensor | None:

@@ -80,14 +80,15 @@ class HybridVAE(Objective):
         low, high = (end.to(y) for end in prior_range(model, self.prior))
         sampled = self.choices["hvae_z_e"] == "sampled"
 
-        posterior = encoder(y[: task.observed], normal)
+        window = y[: task.observed]
+        posterior, first = encoder(model.filled(window), normal), model.start(window)
         z_e = posterior.z_e.draw(normal) if sampled else posterior.z_e.mean
         z_plus = low + (high - low) * noise.uniform(size, len(low))
-        start = model.system.initial_state(y[0], z_plus)
-        largest = torch.maximum(*(x.abs().flatten(1).amax(1) for x in (y.movedim(1, 0), start)))
+        start = model.system.initial_state(first, z_plus)
+        largest = torch.maximum(*(x.abs().flatten(1).amax(1) for x in (y.movedim(1, 0).nan_to_num(), start)))
         states, good = finite_forecast(
             model,
-            torch.cat((y[0],) * 3, dim=1),
+            torch.cat((first,) * 3, dim=1),
             torch.cat((z_e, z_e, z_plus), dim=1),
             posterior.z_a_used,
             task,
@@ -101,10 +102,11 @@ class HybridVAE(Objective):
         divergence = posterior.z_a.divergence()
         if sampled:
             divergence = divergence + posterior.z_e.divergence(*raw_prior(model, self.prior))
-        window = slice(1, task.horizon)
-        errors, count = squares(model.system, hybrid[window], y[window])
-        apart, _ = squares(model.system, hybrid[window], expert[window])
-        likelihood = sample_mean(model.likelihood.log_prob(errors, count), hybrid_good)
+        later = slice(1, task.horizon)
+        errors, compared = squares(model.system, hybrid[later], y[later])
+        count = compared if isinstance(compared, int) else compared.float().mean().clamp_min(1.0)
+        apart, _ = squares(model.system, hybrid[later], expert[later])
+        likelihood = sample_mean(model.likelihood.log_prob(errors, compared), hybrid_good)
         ppc = apart / (2 * model.likelihood.scale.detach().square()) + divergence
         filtered = posterior.filtered - encoder.view(expert[: task.observed]).detach()
         inferred = encoder.infer(encoder.view(plus[: task.observed])).mean

@@ -17,25 +17,46 @@ from expertaug.systems import System
 
 
 def mean_squared_error(system: System, prediction: Tensor, truth: Tensor, good: Tensor | None = None) -> Tensor:
-    """Mean over times, samples and dimensions of the squared error of observed quantities.
+    """Mean over times, samples and dimensions of the squared error of observed quantities, where they were measured.
 
     Arguments:
-        prediction, truth: (T, S, B, *state).
+        prediction, truth: (T, S, B, *state); the truth is NaN where nothing was measured.
         good: (S, B), the samples that count; all of them where it is None.
 
     Returns:
         (S,).
     """
-    error = (system.observe(prediction) - system.observe(truth)).square().movedim(1, 0)
+    difference, known = differences(system, prediction, truth)
+    error = difference.square().movedim(1, 0)
+    if known is not None:
+        counts = known.sum((0, *range(3, known.dim())))
+        sums = error.movedim(2, 1).flatten(2).sum(2)
+        if good is not None:
+            sums, counts = (torch.where(good, each, torch.zeros_like(each)) for each in (sums, counts))
+        return sums.sum(1) / counts.sum(1).clamp_min(1)
     if good is None:
         return error.flatten(1).mean(1)
     return sample_mean(error.movedim(2, 1).flatten(2).mean(2), good)
 
 
-def squares(system: System, prediction: Tensor, truth: Tensor) -> tuple[Tensor, int]:
-    """Squared errors (S, B) of every sample, summed over times and observed quantities; and how many are summed."""
-    error = (system.observe(prediction) - system.observe(truth)).square().flatten(3)
-    return error.sum((0, 3)), error.shape[0] * error.shape[3]
+def differences(system: System, prediction: Tensor, truth: Tensor) -> tuple[Tensor, Tensor | None]:
+    """Observed quantities of forecasts less those of the truth (T, S, B, *observed), 0 where these are NaN; and which
+    of them are not, None where all are known."""
+    observed = system.observe(truth)
+    difference = system.observe(prediction) - observed
+    known = ~torch.isnan(observed)
+    if known.all():
+        return difference, None
+    return torch.where(known, difference, torch.zeros_like(difference)), known.expand_as(difference)
+
+
+def squares(system: System, prediction: Tensor, truth: Tensor) -> tuple[Tensor, Tensor | int]:
+    """Squared errors (S, B) of every sample, summed over times and observed quantities; and how many are summed, (S, B)
+    where samples differ in that."""
+    difference, known = differences(system, prediction, truth)
+    error = difference.square().flatten(3)
+    count = error.shape[0] * error.shape[3] if known is None else known.flatten(3).sum((0, 3))
+    return error.sum((0, 3)), count
 
 
 def sample_mean(each: Tensor, good: Tensor | None = None) -> Tensor:
@@ -237,10 +258,11 @@ class Aphynity(Objective):
     def _terms(self, model: HybridNet, posterior: Posterior, batch: Batch, task: Task) -> tuple[Tensor, Tensor, Tensor]:
         """Data term and size of F_a over the first ``task.horizon`` points, and share of runaways, each (S,)."""
         truth, (z_e, z_a) = batch.y[: task.horizon], posterior.mean
+        start = model.start(batch.y[: task.observed])
         if self._leaks:
             half = max(truth.shape[2] // 2, 1)
-            truth, z_e, z_a = truth[:, :, :half], z_e[:, :half], z_a[:, :half]
-        prediction, good = finite_forecast(model, truth[0], z_e, z_a, task, task.horizon)
+            truth, start, z_e, z_a = truth[:, :, :half], start[:, :half], z_e[:, :half], z_a[:, :half]
+        prediction, good = finite_forecast(model, start, z_e, z_a, task, task.horizon)
         data = mean_squared_error(model.system, prediction[1:], truth[1:], good)
         return data, self._penalty(model, prediction, truth, z_e, z_a), runaway_share(data, good)
 
@@ -248,7 +270,8 @@ class Aphynity(Objective):
         if model.interaction is None:
             return prediction.new_zeros(prediction.shape[1])
         if self.choices["penalty"] == "norm_data":
-            size = model.interaction_squares(truth, z_e, z_a) * prod(model.system.state_shape)
+            states = torch.where(torch.isnan(truth), prediction, truth)
+            size = model.interaction_squares(states, z_e, z_a) * prod(model.system.state_shape)
             return torch.sqrt(size + 1e-12).flatten(1).mean(1)
         return torch.sqrt(model.interaction_squares(prediction, z_e, z_a).flatten(1).mean(1) + 1e-12)
 

@@ -14,7 +14,8 @@ from expertaug.trajectories import Trajectories
 
 @dataclass(frozen=True)
 class Batch:
-    """A batch for a group of S seeds: y (T, S, B, *state), z_e (S, B, P), supervised (S, B) in {0, 1}."""
+    """A batch for a group of S seeds: y (T, S, B, *state), NaN where nothing was measured, z_e (S, B, P), supervised
+    (S, B) in {0, 1}."""
 
     y: Tensor
     z_e: Tensor
@@ -26,7 +27,7 @@ class StackedSet:
     """M samples for each of S seeds; S = 1 in the tensors where all seeds share them.
 
     Attributes:
-        y: (T, S or 1, M, *state).
+        y: (T, S or 1, M, *state), NaN where nothing was measured.
         z_e: (S or 1, M, P).
         supervised: (M,) in {0, 1}: whether z_e is the sample's label (augmented samples) or only for scoring.
     """
@@ -38,7 +39,7 @@ class StackedSet:
     @classmethod
     def of(cls, data: Trajectories, device: torch.device) -> StackedSet:
         """A set that all seeds share, none of it supervised."""
-        y = torch.from_numpy(np.ascontiguousarray(np.moveaxis(data.y, 1, 0))).unsqueeze(1).to(device)
+        y = torch.from_numpy(np.ascontiguousarray(np.moveaxis(data.seen, 1, 0))).unsqueeze(1).to(device)
         z_e = torch.from_numpy(data.z_e).unsqueeze(0).to(device)
         return cls(y, z_e, torch.zeros(len(data), device=device))
 

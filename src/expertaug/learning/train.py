@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from expertaug import systems
@@ -19,6 +20,7 @@ from expertaug.learning.task import task_of
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.device import device_of
+from expertaug.models.gaps import ranges_of
 from expertaug.models.mean import MeanModel
 from expertaug.models.recipe import HybridModel
 from expertaug.registry import short_name
@@ -119,7 +121,7 @@ def prepare(
     if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
         raise InputError("validation set", "has other times than the training set", "give both the same times")
     kind = objective_of(settings["objective"], classes)
-    description = {"kind": "hybrid", **of_data(train, settings), **described}
+    description = {"kind": "hybrid", **of_data(train, recipe.system, settings), **described}
     description |= {
         "likelihood": kind.learns_likelihood,
         "stage": "train",
@@ -128,7 +130,7 @@ def prepare(
     description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])
     observed = description["observed"]
     times = torch.tensor(description["t"][:observed], dtype=torch.float64)
-    model = recipe.build(times, list(settings["seeds"]), kind.learns_likelihood)
+    model = recipe.build(times, list(settings["seeds"]), kind.learns_likelihood, description.get("start"))
     train_set, validation_set = StackedSet.of(train, device), StackedSet.of(validation, device)
     model.fit(train_set.y[:observed, 0])
     task = task_of(settings["training"], description, device)
@@ -145,8 +147,15 @@ def prepare(
 
 def mean(system: systems.System, train: Trajectories, settings: Mapping, described: Mapping) -> store.StoredModel:
     """The baseline that forecasts the training set's mean; ``settings`` and ``described`` as of :func:`prepare`."""
-    description = {"kind": "mean", **of_data(train, settings), **described, "wall_s": 0.0, "best_score": None}
-    return store.StoredModel(MeanModel(system, torch.from_numpy(train.y).mean(0)), description)
+    description = {"kind": "mean", **of_data(train, system, settings), **described, "wall_s": 0.0, "best_score": None}
+    return store.StoredModel(MeanModel(system, _mean(train)), description)
+
+
+def _mean(train: Trajectories) -> torch.Tensor:
+    """Mean (T, *state) of what was measured; 0 where nothing was."""
+    if train.mask is None or train.mask.all():
+        return torch.from_numpy(train.y).mean(0)
+    return torch.from_numpy(train.y).sum(0) / torch.from_numpy(train.mask).sum(0).clamp_min(1)
 
 
 def expert_alone(
@@ -162,7 +171,7 @@ def expert_alone(
     Raises:
         InputError: the true equation of data that were not simulated.
     """
-    description = {"kind": "least_squares", **of_data(train, settings), **described}
+    description = {"kind": "least_squares", **of_data(train, system, settings), **described}
     description |= {"expert": True, "interaction": False, "model": {}, "wall_s": 0.0, "best_score": None}
     description |= {"refinement": settings["refinement"]}
     if not truth:
@@ -174,15 +183,34 @@ def expert_alone(
     return store.StoredModel(TruthDecoder(system), description | {"truth": True, "latent": latent})
 
 
-def of_data(train: Trajectories, settings: Mapping) -> dict:
-    """What a description says of data and settings."""
+def _first_values(train: Trajectories, system: systems.System, given: Mapping) -> dict[str, list[float]]:
+    """The range of each component of first points, in the state's order."""
+    axes, names = (0, 1, *range(3, train.y.ndim)), [p.name for p in system.state]
+    low = np.where(train.mask, train.y, np.inf).min(axes).astype(float)
+    high = np.where(train.mask, train.y, -np.inf).max(axes).astype(float)
+    found = ranges_of(names, low.tolist(), high.tolist(), given)
+    if missing := [name for name in names if name not in found]:
+        remedy = "give the range [low, high] in which its first value lies (data.start)"
+        raise InputError(f"start.{missing[0]}", "missing, nobody measured it", remedy)
+    return {name: found[name] for name in names}
+
+
+def of_data(train: Trajectories, system: systems.System, settings: Mapping) -> dict:
+    """What a description says of data and settings; ``settings["start"]`` has ranges of components of first points.
+
+    Raises:
+        InputError: a component that nobody measured has no range.
+    """
     t = [float(v) for v in train.t]
     observed = observed_points(t, settings)
     kept = {k: settings[k] for k in (*IDENTITY, "choices", "seeds", "training")}
+    start = None if train.mask is None else _first_values(train, system, settings.get("start", {}))
     return {
         "t": t,
         "observed": observed,
         "observed_s": t[max(observed, 1) - 1],
-        "bound": bound_of(train.y),
+        "bound": bound_of(train.y, start),
+        **({"start": start} if start is not None else {}),
+        **({"data_noise": train.noise.tolist()} if train.noise is not None else {}),
         **kept,
     }

@@ -137,8 +137,11 @@ class Trainer:
         """
         scores = []
         for batch, points in self.validation:
-            z_e, z_a = self.model.encode(batch.y[: self.task.observed]).mean
-            prediction = solved(self.model, batch.y[0], z_e, z_a, self.task.t[: points.stop], self.task.solver)
+            window = batch.y[: self.task.observed]
+            z_e, z_a = self.model.encode(window).mean
+            prediction = solved(
+                self.model, self.model.start(window), z_e, z_a, self.task.t[: points.stop], self.task.solver
+            )
             if not within(prediction, self.task.bound).all():
                 prediction = bounded(prediction, self.task.bound)
             error = mean_squared_error(

@@ -6,6 +6,7 @@ from torch import Tensor, nn
 
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
+from expertaug.models.gaps import Gaps
 from expertaug.models.posterior import Posterior
 from expertaug.models.prediction import Predictor
 from expertaug.systems import System
@@ -18,15 +19,17 @@ class HybridNet(Predictor, nn.Module):
     Arguments:
         encoder: observed window → posterior.
         decoder: (y0, z_e, z_a) → states.
+        gaps: what stands for values of windows that were not measured (NaN); None: every value is measured.
     """
 
     # Parameters of p_θ, which fine-tuning leaves alone, begin with one of these.
     decoder_prefixes = ("decoder.",)
 
-    def __init__(self, encoder: nn.Module, decoder: Decoder) -> None:
+    def __init__(self, encoder: nn.Module, decoder: Decoder, gaps: Gaps | None = None) -> None:
         super().__init__()
         self.encoder = encoder
         self.decoder = decoder
+        self.gaps = gaps
 
     @property
     def system(self) -> System:
@@ -42,17 +45,26 @@ class HybridNet(Predictor, nn.Module):
 
     def fit(self, observed: Tensor) -> None:
         """Let the parts that learn scales from the training set's observed window (T1, N, *state) do so."""
+        observed = self.filled(observed)
         self.encoder.fit(observed)
         self.decoder.fit(observed)
 
+    def filled(self, observed: Tensor) -> Tensor:
+        """Observed windows (T1, …, B, *state) as the encoder sees them."""
+        return observed if self.gaps is None else self.gaps.filled(observed)
+
+    def start(self, observed: Tensor) -> Tensor:
+        """The first points (…, B, *state) of observed windows (T1, …, B, *state), estimated where not measured."""
+        return observed[0] if self.gaps is None else self.gaps.start(observed)
+
     def encode(self, observed: Tensor) -> Posterior:
         """Observed window (T1, …, B, *state) → q(z_e, z_a)."""
-        return self.encoder(observed)
+        return self.encoder(self.filled(observed))
 
     def estimate(self, windows: Tensor) -> Estimates:
         """Observed windows (T1, …, B, *state) → the posterior's means, from the first point."""
         posterior = self.encode(windows)
-        return Estimates(windows[0], *posterior.mean, posterior)
+        return Estimates(self.start(windows), *posterior.mean, posterior)
 
     def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
         """The decoder's: states (T, …, B, *state) at the times t (T,), from y0 (…, B, *state)."""

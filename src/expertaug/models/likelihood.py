@@ -30,7 +30,7 @@ class GaussianLikelihood(nn.Module):
         """σ, (1,), or (S, 1) for stacked seeds."""
         return self.unit * (FLOOR + torch.exp(GAIN * self.log_scale))
 
-    def log_prob(self, squares: Tensor, count: int) -> Tensor:
-        """Log-density (…, B) of ``count`` values whose squared errors sum to ``squares`` (…, B)."""
+    def log_prob(self, squares: Tensor, count: Tensor | int) -> Tensor:
+        """Log-density (…, B) of ``count`` values, one number or (…, B), whose squared errors sum to ``squares``."""
         scale = self.scale
         return -0.5 * squares / scale.square() - count * (scale.log() + 0.5 * math.log(2 * math.pi))

@@ -25,7 +25,7 @@ class MeanModel(Predictor, nn.Module):
 
     def estimate(self, windows: Tensor) -> Estimates:
         """Observed windows (T1, …, B, *state) → their first points, and no parameters."""
-        return Estimates(windows[0], None, None)
+        return Estimates(windows[0].nan_to_num(), None, None)
 
     def forecast(self, y0: Tensor, z_e: None, z_a: None, t: Tensor, solver: Solver) -> Tensor:
         """(…, B, *state) → (T, …, B, *state); the same for every sample, and beyond the training's times that

@@ -31,7 +31,7 @@ class Predictor:
         Returns:
             states (T, …, B, *state).
         """
-        if start == "y0" or found.z_e is None:
+        if start == "y0" or found.z_e is None or torch.isnan(observed).any():  # what was not measured has no rates
             return self.forecast(found.y0, found.z_e, found.z_a, t, solver)  # type: ignore[attr-defined]
         last = len(observed) - 1
         onwards = self.forecast(observed[last], found.z_e, found.z_a, t[last:], solver)  # type: ignore[attr-defined]

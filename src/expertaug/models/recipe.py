@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from expertaug import registry
 from expertaug.errors import InputError
 from expertaug.models.decoder import Decoder
+from expertaug.models.gaps import Gaps
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.kinds import PARTS
 from expertaug.models.likelihood import GaussianLikelihood
@@ -42,20 +43,32 @@ class HybridModel:
     interaction: Part | None = None
     expert: bool = True
 
-    def build(self, times: Tensor | Sequence[float], seeds: Sequence[int], likelihood: bool = False) -> HybridNet:
+    def build(
+        self,
+        times: Tensor | Sequence[float],
+        seeds: Sequence[int],
+        likelihood: bool = False,
+        start: Mapping[str, Sequence[float]] | None = None,
+    ) -> HybridNet:
         """Networks for a group of seeds, one initialisation a seed, stacked.
 
         Arguments:
             times: of the observed window in s, (T1,).
             seeds: S of them.
             likelihood: whether the objective learns a likelihood's scale.
+            start: range of each component of a first point, where windows may have values that were not measured.
 
         Raises:
             InputError: an unknown kind or argument, or one that the class refuses.
         """
-        return _one_a_seed(lambda: self.build_one(times, likelihood), seeds)
+        return _one_a_seed(lambda: self.build_one(times, likelihood, start), seeds)
 
-    def build_one(self, times: Tensor | Sequence[float], likelihood: bool = False) -> HybridNet:
+    def build_one(
+        self,
+        times: Tensor | Sequence[float],
+        likelihood: bool = False,
+        start: Mapping[str, Sequence[float]] | None = None,
+    ) -> HybridNet:
         """One network from torch's random state as it is, not stacked; arguments as :meth:`build`."""
         times = torch.as_tensor(times, dtype=torch.float64)
         encoder = encoder_of(_make("encoder", self.encoder, system=self.system, times=times), self.system)
@@ -63,7 +76,8 @@ class HybridModel:
         if self.interaction is not None:
             interaction = _interaction(self.system, self.interaction, encoder.latent)
         likelihood_model = GaussianLikelihood() if likelihood else None
-        return HybridNet(encoder, Decoder(self.system, interaction, self.expert, likelihood_model))
+        decoder = Decoder(self.system, interaction, self.expert, likelihood_model)
+        return HybridNet(encoder, decoder, None if start is None else Gaps(self.system, times, start))
 
 
 def build_decoder(system: System, interaction: Part, latent: int, seeds: Sequence[int]) -> Decoder:

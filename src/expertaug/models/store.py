@@ -135,7 +135,9 @@ def make(system: System, description: Mapping, classes: Mapping[str, Callable] |
     """The stacked hybrid model that a description describes, one initialisation a seed."""
     times = torch.tensor(description["t"][: description["observed"]], dtype=torch.float64)
     recipe = describe.recipe_of(system, description, classes)
-    return recipe.build(times, list(description["seeds"]), description.get("likelihood", False))
+    return recipe.build(
+        times, list(description["seeds"]), description.get("likelihood", False), description.get("start")
+    )
 
 
 def _check(description: Mapping) -> None:

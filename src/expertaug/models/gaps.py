@@ -1,0 +1,111 @@
+"""What stands for values of a window that nobody measured: NaN in a tensor of states.
+
+An encoder is given the window with its gaps filled: each component by straight lines between its measured values,
+constant before the first and after the last, and by the middle of its range where it has none.  No loss and no metric
+sees what is filled in.  Where the first point has a gap, a network estimates what a forecast starts from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.errors import InputError
+from expertaug.models.networks.layers import MLP
+from expertaug.systems import System
+
+LAYERS = (64, 64)  # of the network that estimates first points
+
+
+class Gaps(nn.Module):
+    """Filled windows and estimated first points, of states that are vectors.
+
+    Arguments:
+        times: of the observed window in s, (T1,).
+        ranges: component → [least, greatest] value of a first point, in its unit.
+
+    Raises:
+        InputError: the state is no vector, or a component has no range.
+    """
+
+    def __init__(self, system: System, times: Tensor, ranges: Mapping[str, Sequence[float]]) -> None:
+        super().__init__()
+        if len(system.state_shape) != 1:
+            found = f"states of {type(system).__name__} have the shape {system.state_shape}"
+            raise InputError("trajectories", found, "only vectors may have values that are not measured")
+        names = [p.name for p in system.state]
+        if missing := [name for name in names if name not in ranges]:
+            remedy = "give the range [low, high] of its first value (data.start)"
+            raise InputError(f"start.{missing[0]}", "missing, nobody measured it", remedy)
+        # All seeds share them, and a file's description has them.
+        self.times, (self.middle, self.width) = times, ends_of({name: ranges[name] for name in names})
+        self.network = MLP(2 * len(times) * len(names), LAYERS, len(names), "silu")
+
+    def filled(self, observed: Tensor) -> Tensor:
+        """A window (T1, …, B, K) without gaps; the same where it has none."""
+        return fill(observed, self.times, self.middle.to(observed))
+
+    def start(self, observed: Tensor) -> Tensor:
+        """First points (…, B, K) of windows (T1, …, B, K): as measured, and estimated where they were not."""
+        known = ~torch.isnan(observed)
+        if known[0].all():
+            return observed[0]
+        middle, width = self.middle.to(observed), self.width.to(observed)
+        scaled = (self.filled(observed) - middle) / width
+        inputs = torch.cat((scaled, known.to(scaled)), -1).movedim(0, -2).flatten(-2)
+        estimate = middle + width * torch.tanh(self.network(inputs))
+        return torch.where(known[0], observed[0], estimate)
+
+
+def fill(observed: Tensor, times: Tensor, middle: Tensor) -> Tensor:
+    """Windows (T1, …, B, K) with straight lines over their gaps; the same where they have none.
+
+    Arguments:
+        times: in s, (T1,).
+        middle: what a component without a measured value is, (K,).
+    """
+    known = ~torch.isnan(observed)
+    if known.all():
+        return observed
+    last = len(observed) - 1
+    place = torch.arange(len(observed), device=observed.device).view(-1, *[1] * (observed.dim() - 1))
+    before = torch.where(known, place, -1).cummax(0).values
+    after = torch.where(known, place, last + 1).flip(0).cummin(0).values.flip(0)
+    left = torch.where(before >= 0, before, after.clamp_max(last))
+    right = torch.where(after <= last, after, before.clamp_min(0))
+    times, values = times.to(observed), observed.nan_to_num()
+    one, other = values.gather(0, left), values.gather(0, right)
+    share = (times[place] - times[left]) / (times[right] - times[left]).clamp_min(1e-12)
+    lines = torch.where(right > left, one + (other - one) * share, one)
+    return torch.where(known, observed, torch.where(known.any(0), lines, middle))
+
+
+def ends_of(ranges: Mapping[str, Sequence[float]], like: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """Middle and half the width (K,) of ranges by component, in their order; in the type of another tensor."""
+    ends = torch.tensor([[float(end) for end in one] for one in ranges.values()], dtype=torch.float64)
+    ends = ends if like is None else ends.to(like)
+    return ends.mean(1), ((ends[:, 1] - ends[:, 0]) / 2).clamp_min(1e-6)
+
+
+def ranges_of(
+    names: Sequence[str], low: Sequence[float], high: Sequence[float], given: Mapping[str, Sequence[float]]
+) -> dict[str, list[float]]:
+    """Ranges of the components of first points: those given, and a tenth more than the measured values'.
+
+    Arguments:
+        low, high: of the measured values, (K,), NaN of a component that nobody measured.
+
+    Raises:
+        InputError: a range of what the state does not have.
+    """
+    for name in given:
+        if name not in names:
+            raise InputError(f"start.{name}", "is no component of the state", f"known: {', '.join(names)}")
+    found = {name: [float(v) for v in given[name]] for name in given}
+    for name, least, greatest in zip(names, low, high, strict=True):
+        if name not in found and least <= greatest:
+            margin = max(0.1 * (greatest - least), 1e-3 * max(abs(least), abs(greatest)), 1e-9)
+            found[name] = [float(least - margin), float(greatest + margin)]
+    return found

@@ -1,0 +1,65 @@
+"""Standard deviations of the noise of measured states: one number for all components, or one for each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from expertaug.errors import InputError
+from expertaug.systems import System
+
+ESTIMATED = "estimated"
+NoiseLike = float | Sequence[float]  # of all components, or of each
+
+
+def noise_of(given: float | Mapping[str, float] | str, system: System, description: Mapping) -> NoiseLike:
+    """What settings say of the noise, as numbers.
+
+    Arguments:
+        given: one number, one by component, or ``estimated``.
+        description: of a model; it knows what was estimated from its training set.
+
+    Raises:
+        InputError: a name that is no component's, or nothing was estimated.
+    """
+    if isinstance(given, int | float):
+        return float(given)
+    names = [p.name for p in system.state]
+    if given == ESTIMATED:
+        found = description.get("data_noise")
+        if found is None:
+            raise InputError("noise", "estimated, but the training set does not say it", "give a number")
+        return [float(value) for value in found]
+    assert isinstance(given, Mapping)
+    for name in given:
+        if name not in names:
+            raise InputError(f"noise.{name}", "is no component of the state", f"known: {', '.join(names)}")
+    return [float(given.get(name, 0.0)) for name in names]
+
+
+def is_some(noise: NoiseLike) -> bool:
+    """Whether any component has noise."""
+    return noise > 0 if isinstance(noise, int | float) else any(value > 0 for value in noise)
+
+
+def shaped(noise: NoiseLike, y: Tensor, system: System) -> Tensor | float:
+    """Noise as a factor of states y (…, *state)."""
+    if isinstance(noise, int | float):
+        return noise
+    return torch.tensor(noise).to(y).view(-1, *[1] * (len(system.state_shape) - 1))
+
+
+def of_observed(noise: NoiseLike, system: System) -> Tensor | float:
+    """Noise of the observed quantities (*observed) of vector states, to the first order with slopes of 1: what depends
+    on several components has the root of the sum of their squares."""
+    if isinstance(noise, int | float):
+        return noise
+    sigma, state = torch.tensor(noise, dtype=torch.float64), torch.linspace(0.1, 0.2, len(noise), dtype=torch.float64)
+    base, squares = system.observe(state), torch.zeros_like(system.observe(state))
+    for k in range(len(noise)):
+        moved = state.clone()
+        moved[k] += 0.01
+        squares = squares + torch.where(system.observe(moved) != base, sigma[k].square(), 0.0)
+    return squares.sqrt()
