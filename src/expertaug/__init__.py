@@ -56,7 +56,9 @@ _EXPORTS = {
     "metrics": "expertaug.api.metrics",
     "own_prior": "expertaug.api.inference:own_prior",
     "plots": "expertaug.api.plots",
+    "read_measurements": "expertaug.api.measurements:read_measurements",
     "simulate": "expertaug.systems.simulate:trajectories",
+    "split_measurements": "expertaug.api.measurements:split_measurements",
     "validity": "expertaug.api.inference:validity",
 }
 

@@ -9,6 +9,8 @@ from expertaug.api.forecasts import Forecast as Forecast
 from expertaug.api.inference import least_squares as least_squares
 from expertaug.api.inference import own_prior as own_prior
 from expertaug.api.inference import validity as validity
+from expertaug.api.measurements import read_measurements as read_measurements
+from expertaug.api.measurements import split_measurements as split_measurements
 from expertaug.api.posterior import Band as Band
 from expertaug.api.posterior import fit_posterior as fit_posterior
 from expertaug.api.posterior import predictive as predictive
@@ -91,7 +93,9 @@ __all__ = [
     "own_prior",
     "plots",
     "predictive",
+    "read_measurements",
     "simulate",
+    "split_measurements",
     "validity",
 ]
 

@@ -7,7 +7,7 @@ from typing import TypedDict, Unpack
 
 from expertaug import systems
 from expertaug.api import arrays
-from expertaug.api.arrays import Ranges
+from expertaug.api.arrays import Noise, Ranges
 from expertaug.api.checks import check_sets, seeds_of
 from expertaug.api.trained import TrainedModel
 from expertaug.config.presets import resolve
@@ -47,7 +47,8 @@ def alternate(
     *,
     observed_s: float,
     prior: Ranges,
-    noise: float = 0.0,
+    noise: Noise = 0.0,
+    start: Ranges | None = None,
     seeds: Iterable[int] = (0,),
     refinement: Mapping | None = None,
     label: str = "Alternating",
@@ -62,6 +63,7 @@ def alternate(
         observed_s: end of the observed window t1 in s, which is included.
         prior: ranges [low, high] by expert parameter, in its unit, in which the fits start.
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
+        start: ranges [low, high] of first values of components that nobody measured, in their units.
         seeds: of initialisation and data order; they are trained as one batched computation.
         refinement: how windows are fitted (:class:`expertaug.inference.settings.RefinementSettings`).
         options: see :class:`AlternatingOptions`.
@@ -85,10 +87,11 @@ def alternate(
         "choices": resolve("corrected"),
         "training": AlternatingSettings.from_mapping(options).model_dump(mode="json"),
         "t1_s": float(observed_s),
+        "start": {} if start is None else arrays.ranges(start, start, "start"),
         "seeds": (chosen := seeds_of(seeds)),
         "refinement": {
             "settings": RefinementSettings.from_mapping(refinement).model_dump(mode="json"),
-            "noise": float(noise),
+            "noise": arrays.noise(noise),
             "prior": arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
         },
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TypeAlias, TypedDict
+from typing import Literal, TypeAlias, TypedDict
 
 import numpy as np
 import torch
@@ -15,6 +15,8 @@ from expertaug.trajectories import Trajectories
 
 Array: TypeAlias = np.ndarray | Tensor
 Ranges: TypeAlias = Mapping[str, Sequence[float]]
+# Standard deviation of the noise of every value, of each component's, or as it was estimated from measurements.
+Noise: TypeAlias = float | Mapping[str, float] | Literal["estimated"]
 
 TIME_TOLERANCE = 1e-6  # of the observed window's length
 
@@ -31,8 +33,8 @@ class RefinementOptions(TypedDict, total=False):
     solver: Mapping
 
 
-def tensor(value: object, name: str) -> Tensor:
-    """A finite float32 tensor of what the user gave.
+def tensor(value: object, name: str, gaps: bool = False) -> Tensor:
+    """A finite float32 tensor of what the user gave; with ``gaps`` it may have NaN, where nothing was measured.
 
     Raises:
         InputError: no array of numbers, or a value that is not finite.
@@ -44,11 +46,27 @@ def tensor(value: object, name: str) -> Tensor:
     if found.is_complex():
         raise InputError(name, "has complex numbers", "give real ones")
     found = found.to(torch.float32)
-    bad = ~torch.isfinite(found)
+    bad = torch.isinf(found) if gaps else ~torch.isfinite(found)
     if bad.any():
         where = tuple(bad.nonzero()[0].tolist())
         raise InputError(name, f"is not finite, first at index {where}", "every value must be finite")
     return found
+
+
+def noise(given: Noise) -> float | dict[str, float] | str:
+    """A standard deviation of noise, of all components or of each, checked.
+
+    Raises:
+        InputError: one that cannot be used.
+    """
+    each = given if isinstance(given, Mapping) else {"": given}
+    for name, value in each.items():
+        if given != "estimated" and not (isinstance(value, (int, float)) and 0 <= value < np.inf):
+            where = f"noise.{name}" if name else "noise"
+            raise InputError(where, f"found {value!r}", "a standard deviation, at least 0, or 'estimated'")
+    if isinstance(given, Mapping):
+        return {str(name): float(value) for name, value in given.items()}
+    return given if given == "estimated" else float(given)
 
 
 def like(value: Tensor, given: object) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from expertaug import systems
 from expertaug.api import arrays
-from expertaug.api.arrays import Array, Ranges, RefinementOptions
+from expertaug.api.arrays import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.trained import TrainedModel
 from expertaug.config.presets import resolve
 from expertaug.errors import InputError
@@ -27,7 +27,8 @@ def least_squares(
     *,
     observed_s: float,
     prior: Ranges,
-    noise: float = 0.0,
+    noise: Noise = 0.0,
+    start: Ranges | None = None,
     label: str = "Least squares",
     **options: Unpack[RefinementOptions],
 ) -> TrainedModel:
@@ -39,6 +40,7 @@ def least_squares(
         observed_s: end of the observed window t1 in s, which is included.
         prior: ranges [low, high] by expert parameter, in its unit, in which the fits start.
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
+        start: ranges [low, high] of first values of components that nobody measured, in their units.
         options: see :class:`expertaug.inference.settings.RefinementSettings`.
 
     Returns:
@@ -56,10 +58,11 @@ def least_squares(
         "choices": resolve("corrected"),
         "training": {},
         "t1_s": float(observed_s),
+        "start": {} if start is None else arrays.ranges(start, start, "start"),
         "seeds": [0],
         "refinement": {
             "settings": RefinementSettings.from_mapping(options).model_dump(mode="json"),
-            "noise": float(noise),
+            "noise": arrays.noise(noise),
             "prior": arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
         },
     }
@@ -74,7 +77,7 @@ def own_prior(
     train: Trajectories,
     unlabelled: Array,
     *,
-    noise: float = 0.0,
+    noise: Noise = 0.0,
     prior: Ranges | None = None,
     **options: Unpack[RefinementOptions],
 ) -> OwnPrior:
@@ -95,17 +98,18 @@ def own_prior(
         InputError: windows of another shape, or least squares without a prior.
     """
     names = [p.name for p in model.system.expert_parameters]
-    y = arrays.tensor(unlabelled, "unlabelled")
-    if y.shape[1:] != train.y[:, : model.observed].shape[1:]:
+    gaps = "start" in model.stored.description
+    y = arrays.tensor(unlabelled, "unlabelled", gaps)
+    if y.shape[1:] != train.seen[:, : model.observed].shape[1:]:
         wanted = f"(N, {model.observed}, {', '.join(map(str, train.y.shape[2:]))})"
         raise InputError("unlabelled", f"has shape {tuple(y.shape)}", f"give {wanted}")
-    known = arrays.tensor(train.y[:, : model.observed], "train")
+    known = arrays.tensor(train.seen[:, : model.observed], "train", gaps)
     with arrays.one_thread():
         return growing.own_prior(
             model.stored,
             known.movedim(1, 0),
             y.movedim(1, 0),
-            float(noise),
+            arrays.noise(noise),
             None if prior is None else arrays.ranges(prior, names, "prior"),
             dict(options),
         )
@@ -116,7 +120,7 @@ def validity(
     train: Trajectories,
     unlabelled: Array,
     *,
-    noise: float = 0.0,
+    noise: Noise = 0.0,
     prior: Ranges | None = None,
     **options: Unpack[RefinementOptions],
 ) -> dict[str, Validity]:
@@ -135,7 +139,9 @@ def validity(
         InputError: windows of another shape, or an option that cannot be used.
     """
     refined = model.refined(noise=noise, prior=prior, **options)
-    known, found = (refined.forecast(y, model.t[: model.observed]) for y in (train.y[:, : model.observed], unlabelled))
+    known, found = (
+        refined.forecast(y, model.t[: model.observed]) for y in (train.seen[:, : model.observed], unlabelled)
+    )
 
     def flat(value: object) -> np.ndarray:
         return np.asarray(value, dtype=float).ravel()

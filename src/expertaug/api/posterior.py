@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from expertaug.api import arrays
-from expertaug.api.arrays import Array, Ranges
+from expertaug.api.arrays import Array, Noise, Ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.api.training import run_training
 from expertaug.errors import InputError
@@ -58,7 +58,7 @@ def fit_posterior(
     train: Trajectories,
     *,
     prior: Ranges,
-    noise: float = 0.0,
+    noise: Noise = 0.0,
     label: str | None = None,
     **options: Unpack[FlowOptions],
 ) -> TrainedModel:
@@ -89,7 +89,7 @@ def fit_posterior(
         "label": label,
         "flow": dict(options),
         "prior": arrays.ranges(prior, [p.name for p in model.system.expert_parameters], "prior"),
-        "noise": float(noise),
+        "noise": arrays.noise(noise),
         "device": "cpu",
     }
     with arrays.one_thread():

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from expertaug.api import arrays
-from expertaug.api.arrays import Array, Ranges, RefinementOptions
+from expertaug.api.arrays import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast, standard_deviation
 from expertaug.errors import InputError
 from expertaug.evaluation.evaluate import score, spread
@@ -129,7 +129,8 @@ class TrainedModel:
         from those of it alone within its tolerance.
 
         Arguments:
-            window: observed states, (N, T1, *state), NumPy or torch.
+            window: observed states, (N, T1, *state), NumPy or torch; of a model that learned from measurements with NaN
+                where nothing was measured.
             t: times in s, (T,); the first T1 are the window's and must be those that the model was trained on, the
                 others, where states are wanted, are free.
             solver: instead of :attr:`solver`.
@@ -196,7 +197,7 @@ class TrainedModel:
             InputError: the set is of another system or of other times.
         """
         data = spread(arrays.trajectories(data, "data"), max_samples)
-        window, _ = self._window(data.y[:, : self.observed], data.t)
+        window, _ = self._window(data.seen[:, : self.observed], data.t)
         if data.z_e.shape[1] != len(self.system.expert_parameters):
             names = ", ".join(p.name for p in self.system.expert_parameters)
             raise InputError("data", f"z_e has shape {data.z_e.shape}", f"the expert parameters are {names}")
@@ -208,7 +209,7 @@ class TrainedModel:
         return pd.DataFrame(scored.rows({}, self.seeds)).loc[:, ["seed", "metric", "value"]]
 
     def refined(
-        self, *, noise: float = 0.0, prior: Ranges | None = None, **options: Unpack[RefinementOptions]
+        self, *, noise: Noise = 0.0, prior: Ranges | None = None, **options: Unpack[RefinementOptions]
     ) -> TrainedModel:
         """The same model with estimates refined by least squares on each window: z_e, z_a, and y0 where data are noisy.
 
@@ -223,7 +224,7 @@ class TrainedModel:
         """
         names = [p.name for p in self.system.expert_parameters]
         ranges = None if prior is None else arrays.ranges(prior, names, "prior")
-        given = {"settings": RefinementSettings.from_mapping(options), "noise": float(noise), "prior": ranges}
+        given = {"settings": RefinementSettings.from_mapping(options), "noise": arrays.noise(noise), "prior": ranges}
         found = replace(self, refinement=given)
         _ = found.predictor  # says what is wrong with the options
         return found
@@ -238,7 +239,7 @@ class TrainedModel:
 
     def _window(self, window: object, t: object) -> tuple[Tensor, np.ndarray]:
         """Windows (T1, S, N, *state) on the model's device, and all times."""
-        y, t = arrays.tensor(window, "window"), arrays.times(t)
+        y, t = arrays.tensor(window, "window", "start" in self.stored.description), arrays.times(t)
         state, points = self.system.state_shape, self.observed
         if y.dim() != 2 + len(state) or y.shape[2:] != state or not len(y):
             names = ", ".join(p.name for p in self.system.state)

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from expertaug.api import arrays
-from expertaug.api.arrays import Ranges
+from expertaug.api.arrays import Noise, Ranges
 from expertaug.api.checks import check_sets, check_trained, seeds_of
 from expertaug.api.trained import TrainedModel
 from expertaug.config.presets import resolve
@@ -77,7 +77,10 @@ class AugmentedSets:
 
     def _of(self, part: StackedSet) -> list[Trajectories]:
         y, z_e = part.y.movedim(0, 2).cpu().numpy(), part.z_e.cpu().numpy()
-        return [Trajectories(self.t, y[k], z_e[k]) for k in range(len(self.seeds))]
+        mask = None if not np.isnan(y).any() else ~np.isnan(y)
+        given = [None if mask is None else mask[k] for k in range(len(self.seeds))]
+        y = np.nan_to_num(y) if mask is not None else y
+        return [Trajectories(self.t, y[k], z_e[k], mask=one) for k, one in enumerate(given)]
 
 
 def fit(
@@ -89,6 +92,7 @@ def fit(
     objective: ObjectiveLike = Aphynity,
     seeds: Iterable[int] = (0,),
     prior: Ranges | None = None,
+    start: Ranges | None = None,
     solver: Solver | None = None,
     forecast_solver: Solver | None = None,
     horizon_s: float | None = None,
@@ -107,6 +111,7 @@ def fit(
         objective: :class:`Aphynity`, :class:`HybridVAE` or a class of your own, or functools.partial of one.
         seeds: of initialisation and data order; they are trained as one batched computation.
         prior: ranges [low, high] of p⁺ by expert parameter, for the objectives that need one (HybridVAE).
+        start: ranges [low, high] of first values of components that nobody measured, in their units.
         solver: of the forecasts in training; default: one fourth-order Runge-Kutta step from time to time.
         forecast_solver: of later forecasts; default: adaptive (dopri5 to 1e-6) where the training's is a coarse one.
         horizon_s: end of the loss window in s; default: that of the observed window.
@@ -147,6 +152,7 @@ def fit(
         "choices": chosen,
         "seeds": seeds_of(seeds),
         "device": device,
+        **({} if start is None else {"start": arrays.ranges(start, start, "start")}),
         **({} if prior is None else {"prior": arrays.ranges(prior, names, "prior")}),
         **({} if forecast_solver is None else {"forecast_solver": dict(vars(forecast_solver))}),
     }
@@ -161,7 +167,7 @@ def augment(
     validation: Trajectories,
     *,
     prior: Ranges,
-    noise: float = 0.0,
+    noise: Noise = 0.0,
     preset: Preset | None = None,
     choices: Mapping[str, str] | None = None,
 ) -> AugmentedSets:
@@ -179,11 +185,9 @@ def augment(
         SolveError: samples are not finite for any z_e drawn.
     """
     check_trained(model, train, validation)
-    if not (isinstance(noise, (int, float)) and 0 <= noise < np.inf):
-        raise InputError("noise", f"found {noise!r}", "a standard deviation, at least 0")
     settings = {
         "prior": arrays.ranges(prior, [p.name for p in model.system.expert_parameters], "prior"),
-        "noise": float(noise),
+        "noise": arrays.noise(noise),
         "choices": _choices(model, preset, choices)[1],
         "device": _device(model),
     }
@@ -198,7 +202,7 @@ def finetune(
     validation: Trajectories,
     *,
     prior: Ranges | None = None,
-    noise: float = 0.0,
+    noise: Noise = 0.0,
     augmented: AugmentedSets | None = None,
     preset: Preset | None = None,
     choices: Mapping[str, str] | None = None,

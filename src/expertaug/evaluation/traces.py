@@ -68,13 +68,15 @@ def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts:
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
     dimensions = list(dict.fromkeys(spread.tolist()))
     colours = plotting.colours(methods, all_methods)
+    gaps = bool(np.isnan(first.truth[name]).any())  # a point between two of them is no line
     with plotting.styled():
         figure = plotting.new_figure(0.85 + 1.25 * len(dimensions), min(plotting.WIDTH, 2.2 + 2.0 * len(samples)))
         grid = figure.subplots(len(dimensions), len(samples), squeeze=False, sharex=True, sharey="row")
         for row, dimension in enumerate(dimensions):
             for axis, sample in zip(grid[row], samples, strict=True):
                 axis.axvspan(first.t[0], first.t[first.observed], color="0.92", linewidth=0, zorder=0)
-                axis.plot(first.t, first.truth[name][sample, :, dimension], color=TRUTH, linewidth=1.9, zorder=2)
+                line = {"color": TRUTH, "linewidth": 1.9, "marker": "." if gaps else "", "zorder": 2}
+                axis.plot(first.t, first.truth[name][sample, :, dimension], **line)
                 for method in methods:
                     prediction = found[method].prediction[name][_seed_position(forecasts[method], found[method], seed)]
                     order = 4 if is_augmented(method) else 3
@@ -88,7 +90,7 @@ def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts:
             grid[row, 0].set_ylabel(plotting.quantity(first.state_names[dimension], first.state_units[dimension]))
         grid[0, 0].set_xlim(first.t[0], first.t[-1])
         figure.align_ylabels(grid[:, 0])
-        handles = [Line2D([], [], color=TRUTH, linewidth=1.9, label="truth")]
+        handles = [Line2D([], [], color=TRUTH, linewidth=1.9, label="measured" if gaps else "truth")]
         handles += _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.92", label="observed window"))
         plotting.legend(figure, handles)
@@ -141,10 +143,14 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
 def _limits(axes: Sequence[Axes], truth: np.ndarray) -> tuple[float, float]:
     """All curves, but not far beyond the truth where one runs away."""
     drawn = np.concatenate([line.get_ydata() for axis in axes for line in axis.lines])
-    drawn = drawn[np.isfinite(drawn)]
+    drawn, truth = drawn[np.isfinite(drawn)], truth[np.isfinite(truth)]
+    if not len(truth):  # of a component that nobody measured
+        truth = drawn if len(drawn) else np.array([0.0, 1.0])
+        drawn = truth
     room = ROOM * (np.ptp(truth) or 1.0)
     low, high = max(drawn.min(), truth.min() - room), min(drawn.max(), truth.max() + room)
-    return low - 0.06 * (high - low), high + 0.06 * (high - low)
+    margin = 0.06 * ((high - low) or 1.0)
+    return low - margin, high + margin
 
 
 def _curve(axis: Axes, logs: Sequence[Log], metric: str, colour: tuple, dash: object) -> None:

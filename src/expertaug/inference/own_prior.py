@@ -56,7 +56,7 @@ def own_prior(
     stored: StoredModel,
     train: Tensor,
     windows: Tensor,
-    noise: float,
+    noise: float | Mapping[str, float] | str,
     first: Mapping[str, Sequence[float]] | None = None,
     settings: Mapping | RefinementSettings | None = None,
 ) -> OwnPrior:

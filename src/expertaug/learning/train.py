@@ -186,8 +186,9 @@ def expert_alone(
 def _first_values(train: Trajectories, system: systems.System, given: Mapping) -> dict[str, list[float]]:
     """The range of each component of first points, in the state's order."""
     axes, names = (0, 1, *range(3, train.y.ndim)), [p.name for p in system.state]
-    low = np.where(train.mask, train.y, np.inf).min(axes).astype(float)
-    high = np.where(train.mask, train.y, -np.inf).max(axes).astype(float)
+    y = train.seen
+    low = np.where(np.isnan(y), np.inf, y).min(axes).astype(float)
+    high = np.where(np.isnan(y), -np.inf, y).max(axes).astype(float)
     found = ranges_of(names, low.tolist(), high.tolist(), given)
     if missing := [name for name in names if name not in found]:
         remedy = "give the range [low, high] in which its first value lies (data.start)"

@@ -126,9 +126,26 @@ def read_table(path: str | Path, keys: TableKeys) -> Table:
     return table
 
 
+def count_cells(path: Path) -> int:
+    """Cells of the first row of a text file.
+
+    Raises:
+        InputError: it has none.
+    """
+    first = next((one for one in _text_of(path).splitlines() if _counts(one)), None)
+    if first is None:
+        raise InputError(path, "holds no rows", "give a table with a row for each time")
+    separator = _separator(first)
+    return len(first.split() if separator == " " else next(csv.reader([first], delimiter=separator)))
+
+
+def _counts(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith(COMMENTS)
+
+
 def _read_text(path: Path, keys: TableKeys) -> Table:
     lines = [(k, line) for k, line in enumerate(_text_of(path).splitlines(), 1) if k > keys.skip_lines]
-    lines = [(k, line) for k, line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    lines = [(k, line) for k, line in lines if _counts(line)]
     if not lines:
         raise InputError(path, "holds no rows", "give a table with a row for each time")
     separator = _separator(lines[0][1]) if keys.separator is None else keys.separator

@@ -1,0 +1,71 @@
+"""Measurements of one's own in Python: tables become chunks, and these training, validation and test sets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike, fspath
+from typing import TypeAlias
+
+from expertaug import systems
+from expertaug.measurements.cut import Measured, all_chunks, measured, sets_of
+from expertaug.measurements.settings import MeasurementSettings
+from expertaug.systems import System
+from expertaug.trajectories import Trajectories
+
+Paths: TypeAlias = str | PathLike | Sequence[str | PathLike]
+# A column's name, or {name, unit, factor, offset}.
+Column: TypeAlias = str | Mapping[str, object]
+
+
+def read_measurements(
+    paths: Paths, system: System, *, columns: Mapping[str, Column], length: int, **settings: object
+) -> Trajectories:
+    """Chunks of measured trajectories.
+
+    Arguments:
+        paths: files or globs: CSV, Parquet or NPZ; they are never changed.
+        system: whose components the columns are.
+        columns: component of the state → its column; components without one are masked.
+        length: points of a chunk.
+        settings: time, trajectory, z_e, angles, step_s, uneven, stride …: those of
+            :class:`expertaug.measurements.settings.MeasurementSettings` but for ``split``.
+
+    Returns:
+        y with a mask of what was measured, z_e (NaN where not known), id (trajectory and row), and the noise as
+        estimated from how rough the columns are.
+
+    Raises:
+        InputError: a file, a column, a time or a setting cannot be used.
+    """
+    return all_chunks(_read(paths, system, columns, length, settings))
+
+
+def split_measurements(
+    paths: Paths,
+    system: System,
+    *,
+    columns: Mapping[str, Column],
+    length: int,
+    split: Mapping[str, object],
+    **settings: object,
+) -> dict[str, Trajectories]:
+    """The same divided into train, validation and test; no point is in two of them.
+
+    Arguments:
+        split: how, {by: random, time, quantity, file or column, …}:
+            :class:`expertaug.measurements.settings.SplitSettings`.
+
+    Raises:
+        InputError: as :func:`read_measurements`, or a set has fewer than ``min_chunks`` chunks (here 1 by default).
+    """
+    return sets_of(_read(paths, system, columns, length, {"min_chunks": 1, **settings, "split": dict(split)}))[0]
+
+
+def _read(
+    paths: Paths, system: System, columns: Mapping[str, Column], length: int, settings: Mapping[str, object]
+) -> Measured:
+    several = [paths] if isinstance(paths, str | PathLike) else list(paths)
+    stride = min(length, 5)
+    given = {"stride": stride, "evaluation_stride": length, **settings}
+    given |= {"paths": [fspath(path) for path in several], "columns": dict(columns), "length": length}
+    return measured(MeasurementSettings.from_mapping(given), systems.names(system))

@@ -1,0 +1,66 @@
+"""Swings of a damped pendulum as a lab would measure them, and tables of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from expertaug.measurements.names import Names
+from expertaug.measurements.settings import MeasurementSettings
+
+NAMES = Names({"theta": "rad", "omega": "rad/s"}, {"omega0": "rad/s"})
+STEP = 0.05
+
+
+def swing(theta0: float, omega0: float = 2.0, alpha: float = 0.1, points: int = 200, step: float = STEP) -> np.ndarray:
+    """θ and θ' (points, 2) by Runge and Kutta's steps of a tenth of ``step``."""
+
+    def rate(y: np.ndarray) -> np.ndarray:
+        return np.array([y[1], -(omega0**2) * np.sin(y[0]) - alpha * y[1]])
+
+    y, h, found = np.array([theta0, 0.0]), step / 10, []
+    for _ in range(points):
+        found.append(y)
+        for _ in range(10):
+            a = rate(y)
+            b = rate(y + h / 2 * a)
+            c = rate(y + h / 2 * b)
+            y = y + h / 6 * (a + 2 * b + 2 * c + rate(y + h * c))
+    return np.array(found)
+
+
+def table(path: Path, rows: dict[str, object], separator: str = ",", comment: str = "") -> Path:
+    """A CSV of columns; numbers in full, texts as they are."""
+    columns = [
+        [v if isinstance(v, str) else "" if np.isnan(v) else repr(float(v)) for v in one] for one in rows.values()
+    ]
+    lines = [separator.join(rows), *(separator.join(cells) for cells in zip(*columns, strict=True))]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(comment + "\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def trials(folder: Path, count: int = 6, noise: float = 0.0, points: int = 200) -> Path:
+    """One CSV of several trials: trial, t, angle, speed."""
+    rng, parts = np.random.default_rng(0), []
+    for k in range(count):
+        y = swing(0.3 + 0.2 * k, points=points)
+        y = y + noise * rng.standard_normal(y.shape)
+        parts.append(np.column_stack((np.full(points, k), STEP * np.arange(points), y)))
+    every = np.concatenate(parts)
+    return table(folder / "swings.csv", dict(zip(("trial", "t", "angle", "speed"), every.T, strict=True)))
+
+
+def settings(path: Path | list[str], **given: object) -> MeasurementSettings:
+    """Settings that read :func:`trials`."""
+    default = {
+        "paths": str(path) if isinstance(path, Path) else path,
+        "trajectory": "trial",
+        "columns": {"theta": "angle", "omega": "speed"},
+        "length": 20,
+        "stride": 4,
+        "evaluation_stride": 10,
+        "min_chunks": 1,
+    }
+    return MeasurementSettings.from_mapping(default | given)
