@@ -7,7 +7,8 @@ import pytest
 from swings import NAMES, STEP, settings, swing, table, trials
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import cut_measurements, divide, measured, sets_of
+from expertaug.measurements.cut import divide, measured, sets_of
+from expertaug.measurements.stage import cut_measurements
 from expertaug.trajectories import Trajectories
 
 RULES = (

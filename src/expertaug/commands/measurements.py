@@ -53,7 +53,7 @@ def _inspect_data(a: argparse.Namespace) -> None:
 
 def _cut_measurements(a: argparse.Namespace) -> None:
     from expertaug import systems
-    from expertaug.measurements.cut import cut_measurements
+    from expertaug.measurements.stage import cut_measurements
 
     settings = read_settings(a.settings)
     cut_measurements(a.files, a.output, settings["files"], systems.names(systems.load(settings["system"])))

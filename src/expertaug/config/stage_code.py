@@ -19,7 +19,7 @@ STAGES = {
     "summarise_recordings": "expertaug.recordings.reports.summary",
     "plot_recording": "expertaug.recordings.reports.page",
     "overlay": "expertaug.recordings.reports.overlay",
-    "cut_measurements": "expertaug.measurements.cut",
+    "cut_measurements": "expertaug.measurements.stage",
     "split_chunks": "expertaug.recordings.chunks.cut",
     "cut_horizon": "expertaug.recordings.chunks.horizons",
     "plot_splits": "expertaug.recordings.reports.splits",

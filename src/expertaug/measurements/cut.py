@@ -1,17 +1,15 @@
-"""Chunks of measured trajectories, divided into train, validation and test: in memory, and as a stage."""
+"""Chunks of measured trajectories, divided into train, validation and test."""
 
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.files import atomic, sha256, write_json
 from expertaug.measurements.chunks import chosen, rows_of, stride_of, thinned
 from expertaug.measurements.grid import Grid, Series, on_grid
 from expertaug.measurements.names import Names
@@ -24,6 +22,7 @@ from expertaug.measurements.splitting import (
     label_at_random,
     label_by_level,
     label_by_time,
+    stretches,
 )
 from expertaug.measurements.trajectory import WHERE, read
 from expertaug.trajectories import Trajectories
@@ -85,6 +84,7 @@ def divide(data: Measured) -> tuple[list[np.ndarray], dict[str, float] | None]:
     split, series = data.settings.split, data.grid.series
     usable, where = [one.usable for one in series], f"{WHERE}.split"
     shares, thresholds = split.shares, None
+    _refuse_too_long(data)
     size = data.settings.length * data.grid.step
     sizes = None if split.pieces == "trajectories" else [size] * len(series)
     if split.by == "time":
@@ -102,6 +102,15 @@ def divide(data: Measured) -> tuple[list[np.ndarray], dict[str, float] | None]:
         labels = _by_name(data, usable)
     guard = round(split.guard_s / data.grid.row_s)
     return [keep_apart(one, guard) for one in labels] if guard else labels, thresholds
+
+
+def _refuse_too_long(data: Measured) -> None:
+    """Chunks must fit into a trajectory."""
+    longest = max(b - a for one in data.grid.series for a, b in [(0, 0), *stretches(one.usable)])
+    points = (longest - 1) // data.grid.step + 1
+    if points < data.settings.length:
+        found = f"found {data.settings.length}, the longest trajectory without a long gap has {points} points"
+        raise InputError(f"{WHERE}.length", found, "give fewer, or a larger longest_gap")
 
 
 def _by_name(data: Measured, usable: list[np.ndarray]) -> list[np.ndarray]:
@@ -216,76 +225,10 @@ def all_chunks(data: Measured) -> Trajectories:
     Raises:
         InputError: there is none.
     """
+    _refuse_too_long(data)
     labels = [np.where(one.usable, 0, -1) for one in data.grid.series]
     rows = candidates(data, labels)["train"]
     if not len(rows):
-        longest = max(int(one.usable.sum()) for one in data.grid.series)
-        found = f"no chunk of {data.settings.length} points: the longest trajectory has {longest}"
-        raise InputError(f"{WHERE}.length", found, "give a smaller length, a larger longest_gap or a smaller min_seen")
+        found = f"no chunk has {data.settings.min_seen:g} of its values measured, and its first point"
+        raise InputError(f"{WHERE}.min_seen", found, "give a smaller one, or shorter chunks")
     return trajectories_of(data, thinned(rows, data.settings.limit("train")))
-
-
-def cut_measurements(files: Sequence[Path], output_dir: str | Path, settings: Mapping, names: Names) -> None:
-    """Stage: cut measurements into chunks and divide them into sets.
-
-    Arguments:
-        files: those that ``paths`` names, which the workflow follows.
-        output_dir: gets train.npz, validation.npz, test.npz, chunks.csv and splits.json.
-        settings: see :class:`MeasurementSettings`.
-        names: of the system.
-
-    Raises:
-        InputError: a file cannot be used, or a set has too few chunks.
-    """
-    output_dir = Path(output_dir)
-    options = MeasurementSettings.from_mapping({**settings, "paths": [str(file) for file in files]})
-    data = measured(options, names)
-    sets, rows, thresholds = sets_of(data)
-    for name, one in sets.items():
-        one.save(output_dir / f"{name}.npz")
-    _write(output_dir, data, sets, rows, thresholds)
-
-
-def _write(
-    output_dir: Path,
-    data: Measured,
-    sets: Mapping[str, Trajectories],
-    rows: Mapping[str, np.ndarray],
-    thresholds: dict[str, float] | None,
-) -> None:
-    series, tables = data.grid.series, []
-    for name, of in rows.items():
-        identity = sets[name].id
-        assert identity is not None
-        first = [float(series[index].t[point]) for index, point in of]
-        named = {"trajectory": [series[index].name for index, _ in of], "first_s": first}
-        tables.append(pd.DataFrame({"chunk": np.arange(len(of)), **named, "id": identity, "split": name}))
-    with atomic(output_dir / "chunks.csv") as temporary:
-        pd.concat(tables).to_csv(temporary, index=False, float_format="%.9g")
-    state = list(data.names.state)
-
-    def by_name(values: np.ndarray | None) -> dict[str, float | None] | None:
-        if values is None:
-            return None
-        return {n: float(v) if np.isfinite(v) else None for n, v in zip(state, values, strict=True)}
-
-    seen = {name: (1.0 if one.mask is None else float(one.mask[..., data.seen].mean())) for name, one in sets.items()}
-    report = {
-        "by": data.settings.split.by,
-        "thresholds": thresholds,
-        "chunks": {name: len(of) for name, of in rows.items()},
-        "trajectories": {
-            name: {series[k].name: int(n) for k, n in enumerate(np.bincount(of[:, 0], minlength=len(series))) if n}
-            for name, of in rows.items()
-        },
-        "measured_share": seen,
-        "not_measured": [n for n, one in zip(state, data.seen, strict=True) if not one],
-        "step_s": data.grid.step_s,
-        "steps_off_the_grid": data.grid.broken,
-        "interpolation_rms": by_name(data.grid.error),
-        "interpolation_note": "of every other row from its neighbours: at the rows' own distances it is far smaller",
-        "noise": by_name(data.noise),
-        "rows_of_a_time_twice": sum(one.rows.repeated for one in series),
-        "files": {str(path): sha256(path) for path in data.files},
-    }
-    write_json(output_dir / "splits.json", report)

@@ -219,7 +219,7 @@ def _refuse_twins(path: Path, names: Sequence[str]) -> None:
 
 
 def _is_value(cell: str, decimal: str) -> bool:
-    return not np.isneginf(_number(cell, decimal))
+    return any(not np.isneginf(_number(cell, one)) for one in {decimal, ","})
 
 
 def _read_parquet(path: Path, keys: TableKeys) -> Table:
