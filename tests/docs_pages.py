@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import shlex
@@ -47,6 +48,22 @@ class Command:
     page: str
     words: tuple[str, ...]
     whole: bool
+
+
+def swings() -> str:
+    """A table of six swings of a pendulum, as a lab writes it: ms and degrees, now and then without a row."""
+    lines = ["trial,time,angle"]
+    for trial in range(6):
+        angle, speed = 0.2 + 0.2 * trial, 0.0
+        for k in range(3000):
+            if k % 25 == 0 and k % 1075:
+                lines.append(f"{trial},{2 * k},{math.degrees(angle) + 0.2 * math.sin(12.9898 * k):.3f}")
+            speed += 0.002 * (-4.0 * math.sin(angle) - 0.1 * speed)
+            angle += 0.002 * speed
+    return "\n".join(lines) + "\n"
+
+
+BROUGHT["lab/swings.csv"] = swings()
 
 
 def name_of(page: Path) -> str:

@@ -17,7 +17,7 @@ from expertaug import commands as command_line
 LANGUAGES = {"sh", "yaml", "python", "mermaid"}
 NOT_RUN: dict[str, int] = {}
 # Subcommands that are run as they are written: they need nothing but what the page shows.
-RUN_AS_WRITTEN = ("validate", "check-system", "config", "forecast")
+RUN_AS_WRITTEN = ("validate", "check-system", "config", "forecast", "inspect-data")
 ALL = list(commands())
 
 

@@ -15,7 +15,7 @@ import yaml
 
 ROOT = Path(__file__).parents[2]
 DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "plot_recording", "overlay", "recordings"]
-DATA += ["split_chunks", "calibrate"]
+DATA += ["split_chunks", "calibrate", "cut_measurements"]
 LEARNING_TARGETS = ["train", "augment", "finetune", "during_training", "evaluate", "studies", "report"]
 LEARNING_TARGETS += ["pendulum", "double_pendulum"]
 TARGETS = [*DATA, "simulate", *LEARNING_TARGETS, "everything", "all"]

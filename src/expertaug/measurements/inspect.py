@@ -10,7 +10,7 @@ import numpy as np
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.measurements.cut import Measured, measured
-from expertaug.measurements.guess import Guess, guess
+from expertaug.measurements.guess import Guess, guess, unit_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import MeasurementSettings, TableKeys, column_of
@@ -87,7 +87,8 @@ class Inspection:
         spans = [float(one.t[-1] - one.t[0]) for one in rows]
         yield f"{_count(len(self.files), 'file')}, {_count(len(rows), 'trajectory')}, {_count(sum(counts), 'row')}"
         yield f"columns: {', '.join(self.table.names)}"
-        yield f"times: '{self.guess.time.name}', trajectories: {self._told()}"
+        unit = self.guess.time.unit or ("s" if unit_of(self.guess.time.name, self.table) else "taken as s")
+        yield f"times: '{self.guess.time.name}' ({unit}), trajectories: {self._told()}"
         yield f"rows of a trajectory: {min(counts)} to {max(counts)}, {min(spans):.6g} to {max(spans):.6g} s"
         yield f"step: {grid.row_s:.6g} s ({1 / grid.row_s:.6g} Hz)"
         gaps = np.concatenate([np.diff(one.t) for one in rows]) / grid.row_s
@@ -105,10 +106,11 @@ class Inspection:
 
     def _component(self, k: int, name: str, values: np.ndarray) -> str:
         known, noise = values[np.isfinite(values)], self.data.noise[k]
-        text = (
-            f"{name} (column '{column_of(self.settings.columns[name]).name}'): {known.min():.6g} to {known.max():.6g}"
-        )
+        column = column_of(self.settings.columns[name])
+        text = f"{name} (column '{column.name}'): {known.min():.6g} to {known.max():.6g}"
         text = f"{text} {self.names.state[name]}".rstrip()
+        if self.names.state[name] and unit_of(column.name, self.table) is None:
+            text += " (taken as that: no unit is told)"
         text += f", {len(values) - len(known)} empty cells" if len(known) < len(values) else ""
         text += f", noise about {noise:.2g}" if np.isfinite(noise) else ""
         if self.data.grid.error is not None:
