@@ -216,7 +216,16 @@ def test_one_thread_a_job():
 
 def test_every_stage_has_a_command():
     actions = commands.parser()._subparsers._group_actions[0].choices
-    by_hand = {"check-system", "config", "forecast", "inspect", "inspect-data", "validate", "rebuild-tracking", "publish"}
+    by_hand = {
+        "check-system",
+        "config",
+        "forecast",
+        "inspect",
+        "inspect-data",
+        "validate",
+        "rebuild-tracking",
+        "publish",
+    }
     by_hand |= {"run"}
     assert {stage.replace("_", "-") for stage in stage_code.STAGES} == set(actions) - by_hand
 
