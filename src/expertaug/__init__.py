@@ -21,6 +21,7 @@ _EXPORTS = {
     "DampedPendulum": "expertaug.systems.pendulum:DampedPendulum",
     "DampingInteraction": "expertaug.models.interactions.damping:DampingInteraction",
     "DoublePendulum": "expertaug.systems.double_pendulum:DoublePendulum",
+    "DrivenPendulum": "expertaug.systems.driven_pendulum:DrivenPendulum",
     "Forecast": "expertaug.api.forecasts:Forecast",
     "HybridModel": "expertaug.models.recipe:HybridModel",
     "HybridVAE": "expertaug.learning.hvae:HybridVAE",

@@ -39,6 +39,7 @@ from expertaug.models.recipe import HybridModel as HybridModel
 from expertaug.systems.base import Parameter as Parameter
 from expertaug.systems.base import System as System
 from expertaug.systems.double_pendulum import DoublePendulum as DoublePendulum
+from expertaug.systems.driven_pendulum import DrivenPendulum as DrivenPendulum
 from expertaug.systems.pendulum import DampedPendulum as DampedPendulum
 from expertaug.systems.reaction_diffusion import ReactionDiffusion as ReactionDiffusion
 from expertaug.systems.rlc import RLC as RLC
@@ -57,6 +58,7 @@ __all__ = [
     "DampedPendulum",
     "DampingInteraction",
     "DoublePendulum",
+    "DrivenPendulum",
     "Forecast",
     "HybridModel",
     "HybridVAE",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ class Trajectories:
         y: states, (N, T, *state), float32, finite.
         z_e: expert parameters, (N, P), float32, finite.
         z_a: true interaction latent where it is known, (N, Q), float32; Q = 0 where it is not.
+        u: known inputs on the same times, (N, T, U), float32, finite; None for a system without.
         id: where each sample comes from, (N,) texts: ``recording/first frame`` of a chunk; None where nobody asks.
 
     Raises:
@@ -32,6 +33,7 @@ class Trajectories:
     z_e: np.ndarray
     z_a: np.ndarray = field(default=None)  # type: ignore[assignment]
     id: np.ndarray | None = None
+    u: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.z_a is None:
@@ -55,7 +57,12 @@ class Trajectories:
             if self.id.shape != (len(self.y),) or self.id.dtype.kind != "U":
                 found = f"id has shape {self.id.shape} and type {self.id.dtype} for {len(self.y)} samples"
                 raise InputError("trajectories", found, "id is (N,), texts")
-        for name in ("t", "y", "z_e", "z_a"):
+        if self.u is not None:
+            object.__setattr__(self, "u", np.ascontiguousarray(self.u, dtype=np.float32))
+            if self.u.ndim != 3 or self.u.shape[:2] != self.y.shape[:2] or not self.u.shape[2]:
+                found = f"u has shape {self.u.shape} for {len(self.y)} samples at {len(self.t)} times"
+                raise InputError("trajectories", found, "u is (N, T, U), known inputs at the times of y")
+        for name in ("t", "y", "z_e", "z_a", *(("u",) if self.u is not None else ())):
             bad = ~np.isfinite(getattr(self, name))
             if bad.any():
                 where = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -68,18 +75,19 @@ class Trajectories:
 
     def subset(self, index: slice | np.ndarray) -> Trajectories:
         """The samples that ``index`` (a slice, a mask or integers along N) selects."""
-        identity = None if self.id is None else self.id[index]
-        return Trajectories(self.t, self.y[index], self.z_e[index], self.z_a[index], identity)
+        several = {name: None if (v := getattr(self, name)) is None else v[index] for name in ("id", "u")}
+        return Trajectories(self.t, self.y[index], self.z_e[index], self.z_a[index], **several)
 
     def window(self, start: int, stop: int) -> Trajectories:
         """The points ``start`` to ``stop`` (not included) along time."""
-        return Trajectories(self.t[start:stop], self.y[:, start:stop], self.z_e, self.z_a, self.id)
+        u = None if self.u is None else self.u[:, start:stop]
+        return replace(self, t=self.t[start:stop], y=self.y[:, start:stop], u=u)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed npz without pickle, atomically."""
         with atomic(path) as temporary, temporary.open("wb") as stream:
-            identity = {} if self.id is None else {"id": self.id}
-            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **identity)  # type: ignore
+            some = {name: value for name in ("id", "u") if (value := getattr(self, name)) is not None}
+            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **some)  # type: ignore
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectories:
@@ -89,7 +97,7 @@ class Trajectories:
             InputError: the file is missing, is no npz, lacks an array or holds no trajectories.
         """
         remedy = "make it again with its stage"
-        arrays = read_npz(path, "trajectory file", remedy, ("t", "y", "z_e", "z_a"), optional=("id",))
+        arrays = read_npz(path, "trajectory file", remedy, ("t", "y", "z_e", "z_a"), optional=("id", "u"))
         try:
             return cls(**arrays)
         except (InputError, TypeError, ValueError) as error:

@@ -77,7 +77,8 @@ class AugmentedSets:
 
     def _of(self, part: StackedSet) -> list[Trajectories]:
         y, z_e = part.y.movedim(0, 2).cpu().numpy(), part.z_e.cpu().numpy()
-        return [Trajectories(self.t, y[k], z_e[k]) for k in range(len(self.seeds))]
+        u = None if part.u is None else part.u.movedim(0, 2).cpu().numpy()
+        return [Trajectories(self.t, y[k], z_e[k], u=None if u is None else u[k]) for k in range(len(self.seeds))]
 
 
 def fit(

@@ -203,6 +203,7 @@ def _simulation(where: str, one: Mapping, known: options.KnownSystem | None) -> 
             if names is not None:
                 at = f"{where}.data.sets.{first}.{part}"
                 yield from other_parameters(sets[first][part], names, at, f"the system {name}")
+        yield from _inputs(f"{where}.data.sets", sets, known, name)
     for key, one_set in sets.items():
         for part in ("z_e", "z_a"):
             at = f"{where}.data.sets.{key}.{part}"
@@ -213,6 +214,17 @@ def _simulation(where: str, one: Mapping, known: options.KnownSystem | None) -> 
     if "augmentation" in one:
         prior = one["augmentation"]["prior"]
         yield from other_parameters(prior, sets[first]["z_e"], f"{where}.augmentation.prior", "the sets' z_e")
+
+
+def _inputs(where: str, sets: Mapping, known: options.KnownSystem, name: str) -> Iterator[InputError]:
+    """Ranges of what simulated inputs are drawn from, which may differ from set to set."""
+    if known.drawn is None:
+        return
+    for key, one_set in sets.items():
+        if "inputs" in one_set or known.drawn:
+            yield from other_parameters(
+                one_set.get("inputs", {}), known.drawn, f"{where}.{key}.inputs", f"the system {name}"
+            )
 
 
 def _chunks(where: str, one: Mapping, recordings: Mapping) -> Iterator[InputError]:

@@ -66,6 +66,9 @@ class SimulatedSet(Settings):
     size: int = key(..., "trajectories", ge=1, le=10**8)
     z_e: dict[str, Range] = key(..., "range of each expert parameter, in its unit")
     z_a: dict[str, Range] = key(dict, "range of each parameter of the true interaction, in its unit")
+    inputs: dict[str, Range] = key(
+        LEFT_OUT, "of a driven system, range of each number that known inputs are drawn from, and of each covariate"
+    )
 
 
 class Data(Settings):

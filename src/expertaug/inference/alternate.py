@@ -26,6 +26,7 @@ from expertaug.learning.train import constants_of, described_by, of_data
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder
 from expertaug.systems import System
+from expertaug.systems.inputs import check_given
 from expertaug.trajectories import Trajectories
 
 WIDTH = 1.0  # standard deviation of z_a's prior in training
@@ -130,6 +131,8 @@ def prepare(
     task = task_of(settings["training"], description, device)
     train_set = StackedSet.of(train, device).subset(options.train_samples)
     validation_set = StackedSet.of(validation, device).subset(options.validation_samples)
+    for name, part in (("training set", train_set), ("validation set", validation_set)):
+        check_given(system, part.u, name)
     decoder.fit(train_set.y[: description["observed"], 0])
     given = {"steps": STEPS, "latent_width": WIDTH}
     how = settings["refinement"]
@@ -150,5 +153,6 @@ def prepare(
         fit(decoder, seen, refinement.model_copy(update=given), len(seeds)),
     )
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
-    trainer = Alternation(*fits, train_set.y[: task.horizon], validation_set.y, task, seeds, options, name)
+    sets = train_set.windows(task.horizon), validation_set.windows(len(t))
+    trainer = Alternation(*fits, *sets, task, seeds, options, name)
     return AlternatingTraining(trainer, description, classes or {})

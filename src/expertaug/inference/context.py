@@ -10,11 +10,12 @@ from torch import Tensor, nn
 from expertaug.models.encoders.moments import Moments
 from expertaug.models.encoders.views import Windows
 from expertaug.systems import System
+from expertaug.systems.inputs import observed as as_observed
 
 
 class Context(nn.Module):
     """The observed window as the base model's encoder is allowed to see it: its windows of components where it has
-    some, else every observed quantity; of fields their moments.
+    some, else every observed quantity and known input; of fields their moments.
 
     Arguments:
         times: of the observed window in s, (T1,).
@@ -26,6 +27,7 @@ class Context(nn.Module):
 
     def __init__(self, system: System, times: Tensor, encoder: Mapping) -> None:
         super().__init__()
+        system = as_observed(system)
         self.system, self.moments, self.windows = system, None, None
         if len(system.state_shape) > 1:
             self.moments = Moments(system, len(times), encoder.get("powers") or (1, 3))
@@ -37,12 +39,12 @@ class Context(nn.Module):
             self.inputs = len(times) * system.observe(torch.zeros(1, *system.state_shape)).shape[-1]
 
     def fit(self, observed: Tensor) -> None:
-        """Learn the moments' scales from windows (T1, N, *state)."""
+        """Learn the moments' scales from windows (T1, N, *observed)."""
         if self.moments is not None:
             self.moments.fit(observed.movedim(0, 1))
 
     def forward(self, observed: Tensor) -> Tensor:
-        """(T1, …, B, *state) → (…, B, inputs)."""
+        """(T1, …, B, *observed) → (…, B, inputs)."""
         if self.moments is not None:
             return self.moments(observed.movedim(0, -2 - self.moments.rank))
         if self.windows is not None:

@@ -17,6 +17,7 @@ from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.noise import Noise
 from expertaug.learning.task import Task
 from expertaug.models.decoder import Decoder
+from expertaug.systems.inputs import joined
 
 logger = logging.getLogger(__name__)
 FLOW = 3  # of the keys of random numbers: augmentation's end in 1
@@ -67,6 +68,7 @@ class Simulator:
         context: stacked; windows → x.
         scores: principal components of z_a (S, N, ·) of the training windows.
         starts: their first points (N, *state).
+        inputs: their known inputs (T1, N, U), which a draw takes with its first point; None for a system without.
         low, high: ends (P,) of p⁺.
         noise: standard deviation of the data's noise.
         jitter: width of the bootstrap's kernel, in standard deviations of what it smooths.
@@ -80,6 +82,7 @@ class Simulator:
     context: nn.Module
     scores: Tensor
     starts: Tensor
+    inputs: Tensor | None
     low: Tensor
     high: Tensor
     noise: float
@@ -116,13 +119,14 @@ class Simulator:
         row = torch.arange(len(self.seeds), device=self.starts.device).unsqueeze(1)
         scores = kept * self.scores[row, self._index(count, random)]
         scores = scores + self.jitter * random.normal(count, scores.shape[-1])
-        y0 = self.starts[self._index(count, random)]
+        index = self._index(count, random)
+        y0, u = self.starts[index], None if self.inputs is None else self.inputs[:, index]
         if len(system.state_shape) == 1:
             mean, std = self.starts.mean(0), self.starts.std(0)
             y0 = mean + kept * (y0 - mean) + self.jitter * std * random.normal(count, *system.state_shape)
         if self.resample_x:
             y0 = system.resample_known(y0, partial(random.uniform, count))
-        y = solved(self.decoder, y0, z_e, self.unknowns.latent(scores), self.task.t, self.task.solver)
+        y = solved(self.decoder, y0, z_e, self.unknowns.latent(scores), self.task.t, self.task.solver, u)
         good = within(y, self.task.bound)
         y = bounded(y, self.task.bound)
         if self.noise:
@@ -130,7 +134,7 @@ class Simulator:
             if not self.unknowns.given:  # a field's first point has noise already, and forecasts start from it
                 noise[0] = 0.0
             y = y + noise
-        draws = Draws(self.context(y), self.unknowns.pack(z_e, scores, y0, y[0]))
+        draws = Draws(self.context(joined(y, u)), self.unknowns.pack(z_e, scores, y0, y[0]))
         return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
 
     def _index(self, count: int, random: Noise) -> Tensor:

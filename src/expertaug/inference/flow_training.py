@@ -27,6 +27,7 @@ from expertaug.learning.task import Task, task_of
 from expertaug.learning.trainer import Trainer
 from expertaug.models.device import device_of
 from expertaug.models.store import StoredModel, forecast_solver
+from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -78,7 +79,8 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
         "base": base,
         "base_wall_s": base["wall_s"],
     }
-    windows = StackedSet.of(train, device).window(base["observed"]).y
+    windows, system = StackedSet.of(train, device).windows(base["observed"]), stored.model.system
+    known = inputs_of(system, windows)
     latents = _latents(stored, windows, choices)
     estimator = flows.build(stored.model, description, latents).to(device)
     estimator.head.context.fit(windows[:, 0])
@@ -89,7 +91,8 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
         unknowns=unknowns,
         context=estimator.head.context,
         scores=unknowns.scores(latents),
-        starts=windows[0, 0],
+        starts=states_of(system, windows[0, 0]),
+        inputs=None if known is None else known[:, 0],
         low=low.to(device),
         high=high.to(device),
         noise=description["noise"],
@@ -110,7 +113,7 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
 
 @torch.no_grad()
 def _latents(stored: StoredModel, windows: Tensor, choices: Mapping) -> Tensor:
-    """z_a (S, N, Q) of the training windows (T1, 1, N, *state): draws of the base model's posterior."""
+    """z_a (S, N, Q) of the training windows (T1, 1, N, *observed): draws of the base model's posterior."""
     seeds = len(stored.seeds)
     random, parts = Noise(stored.seeds, LATENTS, FLOW, device=windows.device), []
     for part in windows.split(1024, dim=2):

@@ -22,6 +22,7 @@ from expertaug.models.device import device_of
 from expertaug.models.mean import MeanModel
 from expertaug.models.recipe import HybridModel
 from expertaug.registry import short_name
+from expertaug.systems.inputs import check_given
 from expertaug.trajectories import Trajectories, points_until
 
 IDENTITY = ("experiment", "method", "label", "preset")
@@ -113,7 +114,7 @@ def prepare(
         classes: see :class:`StoredModel`.
 
     Raises:
-        InputError: the sets differ in their times, or an option is unknown.
+        InputError: the sets differ in their times, lack the system's known inputs, or an option is unknown.
     """
     classes, device = classes or {}, device_of(settings["device"])
     if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
@@ -130,7 +131,10 @@ def prepare(
     times = torch.tensor(description["t"][:observed], dtype=torch.float64)
     model = recipe.build(times, list(settings["seeds"]), kind.learns_likelihood)
     train_set, validation_set = StackedSet.of(train, device), StackedSet.of(validation, device)
-    model.fit(train_set.y[:observed, 0])
+    for name, part in (("training set", train_set), ("validation set", validation_set)):
+        check_given(recipe.system, part.u, name)
+    windows = train_set.windows(observed)
+    model.fit(windows[:, 0])
     task = task_of(settings["training"], description, device)
     return fitting.prepare(
         model.to(device),
@@ -139,7 +143,7 @@ def prepare(
         description,
         settings,
         classes,
-        windows=train_set.y[:observed],
+        windows=windows,
     )
 
 

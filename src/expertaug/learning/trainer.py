@@ -137,8 +137,9 @@ class Trainer:
         """
         scores = []
         for batch, points in self.validation:
-            z_e, z_a = self.model.encode(batch.y[: self.task.observed]).mean
-            prediction = solved(self.model, batch.y[0], z_e, z_a, self.task.t[: points.stop], self.task.solver)
+            z_e, z_a = self.model.encode(batch.windows(self.task.observed)).mean
+            t, u = self.task.t[: points.stop], batch.inputs(points.stop)
+            prediction = solved(self.model, batch.y[0], z_e, z_a, t, self.task.solver, u)
             if not within(prediction, self.task.bound).all():
                 prediction = bounded(prediction, self.task.bound)
             error = mean_squared_error(

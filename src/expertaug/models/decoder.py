@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.systems import System
+from expertaug.systems.inputs import solve
 from expertaug.systems.solver import Solver
 
 
@@ -46,10 +47,15 @@ class Decoder(nn.Module):
         if self.likelihood is not None:
             self.likelihood.fit(self.system.observe(observed))
 
-    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+    def forecast(
+        self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
+    ) -> Tensor:
         """States (T, …, B, *state) at the times t (T,), from the known first point y0 (…, B, *state).
 
         Samples beyond those of z_a follow the expert alone: one solve for both costs less than two.
+
+        Arguments:
+            u: known inputs (T, …, B, U) at the times t; None for a system without.
         """
         count = z_a.shape[-2]
         context = self.interaction.context(z_a, z_e[..., :count, :]) if self.interaction is not None else None
@@ -59,20 +65,43 @@ class Decoder(nn.Module):
         expert = self.system.nonlinear if solver.splits else self.system.expert
         flow = partial(self.system.linear_flow, z_e) if self.expert and solver.splits else None
 
-        def field(s: Tensor, y: Tensor) -> Tensor:
-            rate = expert(s, y, z_e) if self.expert else self.system.kinematics(y)
+        def field(s: Tensor, y: Tensor, *u: Tensor) -> Tensor:
+            rate = expert(s, y, z_e, *u) if self.expert else self.system.kinematics(y)
             if context is None:
                 return rate
             if rest == 0:
-                return rate + self.interaction(y, context)
+                return rate + self.interaction_rate(y, context, s, *u)
             (first, _), (one, other) = y.split([count, rest], axis), rate.split([count, rest], axis)
-            return torch.cat((one + self.interaction(first, context), other), axis)
+            seen = self.interaction_rate(first, context, s, *(each[..., :count, :] for each in u))
+            return torch.cat((one + seen, other), axis)
 
-        return solver(field, self.system.initial_state(y0, z_e), t, flow, len(self.system.state_shape))
+        return solve(self.system, field, self.system.initial_state(y0, z_e), t, solver, u, flow)
 
-    def interaction_squares(self, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+    def interaction_rate(self, y: Tensor, context: Tensor, s: Tensor, u: Tensor | None = None) -> Tensor:
+        """F_a at states y (…, B, *state), in their shape.
+
+        Arguments:
+            context: what F_a prepared for these trajectories, (…, B, width).
+            s: time in s, one or (…, B).
+            u: known inputs (…, B, U) then.
+        """
+        seen = []
+        if u is not None and getattr(self.interaction, "sees_inputs", False):
+            seen.append(u)
+        if getattr(self.interaction, "sees_time", False):
+            lead = y.shape[: y.dim() - len(self.system.state_shape)]
+            seen.append(torch.as_tensor(s, dtype=y.dtype, device=y.device).expand(lead).unsqueeze(-1))
+        return self.interaction(y, context, torch.cat(seen, dim=-1)) if seen else self.interaction(y, context)
+
+    def interaction_squares(
+        self, y: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor | None = None, u: Tensor | None = None
+    ) -> Tensor:
         """Mean over the state's dimensions of F_a² at every point, (…, B·T): for y (T, …, B, *state),
         z_e (…, B, P) and z_a (…, B, Q).
+
+        Arguments:
+            t: times (T,), where F_a sees them.
+            u: known inputs (T, …, B, U), where F_a sees them.
 
         Raises:
             AttributeError: there is no interaction model.
@@ -80,21 +109,26 @@ class Decoder(nn.Module):
         state = self.system.state_shape
         points = y.movedim(0, -1 - len(state)).flatten(-2 - len(state), -1 - len(state))  # (…, B·T, *state)
         context = self.interaction.context(z_a, z_e).repeat_interleave(len(y), dim=-2)
-        return self.interaction(points, context).square().flatten(-len(state)).mean(-1)
+        times = y.new_zeros(()) if t is None else t.expand(*y.shape[1 : y.dim() - len(state)], -1).flatten(-2)
+        given = () if u is None else (u.movedim(0, -2).flatten(-3, -2),)
+        rates = self.interaction_rate(points, context, times, *given)
+        return rates.square().flatten(-len(state)).mean(-1)
 
 
 class TruthDecoder(Decoder):
     """The equation that made simulated data, with z_a its own interaction parameters: a floor for what learns it."""
 
-    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+    def forecast(
+        self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
+    ) -> Tensor:
         """As :meth:`Decoder.forecast`; z_a (…, B, Q) in its units."""
         system, flow = self.system, None
         if solver.splits:
             flow = partial(system.linear_flow, z_e)
 
-        def field(s: Tensor, y: Tensor) -> Tensor:
-            rate = system.truth(s, y, z_e, z_a)
+        def field(s: Tensor, y: Tensor, *u: Tensor) -> Tensor:
+            rate = system.truth(s, y, z_e, z_a, *u)
             # The solver has the linear part by itself.
-            return rate - (system.expert(s, y, z_e) - system.nonlinear(s, y, z_e)) if solver.splits else rate
+            return rate - (system.expert(s, y, z_e, *u) - system.nonlinear(s, y, z_e, *u)) if solver.splits else rate
 
-        return solver(field, system.initial_state(y0, z_e), t, flow, len(system.state_shape))
+        return solve(system, field, system.initial_state(y0, z_e), t, solver, u, flow)

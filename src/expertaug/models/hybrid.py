@@ -9,6 +9,7 @@ from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import Posterior
 from expertaug.models.prediction import Predictor
 from expertaug.systems import System
+from expertaug.systems.inputs import states_of
 from expertaug.systems.solver import Solver
 
 
@@ -41,23 +42,27 @@ class HybridNet(Predictor, nn.Module):
         return self.decoder.likelihood
 
     def fit(self, observed: Tensor) -> None:
-        """Let the parts that learn scales from the training set's observed window (T1, N, *state) do so."""
+        """Let the parts that learn scales from the training set's observed window (T1, N, *observed) do so."""
         self.encoder.fit(observed)
-        self.decoder.fit(observed)
+        self.decoder.fit(states_of(self.system, observed))
 
     def encode(self, observed: Tensor) -> Posterior:
-        """Observed window (T1, …, B, *state) → q(z_e, z_a)."""
+        """Observed window (T1, …, B, *observed), known inputs as further components of the state → q(z_e, z_a)."""
         return self.encoder(observed)
 
     def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, …, B, *state) → the posterior's means, from the first point."""
+        """Observed windows (T1, …, B, *observed) → the posterior's means, from the first point."""
         posterior = self.encode(windows)
-        return Estimates(windows[0], *posterior.mean, posterior)
+        return Estimates(states_of(self.system, windows[0]), *posterior.mean, posterior)
 
-    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+    def forecast(
+        self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
+    ) -> Tensor:
         """The decoder's: states (T, …, B, *state) at the times t (T,), from y0 (…, B, *state)."""
-        return self.decoder.forecast(y0, z_e, z_a, t, solver)
+        return self.decoder.forecast(y0, z_e, z_a, t, solver, u)
 
-    def interaction_squares(self, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+    def interaction_squares(
+        self, y: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor | None = None, u: Tensor | None = None
+    ) -> Tensor:
         """The decoder's: mean over the state's dimensions of F_a² at every point, (…, B·T)."""
-        return self.decoder.interaction_squares(y, z_e, z_a)
+        return self.decoder.interaction_squares(y, z_e, z_a, t, u)

@@ -152,8 +152,12 @@ def _check(description: Mapping) -> None:
 
 
 def _units(system: System) -> dict[str, list[list[str]]]:
-    """Names and units of the state and of z_e."""
-    return {
+    """Names and units of the state, of z_e and of known inputs."""
+    found = {
         "state": [[p.name, p.unit] for p in system.state],
         "expert_parameters": [[p.name, p.unit] for p in system.expert_parameters],
     }
+    for name in ("inputs", "covariates"):
+        if named := getattr(system, name):
+            found[name] = [[p.name, p.unit] for p in named]
+    return found

@@ -21,6 +21,7 @@ OTHERS = {
     "base",
     "contract",
     "implicit",
+    "inputs",
     "settings",
     "simulate",
     "solver",

@@ -42,6 +42,11 @@ class SystemSettings(Settings):
     SIMULATED: ClassVar[bool] = True
     FIELDS: ClassVar[bool] = False
 
+    @classmethod
+    def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the known inputs of a system of these settings, and of what simulated ones are drawn from."""
+        return (), ()
+
 
 class PendulumSettings(SystemSettings):
     """The damped pendulum."""
@@ -51,6 +56,20 @@ class PendulumSettings(SystemSettings):
     INTERACTION = ("alpha",)
 
     name: Literal["pendulum"] = key("pendulum", "the damped pendulum")
+
+
+class DrivenPendulumSettings(SystemSettings):
+    """The driven, damped pendulum."""
+
+    STATE = ("theta", "omega")
+    EXPERT = ("omega0",)
+    INTERACTION = ("gamma",)
+
+    name: Literal["driven_pendulum"] = key("driven_pendulum", "the driven, damped pendulum")
+
+    @classmethod
+    def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return ("torque",), ("A", "f")
 
 
 class RLCSettings(SystemSettings):
@@ -65,6 +84,13 @@ class RLCSettings(SystemSettings):
         "kirchhoff", "by what the resistor's term is divided: kirchhoff = L; additive = C, the paper's; code = L C"
     )
     source_rad_s: float = key(2.0, "angular frequency of the source", "rad/s")
+    source: Literal["formula", "measured"] = key(
+        "formula", "the source's voltage: by a formula of its own, or measured = a known input of each trajectory"
+    )
+
+    @classmethod
+    def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return (("V",), ("V0", "V1", "w")) if settings.get("source") == "measured" else ((), ())
 
 
 class ReactionDiffusionSettings(SystemSettings):
@@ -113,5 +139,11 @@ class DoublePendulumSettings(SystemSettings):
 
 SYSTEMS: Mapping[str, type[SystemSettings]] = {
     kind.model_fields["name"].default: kind
-    for kind in (PendulumSettings, RLCSettings, ReactionDiffusionSettings, DoublePendulumSettings)
+    for kind in (
+        PendulumSettings,
+        DrivenPendulumSettings,
+        RLCSettings,
+        ReactionDiffusionSettings,
+        DoublePendulumSettings,
+    )
 }

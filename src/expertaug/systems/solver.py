@@ -59,6 +59,7 @@ class Solver(SolverSettings):
         t: Tensor,
         flow: Flow | None = None,
         rank: int = 1,
+        kinks: bool = False,
     ) -> Tensor:
         """States (T, *y0.shape) at the times t (T,), the first being y0.
 
@@ -66,6 +67,7 @@ class Solver(SolverSettings):
             f: dy/dt at a time and states (…, *state).
             flow: of the part that f lacks, where the method wants one (:attr:`splits`).
             rank: axes of a state, which implicit methods need to know.
+            kinks: whether f bends at the times t: an adaptive method then ends a step there.
         """
         if self.method in FIXED:
             grid = t
@@ -80,7 +82,10 @@ class Solver(SolverSettings):
         if self.method in SCIPY:
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
         try:
-            return odeint(f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol)  # type: ignore[return-value]
+            options = {"step_t": t[1:-1]} if kinks and len(t) > 2 else None
+            return odeint(  # type: ignore[return-value]
+                f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol, options=options
+            )
         except AssertionError as error:  # torchdiffeq's word for a step that underflowed
             raise SolveError(f"{self.method} failed ({error})") from error
 

@@ -1,0 +1,154 @@
+"""Known inputs u(t) of trajectories: between the times of the data, and joined to what an observer sees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from expertaug.errors import InputError
+from expertaug.systems.base import System
+from expertaug.systems.solver import Flow
+
+# dy/dt at a time and states, and at inputs (…, U) where the system has some.
+DrivenField = Callable[..., Tensor]
+
+
+class Linear:
+    """Inputs that are linear between the times at which they are known.
+
+    Arguments:
+        t: times in s, (T,), T ≥ 2.
+        u: (T, …, B, U).
+    """
+
+    def __init__(self, t: Tensor, u: Tensor) -> None:
+        self.t, self.u = t, u
+
+    def __call__(self, s: Tensor) -> Tensor:
+        """u (…, B, U) at one time s, or at a time for each sample (…, B); a solver's step beyond the last time goes on
+        straight."""
+        k = (torch.searchsorted(self.t, s.detach().to(self.t).contiguous(), right=True) - 1).clamp(0, len(self.t) - 2)
+        share = (s - self.t[k]) / (self.t[k + 1] - self.t[k])
+        if s.dim() == 0:
+            return torch.lerp(self.u[k], self.u[k + 1], share)
+        index = k[None, ..., None].expand(1, *self.u.shape[1:])
+        before, after = (self.u.gather(0, place)[0] for place in (index, index + 1))
+        return torch.lerp(before, after, share.unsqueeze(-1))
+
+
+def solve(
+    system: System,
+    field: DrivenField,
+    y0: Tensor,
+    t: Tensor,
+    solver: Any,
+    u: Tensor | None = None,
+    flow: Flow | None = None,
+) -> Tensor:
+    """States (T, …, *state) at the times t (T,), the first being y0.
+
+    Arguments:
+        field: (s, y) → dy/dt; of a system with known inputs (s, y, u).
+        solver: a :class:`~expertaug.systems.solver.Solver`, or what is called like one.
+        u: inputs (T, …, U) at the times t; None for a system without.
+        flow: as of the solver.
+
+    Raises:
+        InputError: the system has inputs and none are given, or the other way round.
+    """
+    rank = len(system.state_shape)
+    if u is None:
+        check_given(system, u)
+        return solver(field, y0, t, flow, rank)
+    check_given(system, u)
+    u = u.to(y0.dtype)
+    if system.interpolation == "linear" and len(t) > 1:
+        signal = Linear(t, u)
+        return solver(lambda s, y: field(s, y, signal(s)), y0, t, flow, rank, kinks=True)
+    states = [y0]
+    for k in range(len(t) - 1):  # a solver does not step across a jump of the inputs
+        states.append(solver(lambda s, y: field(s, y, u[k]), states[-1], t[k : k + 2], flow, rank)[-1])  # noqa: B023
+    return torch.stack(states)
+
+
+def check_given(system: System, u: Tensor | None, where: str = "u") -> None:
+    """Whether a system's inputs are given, and none to a system without.
+
+    Raises:
+        InputError: they are missing, are not known to the system, or are of another number.
+    """
+    names = ", ".join(p.name for p in system.known)
+    if u is None and names:
+        found = f"{type(system).__name__} has the known inputs {names}"
+        raise InputError(where, "missing", f"{found}: give u (…, {len(system.known)})")
+    if u is not None and u.shape[-1] != len(system.known):
+        found = f"u has {u.shape[-1]} components"
+        raise InputError(
+            where, found, f"{type(system).__name__} has {f'{len(system.known)}: {names}' if names else 'none'}"
+        )
+
+
+def joined(y: Tensor, u: Tensor | None) -> Tensor:
+    """What is observed: states (T, …, B, *state) with inputs (T, …, B, U) as further components, the same all over a
+    field; the states alone where there are no inputs."""
+    if u is None:
+        return y
+    axis = u.dim() - 1
+    wide = u.to(y.dtype)[(..., *[None] * (y.dim() - u.dim()))]
+    return torch.cat((y, wide.expand(*u.shape, *y.shape[axis + 1 :])), dim=axis)
+
+
+def states_of(system: System, windows: Tensor) -> Tensor:
+    """The states of windows that :func:`joined` made."""
+    return windows.narrow(_axis(system), 0, len(system.state)) if system.known else windows
+
+
+def inputs_of(system: System, windows: Tensor) -> Tensor | None:
+    """The inputs (T, …, B, U) of windows that :func:`joined` made; None for a system without."""
+    if not system.known:
+        return None
+    u = windows.narrow(_axis(system), len(system.state), len(system.known))
+    return u[(..., *[0] * (len(system.state_shape) - 1))]
+
+
+def _axis(system: System) -> int:
+    return -len(system.state_shape)
+
+
+class Observed(System):
+    """A system as an encoder sees it: its inputs are further components of the state."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.state = (*system.state, *system.known)
+        self.expert_parameters = system.expert_parameters
+
+    @property
+    def state_shape(self) -> tuple[int, ...]:
+        return (len(self.state), *self.system.state_shape[1:])
+
+    def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
+        raise NotImplementedError("what an encoder sees has no equation")
+
+    def observe(self, y: Tensor) -> Tensor:
+        return self._with_inputs(self.system.observe, y)
+
+    def features(self, y: Tensor) -> Tensor:
+        return self._with_inputs(self.system.features, y, [p.scale for p in self.system.known])
+
+    def _with_inputs(
+        self, of_states: Callable[[Tensor], Tensor], y: Tensor, scales: list[float] | None = None
+    ) -> Tensor:
+        size, axis = len(self.system.state), _axis(self)
+        u = y.narrow(axis, size, len(self.system.known))
+        if scales is not None:
+            u = u / u.new_tensor(scales).view(-1, *[1] * (-axis - 1))
+        return torch.cat((of_states(y.narrow(axis, 0, size)), u), dim=axis)
+
+
+def observed(system: System) -> System:
+    """The system as an encoder sees it: itself, where it has no inputs."""
+    return Observed(system) if system.known else system
