@@ -53,7 +53,7 @@ def test_an_integrator_has_the_area_under_its_input(solver, how):
     """Trapezoids under straight lines, rectangles under what holds until the next time."""
     system, y0 = Integrator(how), torch.zeros(2, 1, dtype=torch.float64)
     k = torch.tensor([[1.0], [2.0]], dtype=torch.float64)
-    y = solve(system, lambda s, y, u: system.expert(s, y, k, u), y0, TIMES, solver, U)
+    y = solve(system, lambda s, y, u: system.expert(s, y, k, u), y0, TIMES, solver, k, U)
     height = U[:-1] if how == "constant" else (U[:-1] + U[1:]) / 2
     area = torch.cumsum(height * TIMES.diff()[:, None, None], 0)
     assert torch.allclose(y[1:], k * area, atol=1e-5)

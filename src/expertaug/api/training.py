@@ -109,7 +109,8 @@ def fit(
         seeds: of initialisation and data order; they are trained as one batched computation.
         prior: ranges [low, high] of p⁺ by expert parameter, for the objectives that need one (HybridVAE).
         solver: of the forecasts in training; default: one fourth-order Runge-Kutta step from time to time.
-        forecast_solver: of later forecasts; default: adaptive (dopri5 to 1e-6) where the training's is a coarse one.
+        forecast_solver: of later forecasts; default: adaptive (dopri5 to 1e-6; rk4 with 10 substeps
+            where the system has events) where the training's is a coarse one.
         horizon_s: end of the loss window in s; default: that of the observed window.
         preset, choices: which of the paper's ambiguities are read how, and single rows of that table
             (:mod:`expertaug.config.presets`).

@@ -133,7 +133,10 @@ class Evaluation(Settings):
         dict, "how tables and figures call the sets; default train, validation (set of choices), IID test, test (OOD)"
     )
     max_samples: Count | None = key(None, "samples of each set, at most, evenly spread; null = all")
-    solver: SolverSettings = key(LEFT_OUT, "of the forecasts; left out = dopri5 with tolerances of 1.0e-6")
+    solver: SolverSettings = key(
+        LEFT_OUT,
+        "of the forecasts; left out = dopri5 with tolerances of 1.0e-6, rk4 with 10 substeps where there are events",
+    )
 
 
 class Override(Settings):

@@ -159,7 +159,7 @@ def score(
         keep: number of forecasts to keep, evenly spread.
     """
     system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)
-    solver = Solver.from_mapping(options.get("solver") or {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6})
+    solver = Solver.from_mapping(options.get("solver") or store.accurate(system))
     t = torch.from_numpy(truth.t).float().to(device)
     bound = stored_bound(stored.description, device)
     if bound is not None:  # what turns at one speed goes as far as the time is long

@@ -125,7 +125,9 @@ def prepare(
     description = {"kind": "alternating", **of_data(train, settings), **described, "model": model, "stage": "train"}
     description |= {"expert": True, "interaction": True, "latent_size": options.latent}
     description |= {"refinement": settings["refinement"]}
-    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])
+    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(
+        settings["training"], system
+    )
     decoder = describe.decoder_of(system, description, classes)
     device = torch.device("cpu")
     task = task_of(settings["training"], description, device)

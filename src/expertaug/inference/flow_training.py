@@ -27,6 +27,7 @@ from expertaug.learning.task import Task, task_of
 from expertaug.learning.trainer import Trainer
 from expertaug.models.device import device_of
 from expertaug.models.store import StoredModel, forecast_solver
+from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -98,7 +99,7 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
         noise=description["noise"],
         jitter=options.jitter,
         resample_x=choices["augmented_x"] == "resampled",
-        task=_task(base, options, device),
+        task=_task(base, options, device, system),
         seeds=seeds,
     )
     held = simulator.draw(options.held_out, HELD_OUT)
@@ -122,11 +123,11 @@ def _latents(stored: StoredModel, windows: Tensor, choices: Mapping) -> Tensor:
     return torch.cat(parts, dim=1)
 
 
-def _task(base: Mapping, options: FlowSettings, device: torch.device) -> Task:
+def _task(base: Mapping, options: FlowSettings, device: torch.device, system: System) -> Task:
     """Of the draws: the observed window, by an accurate solver that follows no trajectory beyond the bound."""
     task = task_of(base["training"], base, device).shortened(base["observed"])
     given = None if options.solver is None else options.solver.model_dump()
-    solver = Solver.from_mapping(given or base.get("forecast_solver") or forecast_solver(base["training"]))
+    solver = Solver.from_mapping(given or base.get("forecast_solver") or forecast_solver(base["training"], system))
     return replace(task, solver=solver if task.bound is None else Stopping(solver, task.bound))  # type: ignore
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from expertaug.models.decoder import Decoder
 from expertaug.systems import System
+from expertaug.systems.inputs import further
 
 STEP = 1e-4  # of an expert parameter, in its scale, for a derivative in double precision
 RIDGE = 1e-6
@@ -54,8 +55,9 @@ def expert_tangents(
 
 def expert_rates(system: System, t: Tensor, states: Tensor, z_e: Tensor, u: Tensor | None = None) -> Tensor:
     """F_e at times t (T,) and states (T, S, N, *state), with known inputs u (T, S, N, U) where there are some."""
-    given = [()] * len(t) if u is None else [(each,) for each in u]
-    return torch.stack([system.expert(s, y, z_e, *k) for s, y, k in zip(t, states, given, strict=True)])
+    known = [None] * len(t) if u is None else u
+    rates = [system.expert(s, y, z_e, *further(system, y, z_e, k)) for s, y, k in zip(t, states, known, strict=True)]
+    return torch.stack(rates)
 
 
 def interaction_at(

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.models.decoder import Decoder
+from expertaug.systems.inputs import further
 
 BINS = 8
 TAKEN = 0.75  # of the windows of a bin must be explained for F_a to hold there
@@ -123,12 +124,12 @@ def error_of_interaction(
     context = decoder.interaction.context(found_z_a, found_z_e)
     wrong = torch.zeros(seeds, y.shape[1], dtype=torch.float64)
     size = torch.zeros(y.shape[1], dtype=torch.float64)
-    known = [()] * len(y) if u is None else [(each,) for each in u]
+    known = [None] * len(y) if u is None else u
     for time, state, given in zip(t, y, known, strict=True):
-        at = torch.as_tensor(time, dtype=y.dtype)
-        true = system.truth(at, state, z_e, z_a, *given) - system.expert(at, state, z_e, *given)
-        wide = [each.expand(seeds, *each.shape) for each in (state, *given)]
-        learned = decoder.interaction_rate(wide[0], context, at, *wide[1:])
+        at, more = torch.as_tensor(time, dtype=y.dtype), further(system, state, z_e, given)
+        true = system.truth(at, state, z_e, z_a, *more) - system.expert(at, state, z_e, *more)
+        wide = None if given is None else given.expand(seeds, *given.shape)
+        learned = decoder.interaction_rate(state.expand(seeds, *state.shape), context, at, wide)
         wrong += (learned - true).double().square().flatten(2).sum(-1)
         size += true.double().square().flatten(1).sum(-1)
     return (wrong / size).sqrt()

@@ -87,7 +87,7 @@ def _samples(recipe: HybridModel, task: Task) -> Tensor:
     if known:
         u = torch.tensor(known) * torch.rand(SAMPLES, len(known), generator=generator).expand(len(task.t), -1, -1)
     with torch.no_grad():
-        y = solve(system, lambda s, x, *given: system.expert(s, x, z_e, *given), y0, task.t, task.solver, u)
+        y = solve(system, lambda s, x, *given: system.expert(s, x, z_e, *given), y0, task.t, task.solver, z_e, u)
     return joined(y, u)
 
 

@@ -126,7 +126,9 @@ def prepare(
         "stage": "train",
         "objective": short_name(OBJECTIVE, settings["objective"]),
     }
-    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])
+    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(
+        settings["training"], recipe.system
+    )
     observed = description["observed"]
     times = torch.tensor(description["t"][:observed], dtype=torch.float64)
     model = recipe.build(times, list(settings["seeds"]), kind.learns_likelihood)

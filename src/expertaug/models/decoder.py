@@ -7,6 +7,7 @@ from functools import partial
 import torch
 from torch import Tensor, nn
 
+from expertaug.errors import InputError
 from expertaug.systems import System
 from expertaug.systems.inputs import solve
 from expertaug.systems.solver import Solver
@@ -20,6 +21,9 @@ class Decoder(nn.Module):
         interaction: F_a, or None for the expert alone.
         expert: False takes F_e away and keeps the system's kinematics: the agnostic neural ODE.
         likelihood: p(y | forecast), where the objective learns one.
+
+    Raises:
+        InputError: a system with events without its expert, who alone knows them.
     """
 
     def __init__(
@@ -30,6 +34,9 @@ class Decoder(nn.Module):
         likelihood: nn.Module | None = None,
     ) -> None:
         super().__init__()
+        if system.has_events and not expert:
+            found = f"{type(system).__name__} has events, which are the expert's"
+            raise InputError("expert", found, "leave methods without an expert out")
         self.system = system
         self.interaction = interaction
         self.expert = expert
@@ -65,17 +72,23 @@ class Decoder(nn.Module):
         expert = self.system.nonlinear if solver.splits else self.system.expert
         flow = partial(self.system.linear_flow, z_e) if self.expert and solver.splits else None
 
-        def field(s: Tensor, y: Tensor, *u: Tensor) -> Tensor:
-            rate = expert(s, y, z_e, *u) if self.expert else self.system.kinematics(y)
+        driven, events = bool(self.system.known), self.system.has_events
+
+        def field(s: Tensor, y: Tensor, *more: Tensor) -> Tensor:
+            rate = expert(s, y, z_e, *more) if self.expert else self.system.kinematics(y)
             if context is None:
                 return rate
+            first = y if rest == 0 else y.split([count, rest], axis)[0]
+            s = s if s.dim() == 0 else s[..., :count]
+            added = self.interaction_rate(first, context, s, *(u[..., :count, :] for u in more[:driven]))
+            if events:  # what stays on an event follows the expert's law there
+                added = torch.where(more[-1][..., :count].unsqueeze(-1) == 0, 0.0, added)
             if rest == 0:
-                return rate + self.interaction_rate(y, context, s, *u)
-            (first, _), (one, other) = y.split([count, rest], axis), rate.split([count, rest], axis)
-            seen = self.interaction_rate(first, context, s, *(each[..., :count, :] for each in u))
-            return torch.cat((one + seen, other), axis)
+                return rate + added
+            one, other = rate.split([count, rest], axis)
+            return torch.cat((one + added, other), axis)
 
-        return solve(self.system, field, self.system.initial_state(y0, z_e), t, solver, u, flow)
+        return solve(self.system, field, self.system.initial_state(y0, z_e), t, solver, z_e, u, flow)
 
     def interaction_rate(self, y: Tensor, context: Tensor, s: Tensor, u: Tensor | None = None) -> Tensor:
         """F_a at states y (…, B, *state), in their shape.
@@ -126,9 +139,11 @@ class TruthDecoder(Decoder):
         if solver.splits:
             flow = partial(system.linear_flow, z_e)
 
-        def field(s: Tensor, y: Tensor, *u: Tensor) -> Tensor:
-            rate = system.truth(s, y, z_e, z_a, *u)
+        def field(s: Tensor, y: Tensor, *more: Tensor) -> Tensor:
+            rate = system.truth(s, y, z_e, z_a, *more)
+            if not solver.splits:
+                return rate
             # The solver has the linear part by itself.
-            return rate - (system.expert(s, y, z_e, *u) - system.nonlinear(s, y, z_e, *u)) if solver.splits else rate
+            return rate - (system.expert(s, y, z_e, *more) - system.nonlinear(s, y, z_e, *more))
 
-        return solve(system, field, system.initial_state(y0, z_e), t, solver, u, flow)
+        return solve(system, field, system.initial_state(y0, z_e), t, solver, z_e, u, flow)

@@ -20,6 +20,7 @@ __all__ = ["Parameter", "System", "describe", "load"]
 OTHERS = {
     "base",
     "contract",
+    "events",
     "implicit",
     "inputs",
     "settings",

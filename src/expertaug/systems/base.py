@@ -90,6 +90,23 @@ class System(ABC):
     def expert(self, t: Tensor, y: Tensor, z_e: Tensor, *u: Any, **none: Any) -> Tensor:
         """F_e: time derivative (…, *state) at states y (…, *state) for parameters z_e (…, P)."""
 
+    @property
+    def has_events(self) -> bool:
+        """Whether :meth:`event` is defined; ``expert`` and ``truth`` then have the side as last argument."""
+        return type(self).event is not System.event
+
+    def event(self, y: Tensor, z_e: Tensor) -> Tensor:
+        """A number (…) that changes its sign where something happens, of states y (…, *state).
+
+        The law on either side is a smooth one, which may go on beyond the event: ``expert`` and ``truth`` are told by
+        ``side`` (…) on which they are, 1 or −1 as this number, or 0 for what stays on it.
+        """
+        raise NotImplementedError
+
+    def jump(self, y: Tensor, z_e: Tensor) -> Tensor:
+        """States after an event, (…, *state), of those at it: the event's number is 0 there, or of another sign."""
+        return y
+
     def linear_flow(self, z_e: Tensor, h: float) -> Callable[[Tensor], Tensor] | None:
         """y (…, *state) → exp(h L) y, the exact flow of a linear part L of F_e; None where there is none.
 

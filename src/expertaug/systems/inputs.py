@@ -1,4 +1,4 @@
-"""Known inputs u(t) of trajectories: between the times of the data, and joined to what an observer sees."""
+"""Solving a system with its known inputs u(t) and its events; inputs joined to what an encoder sees."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.systems.base import System
+from expertaug.systems.events import Event
 from expertaug.systems.solver import Flow
 
 # dy/dt at a time and states, and at inputs (…, U) where the system has some.
@@ -45,13 +46,15 @@ def solve(
     y0: Tensor,
     t: Tensor,
     solver: Any,
+    z_e: Tensor,
     u: Tensor | None = None,
     flow: Flow | None = None,
 ) -> Tensor:
     """States (T, …, *state) at the times t (T,), the first being y0.
 
     Arguments:
-        field: (s, y) → dy/dt; of a system with known inputs (s, y, u).
+        field: (s, y) → dy/dt; of a system with known inputs (s, y, u); of one with events the side is last.
+        z_e: parameters (…, P), of which an event may depend.
         solver: a :class:`~expertaug.systems.solver.Solver`, or what is called like one.
         u: inputs (T, …, U) at the times t; None for a system without.
         flow: as of the solver.
@@ -59,19 +62,41 @@ def solve(
     Raises:
         InputError: the system has inputs and none are given, or the other way round.
     """
-    rank = len(system.state_shape)
-    if u is None:
-        check_given(system, u)
-        return solver(field, y0, t, flow, rank)
+    rank, event = len(system.state_shape), event_of(system, z_e)
+    options = {} if event is None else {"event": event}
     check_given(system, u)
+    if u is None:
+        return solver(field, y0, t, flow, rank, **options)
     u = u.to(y0.dtype)
     if system.interpolation == "linear" and len(t) > 1:
         signal = Linear(t, u)
-        return solver(lambda s, y: field(s, y, signal(s)), y0, t, flow, rank, kinks=True)
+
+        def driven(s: Tensor, y: Tensor, *side: Tensor) -> Tensor:
+            return field(s, y, signal(s), *side)
+
+        return solver(driven, y0, t, flow, rank, kinks=True, **options)
     states = [y0]
     for k in range(len(t) - 1):  # a solver does not step across a jump of the inputs
-        states.append(solver(lambda s, y: field(s, y, u[k]), states[-1], t[k : k + 2], flow, rank)[-1])  # noqa: B023
+
+        def held(s: Tensor, y: Tensor, *side: Tensor, now: Tensor = u[k]) -> Tensor:
+            return field(s, y, now, *side)
+
+        states.append(solver(held, states[-1], t[k : k + 2], flow, rank, **options)[-1])
     return torch.stack(states)
+
+
+def event_of(system: System, z_e: Tensor) -> Event | None:
+    """A system's event for trajectories of parameters z_e (…, P); None for a system without."""
+    if not system.has_events:
+        return None
+    return Event(lambda y: system.event(y, z_e), lambda y: system.jump(y, z_e))
+
+
+def further(system: System, y: Tensor, z_e: Tensor, u: Tensor | None = None) -> tuple[Tensor, ...]:
+    """What expert and truth are given besides t, y and the parameters at single states: inputs and side, where the
+    system has them."""
+    side = (system.event(y, z_e).sign(),) if system.has_events else ()
+    return side if u is None else (u, *side)
 
 
 def check_given(system: System, u: Tensor | None, where: str = "u") -> None:

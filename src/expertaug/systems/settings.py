@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from expertaug.settings import LIST, ONE, Pair, Positive, Settings, by_shape, key
 
+EVENTS = "rk4"  # the method that stops at events
 FIXED = ("euler", "midpoint", "rk4", "lawson4", "rodas3")
 
 

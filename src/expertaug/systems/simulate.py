@@ -145,13 +145,13 @@ def _solve(
 ) -> Tensor:
     """States (T, N, *state) of one chunk of samples."""
 
-    def field(s: Tensor, y: Tensor, *u: Tensor) -> Tensor:
-        return system.truth(s, y, z_e, z_a, *u)
+    def field(s: Tensor, y: Tensor, *more: Tensor) -> Tensor:
+        return system.truth(s, y, z_e, z_a, *more)
 
     try:
-        return solve(system, field, y0, t, system.simulation, u)
+        return solve(system, field, y0, t, system.simulation, z_e, u)
     except SolveError as error:  # a fixed grid goes on, so that the sample can be named
-        check_finite(solve(system, field, y0, t, Solver("rk4"), u), torch.cat((z_e, z_a), dim=-1), name)
+        check_finite(solve(system, field, y0, t, Solver("rk4"), z_e, u), torch.cat((z_e, z_a), dim=-1), name)
         raise SolveError(f"{name}: {error}") from error
 
 
