@@ -15,6 +15,7 @@ import importlib
 _EXPORTS = {
     "Aphynity": "expertaug.learning.objectives:Aphynity",
     "AugmentedSets": "expertaug.api.training:AugmentedSets",
+    "BouncingBall": "expertaug.systems.bouncing_ball:BouncingBall",
     "ConvEncoder": "expertaug.models.encoders.convolutional:ConvEncoder",
     "ConvInteraction": "expertaug.models.interactions.convolutional:ConvInteraction",
     "ConvTwoStep": "expertaug.models.encoders.two_step_fields:ConvTwoStep",

@@ -38,6 +38,7 @@ from expertaug.models.interactions.polynomial import PolynomialInteraction as Po
 from expertaug.models.recipe import HybridModel as HybridModel
 from expertaug.systems.base import Parameter as Parameter
 from expertaug.systems.base import System as System
+from expertaug.systems.bouncing_ball import BouncingBall as BouncingBall
 from expertaug.systems.double_pendulum import DoublePendulum as DoublePendulum
 from expertaug.systems.driven_pendulum import DrivenPendulum as DrivenPendulum
 from expertaug.systems.pendulum import DampedPendulum as DampedPendulum
@@ -52,6 +53,7 @@ __all__ = [
     "Aphynity",
     "AugmentedSets",
     "Band",
+    "BouncingBall",
     "ConvEncoder",
     "ConvInteraction",
     "ConvTwoStep",

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from expertaug.config import inference_checks, options, stage_code, study_checks
+from expertaug.config import event_checks, inference_checks, options, stage_code, study_checks
 from expertaug.config.layers import merge
 from expertaug.config.names import other_parameters, unknown, unknown_one
 from expertaug.errors import InputError
@@ -122,6 +122,8 @@ def experiment(where: str, one: Mapping, config: Mapping) -> Iterator[InputError
             remedy = "only hybrid methods can be augmented"
             yield InputError(f"{where}.augmented[{k}]", f"'{method}' is of kind {kind}", remedy)
     yield from inference_checks.check(where, one, methods, known)
+    if known is not None and known.events:
+        yield from event_checks.check(where, one, methods, known.jumps)
     for key in ("augmentation", "finetuning"):
         if one["augmented"] and key not in one:
             yield InputError(f"{where}.{key}", "missing", "methods under augmented need it")

@@ -28,6 +28,8 @@ class KnownSystem:
     Attributes:
         known: names of its known inputs and covariates.
         drawn: names of what simulated ones are drawn from.
+        events: whether it has events, at which only some solvers stop.
+        jumps: whether what is observed jumps there; of a class from elsewhere its check tells.
     """
 
     state: Sequence[str] | None
@@ -37,6 +39,8 @@ class KnownSystem:
     kind: type | None = None
     known: Sequence[str] | None = ()
     drawn: Sequence[str] | None = ()
+    events: bool = False
+    jumps: bool = False
 
     @property
     def seen(self) -> Sequence[str] | None:
@@ -53,7 +57,15 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
     if name in SYSTEMS:
         kind = SYSTEMS[name]
         inputs = dict(zip(("known", "drawn"), kind.inputs(settings), strict=True))
-        known = KnownSystem(kind.STATE, kind.EXPERT, kind.INTERACTION, kind.FIELDS, **inputs)
+        known = KnownSystem(
+            kind.STATE,
+            kind.EXPERT,
+            kind.INTERACTION,
+            kind.FIELDS,
+            events=kind.EVENTS,
+            jumps=kind.jumps(settings),
+            **inputs,
+        )
         return known, check(kind, settings, where)
     if "." not in name and ":" not in name:
         remedy = f"{suggest(name, SYSTEMS)}, or the dotted path of a module elsewhere"
@@ -63,15 +75,19 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
     except InputError as error:
         return None, [error]
     given = {k: v for k, v in settings.items() if k != "name"}
-    state, expert, interaction, *inputs = (
-        signatures.names_of(own, a)
-        for a in ("state", "expert_parameters", "interaction_parameters", "inputs", "covariates", "input_parameters")
+    state, expert, interaction = (
+        signatures.names_of(own, a) for a in ("state", "expert_parameters", "interaction_parameters")
     )
+    inputs = [
+        None if signatures.made_by_constructor(own, a) else signatures.names_of(own, a)
+        for a in ("inputs", "covariates", "input_parameters")
+    ]
     known, drawn = (
         None if part is None or inputs[1] is None else [*part, *inputs[1]] for part in (inputs[0], inputs[2])
     )
     wrong = list(signatures.wrong_options(own, "system", given, where))
-    return KnownSystem(state, expert, interaction, kind=own, known=known, drawn=drawn), wrong
+    events = signatures.has_events(own)
+    return KnownSystem(state, expert, interaction, kind=own, known=known, drawn=drawn, events=events), wrong
 
 
 def simulated(name: str, known: KnownSystem, where: str) -> Iterator[InputError]:

@@ -26,7 +26,7 @@ from expertaug.learning.train import constants_of, described_by, of_data
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder
 from expertaug.systems import System
-from expertaug.systems.inputs import check_given
+from expertaug.systems.inputs import check_given, check_trainable
 from expertaug.trajectories import Trajectories
 
 WIDTH = 1.0  # standard deviation of z_a's prior in training
@@ -120,6 +120,7 @@ def prepare(
         raise InputError("validation set", "has other times than the training set", "give both the same times")
     if "interaction" not in described["model"]:
         raise InputError("model.interaction", "missing", "the training is of an interaction model")
+    check_trainable(system)
     options, seeds = AlternatingSettings.from_mapping(settings["training"]), list(settings["seeds"])
     model = {"interaction": described["model"]["interaction"]}
     description = {"kind": "alternating", **of_data(train, settings), **described, "model": model, "stage": "train"}

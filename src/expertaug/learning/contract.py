@@ -14,7 +14,7 @@ from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.recipe import HybridModel
-from expertaug.systems.inputs import inputs_of, joined, solve, states_of
+from expertaug.systems.inputs import check_trainable, inputs_of, joined, solve, states_of
 
 SEEDS, SAMPLES = (0, 1), 4
 TOLERANCE = 1e-3  # relative, of a seed alone and in a group: to float rounding
@@ -53,6 +53,7 @@ def check_parts(
     Raises:
         InputError: the first mistake: class, what was found and what would be right.
     """
+    check_trainable(recipe.system, where)
     seeds = list(SEEDS)
     first = objective(seeds) if objective is not None else None
     likelihood = first is not None and first.learns_likelihood

@@ -22,7 +22,7 @@ from expertaug.models.device import device_of
 from expertaug.models.mean import MeanModel
 from expertaug.models.recipe import HybridModel
 from expertaug.registry import short_name
-from expertaug.systems.inputs import check_given
+from expertaug.systems.inputs import check_given, check_trainable
 from expertaug.trajectories import Trajectories, points_until
 
 IDENTITY = ("experiment", "method", "label", "preset")
@@ -119,6 +119,7 @@ def prepare(
     classes, device = classes or {}, device_of(settings["device"])
     if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
         raise InputError("validation set", "has other times than the training set", "give both the same times")
+    check_trainable(recipe.system)
     kind = objective_of(settings["objective"], classes)
     description = {"kind": "hybrid", **of_data(train, settings), **described}
     description |= {

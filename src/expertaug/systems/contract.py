@@ -15,6 +15,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System
+from expertaug.systems.settings import EVENTS
 from expertaug.systems.solver import Solver
 
 SAMPLES, SEEDS = 3, 2
@@ -57,9 +58,14 @@ def check_system(
     if simulated:
         y0 = _check_sampler(system, where)
     known = _check_inputs(system, where, simulated, generator)
+    if system.has_events:
+        _check_events(system, where, y0, parameters, simulated)
+        known.append(torch.ones(SAMPLES, dtype=torch.float64))  # the side
     for y in (y0, y0.float()):
         z, u = parameters.to(y), [each.to(y) for each in known]
         _check(system, where, "expert", (torch.tensor(step_s).to(y), y, z, *u), y)
+        if system.has_events:  # a time for each sample
+            _check(system, where, "expert", (torch.full((SAMPLES,), step_s).to(y), y, z, *u), y)
         _check(system, where, "initial_state", (y, z), y)
         _check(system, where, "kinematics", (y,), y)
         _check(system, where, "observe", (y,), y, same_shape=False)
@@ -157,6 +163,20 @@ def _check_inputs(system: System, where: str, simulated: bool, generator: torch.
         signal = _called(lambda: system.input_signal(t, parameters), where, name)
         _check_tensor(signal, (SAMPLES, len(t), len(system.inputs)), torch.float64, where, name)
     return [_samples(system.known, None, generator)]
+
+
+def _check_events(system: System, where: str, y: Tensor, z_e: Tensor, simulated: bool) -> None:
+    name = type(system).__name__
+    if len(system.state_shape) > 1:
+        raise InputError(where, f"{name} has events and states of shape {system.state_shape}", "no field has events")
+    if simulated and system.simulation.method != EVENTS:
+        found = f"{name} has events, and its simulation is by {system.simulation.method}"
+        raise InputError(where, found, f'simulation = Solver("{EVENTS}", substeps=20) stops at them')
+    for one in (y, y.float()):
+        z = z_e.to(one)
+        value = _called(lambda: system.event(one, z), where, f"{name}.event")  # noqa: B023
+        _check_tensor(value, tuple(one.shape[:-1]), one.dtype, where, f"{name}.event")
+        _check(system, where, "jump", (one, z), one)
 
 
 def _check(

@@ -13,6 +13,7 @@ from expertaug.systems.base import System
 from expertaug.systems.events import Event
 from expertaug.systems.solver import Flow
 
+SAMPLES = 8
 # dy/dt at a time and states, and at inputs (…, U) where the system has some.
 DrivenField = Callable[..., Tensor]
 
@@ -114,6 +115,29 @@ def check_given(system: System, u: Tensor | None, where: str = "u") -> None:
         raise InputError(
             where, found, f"{type(system).__name__} has {f'{len(system.known)}: {names}' if names else 'none'}"
         )
+
+
+def check_trainable(system: System, where: str = "system") -> None:
+    """Whether a loss of forecasts is a continuous function of the parameters, as gradients need it: what is observed
+    must not jump at events.  With a jump the gradient lacks what moving the event past a data time changes.
+
+    Raises:
+        InputError: it jumps.
+    """
+    if not system.has_events:
+        return
+    generator = torch.Generator().manual_seed(0)
+    y = torch.rand(SAMPLES, *system.state_shape, generator=generator, dtype=torch.float64)
+    z_e = y.new_tensor([p.scale for p in system.expert_parameters]).expand(SAMPLES, -1)
+    for _ in range(SAMPLES):  # Newton's steps onto the event
+        at = y.detach().requires_grad_()
+        value = system.event(at, z_e)
+        (slope,) = torch.autograd.grad(value.sum(), at)
+        y = (at - slope * (value / slope.square().sum(-1).clamp_min(1e-30)).unsqueeze(-1)).detach()
+    before, after = system.observe(y), system.observe(system.jump(y, z_e))
+    if not torch.allclose(before, after, rtol=0.0, atol=1e-3 * float(before.abs().max().clamp_min(1e-12))):
+        found = f"what {type(system).__name__} observes jumps at its events, where a loss has no gradient to train by"
+        raise InputError(where, found, "fit windows by least squares, or observe what does not jump")
 
 
 def joined(y: Tensor, u: Tensor | None) -> Tensor:

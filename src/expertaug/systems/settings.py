@@ -34,6 +34,7 @@ class SystemSettings(Settings):
         STATE, EXPERT, INTERACTION: names of the state's components, of z_e and of the simulation's z_a.
         SIMULATED: whether it can be simulated.
         FIELDS: whether its state is fields on a grid.
+        EVENTS: whether it has events.
     """
 
     WHERE: ClassVar[str] = "system"
@@ -42,11 +43,17 @@ class SystemSettings(Settings):
     INTERACTION: ClassVar[tuple[str, ...]] = ()
     SIMULATED: ClassVar[bool] = True
     FIELDS: ClassVar[bool] = False
+    EVENTS: ClassVar[bool] = False
 
     @classmethod
     def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Names of the known inputs of a system of these settings, and of what simulated ones are drawn from."""
         return (), ()
+
+    @classmethod
+    def jumps(cls, settings: Mapping) -> bool:
+        """Whether what is observed jumps at events."""
+        return False
 
 
 class PendulumSettings(SystemSettings):
@@ -71,6 +78,25 @@ class DrivenPendulumSettings(SystemSettings):
     @classmethod
     def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
         return ("torque",), ("A", "f")
+
+
+class BouncingBallSettings(SystemSettings):
+    """A ball that bounces."""
+
+    STATE = ("h", "v")
+    EXPERT = ("g", "e")
+    INTERACTION = ("k",)
+    EVENTS = True
+
+    name: Literal["bouncing_ball"] = key("bouncing_ball", "a ball that bounces on the ground")
+    rest_m_s: float = key(0.05, "a ball that leaves the ground more slowly stays there", "m/s", ge=0)
+    observed: Literal["all", "height"] = key(
+        "all", "whose errors count: height alone lets F_a be learned, for speeds jump"
+    )
+
+    @classmethod
+    def jumps(cls, settings: Mapping) -> bool:
+        return settings.get("observed") != "height"
 
 
 class RLCSettings(SystemSettings):
@@ -143,6 +169,7 @@ SYSTEMS: Mapping[str, type[SystemSettings]] = {
     for kind in (
         PendulumSettings,
         DrivenPendulumSettings,
+        BouncingBallSettings,
         RLCSettings,
         ReactionDiffusionSettings,
         DoublePendulumSettings,
