@@ -40,7 +40,9 @@ from expertaug.models.interactions.polynomial import PolynomialInteraction as Po
 from expertaug.models.recipe import HybridModel as HybridModel
 from expertaug.systems.base import Parameter as Parameter
 from expertaug.systems.base import System as System
+from expertaug.systems.bouncing_ball import BouncingBall as BouncingBall
 from expertaug.systems.double_pendulum import DoublePendulum as DoublePendulum
+from expertaug.systems.driven_pendulum import DrivenPendulum as DrivenPendulum
 from expertaug.systems.pendulum import DampedPendulum as DampedPendulum
 from expertaug.systems.reaction_diffusion import ReactionDiffusion as ReactionDiffusion
 from expertaug.systems.rlc import RLC as RLC
@@ -53,12 +55,14 @@ __all__ = [
     "Aphynity",
     "AugmentedSets",
     "Band",
+    "BouncingBall",
     "ConvEncoder",
     "ConvInteraction",
     "ConvTwoStep",
     "DampedPendulum",
     "DampingInteraction",
     "DoublePendulum",
+    "DrivenPendulum",
     "Forecast",
     "HybridModel",
     "HybridVAE",

@@ -11,7 +11,7 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_npz
 
-OPTIONAL = ("id", "mask", "noise")
+OPTIONAL = ("id", "u", "mask", "noise")
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,7 @@ class Trajectories:
         y: states, (N, T, *state), float32, finite; 0 where nothing was measured.
         z_e: expert parameters, (N, P), float32; NaN where one is not known, as of measured data.
         z_a: true interaction latent where it is known, (N, Q), float32; Q = 0 where it is not.
+        u: known inputs on the same times, (N, T, U), float32, finite; None for a system without.
         id: where each sample comes from, (N,) texts: ``recording/first frame`` of a chunk; None where nobody asks.
         mask: which values of y were measured, (N, T, *state), bool; None where all are, and ever will be.
         noise: standard deviation of the noise of each component of a state, (K,), where it was estimated from the data.
@@ -38,6 +39,7 @@ class Trajectories:
     id: np.ndarray | None = None
     mask: np.ndarray | None = None
     noise: np.ndarray | None = None
+    u: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.z_a is None:
@@ -62,7 +64,12 @@ class Trajectories:
                 found = f"id has shape {self.id.shape} and type {self.id.dtype} for {len(self.y)} samples"
                 raise InputError("trajectories", found, "id is (N,), texts")
         self._check_measured()
-        for name in ("t", "y", "z_e", "z_a"):
+        if self.u is not None:
+            object.__setattr__(self, "u", np.ascontiguousarray(self.u, dtype=np.float32))
+            if self.u.ndim != 3 or self.u.shape[:2] != self.y.shape[:2] or not self.u.shape[2]:
+                found = f"u has shape {self.u.shape} for {len(self.y)} samples at {len(self.t)} times"
+                raise InputError("trajectories", found, "u is (N, T, U), known inputs at the times of y")
+        for name in ("t", "y", "z_e", "z_a", *(("u",) if self.u is not None else ())):
             value = getattr(self, name)
             bad = np.isinf(value) if name == "z_e" else ~np.isfinite(value)
             if bad.any():
@@ -98,14 +105,13 @@ class Trajectories:
 
     def subset(self, index: slice | np.ndarray) -> Trajectories:
         """The samples that ``index`` (a slice, a mask or integers along N) selects."""
-        identity = None if self.id is None else self.id[index]
-        mask = None if self.mask is None else self.mask[index]
-        return replace(self, y=self.y[index], z_e=self.z_e[index], z_a=self.z_a[index], id=identity, mask=mask)
+        several = {name: None if (v := getattr(self, name)) is None else v[index] for name in ("id", "u", "mask")}
+        return replace(self, y=self.y[index], z_e=self.z_e[index], z_a=self.z_a[index], **several)
 
     def window(self, start: int, stop: int) -> Trajectories:
         """The points ``start`` to ``stop`` (not included) along time."""
-        mask = None if self.mask is None else self.mask[:, start:stop]
-        return replace(self, t=self.t[start:stop], y=self.y[:, start:stop], mask=mask)
+        several = {name: None if (v := getattr(self, name)) is None else v[:, start:stop] for name in ("u", "mask")}
+        return replace(self, t=self.t[start:stop], y=self.y[:, start:stop], **several)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed npz without pickle, atomically."""

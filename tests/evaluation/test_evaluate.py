@@ -200,7 +200,7 @@ def test_a_longer_forecast_may_go_as_far_as_it_is_long(folder, monkeypatch):
     Trajectories(2 * data.t, data.y, data.z_e, data.z_a).save(folder / "slow.npz")
     save_as(folder, "far", lambda model: {"bound": [100.0, 50.0]})
     limits = []
-    monkeypatch.setattr(stage, "forecast", lambda *args: (limits.append(args[-1]), forecast(*args))[1])
+    monkeypatch.setattr(stage, "forecast", lambda *args: (limits.append(args[5]), forecast(*args))[1])
     settings = COMMON | {"method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     outputs = folder / "slow.csv", folder / "slow_forecasts.npz"
     evaluate(folder / "far.safetensors", folder, *outputs, settings | {"sets": ["test", "slow"]}, None)

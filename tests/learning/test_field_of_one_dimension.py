@@ -109,3 +109,22 @@ def test_a_model_file_of_fields_is_read_again(tmp_path):
     again = store.load(tmp_path / "m", classes=["field_systems:Fisher"]).model
     y = torch.rand(3, 1, 2, 1, 64)
     assert torch.equal(again.encode(y).z_e.mean, model.encode(y).z_e.mean)
+
+
+def test_least_squares_on_fields_is_evaluated_and_drawn(fields, tmp_path, settings):
+    """The expert is the diffusion alone; where nothing reacts it is the truth."""
+    sets = {}
+    for name, size in (("train", 4), ("validation", 2), ("test", 2)):
+        ranges = {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.0, 0.0]}, "size": size}
+        sets[name] = ranges
+    for name in sets:
+        simulate(name, tmp_path / f"{name}.npz", {"system": SYSTEM, "data": DATA | {"sets": sets}})
+    refinement = {"settings": {"starts": 4, "tries": 1}, "noise": 0.0, "prior": {"D": [5e-4, 6e-3]}}
+    settings |= {"experiment": "fisher", "system": SYSTEM, "model": {}, "t1_s": 0.5, "refinement": refinement}
+    settings |= {"build": {"kind": "least_squares"}, "method": "ls", "label": "LS", "classes": [SYSTEM["name"]]}
+    settings |= {"evaluation": {"samples": 2}, "training": {}}
+    train(tmp_path, tmp_path / "model", tmp_path / "work", settings, None)
+    evaluate(tmp_path / "model", tmp_path, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings, None)
+    table = pd.read_csv(tmp_path / "metrics.csv").set_index(["set", "metric"])["value"]
+    assert table["test", "relative_error_D"].max() < 1.0  # per cent
+    assert (tmp_path / "forecasts.png").stat().st_size > 10_000 and (tmp_path / "parameters.png").exists()

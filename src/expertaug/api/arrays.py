@@ -11,6 +11,8 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
+from expertaug.systems import System
+from expertaug.systems.inputs import check_given
 from expertaug.trajectories import Trajectories
 
 Array: TypeAlias = np.ndarray | Tensor
@@ -90,6 +92,44 @@ def times(value: object) -> np.ndarray:
     if not np.isfinite(t).all() or np.any(np.diff(t) <= 0):
         raise InputError("t", f"does not increase from time to time: {brief(t)}", remedy)
     return t
+
+
+def inputs(value: object, system: System, samples: int, t: np.ndarray, name: str = "u") -> Tensor | None:
+    """Known inputs (N, T, U) of N samples at the times t; None for a system without.
+
+    Raises:
+        InputError: they are missing, not known to the system or of another shape, or a covariate is not constant.
+    """
+    if value is None:
+        check_given(system, None, name)
+        return None
+    u = tensor(value, name)
+    names = ", ".join(p.name for p in system.known)
+    if u.dim() != 3 or u.shape[:2] != (samples, len(t)):
+        found, wanted = f"has shape {tuple(u.shape)}", f"({samples}, {len(t)}, {len(system.known)})"
+        raise InputError(name, found, f"give {wanted}, {names or 'known inputs'} at all times of t")
+    check_given(system, u, name)
+    check_constant(system, u, name)
+    return u
+
+
+def check_constant(system: System, u: Tensor, name: str) -> None:
+    """Covariates of known inputs (N, T, U) must not change along a trajectory.
+
+    Raises:
+        InputError: one does.
+    """
+    for k, one in enumerate(system.covariates, start=len(system.inputs)):
+        if (u[..., k] != u[:, :1, k]).any():
+            raise InputError(
+                name, f"{one.name} changes along a trajectory", "a covariate is constant; declare an input"
+            )
+
+
+def grouped(value: Tensor, seeds: int) -> Tensor:
+    """What all seeds share, (N, T, …) → (T, S, N, …)."""
+    each = value.movedim(1, 0).unsqueeze(1)
+    return each.expand(-1, seeds, *each.shape[2:])
 
 
 def same_times(found: np.ndarray, expected: np.ndarray, name: str, remedy: str) -> None:

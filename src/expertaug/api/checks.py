@@ -32,6 +32,7 @@ def check_sets(model: HybridModel | TrainedModel, train: Trajectories, validatio
             found = f"y has shape {data.y.shape}, z_e {data.z_e.shape}"
             wanted = f"y (N, T, {', '.join(map(str, state))}), z_e (N, {len(parameters)})"
             raise InputError(name, found, f"{type(model.system).__name__} has {wanted}")
+        arrays.inputs(data.u, model.system, len(data), data.t, f"{name}.u")
     if len(train.t) != len(validation.t) or not np.array_equal(train.t, validation.t):
         raise InputError("validation", f"has the times {arrays.brief(validation.t)}", "give those of train")
 

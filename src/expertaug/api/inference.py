@@ -18,6 +18,7 @@ from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.validity import Validity, along
 from expertaug.learning.train import expert_alone
 from expertaug.systems import System
+from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories
 
 
@@ -77,6 +78,7 @@ def own_prior(
     train: Trajectories,
     unlabelled: Array,
     *,
+    u: Array | None = None,
     noise: Noise = 0.0,
     prior: Ranges | None = None,
     **options: Unpack[RefinementOptions],
@@ -90,6 +92,7 @@ def own_prior(
         model: trained, or of :func:`least_squares`.
         train: the training set.
         unlabelled: observed windows of where the model is to work, (N, T1, *state).
+        u: their known inputs, (N, T1, U), of a system that has some.
         noise: standard deviation of the data's noise.
         prior: ranges in which fits of the training windows start; None: at the model's own estimates.
         options: see :class:`expertaug.inference.settings.RefinementSettings`.
@@ -103,12 +106,18 @@ def own_prior(
     if y.shape[1:] != train.seen[:, : model.observed].shape[1:]:
         wanted = f"(N, {model.observed}, {', '.join(map(str, train.y.shape[2:]))})"
         raise InputError("unlabelled", f"has shape {tuple(y.shape)}", f"give {wanted}")
-    known = arrays.tensor(train.seen[:, : model.observed], "train", gaps)
+    seen = train.window(0, model.observed)
+    windows = [(arrays.tensor(seen.seen, "train", gaps), seen.u), (y, u)]
+    given = [arrays.inputs(each, model.system, len(part), seen.t) for part, each in windows]
+    known, found = (
+        joined(part.movedim(1, 0), None if each is None else each.movedim(1, 0))
+        for (part, _), each in zip(windows, given, strict=True)
+    )
     with arrays.one_thread():
         return growing.own_prior(
             model.stored,
-            known.movedim(1, 0),
-            y.movedim(1, 0),
+            known,
+            found,
             arrays.noise(noise),
             None if prior is None else arrays.ranges(prior, names, "prior"),
             dict(options),
@@ -120,6 +129,7 @@ def validity(
     train: Trajectories,
     unlabelled: Array,
     *,
+    u: Array | None = None,
     noise: Noise = 0.0,
     prior: Ranges | None = None,
     **options: Unpack[RefinementOptions],
@@ -130,6 +140,7 @@ def validity(
         model: trained; of a group of seeds the windows of all count.
         train: its training set.
         unlabelled: observed windows, (N, T1, *state), of where the model is to work; no truth is needed.
+        u: their known inputs, (N, T1, U), of a system that has some.
         noise, prior, options: as of :meth:`TrainedModel.refined`.
 
     Returns:
@@ -139,9 +150,8 @@ def validity(
         InputError: windows of another shape, or an option that cannot be used.
     """
     refined = model.refined(noise=noise, prior=prior, **options)
-    known, found = (
-        refined.forecast(y, model.t[: model.observed]) for y in (train.seen[:, : model.observed], unlabelled)
-    )
+    seen, t = train.window(0, model.observed), model.t[: model.observed]
+    known, found = (refined.forecast(y, t, u=given) for y, given in ((seen.seen, seen.u), (unlabelled, u)))
 
     def flat(value: object) -> np.ndarray:
         return np.asarray(value, dtype=float).ravel()

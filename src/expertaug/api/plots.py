@@ -65,7 +65,9 @@ def parameters(
     named = {"test": sets} if isinstance(sets, Trajectories) else dict(sets)
     found = {}
     for label, model in _labelled(models).items():
-        estimates = {name: model.estimate(part.seen[:, : model.observed], part.t) for name, part in named.items()}
+        estimates = {
+            name: model.estimate(part.seen[:, : model.observed], part.t, u=part.u) for name, part in named.items()
+        }
         if any(estimates.values()):
             found[label] = _empty(model, next(iter(named.values())).t) | {
                 "truths": {name: part.z_e for name, part in named.items()},
@@ -129,7 +131,7 @@ def _empty(model: TrainedModel, t: np.ndarray) -> dict[str, Any]:
 
 def _forecasts(model: TrainedModel, data: Trajectories) -> Forecasts:
     arrays.trajectories(data, "data")
-    y = np.asarray(model.forecast(data.seen[:, : model.observed], data.t).y)
+    y = np.asarray(model.forecast(data.seen[:, : model.observed], data.t, u=data.u).y)
     filled = {"index": np.arange(len(data)), "truth": data.seen, "prediction": y[None] if model.single else y}
     sets: dict[str, Any] = {k: {"data": v} for k, v in (filled | {"truths": data.z_e}).items()}
     return Forecasts(**_empty(model, data.t) | sets)

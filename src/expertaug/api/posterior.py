@@ -102,6 +102,7 @@ def predictive(
     window: Array,
     t: Array | Sequence[float],
     *,
+    u: Array | None = None,
     levels: Sequence[float] = (0.05, 0.5, 0.95),
     draws: int = 119,
     solver: Solver | None = None,
@@ -110,7 +111,7 @@ def predictive(
 
     Arguments:
         model: of :func:`fit_posterior`, or a flow's file.
-        window, t, solver: as of :meth:`TrainedModel.forecast`.
+        window, t, u, solver: as of :meth:`TrainedModel.forecast`.
         levels: of the quantiles.
         draws: K.
 
@@ -121,10 +122,11 @@ def predictive(
         raise InputError("model", f"{model.label} has no draws", "give a model of expertaug.fit_posterior")
     if not levels or any(not 0 < level < 1 for level in levels):
         raise InputError("levels", f"found {list(levels)}", "give numbers between 0 and 1, as 0.05")
-    observed, times = model._window(window, t)
+    observed, times, known = model._window(window, t, u)
     with torch.no_grad(), arrays.one_thread():
         points = torch.from_numpy(times).float().to(observed.device)
-        found = of_windows(model.predictor, observed, points, solver or model.solver, draws, levels)  # type: ignore[arg-type]
+        options = {"count": draws, "levels": levels, "u": known}
+        found = of_windows(model.predictor, observed, points, solver or model.solver, **options)  # type: ignore[arg-type]
     mean, quantiles = found.mean.movedim(0, 2), found.quantiles.movedim(1, 3)
     z_e = found.z_e
     if model.single:

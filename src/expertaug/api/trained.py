@@ -27,6 +27,7 @@ from expertaug.models.device import device_of
 from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
+from expertaug.systems.inputs import joined
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -121,7 +122,13 @@ class TrainedModel:
         return (self[k] for k in range(len(self)))
 
     def forecast(
-        self, window: Array, t: Array | Sequence[float], *, solver: Solver | None = None, start: str = "y0"
+        self,
+        window: Array,
+        t: Array | Sequence[float],
+        *,
+        u: Array | None = None,
+        solver: Solver | None = None,
+        start: str = "y0",
     ) -> Forecast:
         """Forecast from observed windows.
 
@@ -133,6 +140,7 @@ class TrainedModel:
                 where nothing was measured.
             t: times in s, (T,); the first T1 are the window's and must be those that the model was trained on, the
                 others, where states are wanted, are free.
+            u: known inputs at all these times, (N, T, U), of a system that has some.
             solver: instead of :attr:`solver`.
             start: y0: integrate from the first point; y_t1: from the last observed one, and return the window before.
 
@@ -143,13 +151,13 @@ class TrainedModel:
             InputError: another shape than the model's, other times, or values that are not finite.
             SolveError: an adaptive solver fails.
         """
-        observed, t = self._window(window, t)
+        observed, t, known = self._window(window, t, u)
         if start not in STARTS:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
         with torch.no_grad(), arrays.one_thread():
             points = torch.from_numpy(t).float().to(observed.device)
             found = self.predictor.estimate(observed)  # type: ignore[attr-defined]
-            y = self.predictor.predicted(found, observed, points, solver or self.solver, start)
+            y = self.predictor.predicted(found, observed, points, solver or self.solver, start, known)
         y = y.movedim(0, 2)
         units = {p.name: p.unit for p in self.system.state} | {
             f"z_e {p.name}": p.unit for p in self.system.expert_parameters
@@ -159,16 +167,16 @@ class TrainedModel:
         chi2 = found.chi2 if found.chi2 is None or not self.single else found.chi2[0]
         return Forecast(t, y, named, units, self.seeds, std, None if chi2 is None else arrays.like(chi2, window))
 
-    def estimate(self, window: Array, t: Array | Sequence[float]) -> dict[str, Array]:
+    def estimate(self, window: Array, t: Array | Sequence[float], *, u: Array | None = None) -> dict[str, Array]:
         """Estimates of the expert parameters, without a forecast.
 
         Arguments:
-            window, t: as of :meth:`forecast`.
+            window, t, u: as of :meth:`forecast`.
 
         Returns:
             by name, (N,) each, in the system's units; nothing for a model that estimates none.
         """
-        observed, _ = self._window(window, t)
+        observed, *_ = self._window(window, t, u)
         with torch.no_grad(), arrays.one_thread():
             found = self.predictor.estimate(observed)  # type: ignore[attr-defined]
         return self._named(found.z_e, window)
@@ -197,7 +205,7 @@ class TrainedModel:
             InputError: the set is of another system or of other times.
         """
         data = spread(arrays.trajectories(data, "data"), max_samples)
-        window, _ = self._window(data.seen[:, : self.observed], data.t)
+        window, *_ = self._window(data.seen[:, : self.observed], data.t, data.u)
         if data.z_e.shape[1] != len(self.system.expert_parameters):
             names = ", ".join(p.name for p in self.system.expert_parameters)
             raise InputError("data", f"z_e has shape {data.z_e.shape}", f"the expert parameters are {names}")
@@ -237,8 +245,8 @@ class TrainedModel:
         """
         store.save(path, self.stored.model, self.stored.description)
 
-    def _window(self, window: object, t: object) -> tuple[Tensor, np.ndarray]:
-        """Windows (T1, S, N, *state) on the model's device, and all times."""
+    def _window(self, window: object, t: object, u: object = None) -> tuple[Tensor, np.ndarray, Tensor | None]:
+        """Windows (T1, S, N, *observed) on the model's device, all times, and known inputs (T, S, N, U)."""
         y, t = arrays.tensor(window, "window", "start" in self.stored.description), arrays.times(t)
         state, points = self.system.state_shape, self.observed
         if y.dim() != 2 + len(state) or y.shape[2:] != state or not len(y):
@@ -250,8 +258,9 @@ class TrainedModel:
         if self.stored.description["kind"] == "mean" and len(t) > points:
             arrays.same_times(t, self.t, "t", "the mean of the training set has no others")
         device = next((x.device for x in self.stored.model.state_dict().values()), torch.device("cpu"))
-        y = y.to(device).movedim(1, 0).unsqueeze(1)
-        return y.expand(-1, len(self), *y.shape[2:]), t
+        known = arrays.inputs(u, self.system, len(y), t)
+        y, known = (None if x is None else arrays.grouped(x.to(device), len(self)) for x in (y, known))
+        return joined(y, None if known is None else known[:points]), t, known  # type: ignore[arg-type]
 
     def _named(self, z_e: Tensor | None, given: object) -> dict[str, Array]:
         """Estimates (S, N, P) by name."""

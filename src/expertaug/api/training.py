@@ -77,10 +77,14 @@ class AugmentedSets:
 
     def _of(self, part: StackedSet) -> list[Trajectories]:
         y, z_e = part.y.movedim(0, 2).cpu().numpy(), part.z_e.cpu().numpy()
+        u = None if part.u is None else part.u.movedim(0, 2).cpu().numpy()
         mask = None if not np.isnan(y).any() else ~np.isnan(y)
-        given = [None if mask is None else mask[k] for k in range(len(self.seeds))]
-        y = np.nan_to_num(y) if mask is not None else y
-        return [Trajectories(self.t, y[k], z_e[k], mask=one) for k, one in enumerate(given)]
+        y = y if mask is None else np.nan_to_num(y)
+        given = [
+            {name: value[k] for name, value in (("u", u), ("mask", mask)) if value is not None}
+            for k in range(len(self.seeds))
+        ]
+        return [Trajectories(self.t, y[k], z_e[k], **each) for k, each in enumerate(given)]
 
 
 def fit(
@@ -113,7 +117,8 @@ def fit(
         prior: ranges [low, high] of p⁺ by expert parameter, for the objectives that need one (HybridVAE).
         start: ranges [low, high] of first values of components that nobody measured, in their units.
         solver: of the forecasts in training; default: one fourth-order Runge-Kutta step from time to time.
-        forecast_solver: of later forecasts; default: adaptive (dopri5 to 1e-6) where the training's is a coarse one.
+        forecast_solver: of later forecasts; default: adaptive (dopri5 to 1e-6; rk4 with 10 substeps
+            where the system has events) where the training's is a coarse one.
         horizon_s: end of the loss window in s; default: that of the observed window.
         preset, choices: which of the paper's ambiguities are read how, and single rows of that table
             (:mod:`expertaug.config.presets`).

@@ -34,7 +34,8 @@ def forecast_file(
     Arguments:
         model: model file.
         window: CSV with a column ``t`` in s and one for each component of the state; ``sample`` tells several windows
-            apart.  Headings may carry units, ``theta [rad]``.
+            apart.  Headings may carry units, ``theta [rad]``.  Of a model with known inputs each is a column too, and
+            rows after the observed window, without states, have the inputs at the times of the forecast.
         output: CSV; None: standard output.  Its columns are seed, sample, ``t [s]``, the states and the estimates of
             the expert parameters, ``z_e omega0 [rad/s]``.
         seed: one of the model's; None: all.
@@ -55,8 +56,12 @@ def forecast_file(
         if not 0 <= refine < np.inf:
             raise InputError("--refine", f"found {refine:g}", "give the noise's standard deviation, at least 0")
         trained = trained.refined(noise=refine)
-    names, t, y = read_windows(window, trained)
-    table = trained.forecast(y, np.concatenate((t, _later(trained, t_end)))).table()
+    names, t, y, u = read_windows(window, trained)
+    if u is None:
+        t = np.concatenate((t, _later(trained, t_end)))
+    else:
+        t, u = _given(window, trained, t, u, t_end)
+    table = trained.forecast(y, t, u=u).table()
     table["sample"] = np.array(names, dtype=object)[table["sample"]]
     if output is None:
         table.to_csv(sys.stdout, index=False)
@@ -65,13 +70,14 @@ def forecast_file(
         table.to_csv(temporary, index=False)
 
 
-def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.ndarray]:
-    """Names of the samples (N), times (T1,) in s and states (N, T1, C) of a CSV file.
+def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.ndarray, np.ndarray | None]:
+    """Names of the samples (N), times (T1,) in s and states (N, T1, C) of a CSV file; of a model with known inputs the
+    times (T,) may go on, and the last are the inputs at all of them, (N, T, U).
 
     Raises:
         InputError: no CSV, a column is missing or of another unit, a value is no number, or windows differ in times.
     """
-    state = model.system.state
+    state, known = model.system.state, model.system.known
     if model.system.state_shape != (len(state),):
         raise InputError(path, "the model's state is a field", "forecast it in Python: expertaug.load(…).forecast(…)")
     try:
@@ -81,9 +87,11 @@ def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.
     except (ValueError, OSError) as error:  # a broken table is a ValueError
         raise InputError(path, f"no CSV ({error})", "give columns t and the state's, separated by commas") from error
     columns = {_name(heading): heading for heading in table.columns}
-    for parameter in (Parameter("t", "s"), *state):
-        _check_column(path, table, columns, parameter)
     sample = table[columns["sample"]] if "sample" in columns else pd.Series(0, index=table.index)
+    seen = table.groupby(sample.to_numpy(), dropna=False).cumcount().to_numpy() < model.observed
+    everywhere = np.ones(len(table), dtype=bool)
+    for parameter in (Parameter("t", "s"), *known, *state):
+        _check_column(path, table, columns, parameter, seen if known and parameter in state else everywhere)
     windows = [part for _, part in table.groupby(sample.to_numpy(), sort=False, dropna=False)]
     times = [part[columns["t"]].to_numpy(dtype=float) for part in windows]
     for number, t in enumerate(times):
@@ -91,15 +99,39 @@ def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.
             raise InputError(path, f"window {number + 1} has other times than the first", "give all the same times")
     if not windows:
         raise InputError(path, "has no rows", f"give the {model.observed} observed points")
-    y = np.stack([part[[columns[p.name] for p in state]].to_numpy(dtype=float) for part in windows])
-    if len(times[0]) != model.observed:
+    values = [part[[columns[p.name] for p in (*state, *known)]].to_numpy(dtype=float) for part in windows]
+    y, u = np.split(np.stack(values), [len(state)], axis=2)
+    if len(times[0]) != model.observed and not (known and len(times[0]) > model.observed):
         remedy = f"the model observes {model.observed}, t = {model.t[0]:g} … {model.t[model.observed - 1]:g} s"
         raise InputError(path, f"has {len(times[0])} points a window", remedy)
-    same_times(times[0], model.t[: model.observed], str(path), "give the window at these times")
-    return [part[columns["sample"]].iloc[0] if "sample" in columns else 0 for part in windows], times[0], y
+    same_times(times[0][: model.observed], model.t[: model.observed], str(path), "give the window at these times")
+    names = [part[columns["sample"]].iloc[0] if "sample" in columns else 0 for part in windows]
+    return names, times[0], y[:, : model.observed], u if known else None
 
 
-def _check_column(path: Path, table: pd.DataFrame, columns: dict[str, str], parameter: Parameter) -> None:
+def _given(
+    path: Path, model: TrainedModel, t: np.ndarray, u: np.ndarray, t_end: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The times up to ``t_end`` at which a file gives the known inputs, and these.
+
+    Raises:
+        InputError: it gives none where a forecast is wanted.
+    """
+    last = t[model.observed - 1]
+    if t_end is not None and not last <= t_end < np.inf:
+        raise InputError("--t-end", f"found {t_end:g}", f"the observed window ends at {last:g} s")
+    if len(t) == model.observed if t_end is None else t[-1] < t_end - 1e-9:
+        names = ", ".join(p.name for p in model.system.known)
+        remedy = f"add rows with t and {names}, the states empty, up to the end of the forecast"
+        raise InputError(path, f"gives {names} up to {t[-1]:g} s", remedy)
+    kept = np.ones(len(t), dtype=bool) if t_end is None else t <= t_end + 1e-9
+    return t[kept], u[:, kept]
+
+
+def _check_column(
+    path: Path, table: pd.DataFrame, columns: dict[str, str], parameter: Parameter, needed: np.ndarray
+) -> None:
+    """A column must be there, in the system's unit, with a finite number in each of the rows that are needed."""
     wanted = labelled(parameter.name, parameter.unit)
     if parameter.name not in columns:
         raise InputError(path, f"no column {parameter.name}", f"it has {', '.join(table.columns)}; give {wanted}")
@@ -108,8 +140,8 @@ def _check_column(path: Path, table: pd.DataFrame, columns: dict[str, str], para
     if unit and unit[1].strip() != parameter.unit:
         raise InputError(path, f"column {heading}", f"the model's unit is {wanted}: convert it")
     numbers = np.asarray(pd.to_numeric(table[heading], errors="coerce"), dtype=float)
-    if not np.isfinite(numbers).all():
-        row = int(np.argmin(np.isfinite(numbers)))
+    if not np.isfinite(numbers[needed]).all():
+        row = int(np.argmin(np.isfinite(numbers) | ~needed))
         raise InputError(path, f"column {heading}, row {row + 1}: {table[heading].iloc[row]}", "give finite numbers")
     table[heading] = numbers
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from expertaug.config import inference_checks, measurement_checks, options, stage_code, study_checks
+from expertaug.config import event_checks, inference_checks, measurement_checks, options, stage_code, study_checks
 from expertaug.config.layers import merge
 from expertaug.config.names import other_parameters, unknown, unknown_one
 from expertaug.errors import InputError
@@ -122,6 +122,8 @@ def experiment(where: str, one: Mapping, config: Mapping) -> Iterator[InputError
             remedy = "only hybrid methods can be augmented"
             yield InputError(f"{where}.augmented[{k}]", f"'{method}' is of kind {kind}", remedy)
     yield from inference_checks.check(where, one, methods, known)
+    if known is not None and known.events:
+        yield from event_checks.check(where, one, methods, known.jumps)
     for key in ("augmentation", "finetuning"):
         if one["augmented"] and key not in one:
             yield InputError(f"{where}.{key}", "missing", "methods under augmented need it")
@@ -207,6 +209,7 @@ def _simulation(where: str, one: Mapping, known: options.KnownSystem | None) -> 
             if names is not None:
                 at = f"{where}.data.sets.{first}.{part}"
                 yield from other_parameters(sets[first][part], names, at, f"the system {name}")
+        yield from _inputs(f"{where}.data.sets", sets, known, name)
     for key, one_set in sets.items():
         for part in ("z_e", "z_a"):
             at = f"{where}.data.sets.{key}.{part}"
@@ -217,6 +220,17 @@ def _simulation(where: str, one: Mapping, known: options.KnownSystem | None) -> 
     if "augmentation" in one:
         prior = one["augmentation"]["prior"]
         yield from other_parameters(prior, sets[first]["z_e"], f"{where}.augmentation.prior", "the sets' z_e")
+
+
+def _inputs(where: str, sets: Mapping, known: options.KnownSystem, name: str) -> Iterator[InputError]:
+    """Ranges of what simulated inputs are drawn from, which may differ from set to set."""
+    if known.drawn is None:
+        return
+    for key, one_set in sets.items():
+        if "inputs" in one_set or known.drawn:
+            yield from other_parameters(
+                one_set.get("inputs", {}), known.drawn, f"{where}.{key}.inputs", f"the system {name}"
+            )
 
 
 def _chunks(where: str, one: Mapping, recordings: Mapping) -> Iterator[InputError]:

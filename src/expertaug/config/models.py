@@ -84,6 +84,9 @@ class SimulatedSet(Settings):
     size: int = key(..., "trajectories", ge=1, le=10**8)
     z_e: dict[str, Range] = key(..., "range of each expert parameter, in its unit")
     z_a: dict[str, Range] = key(dict, "range of each parameter of the true interaction, in its unit")
+    inputs: dict[str, Range] = key(
+        LEFT_OUT, "of a driven system, range of each number that known inputs are drawn from, and of each covariate"
+    )
 
 
 class Data(Settings):
@@ -157,7 +160,10 @@ class Evaluation(Settings):
         dict, "how tables and figures call the sets; default train, validation (set of choices), IID test, test (OOD)"
     )
     max_samples: Count | None = key(None, "samples of each set, at most, evenly spread; null = all")
-    solver: SolverSettings = key(LEFT_OUT, "of the forecasts; left out = dopri5 with tolerances of 1.0e-6")
+    solver: SolverSettings = key(
+        LEFT_OUT,
+        "of the forecasts; left out = dopri5 with tolerances of 1.0e-6, rk4 with 10 substeps where there are events",
+    )
 
 
 class Override(Settings):

@@ -23,13 +23,29 @@ PARTS: Mapping[str, Mapping[str, type[PartSettings]]] = {"encoder": ENCODERS, "i
 
 @dataclass(frozen=True)
 class KnownSystem:
-    """What is known of a system before it is made; None where only its constructor knows."""
+    """What is known of a system before it is made; None where only its constructor knows.
+
+    Attributes:
+        known: names of its known inputs and covariates.
+        drawn: names of what simulated ones are drawn from.
+        events: whether it has events, at which only some solvers stop.
+        jumps: whether what is observed jumps there; of a class from elsewhere its check tells.
+    """
 
     state: Sequence[str] | None
     expert: Sequence[str] | None
     interaction: Sequence[str] | None
     fields: bool | None = None
     kind: type | None = None
+    known: Sequence[str] | None = ()
+    drawn: Sequence[str] | None = ()
+    events: bool = False
+    jumps: bool = False
+
+    @property
+    def seen(self) -> Sequence[str] | None:
+        """What an encoder may see: the state and the known inputs."""
+        return None if self.state is None or self.known is None else [*self.state, *self.known]
 
 
 def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[InputError]]:
@@ -40,7 +56,16 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
         return None, [InputError(f"{where}.name", found, "give name (a module of expertaug.systems, or a dotted path)")]
     if name in SYSTEMS:
         kind = SYSTEMS[name]
-        known = KnownSystem(kind.STATE, kind.EXPERT, kind.INTERACTION, kind.FIELDS)
+        inputs = dict(zip(("known", "drawn"), kind.inputs(settings), strict=True))
+        known = KnownSystem(
+            kind.STATE,
+            kind.EXPERT,
+            kind.INTERACTION,
+            kind.FIELDS,
+            events=kind.EVENTS,
+            jumps=kind.jumps(settings),
+            **inputs,
+        )
         return known, check(kind, settings, where)
     if "." not in name and ":" not in name:
         remedy = f"{suggest(name, SYSTEMS)}, or the dotted path of a module elsewhere"
@@ -53,9 +78,16 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
     state, expert, interaction = (
         signatures.names_of(own, a) for a in ("state", "expert_parameters", "interaction_parameters")
     )
-    return KnownSystem(state, expert, interaction, kind=own), list(
-        signatures.wrong_options(own, "system", given, where)
+    inputs = [
+        None if signatures.made_by_constructor(own, a) else signatures.names_of(own, a)
+        for a in ("inputs", "covariates", "input_parameters")
+    ]
+    known, drawn = (
+        None if part is None or inputs[1] is None else [*part, *inputs[1]] for part in (inputs[0], inputs[2])
     )
+    wrong = list(signatures.wrong_options(own, "system", given, where))
+    events = signatures.has_events(own)
+    return KnownSystem(state, expert, interaction, kind=own, known=known, drawn=drawn, events=events), wrong
 
 
 def simulated(name: str, known: KnownSystem, where: str) -> Iterator[InputError]:
@@ -96,7 +128,10 @@ def part(of: str, settings: Mapping, where: str, known: KnownSystem | None, t1_s
     if known.fields is False and PARTS[of][kind].FIELDS:
         fitting = [name for name, one in PARTS[of].items() if not one.FIELDS]
         yield InputError(f"{where}.kind", f"'{kind}' is for states that are fields", f"give {' or '.join(fitting)}")
-    yield from _components(PARTS[of][kind].from_mapping(settings), where, known.state, t1_s)
+    made = PARTS[of][kind].from_mapping(settings)
+    yield from _components(made, where, known.seen if of == "encoder" else known.state, t1_s)
+    if getattr(made, "inputs", False) and known.known is not None and not known.known:
+        yield InputError(f"{where}.inputs", "the system has no known inputs", "leave it out")
 
 
 def _own(of: str, kind: str, settings: Mapping, where: str) -> Iterator[InputError]:

@@ -172,18 +172,20 @@ class _Experiment:
         return bool(self._try(where, parts))
 
     def _task(self, settings: Mapping, data: Trajectories | None) -> tuple:
-        """The task of a training, and samples (T, N, *state) where the data are simulated."""
+        """The task of a training, and samples (T, N, *observed) where the data are simulated."""
         import torch
 
         from expertaug.learning.bound import bound_of
         from expertaug.learning.task import task_of
         from expertaug.learning.train import observed_points
+        from expertaug.systems.inputs import joined
 
         t = [float(v) for v in data.t] if data is not None else self._times()
         description = {"t": t, "observed": observed_points(t, settings)}
         y = None
         if data is not None:
-            y = torch.from_numpy(data.y).float().movedim(0, 1)
+            u = None if data.u is None else torch.from_numpy(data.u).movedim(0, 1)
+            y = joined(torch.from_numpy(data.y).float().movedim(0, 1), u)
             description["bound"] = bound_of(data.y)
         return task_of(settings["training"], description, torch.device("cpu")), y
 

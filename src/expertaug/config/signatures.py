@@ -61,6 +61,11 @@ def names_of(system: type, attribute: str) -> list[str] | None:
     return [p.name for p in value] if isinstance(value, tuple) else None
 
 
+def has_events(kind: type) -> bool:
+    """Whether a system's class defines an event, and not only the base of all systems."""
+    return next(one for one in kind.__mro__ if "event" in vars(one)).__module__ != "expertaug.systems.base"
+
+
 def takes(kind: type, argument: str) -> bool:
     """Whether a class's constructor names an argument."""
     return argument in _parameters(kind)
@@ -128,12 +133,12 @@ def _require(kind: type, names: tuple[str, ...], where: str) -> None:
     for base in kind.__mro__:
         if base.__module__.startswith("expertaug.") and base.__name__ in NEEDED:
             for name in (*NEEDED[base.__name__], *names):
-                if getattr(kind, name, None) is getattr(base, name, None) and not _sets(kind, name):
+                if getattr(kind, name, None) is getattr(base, name, None) and not made_by_constructor(kind, name):
                     remedy = f"a {base.__name__} needs it"
                     raise InputError(where, f"the class {kind.__name__} does not define {name}", remedy)
 
 
-def _sets(kind: type, name: str) -> bool:
+def made_by_constructor(kind: type, name: str) -> bool:
     """Whether a constructor of the class sets an attribute."""
     own = (inspect.unwrap(vars(base)["__init__"]) for base in kind.__mro__ if "__init__" in vars(base))
     return any(name in code.co_names for init in own if (code := getattr(init, "__code__", None)) is not None)

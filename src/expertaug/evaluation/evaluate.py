@@ -25,6 +25,7 @@ from expertaug.labels import MAIN_SETS, SHOWN_SETS
 from expertaug.learning.bound import largest, stored_bound
 from expertaug.models import store
 from expertaug.models.device import device_of
+from expertaug.systems.inputs import check_given, joined
 from expertaug.systems.solver import Solver
 from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
@@ -158,7 +159,7 @@ def score(
         keep: number of forecasts to keep, evenly spread.
     """
     system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)
-    solver = Solver.from_mapping(options.get("solver") or {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6})
+    solver = Solver.from_mapping(options.get("solver") or store.accurate(system))
     t = torch.from_numpy(truth.t).float().to(device)
     bound = stored_bound(stored.description, device)
     if bound is not None:  # what turns at one speed goes as far as the time is long
@@ -167,13 +168,19 @@ def score(
     if options.get("from_s") is not None:
         begin = int(np.searchsorted(truth.t, options["from_s"] - 1e-9))
     index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
+    check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn = [], [], [], [], [], [], []
     seen = truth.seen
     for first in range(0, len(truth), size):
         y = torch.from_numpy(seen[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
         limit = None if bound is None else torch.maximum(bound, largest(y[:, 0]))  # to follow the truth is not to run
-        found = forecast(stored.model, y[:observed].expand(-1, seeds, *y.shape[2:]), t, solver, start, limit)
+        u = None
+        if truth.u is not None:
+            u = torch.from_numpy(truth.u[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
+            u = u.expand(-1, seeds, *u.shape[2:])
+        windows = joined(y[:observed].expand(-1, seeds, *y.shape[2:]), None if u is None else u[:observed])
+        found = forecast(stored.model, windows, t, solver, start, limit, u)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
         early.append(squared_errors(system, found.states[1:observed], y[1:observed]).cpu())
         if begin < observed:

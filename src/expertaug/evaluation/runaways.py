@@ -30,19 +30,26 @@ class Forecast:
 
 
 def forecast(
-    model: Predictor, observed: Tensor, t: Tensor, solver: Solver, start: str, bound: Tensor | None
+    model: Predictor,
+    observed: Tensor,
+    t: Tensor,
+    solver: Solver,
+    start: str,
+    bound: Tensor | None,
+    u: Tensor | None = None,
 ) -> Forecast:
     """Forecast samples from their observed windows.
 
     Arguments:
         model: estimates and forecasts.
-        observed: (T1, S, B, *state).
+        observed: (T1, S, B, *observed).
         t: (T,) in s.
         start: y0 or y_t1 (:meth:`Predictor.predicted`).
         bound: (K,) or (B, K), largest size of each component; None keeps what is not finite.
+        u: known inputs (T, S, B, U) at all times; None for a system without.
     """
     found = model.estimate(observed)
-    states, unsolved = _solve(model, found, observed, t, solver, start, bound)
+    states, unsolved = _solve(model, found, observed, t, solver, start, bound, u)
     near = within(states, bound)
     # Seeds are solved together: those that a fixed grid shows to run away are at fault, all where it shows none.
     runaways = ~near | (unsolved & near.all(0))
@@ -57,6 +64,7 @@ def _solve(
     solver: Solver,
     start: str,
     bound: Tensor | None,
+    u: Tensor | None,
 ) -> tuple[Tensor, Tensor]:
     """States, and which samples (B,) the solver gave up on.
 
@@ -67,7 +75,7 @@ def _solve(
 
     def predicted(one: Solver) -> Tensor:
         stopping: Solver = one if bound is None else Stopping(one, bound)  # type: ignore[assignment]
-        return model.predicted(found, observed, t, stopping, start)
+        return model.predicted(found, observed, t, stopping, start, u)
 
     try:
         states = predicted(solver)
@@ -76,9 +84,11 @@ def _solve(
             states = predicted(FALLBACK)
             return states, torch.ones(1, dtype=torch.bool, device=states.device)
         halves = [slice(size // 2), slice(size // 2, None)]
-        parts = [
-            (found.part(h), observed[:, :, h], bound if bound is None or bound.dim() == 1 else bound[h]) for h in halves
-        ]
-        (one, first), (other, second) = (_solve(model, part, y, t, solver, start, b) for part, y, b in parts)
+        limits = [bound if bound is None or bound.dim() == 1 else bound[h] for h in halves]
+        known = [None if u is None else u[:, :, h] for h in halves]
+        (one, first), (other, second) = (
+            _solve(model, found.part(h), observed[:, :, h], t, solver, start, limit, k)
+            for h, limit, k in zip(halves, limits, known, strict=True)
+        )
         return torch.cat((one, other), dim=2), torch.cat((first, second))
     return states, torch.zeros(size, dtype=torch.bool, device=states.device)

@@ -28,6 +28,7 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of, fill
 from expertaug.models.measurement_noise import is_some, noise_of
 from expertaug.systems import System
+from expertaug.systems.inputs import check_given, check_trainable
 from expertaug.trajectories import Trajectories
 
 WIDTH = 1.0  # standard deviation of z_a's prior in training
@@ -121,6 +122,7 @@ def prepare(
         raise InputError("validation set", "has other times than the training set", "give both the same times")
     if "interaction" not in described["model"]:
         raise InputError("model.interaction", "missing", "the training is of an interaction model")
+    check_trainable(system)
     options, seeds = AlternatingSettings.from_mapping(settings["training"]), list(settings["seeds"])
     model = {"interaction": described["model"]["interaction"]}
     description = {
@@ -132,12 +134,16 @@ def prepare(
     }
     description |= {"expert": True, "interaction": True, "latent_size": options.latent}
     description |= {"refinement": settings["refinement"]}
-    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])
+    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(
+        settings["training"], system
+    )
     decoder = describe.decoder_of(system, description, classes)
     device, ranges = torch.device("cpu"), description.get("start")
     task = task_of(settings["training"], description, device)
     train_set = StackedSet.of(train, device).subset(options.train_samples)
     validation_set = StackedSet.of(validation, device).subset(options.validation_samples)
+    for name, part in (("training set", train_set), ("validation set", validation_set)):
+        check_given(system, part.u, name)
     seen_y = train_set.y[: description["observed"], 0]
     if ranges is not None:
         seen_y = fill(seen_y, torch.tensor(description["t"][: len(seen_y)]), ends_of(ranges)[0].to(seen_y))
@@ -164,5 +170,6 @@ def prepare(
         fit(decoder, seen, refinement.model_copy(update=given), len(seeds)),
     )
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
-    trainer = Alternation(*fits, train_set.y[: task.horizon], validation_set.y, task, seeds, options, name)
+    sets = train_set.windows(task.horizon), validation_set.windows(len(t))
+    trainer = Alternation(*fits, *sets, task, seeds, options, name)
     return AlternatingTraining(trainer, description, classes or {})

@@ -21,7 +21,7 @@ from torch import Tensor
 from expertaug.errors import SolveError
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternatingSettings
-from expertaug.inference.smallness import expert_tangents, interaction_at, mixture, squares
+from expertaug.inference.smallness import expert_rates, expert_tangents, interaction_at, mixture, squares
 from expertaug.inference.window_fit import WindowFit
 from expertaug.learning.bound import bounded, solved
 from expertaug.learning.gradients import clip_each_seed
@@ -30,6 +30,7 @@ from expertaug.learning.objectives import mean_squared_error
 from expertaug.learning.settings import one_cycle
 from expertaug.learning.task import Task
 from expertaug.models.estimates import Estimates
+from expertaug.systems.inputs import inputs_of, states_of
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0
@@ -47,8 +48,8 @@ class Alternation:
         fit: of training windows; its decoder is trained.
         first_fit: of the same with the expert alone.
         validation_fit: of the observed part of validation windows.
-        train: training windows (T1, 1, N, *state).
-        validation: validation trajectories (T, 1, V, *state).
+        train: training windows (T1, 1, N, *observed).
+        validation: validation trajectories (T, 1, V, *observed).
         task: its times, solver and bound.
         seeds: in the group's order.
         settings: how to train.
@@ -107,9 +108,9 @@ class Alternation:
         self.x[..., p : p + q] = SPREAD * Noise(self.seeds, 0).normal(self.count, q).double()
         index = torch.arange(self.batch).expand(len(self.seeds), -1)
         windows, x = self._windows(index), self._of(self.x, index)
-        z_e = self.fit.parts(x, windows[0])[0]
-        states, system = self.fit.states(x, windows[0])[::EVERY], self.fit.system
-        rate = torch.stack([system.expert(t, y, z_e) for t, y in zip(self.fit.t[::EVERY], states, strict=True)])
+        z_e, system = self.fit.parts(x, self.fit.first(windows))[0], self.fit.system
+        states, u = self.fit.states(x, windows)[::EVERY], inputs_of(system, windows[::EVERY])
+        rate = expert_rates(system, self.fit.t[::EVERY], states, z_e, u)
         size = rate.square().flatten(4).mean(-1) if rate.dim() > 4 else rate.square()
         self.rates = size.mean((0, 2)).sqrt().clamp_min(1e-12)
 
@@ -118,7 +119,7 @@ class Alternation:
         index = self._batch()
         windows, x, damping = self._windows(index), self._of(self.x, index), self._of(self.damping, index)
         x_new, cost = trial(partial(_residuals, self.fit, windows), x, damping, self.fit.longest)
-        states = self.fit.states(x_new, windows[0])
+        states = self.fit.states(x_new, windows)
         data = self.fit.differences(states, windows)
         new_cost = cost_of(torch.cat((data.detach(), self.fit.pull(x_new)), -1))
         better = new_cost < cost
@@ -128,7 +129,7 @@ class Alternation:
         self.misfit[rows, index] = torch.where(better, new_cost, cost)
         each = torch.where(better, self._robust(data).mean(-1), torch.zeros_like(cost))
         fitted = each.sum(-1) / better.sum(-1).clamp_min(1)  # what a step has led astray teaches nothing
-        size, share = self._sizes(states.detach(), x)
+        size, share = self._sizes(states.detach(), x, inputs_of(self.fit.system, windows))
         self.optimiser.zero_grad(set_to_none=True)
         (fitted + self.settings.penalty * size + self.settings.share * share).sum().backward()
         clip_each_seed(self.parameters, self.settings.clip_norm, torch.ones(len(self.seeds), dtype=torch.bool))
@@ -145,13 +146,14 @@ class Alternation:
         limit = self.settings.threshold**2
         return limit * torch.log1p(data.square() / limit)
 
-    def _sizes(self, states: Tensor, x: Tensor) -> tuple[Tensor, Tensor]:
+    def _sizes(self, states: Tensor, x: Tensor, u: Tensor | None) -> tuple[Tensor, Tensor]:
         """Mean squares (S,) of F_a and of its share of the expert, at forecasts (T1, S, B, *state) of parameters x."""
         z_e, z_a, _ = self.fit.parts(x, states[0])
         times, latents = self.fit.t[::EVERY], z_a[:, :LATENTS]
         mixed = mixture(states[::EVERY, :, :STATES].nan_to_num(0.0, 0.0, 0.0))
-        tangents = expert_tangents(self.fit.system, times, mixed, z_e.mean(1, keepdim=True), self.fit.scale)
-        rates = interaction_at(self.model, mixed, z_e[:, :LATENTS], latents)
+        u = None if u is None else u[::EVERY, :, :STATES]
+        tangents = expert_tangents(self.fit.system, times, mixed, z_e.mean(1, keepdim=True), self.fit.scale, u)
+        rates = interaction_at(self.model, mixed, z_e[:, :LATENTS], latents, times, u)
         unit = self.rates.view(1, len(self.seeds), 1, -1, *[1] * (mixed.dim() - 4))
         return squares(rates / unit.unsqueeze(0), tangents / unit.unsqueeze(0))
 
@@ -160,9 +162,11 @@ class Alternation:
         """Validation score (S,): log mean squared error of the forecasts after the observed window."""
         observed = self.task.observed
         self.found = self.validation_fit(self.validation[:observed], self.found)
-        states = solved(self.model, *self._given(self.found), self.task.t, self.task.solver)  # type: ignore[arg-type]
+        system, given = self.fit.system, self._given(self.found)
+        u = inputs_of(system, self.validation)
+        states = solved(self.model, *given, self.task.t, self.task.solver, u)  # type: ignore[arg-type]
         late = bounded(states, self.task.bound)[observed:]
-        error = mean_squared_error(self.fit.system, late, self.validation[observed:])
+        error = mean_squared_error(system, late, states_of(system, self.validation[observed:]))
         return error.log().nan_to_num(math.inf, math.inf).float()
 
     @staticmethod
@@ -176,10 +180,10 @@ class Alternation:
         count = max(1, int(WORST * self.count))
         index = self.misfit.nan_to_num(math.inf, math.inf).topk(count, dim=1).indices
         windows, x = self._windows(index), self._of(self.x, index)
-        z_e, z_a, y0 = self.fit.parts(x, windows[0])
+        z_e, z_a, y0 = self.fit.parts(x, self.fit.first(windows))
         found = self.fit(windows, Estimates(y0, z_e, z_a))
         rows = torch.arange(len(self.seeds)).unsqueeze(1)
-        self.x[rows, index] = self.fit.coordinates(found, windows[0])
+        self.x[rows, index] = self.fit.coordinates(found, self.fit.first(windows))
         self.damping[rows, index] = DAMPING
 
     def run(self, log: Any, checkpoint: Any) -> None:
@@ -243,7 +247,7 @@ class Alternation:
         return torch.from_numpy(np.stack(order))[:, k * self.batch : (k + 1) * self.batch]
 
     def _windows(self, index: Tensor) -> Tensor:
-        """Training windows (T1, S, B, *state) by their numbers (S, B)."""
+        """Training windows (T1, S, B, *observed) by their numbers (S, B)."""
         return self.train[:, 0][:, index]
 
     @staticmethod

@@ -11,12 +11,13 @@ from expertaug.models.encoders.moments import Moments
 from expertaug.models.encoders.views import Windows
 from expertaug.models.gaps import ends_of, fill
 from expertaug.systems import System
+from expertaug.systems.inputs import observed as as_observed
 
 
 class Context(nn.Module):
     """The observed window as the base model's encoder is allowed to see it: its windows of components where it has
-    some, else every observed quantity; of fields their moments.  Where values may not have been measured, straight
-    lines stand for them, and which ones they are is seen as well.
+    some, else every observed quantity and known input; of fields their moments.  Where values may not have been
+    measured, straight lines stand for them, and which ones they are is seen as well.
 
     Arguments:
         times: of the observed window in s, (T1,).
@@ -35,6 +36,7 @@ class Context(nn.Module):
         ranges: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         super().__init__()
+        system = as_observed(system)
         self.system, self.moments, self.windows = system, None, None
         self.times, self.middle = times, None if ranges is None else ends_of(ranges)[0]
         if len(system.state_shape) > 1:
@@ -46,19 +48,20 @@ class Context(nn.Module):
         else:
             self.inputs = len(times) * system.observe(torch.zeros(1, *system.state_shape)).shape[-1]
         if ranges is not None:
-            self.inputs += len(times) * len(system.state)
+            self.inputs += len(times) * len(ranges)
 
     def fit(self, observed: Tensor) -> None:
-        """Learn the moments' scales from windows (T1, N, *state)."""
+        """Learn the moments' scales from windows (T1, N, *observed)."""
         if self.moments is not None:
             self.moments.fit(observed.movedim(0, 1))
 
     def forward(self, observed: Tensor) -> Tensor:
-        """(T1, …, B, *state) → (…, B, inputs)."""
+        """(T1, …, B, *observed) → (…, B, inputs)."""
         if self.middle is None:
             return self._seen(observed)
+        gaps = torch.isnan(observed[..., : len(self.middle)]).to(observed)
         filled = fill(observed, self.times, self.middle.to(observed))
-        return torch.cat((self._seen(filled), torch.isnan(observed).to(observed).movedim(0, -2).flatten(-2)), dim=-1)
+        return torch.cat((self._seen(filled), gaps.movedim(0, -2).flatten(-2)), dim=-1)
 
     def _seen(self, observed: Tensor) -> Tensor:
         if self.moments is not None:

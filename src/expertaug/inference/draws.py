@@ -19,6 +19,7 @@ from expertaug.learning.task import Task
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of
 from expertaug.models.measurement_noise import NoiseLike, is_some, shaped
+from expertaug.systems.inputs import joined
 
 logger = logging.getLogger(__name__)
 FLOW = 3  # of the keys of random numbers: augmentation's end in 1
@@ -69,6 +70,7 @@ class Simulator:
         context: stacked; windows → x.
         scores: principal components of z_a (S, N, ·) of the training windows.
         starts: their first points (N, *state).
+        inputs: their known inputs (T1, N, U), which a draw takes with its first point; None for a system without.
         low, high: ends (P,) of p⁺.
         noise: standard deviation of the data's noise.
         gaps: where windows were not measured, (T1, N, *state); None: they have no gaps.  A draw gets those of one of
@@ -85,6 +87,7 @@ class Simulator:
     context: nn.Module
     scores: Tensor
     starts: Tensor
+    inputs: Tensor | None
     low: Tensor
     high: Tensor
     noise: NoiseLike
@@ -123,14 +126,15 @@ class Simulator:
         row = torch.arange(len(self.seeds), device=self.starts.device).unsqueeze(1)
         scores = kept * self.scores[row, self._index(count, random)]
         scores = scores + self.jitter * random.normal(count, scores.shape[-1])
-        y0 = self.starts[self._index(count, random)]
+        index = self._index(count, random)
+        y0, u = self.starts[index], None if self.inputs is None else self.inputs[:, index]
         if len(system.state_shape) == 1:
             y0 = y0 if self.ranges is None else self._anywhere(y0, random)
             mean, std = self._spread()
             y0 = mean + kept * (y0 - mean) + self.jitter * std * random.normal(count, *system.state_shape)
         if self.resample_x:
             y0 = system.resample_known(y0, partial(random.uniform, count))
-        y = solved(self.decoder, y0, z_e, self.unknowns.latent(scores), self.task.t, self.task.solver)
+        y = solved(self.decoder, y0, z_e, self.unknowns.latent(scores), self.task.t, self.task.solver, u)
         good = within(y, self.task.bound)
         y = bounded(y, self.task.bound)
         if is_some(self.noise):
@@ -140,7 +144,7 @@ class Simulator:
             y = y + noise
         if self.gaps is not None:
             y = y.masked_fill(self.gaps[:, self._index(count, random)], torch.nan)
-        draws = Draws(self.context(y), self.unknowns.pack(z_e, scores, y0, y[0]))
+        draws = Draws(self.context(joined(y, u)), self.unknowns.pack(z_e, scores, y0, y[0]))
         return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
 
     def _anywhere(self, y0: Tensor, random: Noise) -> Tensor:

@@ -21,6 +21,7 @@ from expertaug.models.hybrid import HybridNet
 from expertaug.models.prediction import Predictor
 from expertaug.models.stacking import stack
 from expertaug.systems import System
+from expertaug.systems.inputs import states_of
 from expertaug.systems.solver import Solver
 
 CHUNK = 2**17  # draws made at a time: bounds the memory
@@ -70,7 +71,7 @@ class FlowEstimator(Predictor, nn.Module):
         """Draws of the posterior.
 
         Arguments:
-            windows: observed, (T1, S, B, *state).
+            windows: observed, (T1, S, B, *observed).
             count: K.
             seed: of independent draws for every window, the same for all seeds of the group; None: Sobol points, the
                 same for every window, whose means are more accurate.
@@ -79,6 +80,7 @@ class FlowEstimator(Predictor, nn.Module):
             z_e (K, S, B, P), z_a (K, S, B, Q) and y0 (K, S, B, *state).
         """
         unknowns, samples = self.head.unknowns, windows.shape[2]
+        known = states_of(self.system, windows[0])
         if seed is None:
             engine = torch.quasirandom.SobolEngine(unknowns.count, scramble=True, seed=0)
             share = engine.draw(count).clamp(1e-6, 1 - 1e-6)
@@ -91,12 +93,12 @@ class FlowEstimator(Predictor, nn.Module):
             part = slice(start, start + size)
             x = self.head.context(windows[:, :, part])
             theta = self.head.density.sample(x, normal[:, :, part])
-            parts.append(unknowns.unpack(theta, windows[0][:, part]))
+            parts.append(unknowns.unpack(theta, known[:, part]))
         z_e, z_a, y0 = (torch.cat(found, dim=2) for found in zip(*parts, strict=True))
         return z_e, z_a, y0
 
     def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, S, B, *state) → the posterior's means, with the draws that they are the means of."""
+        """Observed windows (T1, S, B, *observed) → the posterior's means, with the draws that they are the means of."""
         draws = self.sample(windows, self.samples)
         z_e, z_a, y0 = (value.mean(0) for value in draws)
         return Estimates(y0, z_e, z_a, draws=tuple(value.movedim(0, 2) for value in draws))  # type: ignore[arg-type]
@@ -105,25 +107,35 @@ class FlowEstimator(Predictor, nn.Module):
         """Log-density (S, B) of z_e (S, B, P), of the principal components of z_a (S, B, Q), and of the inferred
         components of y0 (S, B, *state)."""
         unknowns = self.head.unknowns
-        theta = unknowns.pack(z_e, unknowns.scores(z_a), y0, windows[0])
-        return self.head.density.log_prob(self.head.context(windows), theta) - unknowns.log_slope(theta, windows[0])
+        first = states_of(self.system, windows[0])
+        theta = unknowns.pack(z_e, unknowns.scores(z_a), y0, first)
+        return self.head.density.log_prob(self.head.context(windows), theta) - unknowns.log_slope(theta, first)
 
-    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+    def forecast(
+        self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
+    ) -> Tensor:
         """The decoder's: states (T, …, B, *state) at the times t (T,), from y0 (…, B, *state)."""
-        return self.decoder.forecast(y0, z_e, z_a, t, solver)
+        return self.decoder.forecast(y0, z_e, z_a, t, solver, u)
 
     def predicted(
-        self, found: Estimates, observed: Tensor, t: Tensor, solver: Solver | Stopping, start: str = "y0"
+        self,
+        found: Estimates,
+        observed: Tensor,
+        t: Tensor,
+        solver: Solver | Stopping,
+        start: str = "y0",
+        u: Tensor | None = None,
     ) -> Tensor:
         """The mean of the forecasts from the estimates' draws: posterior predictive; as :meth:`Predictor.predicted`."""
         assert found.draws is not None, "estimates of a flow"
         z_e, z_a, y0 = (value.movedim(2, 0) for value in found.draws)
         bound = solver.bound if isinstance(solver, Stopping) else self.bound
         if start == "y0" or torch.isnan(observed).any():
-            return mean_forecast(self.decoder, z_e, z_a, y0, t, solver, bound)
-        last = len(observed) - 1
-        y0 = observed[last].expand_as(y0)
-        return torch.cat((observed[:last], mean_forecast(self.decoder, z_e, z_a, y0, t[last:], solver, bound)))
+            return mean_forecast(self.decoder, z_e, z_a, y0, t, solver, bound, u)
+        observed, last = states_of(self.system, observed), len(observed) - 1
+        y0, later = observed[last].expand_as(y0), None if u is None else u[last:]
+        onwards = mean_forecast(self.decoder, z_e, z_a, y0, t[last:], solver, bound, later)
+        return torch.cat((observed[:last], onwards))
 
 
 def build(base: HybridNet, description: Mapping, latents: Tensor | None = None) -> FlowEstimator:

@@ -28,6 +28,8 @@ from expertaug.learning.trainer import Trainer
 from expertaug.models.device import device_of
 from expertaug.models.measurement_noise import noise_of
 from expertaug.models.store import StoredModel, forecast_solver
+from expertaug.systems import System
+from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -79,9 +81,10 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
         "base": base,
         "base_wall_s": base["wall_s"],
     }
+    windows, system = StackedSet.of(train, device).windows(base["observed"]), stored.model.system
     if choices["augmentation_noise"] == "as_data":
-        description["noise"] = noise_of(settings["noise"], stored.model.system, base)
-    windows = StackedSet.of(train, device).window(base["observed"]).y
+        description["noise"] = noise_of(settings["noise"], system, base)
+    states, known = states_of(system, windows), inputs_of(system, windows)
     latents = _latents(stored, windows, choices)
     estimator = flows.build(stored.model, description, latents).to(device)
     estimator.head.context.fit(windows[:, 0])
@@ -92,15 +95,16 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
         unknowns=unknowns,
         context=estimator.head.context,
         scores=unknowns.scores(latents),
-        starts=windows[0, 0],
-        gaps=torch.isnan(windows[:, 0]) if "start" in base else None,
+        starts=states[0, 0],
+        inputs=None if known is None else known[:, 0],
+        gaps=torch.isnan(states[:, 0]) if "start" in base else None,
         ranges=base.get("start"),
         low=low.to(device),
         high=high.to(device),
         noise=description["noise"],
         jitter=options.jitter,
         resample_x=choices["augmented_x"] == "resampled",
-        task=_task(base, options, device),
+        task=_task(base, options, device, system),
         seeds=seeds,
     )
     held = simulator.draw(options.held_out, HELD_OUT)
@@ -115,7 +119,7 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
 
 @torch.no_grad()
 def _latents(stored: StoredModel, windows: Tensor, choices: Mapping) -> Tensor:
-    """z_a (S, N, Q) of the training windows (T1, 1, N, *state): draws of the base model's posterior."""
+    """z_a (S, N, Q) of the training windows (T1, 1, N, *observed): draws of the base model's posterior."""
     seeds = len(stored.seeds)
     random, parts = Noise(stored.seeds, LATENTS, FLOW, device=windows.device), []
     for part in windows.split(1024, dim=2):
@@ -124,11 +128,11 @@ def _latents(stored: StoredModel, windows: Tensor, choices: Mapping) -> Tensor:
     return torch.cat(parts, dim=1)
 
 
-def _task(base: Mapping, options: FlowSettings, device: torch.device) -> Task:
+def _task(base: Mapping, options: FlowSettings, device: torch.device, system: System) -> Task:
     """Of the draws: the observed window, by an accurate solver that follows no trajectory beyond the bound."""
     task = task_of(base["training"], base, device).shortened(base["observed"])
     given = None if options.solver is None else options.solver.model_dump()
-    solver = Solver.from_mapping(given or base.get("forecast_solver") or forecast_solver(base["training"]))
+    solver = Solver.from_mapping(given or base.get("forecast_solver") or forecast_solver(base["training"], system))
     return replace(task, solver=solver if task.bound is None else Stopping(solver, task.bound))  # type: ignore
 
 

@@ -41,14 +41,16 @@ class LeastSquares(Predictor, nn.Module):
 
     @torch.no_grad()
     def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, S, B, *state) → estimates, with χ² per degree of freedom and Laplace's posterior."""
+        """Observed windows (T1, S, B, *observed) → estimates, with χ² per degree of freedom and Laplace's posterior."""
         if self.alone:  # the same for every seed
             return self.fit(windows[:, :1]).expand(windows.shape[1])
         return self.fit(windows, None if self.first is None else self.first.estimate(windows))
 
-    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+    def forecast(
+        self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
+    ) -> Tensor:
         """The decoder's: states (T, …, B, *state) at the times t (T,), from y0 (…, B, *state)."""
-        return self.decoder.forecast(y0, z_e, z_a, t, solver)
+        return self.decoder.forecast(y0, z_e, z_a, t, solver, u)
 
 
 def estimator_of(

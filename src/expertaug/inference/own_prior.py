@@ -67,8 +67,8 @@ def own_prior(
 
     Arguments:
         stored: a trained model, or the expert alone.
-        train: observed windows of the training, (T1, N, *state).
-        windows: observed windows of where the model is to work, (T1, M, *state); nothing else is known of them.
+        train: observed windows of the training, (T1, N, *observed), known inputs as further components of the state.
+        windows: observed windows of where the model is to work, (T1, M, *observed); nothing else is known of them.
         noise: standard deviation of the data's noise.
         first: ranges by parameter in which fits of the training windows start; None: at the model's own estimates.
         settings: see :class:`RefinementSettings`.

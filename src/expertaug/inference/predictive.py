@@ -61,16 +61,18 @@ def predictive(
     levels: Sequence[float] = (0.05, 0.95),
     seed: int | None = None,
     keep: bool = False,
+    u: Tensor | None = None,
 ) -> Predictive:
     """Forecast every window from draws of its posterior; a forecast that runs away is cut off at the bound.
 
     Arguments:
-        windows: observed, (T1, S, B, *state).
+        windows: observed, (T1, S, B, *observed).
         t: (T,) in s.
         count: K, draws of each window.
         levels: of the quantiles, in (0, 1).
         seed: of the draws; None: evenly spread points, the same for every window.
         keep: whether to return the samples.
+        u: known inputs (T, S, B, U) at all times; None for a system without.
     """
     z_e, z_a, y0 = estimator.sample(windows, count, seed)
     if estimator.bound is not None:
@@ -81,7 +83,8 @@ def predictive(
     means, quantiles, kept = [], [], []
     for start in range(0, samples, size):
         part = slice(start, start + size)
-        y = forecasts(estimator.decoder, y0[:, :, part], z_e[:, :, part], z_a[:, :, part], t, solver, estimator.bound)
+        draws, known = [x[:, :, part] for x in (y0, z_e, z_a)], None if u is None else u[:, :, part]
+        y = forecasts(estimator.decoder, *draws, t, solver, estimator.bound, known)
         means.append(y.mean(0))
         quantiles.append(torch.quantile(y, at, dim=0))
         kept += [y] if keep else []
@@ -92,26 +95,42 @@ def predictive(
 
 @torch.no_grad()
 def mean_forecast(
-    decoder: Decoder, z_e: Tensor, z_a: Tensor, y0: Tensor, t: Tensor, solver: Solver | Stopping, bound: Tensor | None
+    decoder: Decoder,
+    z_e: Tensor,
+    z_a: Tensor,
+    y0: Tensor,
+    t: Tensor,
+    solver: Solver | Stopping,
+    bound: Tensor | None,
+    u: Tensor | None = None,
 ) -> Tensor:
     """Mean (T, S, B, *state) of the forecasts from draws (K, S, B, ·), a part of the draws at a time."""
     total = sum(
-        forecasts(decoder, y0[part], z_e[part], z_a[part], t, solver, bound).sum(0) for part in _parts(y0, len(t))
+        forecasts(decoder, y0[part], z_e[part], z_a[part], t, solver, bound, u).sum(0) for part in _parts(y0, len(t))
     )
     return total / len(y0)
 
 
 def forecasts(
-    decoder: Decoder, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver | Stopping, bound: Tensor | None
+    decoder: Decoder,
+    y0: Tensor,
+    z_e: Tensor,
+    z_a: Tensor,
+    t: Tensor,
+    solver: Solver | Stopping,
+    bound: Tensor | None,
+    u: Tensor | None = None,
 ) -> Tensor:
     """Forecasts (K, T, S, B, *state) from draws y0 (K, S, B, *state), z_e (K, S, B, P) and z_a (K, S, B, Q), bounded.
 
     Arguments:
         bound: (C,) for the components of a state, or (B, C).
+        u: known inputs (T, S, B, U), the same for every draw.
     """
     draws = len(y0)
     one = [x.transpose(0, 1).flatten(1, 2) for x in (y0, z_e, z_a)]  # (S, K·B, …)
-    y = solved(decoder, *one, t, solver)
+    known = None if u is None else u.repeat(1, 1, draws, 1)
+    y = solved(decoder, *one, t, solver, known)
     limit = bound if bound is None or bound.dim() == 1 else bound.repeat(draws, 1)
     return bounded(y, limit).unflatten(2, (draws, -1)).movedim(2, 0)
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from expertaug.models.decoder import Decoder
 from expertaug.systems import System
+from expertaug.systems.inputs import further
 
 STEP = 1e-4  # of an expert parameter, in its scale, for a derivative in double precision
 RIDGE = 1e-6
@@ -31,7 +32,9 @@ def mixture(states: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def expert_tangents(system: System, t: Tensor, states: Tensor, z_e: Tensor, scale: Tensor) -> Tensor:
+def expert_tangents(
+    system: System, t: Tensor, states: Tensor, z_e: Tensor, scale: Tensor, u: Tensor | None = None
+) -> Tensor:
     """How F_e changes with each expert parameter, per scale of it: (P, T, S, N, *state).
 
     Arguments:
@@ -39,24 +42,36 @@ def expert_tangents(system: System, t: Tensor, states: Tensor, z_e: Tensor, scal
         states: (T, S, N, *state).
         z_e: (S, 1, P), where the derivative is taken.
         scale: of the parameters, (P,).
+        u: known inputs (T, S, N, U) of a system that has some.
     """
     wide = z_e.expand(-1, states.shape[2], -1)
 
     def rates(z: Tensor) -> Tensor:
-        return torch.stack([system.expert(s, y, z) for s, y in zip(t, states, strict=True)])
+        return expert_rates(system, t, states, z, u)
 
     moves = STEP * torch.diag(scale)
     return torch.stack([(rates(wide + move) - rates(wide - move)) / (2 * STEP) for move in moves])
 
 
-def interaction_at(decoder: Decoder, states: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+def expert_rates(system: System, t: Tensor, states: Tensor, z_e: Tensor, u: Tensor | None = None) -> Tensor:
+    """F_e at times t (T,) and states (T, S, N, *state), with known inputs u (T, S, N, U) where there are some."""
+    known = [None] * len(t) if u is None else u
+    rates = [system.expert(s, y, z_e, *further(system, y, z_e, k)) for s, y, k in zip(t, states, known, strict=True)]
+    return torch.stack(rates)
+
+
+def interaction_at(
+    decoder: Decoder, states: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, u: Tensor | None = None
+) -> Tensor:
     """F_a at every state (T, S, N, *state) for each of M pairs of z_e (S, M, P) and z_a (S, M, Q):
-    (M, T, S, N, *state)."""
+    (M, T, S, N, *state).  The states are at times t (T,), with known inputs u (T, S, N, U) where there are some."""
     times, seeds, count = states.shape[:3]
     points = states.movedim(1, 0).flatten(1, 2)  # (S, T·N, *state)
     pairs = z_a.shape[1]
     context = decoder.interaction.context(z_a, z_e).repeat_interleave(times * count, dim=1)
-    rates = decoder.interaction(points.repeat(1, pairs, *[1] * (points.dim() - 2)), context)
+    when = t.repeat_interleave(count).repeat(pairs)
+    given = () if u is None else (u.movedim(1, 0).flatten(1, 2).repeat(1, pairs, 1),)
+    rates = decoder.interaction_rate(points.repeat(1, pairs, *[1] * (points.dim() - 2)), context, when, *given)
     return rates.view(seeds, pairs, times, count, *states.shape[3:]).movedim(0, 2)
 
 

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.models.decoder import Decoder
+from expertaug.systems.inputs import further
 
 BINS = 8
 TAKEN = 0.75  # of the windows of a bin must be explained for F_a to hold there
@@ -95,7 +96,14 @@ def along(parameter: str, z_e: np.ndarray, chi2: np.ndarray, train_z_e: np.ndarr
 
 @torch.no_grad()
 def error_of_interaction(
-    decoder: Decoder, t: Sequence[float], y: Tensor, z_e: Tensor, z_a: Tensor, found_z_e: Tensor, found_z_a: Tensor
+    decoder: Decoder,
+    t: Sequence[float],
+    y: Tensor,
+    z_e: Tensor,
+    z_a: Tensor,
+    found_z_e: Tensor,
+    found_z_a: Tensor,
+    u: Tensor | None = None,
 ) -> Tensor:
     """‖F_a − truth‖ / ‖truth‖ along each window's own states: (S, N); simulated data alone know the truth.
 
@@ -105,6 +113,7 @@ def error_of_interaction(
         y: states (T, N, *state).
         z_e, z_a: true parameters (N, P) and (N, Q).
         found_z_e, found_z_a: estimates (S, N, ·), of which F_a is a function.
+        u: known inputs (T, N, U) of a system that has some.
 
     Raises:
         InputError: a decoder without F_a.
@@ -115,10 +124,12 @@ def error_of_interaction(
     context = decoder.interaction.context(found_z_a, found_z_e)
     wrong = torch.zeros(seeds, y.shape[1], dtype=torch.float64)
     size = torch.zeros(y.shape[1], dtype=torch.float64)
-    for time, state in zip(t, y, strict=True):
-        at = torch.as_tensor(time, dtype=y.dtype)
-        true = system.truth(at, state, z_e, z_a) - system.expert(at, state, z_e)
-        learned = decoder.interaction(state.expand(seeds, *state.shape), context)
+    known = [None] * len(y) if u is None else u
+    for time, state, given in zip(t, y, known, strict=True):
+        at, more = torch.as_tensor(time, dtype=y.dtype), further(system, state, z_e, given)
+        true = system.truth(at, state, z_e, z_a, *more) - system.expert(at, state, z_e, *more)
+        wide = None if given is None else given.expand(seeds, *given.shape)
+        learned = decoder.interaction_rate(state.expand(seeds, *state.shape), context, at, wide)
         wrong += (learned - true).double().square().flatten(2).sum(-1)
         size += true.double().square().flatten(1).sum(-1)
     return (wrong / size).sqrt()

@@ -17,7 +17,7 @@ class WindowFit(WindowProblem):
 
     @torch.no_grad()
     def __call__(self, windows: Tensor, first: Estimates | None = None) -> Estimates:
-        """Fit windows (T1, S, B, *state), also from the first estimates (…, S, B) where there are some.
+        """Fit windows (T1, S, B, *observed), also from the first estimates (…, S, B) where there are some.
 
         The fits run on the CPU, in double precision, wherever the windows lie.
         """
@@ -39,7 +39,7 @@ class WindowFit(WindowProblem):
         seeds, count = windows.shape[1:3]
         x = self.best_of_grid(windows) if self.grid is not None else None  # (S, B, tries, K)
         if first is not None:
-            own = self.coordinates(first, windows[0]).unsqueeze(2)
+            own = self.coordinates(first, self.first(windows)).unsqueeze(2)
             x = own if x is None else torch.cat((x, own), dim=2)
         assert x is not None
         tries = x.shape[2]
@@ -61,7 +61,7 @@ class WindowFit(WindowProblem):
     def _estimates(self, x: Tensor, cost: Tensor, curvature: Tensor, windows: Tensor) -> Estimates:
         """What the best parameters (S, B, K) are, with Laplace's approximation of their posterior."""
         p, q, _ = self.sizes
-        z_e, z_a, start = self.parts(x, windows[0])
+        z_e, z_a, start = self.parts(x, self.first(windows))
         pulled = (x[..., p : p + q] / self.settings.latent_width).square().sum(-1)
         freedom = (self.observations - self.missing(windows) - p - self.sizes[2]).clamp_min(1)
         size = torch.eye(x.shape[-1], dtype=x.dtype)

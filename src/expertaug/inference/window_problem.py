@@ -19,6 +19,7 @@ from expertaug.models.estimates import Estimates
 from expertaug.models.gaps import ends_of
 from expertaug.models.measurement_noise import NoiseLike, of_observed, shaped
 from expertaug.systems import System
+from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solver import Solver
 
 SMALLEST = 1e-3  # of the largest value of the training set: the noise that is assumed where data have none
@@ -106,20 +107,28 @@ class WindowProblem:
         return int(each.sum()) * cells
 
     def residuals(self, x: Tensor, windows: Tensor) -> Tensor:
-        """x (C, S, B, K), windows (T1, S, B, *state) → (C, S, B, M): residuals in units of the noise, then z_a's."""
+        """x (C, S, B, K), windows (T1, S, B, *observed) → (C, S, B, M): residuals in units of the noise, then z_a's."""
         copies, seeds, count = x.shape[:3]
         wide = x.movedim(0, 1).flatten(1, 2)  # (S, C·B, K): the seeds' parameters stay beside the seeds
         observed = windows.repeat(1, 1, copies, *[1] * (windows.dim() - 3))
-        data = self.differences(self.states(wide, observed[0]), observed)
+        data = self.differences(self.states(wide, observed), observed)
         return torch.cat((data, self.pull(wide)), -1).view(seeds, copies, count, -1).movedim(1, 0)
 
-    def states(self, x: Tensor, y0: Tensor) -> Tensor:
-        """Forecasts (T1, S, N, *state) with parameters (S, N, K) from observed first points (S, N, *state)."""
-        z_e, z_a, start = self.parts(x, y0)
-        return solved(self.decoder, start, z_e, z_a, self.t, self.solver)  # type: ignore[arg-type]
+    def first(self, windows: Tensor) -> Tensor:
+        """The observed first points (S, N, *state) of windows (T1, S, N, *observed)."""
+        return states_of(self.system, windows[0])
+
+    def states(self, x: Tensor, windows: Tensor) -> Tensor:
+        """Forecasts (T1, S, N, *state) with parameters (S, N, K), from the first points and with the known inputs of
+        windows (T1, S, N, *observed)."""
+        z_e, z_a, start = self.parts(x, self.first(windows))
+        u = inputs_of(self.system, windows)
+        return solved(self.decoder, start, z_e, z_a, self.t, self.solver, u)  # type: ignore[arg-type]
 
     def differences(self, states: Tensor, observed: Tensor) -> Tensor:
-        """States and windows (T1, S, N, *state) → what lies between them in units of the noise, (S, N, M)."""
+        """States (T1, S, N, *state) and windows (T1, S, N, *observed) → what lies between them in units of the noise,
+        (S, N, M)."""
+        observed = states_of(self.system, observed)
         counts = self.counts.T.view(len(self.t), 1, 1, -1, *[1] * (len(self.system.state_shape) - 1))
         states = torch.where(counts.to(states.device), states, observed)
         difference, _ = differences(self.system, states, observed)
@@ -129,7 +138,8 @@ class WindowProblem:
         return difference.movedim(0, 2).flatten(2)
 
     def missing(self, windows: Tensor) -> Tensor:
-        """How many of the numbers that windows (T1, S, B, *state) are compared at were not measured, (S, B)."""
+        """How many of the numbers that windows (T1, S, B, *observed) are compared at were not measured, (S, B)."""
+        windows = states_of(self.system, windows)
         counts = self.counts.T.view(len(self.t), 1, 1, -1, *[1] * (len(self.system.state_shape) - 1))
         gaps = torch.isnan(self.system.observe(torch.where(counts, windows, torch.zeros_like(windows))))
         gaps = gaps if self.start.any() else gaps[1:]

@@ -71,10 +71,10 @@ def generate(
         z_a_from: posterior: a sample of q(z_a | x, y); prior: of N(0, I), where the posterior is not a point.
 
     Returns:
-        y (T, S, N, *state), NaN where the sample that it came from has a gap, z_e (S, N, P), all supervised.  z_e is
-        drawn again for a sample that runs away
-        (:mod:`expertaug.learning.bound`); where that does not help either, another sample of its seed stands in its
-        place, and a warning tells how many these are.
+        y (T, S, N, *state), NaN where the sample that it came from has a gap, z_e (S, N, P), all supervised, with the
+        known inputs of the data.  z_e is drawn again for a sample that runs away (:mod:`expertaug.learning.bound`);
+        where that does not help either, another sample of its seed stands in its place, and a warning tells how many
+        these are.
     """
     low, high = prior_range(model, prior)
     random = Noise(seeds, draw, 1, device=data.y.device)
@@ -82,24 +82,25 @@ def generate(
     parts, size = [], max(min(CHUNK, NUMBERS // data.y[0, 0, 0].numel()), 1)
     for start in range(0, len(data), size):
         index = torch.arange(start, min(start + size, len(data)))
-        batch = StackedSet(data.y[:, :, index], data.z_e[:, index], data.supervised[index]).whole(len(seeds))
-        y0 = model.start(batch.y[: task.observed])
-        z_a = latent(model.encode(batch.y[: task.observed]), z_a_from, partial(random.normal, len(index)))
+        batch = data.at(index).whole(len(seeds))
+        windows, u = batch.windows(task.observed), batch.inputs(len(task.t))
+        y0 = model.start(windows)
+        z_a = latent(model.encode(windows), z_a_from, partial(random.normal, len(index)))
         if resample_x:
             y0 = model.system.resample_known(y0, partial(random.uniform, len(index)))
-        y, z_e = _simulate(model, y0, z_a, low, high, task, random)
+        y, z_e = _simulate(model, y0, z_a, low, high, task, random, u)
         good = within(y, task.bound)
         for _ in range(ATTEMPTS):
             if good.all():
                 break
-            again, other = _simulate(model, y0, z_a, low, high, task, random)
+            again, other = _simulate(model, y0, z_a, low, high, task, random, u)
             y = torch.where(good.view(1, *good.shape, *[1] * (y.dim() - 3)), y, again)
             z_e = torch.where(good.unsqueeze(-1), z_e, other)
             good = within(y, task.bound)
         else:
-            y, z_e = _without_runaways(y, z_e, good, task)
+            y, z_e, u = _without_runaways(y, z_e, u, good, task)
             lost += (~good).sum(1).cpu()
-        parts.append((_as_measured(y, batch.y), z_e))
+        parts.append((_as_measured(y, batch.y), z_e, u))
     for seed, count in zip(seeds, lost.tolist(), strict=True):
         if count:
             logger.warning(
@@ -109,7 +110,8 @@ def generate(
     y, z_e = torch.cat([p[0] for p in parts], dim=2), torch.cat([p[1] for p in parts], dim=1)
     if noise:
         y = y + shaped(noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
-    return StackedSet(y, z_e, torch.ones(z_e.shape[1], device=y.device))
+    u = None if data.u is None else torch.cat([p[2] for p in parts], dim=2)
+    return StackedSet(y, z_e, torch.ones(z_e.shape[1], device=y.device), u)
 
 
 def _as_measured(y: Tensor, like: Tensor) -> Tensor:
@@ -130,22 +132,35 @@ def latent(posterior: Posterior, z_a_from: str, normal: Normal) -> Tensor:
 
 
 def _simulate(
-    model: HybridNet, y0: Tensor, z_a: Tensor, low: Tensor, high: Tensor, task: Task, random: Noise
+    model: HybridNet,
+    y0: Tensor,
+    z_a: Tensor,
+    low: Tensor,
+    high: Tensor,
+    task: Task,
+    random: Noise,
+    u: Tensor | None,
 ) -> tuple[Tensor, Tensor]:
     z_e = low.to(y0) + (high - low).to(y0) * random.uniform(y0.shape[1], len(low))
-    return solved(model, y0, z_e, z_a, task.t, task.solver), z_e
+    return solved(model, y0, z_e, z_a, task.t, task.solver, u), z_e
 
 
-def _without_runaways(y: Tensor, z_e: Tensor, good: Tensor, task: Task) -> tuple[Tensor, Tensor]:
-    """Samples y (T, S, N, *state), z_e (S, N, P) with those that are not good (S, N) replaced by the good sample of
-    their seed that follows, in a circle; where a seed has none, its trajectories are cut off at the bound."""
+def _without_runaways(
+    y: Tensor, z_e: Tensor, u: Tensor | None, good: Tensor, task: Task
+) -> tuple[Tensor, Tensor, Tensor | None]:
+    """Samples y (T, S, N, *state), z_e (S, N, P), u (T, S, N, U) with those that are not good (S, N) replaced by the
+    good sample of their seed that follows, in a circle; where a seed has none, its trajectories are cut off at the
+    bound."""
+    u = None if u is None else u.clone()
     y = bounded(y, task.bound).nan_to_num(0.0, 0.0, 0.0)
     index = torch.arange(good.shape[1], device=y.device)
     for place in good.any(1).nonzero().flatten().tolist():
         fine = good[place].nonzero().flatten()
         chosen = fine[torch.searchsorted(fine, index) % len(fine)]
         y[:, place], z_e[place] = y[:, place, chosen], z_e[place, chosen]
-    return y, z_e
+        if u is not None:
+            u[:, place] = u[:, place, chosen]
+    return y, z_e, u
 
 
 def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping) -> None:
@@ -153,6 +168,7 @@ def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping)
     tensors = {}
     for name, part in (("train", train), ("validation", validation)):
         tensors |= {f"{name}_y": part.y, f"{name}_z_e": part.z_e}
+        tensors |= {} if part.u is None else {f"{name}_u": part.u.contiguous()}
     write_tensors(path, tensors, header)
 
 
@@ -162,5 +178,6 @@ def load(path: Path, device: torch.device) -> tuple[StackedSet, StackedSet, dict
     sets = []
     for name in ("train", "validation"):
         y, z_e = tensors[f"{name}_y"].to(device), tensors[f"{name}_z_e"].to(device)
-        sets.append(StackedSet(y, z_e, torch.ones(z_e.shape[1], device=device)))
+        u = tensors[f"{name}_u"].to(device) if f"{name}_u" in tensors else None
+        sets.append(StackedSet(y, z_e, torch.ones(z_e.shape[1], device=device), u))
     return sets[0], sets[1], header

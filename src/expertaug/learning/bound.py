@@ -58,13 +58,19 @@ def bounded(y: Tensor, bound: Tensor | None) -> Tensor:
 
 
 def solved(
-    model: HybridNet | Decoder, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver | Stopping
+    model: HybridNet | Decoder,
+    y0: Tensor,
+    z_e: Tensor,
+    z_a: Tensor,
+    t: Tensor,
+    solver: Solver | Stopping,
+    u: Tensor | None = None,
 ) -> Tensor:
     """A forecast (T, S, B, *state) that never raises: a runaway is in its values instead."""
     try:
-        return model.forecast(y0, z_e, z_a, t, solver)
+        return model.forecast(y0, z_e, z_a, t, solver, u)
     except SolveError:
-        return model.forecast(y0, z_e, z_a, t, FALLBACK)
+        return model.forecast(y0, z_e, z_a, t, FALLBACK, u)
 
 
 class Stopping:
@@ -78,16 +84,16 @@ class Stopping:
     def __init__(self, solver: Solver, bound: Tensor) -> None:
         self.solver, self.bound, self.splits = solver, bound, solver.splits
 
-    def __call__(self, f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, *args: object) -> Tensor:
+    def __call__(self, f: Callable[..., Tensor], y0: Tensor, *args: object, **named: object) -> Tensor:
         """States (T, S, B, *state), as of :class:`Solver`."""
         bound = self.bound if self.bound.dim() == 1 else self.bound.repeat(y0.shape[1] // len(self.bound), 1)
 
-        def stopped(s: Tensor, y: Tensor) -> Tensor:
+        def stopped(s: Tensor, y: Tensor, *side: Tensor) -> Tensor:
             near = within(y.unsqueeze(0), bound)
-            rate = f(s, y)
+            rate = f(s, y, *side)
             return rate if near.all() else torch.where(near.view(*near.shape, *[1] * (y.dim() - 2)), rate, 0.0)
 
-        return self.solver(stopped, y0, *args)
+        return self.solver(stopped, y0, *args, **named)
 
 
 def _shaped(bound: Tensor, y: Tensor) -> Tensor:

@@ -14,6 +14,7 @@ from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.recipe import HybridModel
+from expertaug.systems.inputs import check_trainable, inputs_of, joined, solve, states_of
 
 SEEDS, SAMPLES = (0, 1), 4
 TOLERANCE = 1e-3  # relative, of a seed alone and in a group: to float rounding
@@ -45,12 +46,14 @@ def check_parts(
         recipe: of the model.
         task: of the training.
         objective: makes it for a list of seeds; None: no step is taken.
-        y: samples (T, N, *state) at the times of the task; forecasts of the expert alone without.
+        y: samples (T, N, *observed) at the times of the task, known inputs as further components of the state;
+            forecasts of the expert alone without.
         where: file or key, for messages.
 
     Raises:
         InputError: the first mistake: class, what was found and what would be right.
     """
+    check_trainable(recipe.system, where)
     seeds = list(SEEDS)
     first = objective(seeds) if objective is not None else None
     likelihood = first is not None and first.learns_likelihood
@@ -58,9 +61,9 @@ def check_parts(
 
     def made(group: list[int]) -> HybridNet:
         model = recipe.build(times, group, likelihood)
-        for part in (model.encoder, model.decoder):
-            name = f"fit of {_name(part)}" if part is model.encoder else f"fit of {_name(model.interaction)}"
-            _called(lambda: part.fit(y[: task.observed]), where, name)  # noqa: B023
+        windows, name = y[: task.observed], _name(model.interaction)
+        _called(lambda: model.encoder.fit(windows), where, f"fit of {_name(model.encoder)}")
+        _called(lambda: model.decoder.fit(states_of(model.system, windows)), where, f"fit of {name}")
         return model
 
     y = _samples(recipe, task) if y is None else y
@@ -75,14 +78,18 @@ def check_parts(
 
 
 def _samples(recipe: HybridModel, task: Task) -> Tensor:
-    """(T, SAMPLES, *state): the expert's own motion from small random states, at typical parameters."""
+    """(T, SAMPLES, *observed): the expert's own motion from small random states, at typical parameters and inputs."""
     system = recipe.system
     generator = torch.Generator().manual_seed(0)
     y0 = torch.rand(SAMPLES, *system.state_shape, generator=generator)
     scale = torch.tensor([p.scale for p in system.expert_parameters])
     z_e = scale * (0.5 + torch.rand(SAMPLES, len(scale), generator=generator))
+    known, u = [p.scale for p in system.known], None
+    if known:
+        u = torch.tensor(known) * torch.rand(SAMPLES, len(known), generator=generator).expand(len(task.t), -1, -1)
     with torch.no_grad():
-        return task.solver(lambda s, x: system.expert(s, x, z_e), y0, task.t, rank=len(system.state_shape))
+        y = solve(system, lambda s, x, *given: system.expert(s, x, z_e, *given), y0, task.t, task.solver, z_e, u)
+    return joined(y, u)
 
 
 def _check_encoder(model: HybridNet, observed: Tensor, where: str) -> None:
@@ -108,11 +115,11 @@ def _check_interaction(model: HybridNet, batch: Tensor, where: str) -> None:
     z_a = torch.zeros(*lead, model.encoder.latent)
 
     def rates() -> Tensor:
-        return model.interaction(batch[0], model.interaction.context(z_a, z_e))
+        return _rates(model, batch[0], model.interaction.context(z_a, z_e))
 
     with torch.no_grad():
         found, again = (_called(rates, where, name) for _ in range(2))
-    _check_tensor(found, tuple(batch[0].shape), where, f"{name}'s rates")
+    _check_tensor(found, tuple(states_of(model.system, batch[0]).shape), where, f"{name}'s rates")
     _check_same((found,), (again,), where, name)
 
 
@@ -140,7 +147,8 @@ def _check_step(model: HybridNet, objective: Objective, batch: Tensor, task: Tas
     name = type(objective).__name__
     seeds, samples = batch.shape[1:3]
     z_e = torch.tensor([p.scale for p in model.system.expert_parameters]).expand(seeds, samples, -1)
-    whole = Batch(batch, z_e, torch.zeros(seeds, samples))
+    y, u = states_of(model.system, batch), inputs_of(model.system, batch)
+    whole = Batch(y, z_e, torch.zeros(seeds, samples), u)
     optimiser = torch.optim.Adam(model.parameters())
 
     def step() -> tuple[Tensor, dict]:
@@ -183,8 +191,15 @@ def _outputs(model: HybridNet, batch: Tensor, task: Task) -> list[tuple[Tensor, 
         if model.interaction is not None:
             # The same latents for all: what the encoder gives has its own check.
             context = model.interaction.context(torch.zeros_like(z_a), torch.ones_like(z_e))
-            found.append((model.interaction(batch[0], context),))
+            found.append((_rates(model, batch[0], context),))
     return found
+
+
+def _rates(model: HybridNet, observed: Tensor, context: Tensor) -> Tensor:
+    """F_a at one time of what is observed, (S, B, *observed)."""
+    given = inputs_of(model.system, observed)
+    y, u = states_of(model.system, observed), () if given is None else (given,)
+    return model.decoder.interaction_rate(y, context, torch.zeros(()), *u)
 
 
 def _name(part: object) -> str:

@@ -101,7 +101,7 @@ def prepare(
         {**settings, "seeds": stored.seeds, "training": training, "prior": prior},
         stored.classes,
         before,
-        real.y[: base["observed"]],
+        real.windows(base["observed"]),
     )
 
 

@@ -58,7 +58,7 @@ class Training:
         description: of the model, apart from the record of its training.
         classes: see :class:`StoredModel`.
         unchanged: tensors of the model, by name, that the training must leave as they are.
-        windows: observed windows (T1, 1, N, *state) of the data: where their z_a lie is kept for refinement.
+        windows: observed windows (T1, 1, N, *observed) of the data: where their z_a lie is kept for refinement.
     """
 
     trainer: Trainer
@@ -129,7 +129,7 @@ def prepare(
 
 @torch.no_grad()
 def _latent(model: HybridNet, windows: Tensor, seeds: int) -> dict[str, list[list[float]]]:
-    """Mean and standard deviation of z_a (S, Q) over the windows (T1, 1, N, *state)."""
+    """Mean and standard deviation of z_a (S, Q) over the windows (T1, 1, N, *observed)."""
     parts = [
         model.encode(part.expand(-1, seeds, *part.shape[2:])).z_a.mean for part in windows.split(LATENT_PART, dim=2)
     ]

@@ -17,6 +17,7 @@ from expertaug.learning.task import Task
 from expertaug.models.encoders.two_step import TwoStep
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import unconstrain
+from expertaug.systems.inputs import joined
 
 STREAM = 2  # of the random numbers: 0 are orders of data, 1 augmented samples
 QUANTILES = 1000
@@ -80,20 +81,23 @@ class HybridVAE(Objective):
         low, high = (end.to(y) for end in prior_range(model, self.prior))
         sampled = self.choices["hvae_z_e"] == "sampled"
 
-        window = y[: task.observed]
+        window, seen = batch.windows(task.observed), batch.inputs(task.observed)
         posterior, first = encoder(model.filled(window), normal), model.start(window)
         z_e = posterior.z_e.draw(normal) if sampled else posterior.z_e.mean
         z_plus = low + (high - low) * noise.uniform(size, len(low))
         start = model.system.initial_state(first, z_plus)
         largest = torch.maximum(*(x.abs().flatten(1).amax(1) for x in (y.movedim(1, 0).nan_to_num(), start)))
+        points = max(task.horizon, task.observed)
+        u = batch.inputs(points)
         states, good = finite_forecast(
             model,
             torch.cat((first,) * 3, dim=1),
             torch.cat((z_e, z_e, z_plus), dim=1),
             posterior.z_a_used,
             task,
-            max(task.horizon, task.observed),
+            points,
             limit=RUNAWAY * largest,
+            u=None if u is None else torch.cat((u,) * 3, dim=2),
         )
         hybrid, expert, plus = states.split(size, dim=2)
         hybrid_good, expert_good, plus_good = (None,) * 3 if good is None else good.split(size, dim=1)
@@ -108,8 +112,8 @@ class HybridVAE(Objective):
         apart, _ = squares(model.system, hybrid[later], expert[later])
         likelihood = sample_mean(model.likelihood.log_prob(errors, compared), hybrid_good)
         ppc = apart / (2 * model.likelihood.scale.detach().square()) + divergence
-        filtered = posterior.filtered - encoder.view(expert[: task.observed]).detach()
-        inferred = encoder.infer(encoder.view(plus[: task.observed])).mean
+        filtered = posterior.filtered - encoder.view(joined(expert[: task.observed], seen)).detach()
+        inferred = encoder.infer(encoder.view(joined(plus[: task.observed], seen))).mean
         scale = ((high - low) / 12**0.5).clamp_min(1e-12)
         divergence = sample_mean(divergence)
         r_ppc = sample_mean(ppc, both_good)

@@ -74,6 +74,7 @@ def finite_forecast(
     task: Task,
     points: int,
     limit: Tensor | None = None,
+    u: Tensor | None = None,
 ) -> tuple[Tensor, Tensor | None]:
     """A training batch's forecast (T, S, B, *state), and which samples (S, B) it holds for; None where for all.
 
@@ -81,7 +82,7 @@ def finite_forecast(
     or beyond the task's bound is left out: it is solved again with its seed's mean latents, which carry no gradient,
     or, where these run away as well, in place of it a sample of its seed that does not; and it does not count.  Samples
     beyond those of z_a follow the expert alone.  With ``limit`` (S,) a sample also runs away where a value is beyond
-    it.
+    it.  Known inputs u (T, S, B, U) at these points, of a system that has some, are those of the samples.
     """
     t = task.t[:points]
 
@@ -92,7 +93,7 @@ def finite_forecast(
         largest = prediction.detach().abs().movedim(0, 2).flatten(2).amax(-1)
         return found & (largest <= limit.unsqueeze(-1))
 
-    prediction = solved(model, y0, z_e, z_a, t, task.solver)
+    prediction = solved(model, y0, z_e, z_a, t, task.solver, u)
     good = near(prediction)
     if good.all():
         return prediction, None
@@ -104,12 +105,15 @@ def finite_forecast(
         return torch.where(kept, z, mean)
 
     z_e, z_a = replaced(z_e), replaced(z_a)
-    prediction = solved(model, y0, z_e, z_a, t, task.solver)
+    prediction = solved(model, y0, z_e, z_a, t, task.solver, u)
     again = near(prediction) | good
     if not again.all():
         parts = [slice(0, z_a.shape[1]), slice(z_a.shape[1], None)]
         y0, z_e = (torch.cat([_from_good(x[:, p], again[:, p]) for p in parts], dim=1) for x in (y0, z_e))
-        prediction = solved(model, y0, z_e, _from_good(z_a, again[:, parts[0]]), t, task.solver)
+        if u is not None:
+            each = u.movedim(0, 2)
+            u = torch.cat([_from_good(each[:, p], again[:, p]) for p in parts], dim=1).movedim(2, 0)
+        prediction = solved(model, y0, z_e, _from_good(z_a, again[:, parts[0]]), t, task.solver, u)
     return prediction, good
 
 
@@ -236,13 +240,13 @@ class Aphynity(Objective):
         It is that of the full window: that of the first two points would be little more than noise.
         """
         if self.choices["loss_normalisation"] == "first":
-            posterior = model.encode(batch.y[: task.observed])
+            posterior = model.encode(batch.windows(task.observed))
             first = self._terms(model, posterior, batch, task)[0].cpu()
             self.first = torch.where(torch.isfinite(first) & (first > 0), first, self.first)
 
     def loss(self, model: HybridNet, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss (S,) and its parts, each (S,), without gradient."""
-        posterior = model.encode(batch.y[: task.observed])
+        posterior = model.encode(batch.windows(task.observed))
         data, penalty, runaways = self._terms(model, posterior, batch, task)
         loss = (self.multiplier / self.first).to(data.device) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
@@ -257,23 +261,24 @@ class Aphynity(Objective):
 
     def _terms(self, model: HybridNet, posterior: Posterior, batch: Batch, task: Task) -> tuple[Tensor, Tensor, Tensor]:
         """Data term and size of F_a over the first ``task.horizon`` points, and share of runaways, each (S,)."""
-        truth, (z_e, z_a) = batch.y[: task.horizon], posterior.mean
-        start = model.start(batch.y[: task.observed])
+        truth, (z_e, z_a), u = batch.y[: task.horizon], posterior.mean, batch.inputs(task.horizon)
+        start = model.start(batch.windows(task.observed))
         if self._leaks:
             half = max(truth.shape[2] // 2, 1)
             truth, start, z_e, z_a = truth[:, :, :half], start[:, :half], z_e[:, :half], z_a[:, :half]
-        prediction, good = finite_forecast(model, start, z_e, z_a, task, task.horizon)
+            u = None if u is None else u[:, :, :half]
+        prediction, good = finite_forecast(model, start, z_e, z_a, task, task.horizon, u=u)
         data = mean_squared_error(model.system, prediction[1:], truth[1:], good)
-        return data, self._penalty(model, prediction, truth, z_e, z_a), runaway_share(data, good)
-
-    def _penalty(self, model: HybridNet, prediction: Tensor, truth: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
         if model.interaction is None:
-            return prediction.new_zeros(prediction.shape[1])
-        if self.choices["penalty"] == "norm_data":
-            states = torch.where(torch.isnan(truth), prediction, truth)
-            size = model.interaction_squares(states, z_e, z_a) * prod(model.system.state_shape)
-            return torch.sqrt(size + 1e-12).flatten(1).mean(1)
-        return torch.sqrt(model.interaction_squares(prediction, z_e, z_a).flatten(1).mean(1) + 1e-12)
+            return data, prediction.new_zeros(prediction.shape[1]), runaway_share(data, good)
+        of_data = self.choices["penalty"] == "norm_data"
+        states = torch.where(torch.isnan(truth), prediction, truth) if of_data else prediction
+        squares = model.interaction_squares(states, z_e, z_a, task.t[: task.horizon], u)
+        if of_data:
+            penalty = torch.sqrt(squares * prod(model.system.state_shape) + 1e-12).flatten(1).mean(1)
+        else:
+            penalty = torch.sqrt(squares.flatten(1).mean(1) + 1e-12)
+        return data, penalty, runaway_share(data, good)
 
     def end_of_pass(self) -> None:
         """Raise the multiplier by tau2 times the passes' mean data term, when it is due."""

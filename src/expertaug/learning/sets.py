@@ -9,17 +9,27 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories
 
 
 @dataclass(frozen=True)
 class Batch:
     """A batch for a group of S seeds: y (T, S, B, *state), NaN where nothing was measured, z_e (S, B, P), supervised
-    (S, B) in {0, 1}."""
+    (S, B) in {0, 1}; u (T, S, B, U), known inputs, None for a system without."""
 
     y: Tensor
     z_e: Tensor
     supervised: Tensor
+    u: Tensor | None = None
+
+    def windows(self, points: int) -> Tensor:
+        """What an encoder sees of the first ``points`` points: y, and the known inputs as further components."""
+        return joined(self.y[:points], self.inputs(points))
+
+    def inputs(self, points: int) -> Tensor | None:
+        """Known inputs at the first ``points`` points."""
+        return None if self.u is None else self.u[:points]
 
 
 @dataclass(frozen=True)
@@ -30,18 +40,21 @@ class StackedSet:
         y: (T, S or 1, M, *state), NaN where nothing was measured.
         z_e: (S or 1, M, P).
         supervised: (M,) in {0, 1}: whether z_e is the sample's label (augmented samples) or only for scoring.
+        u: known inputs (T, S or 1, M, U); None for a system without.
     """
 
     y: Tensor
     z_e: Tensor
     supervised: Tensor
+    u: Tensor | None = None
 
     @classmethod
     def of(cls, data: Trajectories, device: torch.device) -> StackedSet:
         """A set that all seeds share, none of it supervised."""
         y = torch.from_numpy(np.ascontiguousarray(np.moveaxis(data.seen, 1, 0))).unsqueeze(1).to(device)
         z_e = torch.from_numpy(data.z_e).unsqueeze(0).to(device)
-        return cls(y, z_e, torch.zeros(len(data), device=device))
+        u = None if data.u is None else torch.from_numpy(data.u).movedim(1, 0).contiguous().unsqueeze(1).to(device)
+        return cls(y, z_e, torch.zeros(len(data), device=device), u)
 
     def __len__(self) -> int:
         return len(self.supervised)
@@ -59,18 +72,29 @@ class StackedSet:
             both(self.y[:points], other.y[:points], 1),
             both(self.z_e, other.z_e, 0),
             torch.cat((self.supervised, other.supervised)),
+            None if self.u is None or other.u is None else both(self.u[:points], other.u[:points], 1),
         )
 
     def window(self, points: int) -> StackedSet:
         """The first ``points`` points of every sample."""
-        return StackedSet(self.y[:points].contiguous(), self.z_e, self.supervised)
+        u = None if self.u is None else self.u[:points].contiguous()
+        return StackedSet(self.y[:points].contiguous(), self.z_e, self.supervised, u)
+
+    def windows(self, points: int) -> Tensor:
+        """What an encoder sees of the first ``points`` points, (T, S or 1, M, *observed)."""
+        return joined(self.y[:points], None if self.u is None else self.u[:points])
 
     def subset(self, count: int | None) -> StackedSet:
         """At most ``count`` samples, evenly spread."""
         if count is None or count >= len(self):
             return self
         index = torch.linspace(0, len(self) - 1, count, device=self.y.device).long()
-        return StackedSet(self.y[:, :, index], self.z_e[:, index], self.supervised[index])
+        return self.at(index)
+
+    def at(self, index: Tensor) -> StackedSet:
+        """The samples at some places."""
+        u = None if self.u is None else self.u[:, :, index]
+        return StackedSet(self.y[:, :, index], self.z_e[:, index], self.supervised[index], u)
 
     def whole(self, seeds: int) -> Batch:
         """All samples as one batch for ``seeds`` seeds."""
@@ -78,6 +102,7 @@ class StackedSet:
             self.y.expand(len(self.y), seeds, *self.y.shape[2:]),
             self.z_e.expand(seeds, *self.z_e.shape[1:]),
             self.supervised.expand(seeds, -1),
+            None if self.u is None else self.u.expand(-1, seeds, -1, -1),
         )
 
     def batches(self, seeds: list[int], epoch: int, size: int) -> Iterator[Batch]:
@@ -89,7 +114,8 @@ class StackedSet:
         shared = torch.zeros_like(row) if self.y.shape[1] == 1 else row
         for start in range(0, len(self) - size + 1, size):
             index = order[:, start : start + size]
-            yield Batch(self.y[:, shared, index], self.z_e[shared, index], self.supervised[index])
+            u = None if self.u is None else self.u[:, shared, index]
+            yield Batch(self.y[:, shared, index], self.z_e[shared, index], self.supervised[index], u)
 
     def steps(self, size: int) -> int:
         """Batches in one pass."""

@@ -24,6 +24,7 @@ from expertaug.models.gaps import ranges_of
 from expertaug.models.mean import MeanModel
 from expertaug.models.recipe import HybridModel
 from expertaug.registry import short_name
+from expertaug.systems.inputs import check_given, check_trainable
 from expertaug.trajectories import Trajectories, points_until
 
 IDENTITY = ("experiment", "method", "label", "preset")
@@ -115,11 +116,12 @@ def prepare(
         classes: see :class:`StoredModel`.
 
     Raises:
-        InputError: the sets differ in their times, or an option is unknown.
+        InputError: the sets differ in their times, lack the system's known inputs, or an option is unknown.
     """
     classes, device = classes or {}, device_of(settings["device"])
     if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
         raise InputError("validation set", "has other times than the training set", "give both the same times")
+    check_trainable(recipe.system)
     kind = objective_of(settings["objective"], classes)
     description = {"kind": "hybrid", **of_data(train, recipe.system, settings), **described}
     description |= {
@@ -127,12 +129,17 @@ def prepare(
         "stage": "train",
         "objective": short_name(OBJECTIVE, settings["objective"]),
     }
-    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(settings["training"])
+    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(
+        settings["training"], recipe.system
+    )
     observed = description["observed"]
     times = torch.tensor(description["t"][:observed], dtype=torch.float64)
     model = recipe.build(times, list(settings["seeds"]), kind.learns_likelihood, description.get("start"))
     train_set, validation_set = StackedSet.of(train, device), StackedSet.of(validation, device)
-    model.fit(train_set.y[:observed, 0])
+    for name, part in (("training set", train_set), ("validation set", validation_set)):
+        check_given(recipe.system, part.u, name)
+    windows = train_set.windows(observed)
+    model.fit(windows[:, 0])
     task = task_of(settings["training"], description, device)
     return fitting.prepare(
         model.to(device),
@@ -141,7 +148,7 @@ def prepare(
         description,
         settings,
         classes,
-        windows=train_set.y[:observed],
+        windows=windows,
     )
 
 

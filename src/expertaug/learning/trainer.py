@@ -137,11 +137,10 @@ class Trainer:
         """
         scores = []
         for batch, points in self.validation:
-            window = batch.y[: self.task.observed]
+            window = batch.windows(self.task.observed)
             z_e, z_a = self.model.encode(window).mean
-            prediction = solved(
-                self.model, self.model.start(window), z_e, z_a, self.task.t[: points.stop], self.task.solver
-            )
+            t, u = self.task.t[: points.stop], batch.inputs(points.stop)
+            prediction = solved(self.model, self.model.start(window), z_e, z_a, t, self.task.solver, u)
             if not within(prediction, self.task.bound).all():
                 prediction = bounded(prediction, self.task.bound)
             error = mean_squared_error(

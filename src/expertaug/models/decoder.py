@@ -7,7 +7,9 @@ from functools import partial
 import torch
 from torch import Tensor, nn
 
+from expertaug.errors import InputError
 from expertaug.systems import System
+from expertaug.systems.inputs import solve
 from expertaug.systems.solver import Solver
 
 
@@ -19,6 +21,9 @@ class Decoder(nn.Module):
         interaction: F_a, or None for the expert alone.
         expert: False takes F_e away and keeps the system's kinematics: the agnostic neural ODE.
         likelihood: p(y | forecast), where the objective learns one.
+
+    Raises:
+        InputError: a system with events without its expert, who alone knows them.
     """
 
     def __init__(
@@ -29,6 +34,9 @@ class Decoder(nn.Module):
         likelihood: nn.Module | None = None,
     ) -> None:
         super().__init__()
+        if system.has_events and not expert:
+            found = f"{type(system).__name__} has events, which are the expert's"
+            raise InputError("expert", found, "leave methods without an expert out")
         self.system = system
         self.interaction = interaction
         self.expert = expert
@@ -46,10 +54,15 @@ class Decoder(nn.Module):
         if self.likelihood is not None:
             self.likelihood.fit(self.system.observe(observed))
 
-    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+    def forecast(
+        self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
+    ) -> Tensor:
         """States (T, …, B, *state) at the times t (T,), from the known first point y0 (…, B, *state).
 
         Samples beyond those of z_a follow the expert alone: one solve for both costs less than two.
+
+        Arguments:
+            u: known inputs (T, …, B, U) at the times t; None for a system without.
         """
         count = z_a.shape[-2]
         context = self.interaction.context(z_a, z_e[..., :count, :]) if self.interaction is not None else None
@@ -59,20 +72,49 @@ class Decoder(nn.Module):
         expert = self.system.nonlinear if solver.splits else self.system.expert
         flow = partial(self.system.linear_flow, z_e) if self.expert and solver.splits else None
 
-        def field(s: Tensor, y: Tensor) -> Tensor:
-            rate = expert(s, y, z_e) if self.expert else self.system.kinematics(y)
+        driven, events = bool(self.system.known), self.system.has_events
+
+        def field(s: Tensor, y: Tensor, *more: Tensor) -> Tensor:
+            rate = expert(s, y, z_e, *more) if self.expert else self.system.kinematics(y)
             if context is None:
                 return rate
+            first = y if rest == 0 else y.split([count, rest], axis)[0]
+            s = s if s.dim() == 0 else s[..., :count]
+            added = self.interaction_rate(first, context, s, *(u[..., :count, :] for u in more[:driven]))
+            if events:  # what stays on an event follows the expert's law there
+                added = torch.where(more[-1][..., :count].unsqueeze(-1) == 0, 0.0, added)
             if rest == 0:
-                return rate + self.interaction(y, context)
-            (first, _), (one, other) = y.split([count, rest], axis), rate.split([count, rest], axis)
-            return torch.cat((one + self.interaction(first, context), other), axis)
+                return rate + added
+            one, other = rate.split([count, rest], axis)
+            return torch.cat((one + added, other), axis)
 
-        return solver(field, self.system.initial_state(y0, z_e), t, flow, len(self.system.state_shape))
+        return solve(self.system, field, self.system.initial_state(y0, z_e), t, solver, z_e, u, flow)
 
-    def interaction_squares(self, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+    def interaction_rate(self, y: Tensor, context: Tensor, s: Tensor, u: Tensor | None = None) -> Tensor:
+        """F_a at states y (…, B, *state), in their shape.
+
+        Arguments:
+            context: what F_a prepared for these trajectories, (…, B, width).
+            s: time in s, one or (…, B).
+            u: known inputs (…, B, U) then.
+        """
+        seen = []
+        if u is not None and getattr(self.interaction, "sees_inputs", False):
+            seen.append(u)
+        if getattr(self.interaction, "sees_time", False):
+            lead = y.shape[: y.dim() - len(self.system.state_shape)]
+            seen.append(torch.as_tensor(s, dtype=y.dtype, device=y.device).expand(lead).unsqueeze(-1))
+        return self.interaction(y, context, torch.cat(seen, dim=-1)) if seen else self.interaction(y, context)
+
+    def interaction_squares(
+        self, y: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor | None = None, u: Tensor | None = None
+    ) -> Tensor:
         """Mean over the state's dimensions of F_a² at every point, (…, B·T): for y (T, …, B, *state),
         z_e (…, B, P) and z_a (…, B, Q).
+
+        Arguments:
+            t: times (T,), where F_a sees them.
+            u: known inputs (T, …, B, U), where F_a sees them.
 
         Raises:
             AttributeError: there is no interaction model.
@@ -80,21 +122,28 @@ class Decoder(nn.Module):
         state = self.system.state_shape
         points = y.movedim(0, -1 - len(state)).flatten(-2 - len(state), -1 - len(state))  # (…, B·T, *state)
         context = self.interaction.context(z_a, z_e).repeat_interleave(len(y), dim=-2)
-        return self.interaction(points, context).square().flatten(-len(state)).mean(-1)
+        times = y.new_zeros(()) if t is None else t.expand(*y.shape[1 : y.dim() - len(state)], -1).flatten(-2)
+        given = () if u is None else (u.movedim(0, -2).flatten(-3, -2),)
+        rates = self.interaction_rate(points, context, times, *given)
+        return rates.square().flatten(-len(state)).mean(-1)
 
 
 class TruthDecoder(Decoder):
     """The equation that made simulated data, with z_a its own interaction parameters: a floor for what learns it."""
 
-    def forecast(self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver) -> Tensor:
+    def forecast(
+        self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
+    ) -> Tensor:
         """As :meth:`Decoder.forecast`; z_a (…, B, Q) in its units."""
         system, flow = self.system, None
         if solver.splits:
             flow = partial(system.linear_flow, z_e)
 
-        def field(s: Tensor, y: Tensor) -> Tensor:
-            rate = system.truth(s, y, z_e, z_a)
+        def field(s: Tensor, y: Tensor, *more: Tensor) -> Tensor:
+            rate = system.truth(s, y, z_e, z_a, *more)
+            if not solver.splits:
+                return rate
             # The solver has the linear part by itself.
-            return rate - (system.expert(s, y, z_e) - system.nonlinear(s, y, z_e)) if solver.splits else rate
+            return rate - (system.expert(s, y, z_e, *more) - system.nonlinear(s, y, z_e, *more))
 
-        return solver(field, system.initial_state(y0, z_e), t, flow, len(system.state_shape))
+        return solve(system, field, system.initial_state(y0, z_e), t, solver, z_e, u, flow)

@@ -87,7 +87,8 @@ def recipe_of(system: System, description: Mapping, classes: Mapping[str, Callab
 def decoder_of(system: System, description: Mapping, classes: Mapping[str, Callable] | None = None) -> Decoder:
     """The decoder without an encoder, of a description of kind alternating; arguments as :func:`recipe_of`."""
     interaction = _with_class(description["model"]["interaction"], classes or {})
-    return build_decoder(system, interaction, description["latent_size"], description["seeds"])
+    times = description["t"][: description["observed"]]
+    return build_decoder(system, interaction, description["latent_size"], description["seeds"], times)
 
 
 def system_of(description: Mapping, classes: Mapping[str, Callable] | None = None) -> System:

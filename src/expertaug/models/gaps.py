@@ -20,7 +20,7 @@ LAYERS = (64, 64)  # of the network that estimates first points
 
 
 class Gaps(nn.Module):
-    """Filled windows and estimated first points, of states that are vectors.
+    """Filled windows and estimated first points, of states that are vectors; known inputs have no gaps.
 
     Arguments:
         times: of the observed window in s, (T1,).
@@ -44,11 +44,13 @@ class Gaps(nn.Module):
         self.network = MLP(2 * len(times) * len(names), LAYERS, len(names), "silu")
 
     def filled(self, observed: Tensor) -> Tensor:
-        """A window (T1, …, B, K) without gaps; the same where it has none."""
+        """A window (T1, …, B, K + U) without gaps; the same where it has none."""
         return fill(observed, self.times, self.middle.to(observed))
 
     def start(self, observed: Tensor) -> Tensor:
-        """First points (…, B, K) of windows (T1, …, B, K): as measured, and estimated where they were not."""
+        """First points (…, B, K) of windows (T1, …, B, K + U): as measured, and estimated from the states of the window
+        where they were not."""
+        observed = observed[..., : len(self.middle)]
         known = ~torch.isnan(observed)
         if known[0].all():
             return observed[0]
@@ -60,15 +62,17 @@ class Gaps(nn.Module):
 
 
 def fill(observed: Tensor, times: Tensor, middle: Tensor) -> Tensor:
-    """Windows (T1, …, B, K) with straight lines over their gaps; the same where they have none.
+    """Windows (T1, …, B, K + U) with straight lines over the gaps of their states; the same where they have none.
 
     Arguments:
+        observed: K components of the state and U known inputs, which have no gaps.
         times: in s, (T1,).
         middle: what a component without a measured value is, (K,).
     """
-    known = ~torch.isnan(observed)
-    if known.all():
+    if not torch.isnan(observed).any():
         return observed
+    observed, inputs = observed.tensor_split([len(middle)], dim=-1)
+    known = ~torch.isnan(observed)
     last = len(observed) - 1
     place = torch.arange(len(observed), device=observed.device).view(-1, *[1] * (observed.dim() - 1))
     before = torch.where(known, place, -1).cummax(0).values
@@ -79,7 +83,8 @@ def fill(observed: Tensor, times: Tensor, middle: Tensor) -> Tensor:
     one, other = values.gather(0, left), values.gather(0, right)
     share = (times[place] - times[left]) / (times[right] - times[left]).clamp_min(1e-12)
     lines = torch.where(right > left, one + (other - one) * share, one)
-    return torch.where(known, observed, torch.where(known.any(0), lines, middle))
+    filled = torch.where(known, observed, torch.where(known.any(0), lines, middle))
+    return torch.cat((filled, inputs), dim=-1) if inputs.shape[-1] else filled
 
 
 def ends_of(ranges: Mapping[str, Sequence[float]], like: Tensor | None = None) -> tuple[Tensor, Tensor]:

@@ -28,6 +28,6 @@ INTERACTION = Part(
     },
     base="torch.nn:Module",
     needed="forward",
-    given=("system", "latent"),
+    given=("system", "latent", "times"),
 )
 PARTS = {part.name: part for part in (ENCODER, INTERACTION)}

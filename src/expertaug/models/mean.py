@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from expertaug.models.estimates import Estimates
 from expertaug.models.prediction import Predictor
 from expertaug.systems import System
+from expertaug.systems.inputs import states_of
 from expertaug.systems.solver import Solver
 
 
@@ -24,10 +25,10 @@ class MeanModel(Predictor, nn.Module):
         self.register_buffer("mean", mean)
 
     def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, …, B, *state) → their first points, and no parameters."""
-        return Estimates(windows[0].nan_to_num(), None, None)
+        """Observed windows (T1, …, B, *observed) → their first points, and no parameters."""
+        return Estimates(states_of(self.system, windows[0]).nan_to_num(), None, None)
 
-    def forecast(self, y0: Tensor, z_e: None, z_a: None, t: Tensor, solver: Solver) -> Tensor:
+    def forecast(self, y0: Tensor, z_e: None, z_a: None, t: Tensor, solver: Solver, u: Tensor | None = None) -> Tensor:
         """(…, B, *state) → (T, …, B, *state); the same for every sample, and beyond the training's times that
         of the last of them."""
         last = len(self.mean) - 1

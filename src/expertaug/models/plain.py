@@ -6,10 +6,14 @@ An encoder is any module whose ``forward(observed)`` takes one seed's windows (T
   :func:`~expertaug.models.posterior.constrain`, so that positive parameters are positive, and z_a is what it is; or
 - a :class:`~expertaug.models.posterior.Posterior`.
 
+Known inputs of the system are further components of the state there.
+
 Q is the module's attribute ``latent``, 0 without it; ``head_prefix`` names the parameters of the z_e head alone.
 
 An interaction model is any module whose ``forward(y, z_a)`` gives the rates of states y (B, *state) in their shape;
-with a method ``context(z_a, z_e)``, called once a trajectory, ``forward`` is given its result (B, width) instead.
+with a method ``context(z_a, z_e)``, called once a trajectory, ``forward`` is given its result (B, width) instead.  With
+an attribute ``sees_inputs`` or ``sees_time`` that is true ``forward`` has a third argument: the known inputs (B, U),
+with the time in s as a last component where that is seen.
 
 Either may have ``fit(observed)``, which sees the training set's windows (T1, N, *state) once, before training; what it
 learns belongs into buffers or parameters, which a model file keeps.
@@ -17,7 +21,7 @@ learns belongs into buffers or parameters, which a model file keeps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -153,20 +157,30 @@ class PlainInteraction(_Plain):
     def __init__(self, module: nn.Module, system: System) -> None:
         super().__init__(module, system, "model.interaction")
 
+    @property
+    def sees_inputs(self) -> bool:
+        return bool(getattr(self.module, "sees_inputs", False))
+
+    @property
+    def sees_time(self) -> bool:
+        return bool(getattr(self.module, "sees_time", False))
+
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, Q) and z_e (…, B, P) → what :meth:`forward` is given of them, (…, B, width)."""
         if not hasattr(self.module, "context"):
             return z_a
-        return self._one("context", z_a, 2, z_e, 2, lambda found: self._context(found, z_a.shape[-2]))
+        return self._one("context", [(z_a, 2), (z_e, 2)], lambda found: self._context(found, z_a.shape[-2]))
 
-    def forward(self, y: Tensor, context: Tensor) -> Tensor:
-        """F_a at states y (…, B, *state), the shape of y."""
+    def forward(self, y: Tensor, context: Tensor, *known: Tensor) -> Tensor:
+        """F_a at states y (…, B, *state), the shape of y; ``known`` is one tensor (…, B, ·), where it sees more."""
         rank = len(self.system.state_shape)
-        return self._one("forward", y, 1 + rank, context, 2, lambda found: self._rates(found, y.shape[-1 - rank :]))
+        given = [(y, 1 + rank), (context, 2), *((one, 2) for one in known)]
+        return self._one("forward", given, lambda found: self._rates(found, y.shape[-1 - rank :]))
 
-    def _one(self, method: str, a: Tensor, a_axes: int, b: Tensor, b_axes: int, finish: Callable) -> Tensor:
-        axes = [self._axis(a, a_axes), self._axis(b, b_axes)]
-        return self.each(method, [a, b], axes, lambda found: (finish(found),))[0]
+    def _one(self, method: str, given: Sequence[tuple[Tensor, int]], finish: Callable) -> Tensor:
+        """What a method gives for tensors with so many axes each without one of seeds."""
+        axes = [self._axis(tensor, alone) for tensor, alone in given]
+        return self.each(method, [tensor for tensor, _ in given], axes, lambda found: (finish(found),))[0]
 
     def _context(self, found: object, samples: int) -> Tensor:
         if not isinstance(found, Tensor) or found.dim() != 2 or len(found) != samples:

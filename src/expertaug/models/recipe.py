@@ -20,6 +20,7 @@ from expertaug.models.likelihood import GaussianLikelihood
 from expertaug.models.plain import encoder_of, interaction_of
 from expertaug.models.stacking import Network, stack
 from expertaug.systems import System
+from expertaug.systems.inputs import observed
 
 # {"kind": …, and the class's arguments}, the class, or functools.partial of it and its arguments.
 Part = Mapping | Callable
@@ -71,30 +72,35 @@ class HybridModel:
     ) -> HybridNet:
         """One network from torch's random state as it is, not stacked; arguments as :meth:`build`."""
         times = torch.as_tensor(times, dtype=torch.float64)
-        encoder = encoder_of(_make("encoder", self.encoder, system=self.system, times=times), self.system)
+        seen = observed(self.system)
+        encoder = encoder_of(_make("encoder", self.encoder, system=seen, times=times), seen)
         interaction = None
         if self.interaction is not None:
-            interaction = _interaction(self.system, self.interaction, encoder.latent)
+            interaction = _interaction(self.system, self.interaction, encoder.latent, times)
         likelihood_model = GaussianLikelihood() if likelihood else None
         decoder = Decoder(self.system, interaction, self.expert, likelihood_model)
         return HybridNet(encoder, decoder, None if start is None else Gaps(self.system, times, start))
 
 
-def build_decoder(system: System, interaction: Part, latent: int, seeds: Sequence[int]) -> Decoder:
+def build_decoder(
+    system: System, interaction: Part, latent: int, seeds: Sequence[int], times: Tensor | Sequence[float]
+) -> Decoder:
     """Decoders without an encoder for a group of seeds, one initialisation a seed, stacked.
 
     Arguments:
         interaction: F_a, as of :class:`HybridModel`.
         latent: size of z_a.
+        times: of the observed window in s, (T1,).
 
     Raises:
         InputError: as :meth:`HybridModel.build`.
     """
-    return _one_a_seed(lambda: Decoder(system, _interaction(system, interaction, latent)), seeds)
+    times = torch.as_tensor(times, dtype=torch.float64)
+    return _one_a_seed(lambda: Decoder(system, _interaction(system, interaction, latent, times)), seeds)
 
 
-def _interaction(system: System, given: Part, latent: object) -> nn.Module:
-    return interaction_of(_make("interaction", given, system=system, latent=latent), system)
+def _interaction(system: System, given: Part, latent: object, times: Tensor) -> nn.Module:
+    return interaction_of(_make("interaction", given, system=system, latent=latent, times=times), system)
 
 
 def _one_a_seed(build: Callable[[], Network], seeds: Sequence[int]) -> Network:

@@ -147,6 +147,8 @@ class MLPSettings(InteractionSettings):
     activation: Activation = key("relu", ACTIVATION)
     components: Names | None = key(None, "components on whose rates F_a acts; null = all")
     reads: Names | None = key(None, "components that F_a sees; null = all")
+    inputs: bool = key(False, "whether F_a sees the system's known inputs")
+    time: bool = key(False, "whether F_a sees the time")
 
 
 class ConvInteractionSettings(InteractionSettings):

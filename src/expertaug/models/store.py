@@ -17,11 +17,13 @@ from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.mean import MeanModel
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
+from expertaug.systems.settings import EVENTS
 from expertaug.systems.solver import Solver
 
 __all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "write_tensors"]
 
 ACCURATE = {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6}
+ACROSS_EVENTS = {"method": EVENTS, "substeps": 10}
 KINDS = ("hybrid", "alternating", "mean", "least_squares")
 COARSE = ("euler", "midpoint", "rk4")  # steps of the data's own: good for training, not for a forecast
 
@@ -54,13 +56,18 @@ class StoredModel:
     @property
     def solver(self) -> Solver:
         """What forecasts are solved with."""
-        return Solver.from_mapping(self.description.get("forecast_solver") or ACCURATE)
+        return Solver.from_mapping(self.description.get("forecast_solver") or accurate(self.model.system))
 
 
-def forecast_solver(training: Mapping) -> dict:
+def accurate(system: System) -> dict:
+    """Settings of a solver that forecasts of a system deserve."""
+    return dict(ACROSS_EVENTS if system.has_events else ACCURATE)
+
+
+def forecast_solver(training: Mapping, system: System) -> dict:
     """Settings of the solver that forecasts deserve, from a training's: its own, unless that is a coarse one."""
     solver = Solver.from_mapping(training.get("solver") or {})
-    return dict(ACCURATE) if solver.method in COARSE else dict(vars(solver))
+    return accurate(system) if solver.method in COARSE else dict(vars(solver))
 
 
 def save(path: str | Path, model: Any, description: Mapping) -> None:
@@ -154,8 +161,12 @@ def _check(description: Mapping) -> None:
 
 
 def _units(system: System) -> dict[str, list[list[str]]]:
-    """Names and units of the state and of z_e."""
-    return {
+    """Names and units of the state, of z_e and of known inputs."""
+    found = {
         "state": [[p.name, p.unit] for p in system.state],
         "expert_parameters": [[p.name, p.unit] for p in system.expert_parameters],
     }
+    for name in ("inputs", "covariates"):
+        if named := getattr(system, name):
+            found[name] = [[p.name, p.unit] for p in named]
+    return found

@@ -21,7 +21,9 @@ __all__ = ["Parameter", "System", "describe", "load", "names"]
 OTHERS = {
     "base",
     "contract",
+    "events",
     "implicit",
+    "inputs",
     "settings",
     "simulate",
     "solver",

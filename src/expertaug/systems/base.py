@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
 from math import prod
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -42,12 +43,21 @@ class System(ABC):
         expert_parameters: the components of z_e, in order.
         interaction_parameters: the components of the true z_a in simulations; empty where there is no simulation.
         simulation: how simulations are solved.
+        inputs: known inputs u(t) of each trajectory (a force, a voltage), in order; with any, ``expert`` and ``truth``
+            have one argument more: u (…, U) at the time asked for, the covariates last.
+        covariates: known numbers that are constant along a trajectory; the last components of u.
+        interpolation: of the inputs between the times of the data: linear, or constant (the last value holds).
+        input_parameters: what simulated inputs are drawn from, uniformly in ranges (:meth:`input_signal`).
     """
 
     state: tuple[Parameter, ...]
     expert_parameters: tuple[Parameter, ...]
     interaction_parameters: tuple[Parameter, ...] = ()
     simulation: Solver = Solver("dopri5", rtol=1e-8, atol=1e-8)
+    inputs: tuple[Parameter, ...] = ()
+    covariates: tuple[Parameter, ...] = ()
+    interpolation: Literal["linear", "constant"] = "linear"
+    input_parameters: tuple[Parameter, ...] = ()
     _given: tuple[tuple, dict] = ((), {})
 
     def __init_subclass__(cls, **options: object) -> None:
@@ -70,9 +80,32 @@ class System(ABC):
         """Shape of one state."""
         return (len(self.state),)
 
+    @property
+    def known(self) -> tuple[Parameter, ...]:
+        """The components of u: inputs, then covariates."""
+        return (*self.inputs, *self.covariates)
+
+    # A subclass with known inputs has u (…, U) as last argument of the methods that have *u here; another has not.
     @abstractmethod
-    def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
+    def expert(self, t: Tensor, y: Tensor, z_e: Tensor, *u: Any, **none: Any) -> Tensor:
         """F_e: time derivative (…, *state) at states y (…, *state) for parameters z_e (…, P)."""
+
+    @property
+    def has_events(self) -> bool:
+        """Whether :meth:`event` is defined; ``expert`` and ``truth`` then have the side as last argument."""
+        return type(self).event is not System.event
+
+    def event(self, y: Tensor, z_e: Tensor) -> Tensor:
+        """A number (…) that changes its sign where something happens, of states y (…, *state).
+
+        The law on either side is a smooth one, which may go on beyond the event: ``expert`` and ``truth`` are told by
+        ``side`` (…) on which they are, 1 or −1 as this number, or 0 for what stays on it.
+        """
+        raise NotImplementedError
+
+    def jump(self, y: Tensor, z_e: Tensor) -> Tensor:
+        """States after an event, (…, *state), of those at it: the event's number is 0 there, or of another sign."""
+        return y
 
     def linear_flow(self, z_e: Tensor, h: float) -> Callable[[Tensor], Tensor] | None:
         """y (…, *state) → exp(h L) y, the exact flow of a linear part L of F_e; None where there is none.
@@ -81,17 +114,23 @@ class System(ABC):
         """
         return None
 
-    def nonlinear(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
+    def nonlinear(self, t: Tensor, y: Tensor, z_e: Tensor, *u: Any, **none: Any) -> Tensor:
         """F_e without the part that :meth:`linear_flow` solves."""
-        return self.expert(t, y, z_e)
+        return self.expert(t, y, z_e, *u)
 
-    def truth(self, t: Tensor, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
+    def truth(self, t: Tensor, y: Tensor, z_e: Tensor, z_a: Tensor, *u: Any, **none: Any) -> Tensor:
         """The full right-hand side that simulations follow: (…, *state) for z_a (…, Q)."""
         raise NotImplementedError(f"{type(self).__name__} has no simulation: its data come from recordings")
 
     def sample_initial_state(self, n: int, generator: torch.Generator) -> Tensor:
         """n initial states of the simulation, (n, *state), float64."""
         raise NotImplementedError(f"{type(self).__name__} has no simulation: its data come from recordings")
+
+    def input_signal(self, t: Tensor, parameters: Tensor) -> Tensor:
+        """Simulated inputs (n, T, inputs) at the times t (T,) of parameters (n, K), those of ``input_parameters``."""
+        if self.inputs:
+            raise NotImplementedError(f"{type(self).__name__} draws no inputs: give them, u (n, T, {len(self.known)})")
+        return parameters.new_zeros(len(parameters), len(t), 0)
 
     def kinematics(self, y: Tensor) -> Tensor:
         """What stays of the right-hand side when the expert is taken away, (…, *state): nothing, unless overridden."""

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System
+from expertaug.systems.settings import EVENTS
 from expertaug.systems.solver import Solver
 
 SAMPLES, SEEDS = 3, 2
@@ -56,24 +57,31 @@ def check_system(
     y0 = torch.rand(SAMPLES, *system.state_shape, generator=generator, dtype=torch.float64)
     if simulated:
         y0 = _check_sampler(system, where)
+    known = _check_inputs(system, where, simulated, generator)
+    if system.has_events:
+        _check_events(system, where, y0, parameters, simulated)
+        known.append(torch.ones(SAMPLES, dtype=torch.float64))  # the side
     for y in (y0, y0.float()):
-        z = parameters.to(y)
-        _check(system, where, "expert", (torch.tensor(step_s).to(y), y, z), y)
+        z, u = parameters.to(y), [each.to(y) for each in known]
+        _check(system, where, "expert", (torch.tensor(step_s).to(y), y, z, *u), y)
+        if system.has_events:  # a time for each sample
+            _check(system, where, "expert", (torch.full((SAMPLES,), step_s).to(y), y, z, *u), y)
         _check(system, where, "initial_state", (y, z), y)
         _check(system, where, "kinematics", (y,), y)
         _check(system, where, "observe", (y,), y, same_shape=False)
         _check(system, where, "features", (y,), y, same_shape=False)
-        _check_linear_flow(system, where, y, z, solver, step_s)
-    _check_gradient(system, where, y0, parameters)
+        _check_linear_flow(system, where, y, z, solver, step_s, u)
+    _check_gradient(system, where, y0, parameters, known)
     if simulated:
-        _check(system, where, "truth", (torch.tensor(step_s).to(y0), y0, parameters, latent), y0)
+        _check(system, where, "truth", (torch.tensor(step_s).to(y0), y0, parameters, latent, *known), y0)
 
 
 def _check_attributes(system: System, where: str, simulated: bool) -> None:
     name = type(system).__name__
     if not isinstance(system, System):
         raise InputError(where, f"{name} is no System", "derive the class from expertaug.systems.System")
-    for attribute in ("state", "expert_parameters", *(("interaction_parameters",) if simulated else ())):
+    wanted = ("state", "expert_parameters", "inputs", "covariates")
+    for attribute in (*wanted, *(("interaction_parameters", "input_parameters") if simulated else ())):
         value = getattr(system, attribute, None)
         if not isinstance(value, tuple) or not all(isinstance(p, Parameter) for p in value):
             remedy = 'give a tuple of Parameter, as (Parameter("x", "m"),)'
@@ -85,6 +93,12 @@ def _check_attributes(system: System, where: str, simulated: bool) -> None:
             if not parameter.scale > 0:
                 found = f"{name}.{attribute}: {parameter.name} has the scale {parameter.scale}"
                 raise InputError(where, found, "a scale is its typical magnitude, above 0")
+    names = [p.name for p in (*system.state, *system.known)]
+    if len(set(names)) < len(names):
+        found = f"{name} names {', '.join(names)} as state, inputs and covariates"
+        raise InputError(where, found, "every name once: an encoder sees all of them")
+    if system.interpolation not in ("linear", "constant"):
+        raise InputError(where, f"{name}.interpolation is {system.interpolation!r}", "linear or constant")
     if not system.state:
         raise InputError(where, f"{name}.state is empty", "name every component")
     shape = system.state_shape
@@ -139,6 +153,32 @@ def _check_sampler(system: System, where: str) -> Tensor:
     return first
 
 
+def _check_inputs(system: System, where: str, simulated: bool, generator: torch.Generator) -> list[Tensor]:
+    """Known inputs (SAMPLES, U) at one time, of their typical size, in a list; an empty one for a system without."""
+    if not system.known:
+        return []
+    name = f"{type(system).__name__}.input_signal"
+    if simulated and type(system).input_signal is not System.input_signal:
+        parameters, t = _samples(system.input_parameters, None, generator), torch.arange(4, dtype=torch.float64)
+        signal = _called(lambda: system.input_signal(t, parameters), where, name)
+        _check_tensor(signal, (SAMPLES, len(t), len(system.inputs)), torch.float64, where, name)
+    return [_samples(system.known, None, generator)]
+
+
+def _check_events(system: System, where: str, y: Tensor, z_e: Tensor, simulated: bool) -> None:
+    name = type(system).__name__
+    if len(system.state_shape) > 1:
+        raise InputError(where, f"{name} has events and states of shape {system.state_shape}", "no field has events")
+    if simulated and system.simulation.method != EVENTS:
+        found = f"{name} has events, and its simulation is by {system.simulation.method}"
+        raise InputError(where, found, f'simulation = Solver("{EVENTS}", substeps=20) stops at them')
+    for one in (y, y.float()):
+        z = z_e.to(one)
+        value = _called(lambda: system.event(one, z), where, f"{name}.event")  # noqa: B023
+        _check_tensor(value, tuple(one.shape[:-1]), one.dtype, where, f"{name}.event")
+        _check(system, where, "jump", (one, z), one)
+
+
 def _check(
     system: System, where: str, method: str, arguments: tuple[Tensor, ...], like: Tensor, same_shape: bool = True
 ) -> None:
@@ -167,7 +207,7 @@ def _check(
 
 
 def _check_linear_flow(
-    system: System, where: str, y: Tensor, z_e: Tensor, solver: Solver | None, step_s: float
+    system: System, where: str, y: Tensor, z_e: Tensor, solver: Solver | None, step_s: float, u: Sequence[Tensor]
 ) -> None:
     """The flow of the linear part, and that nonlinear is the rest: their sum is the expert."""
     name = f"{type(system).__name__}.linear_flow"
@@ -178,25 +218,25 @@ def _check_linear_flow(
         return
     moved = _called(lambda: flow(y), where, name)
     _check_tensor(moved, tuple(y.shape), y.dtype, where, name)
-    _check(system, where, "nonlinear", (torch.tensor(step_s).to(y), y, z_e), y)
+    _check(system, where, "nonlinear", (torch.tensor(step_s).to(y), y, z_e, *u), y)
     if y.dtype != torch.float64:
         return
     # Two small steps tell dy/dt = L y up to the second order of the step.
     h, t = 1e-3 * step_s, torch.tensor(step_s).to(y)
     ahead, back = (_called(partial(_flowed, system, z_e, s, y), where, name) for s in (h, -h))
     linear = (ahead - back) / (2 * h)
-    rest = system.expert(t, y, z_e) - system.nonlinear(t, y, z_e)
+    rest = system.expert(t, y, z_e, *u) - system.nonlinear(t, y, z_e, *u)
     if not torch.allclose(linear, rest, rtol=1e-2, atol=1e-2 * float(rest.abs().max()) + 1e-8):
         remedy = "expert(t, y, z_e) = L y + nonlinear(t, y, z_e), and linear_flow(z_e, h) is exp(h L)"
         raise InputError(where, f"{name} and nonlinear do not add up to expert", remedy)
 
 
-def _check_gradient(system: System, where: str, y: Tensor, z_e: Tensor) -> None:
+def _check_gradient(system: System, where: str, y: Tensor, z_e: Tensor, u: Sequence[Tensor]) -> None:
     """Training goes through the expert: its rates must carry the gradient of z_e, or start where z_e says."""
     name = f"{type(system).__name__}.expert"
     z = z_e.clone().requires_grad_()
     time = torch.tensor(0.0).to(y)
-    found = _called(lambda: torch.stack((system.expert(time, y, z), system.initial_state(y, z))), where, name)
+    found = _called(lambda: torch.stack((system.expert(time, y, z, *u), system.initial_state(y, z))), where, name)
     if not found.requires_grad:
         remedy = "compute with torch on z_e itself: no numpy, no .item(), no .detach()"
         raise InputError(where, f"{name} does not depend on z_e, or loses its gradient", remedy)

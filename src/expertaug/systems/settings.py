@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from expertaug.settings import LIST, ONE, Pair, Positive, Settings, by_shape, key
 
+EVENTS = "rk4"  # the method that stops at events
 FIXED = ("euler", "midpoint", "rk4", "lawson4", "rodas3")
 
 
@@ -33,6 +34,7 @@ class SystemSettings(Settings):
         STATE, EXPERT, INTERACTION: names of the state's components, of z_e and of the simulation's z_a.
         SIMULATED: whether it can be simulated.
         FIELDS: whether its state is fields on a grid.
+        EVENTS: whether it has events.
     """
 
     WHERE: ClassVar[str] = "system"
@@ -41,6 +43,17 @@ class SystemSettings(Settings):
     INTERACTION: ClassVar[tuple[str, ...]] = ()
     SIMULATED: ClassVar[bool] = True
     FIELDS: ClassVar[bool] = False
+    EVENTS: ClassVar[bool] = False
+
+    @classmethod
+    def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the known inputs of a system of these settings, and of what simulated ones are drawn from."""
+        return (), ()
+
+    @classmethod
+    def jumps(cls, settings: Mapping) -> bool:
+        """Whether what is observed jumps at events."""
+        return False
 
 
 class PendulumSettings(SystemSettings):
@@ -51,6 +64,39 @@ class PendulumSettings(SystemSettings):
     INTERACTION = ("alpha",)
 
     name: Literal["pendulum"] = key("pendulum", "the damped pendulum")
+
+
+class DrivenPendulumSettings(SystemSettings):
+    """The driven, damped pendulum."""
+
+    STATE = ("theta", "omega")
+    EXPERT = ("omega0",)
+    INTERACTION = ("gamma",)
+
+    name: Literal["driven_pendulum"] = key("driven_pendulum", "the driven, damped pendulum")
+
+    @classmethod
+    def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return ("torque",), ("A", "f")
+
+
+class BouncingBallSettings(SystemSettings):
+    """A ball that bounces."""
+
+    STATE = ("h", "v")
+    EXPERT = ("g", "e")
+    INTERACTION = ("k",)
+    EVENTS = True
+
+    name: Literal["bouncing_ball"] = key("bouncing_ball", "a ball that bounces on the ground")
+    rest_m_s: float = key(0.05, "a ball that leaves the ground more slowly stays there", "m/s", ge=0)
+    observed: Literal["all", "height"] = key(
+        "all", "whose errors count: height alone lets F_a be learned, for speeds jump"
+    )
+
+    @classmethod
+    def jumps(cls, settings: Mapping) -> bool:
+        return settings.get("observed") != "height"
 
 
 class RLCSettings(SystemSettings):
@@ -65,6 +111,13 @@ class RLCSettings(SystemSettings):
         "kirchhoff", "by what the resistor's term is divided: kirchhoff = L; additive = C, the paper's; code = L C"
     )
     source_rad_s: float = key(2.0, "angular frequency of the source", "rad/s")
+    source: Literal["formula", "measured"] = key(
+        "formula", "the source's voltage: by a formula of its own, or measured = a known input of each trajectory"
+    )
+
+    @classmethod
+    def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return (("V",), ("V0", "V1", "w")) if settings.get("source") == "measured" else ((), ())
 
 
 class ReactionDiffusionSettings(SystemSettings):
@@ -113,5 +166,12 @@ class DoublePendulumSettings(SystemSettings):
 
 SYSTEMS: Mapping[str, type[SystemSettings]] = {
     kind.model_fields["name"].default: kind
-    for kind in (PendulumSettings, RLCSettings, ReactionDiffusionSettings, DoublePendulumSettings)
+    for kind in (
+        PendulumSettings,
+        DrivenPendulumSettings,
+        BouncingBallSettings,
+        RLCSettings,
+        ReactionDiffusionSettings,
+        DoublePendulumSettings,
+    )
 }

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System, load
+from expertaug.systems.inputs import check_given, solve
 from expertaug.systems.solver import Solver, check_finite
 from expertaug.trajectories import Trajectories
 
@@ -19,7 +20,11 @@ CHUNK = 2**17  # values of the state solved at a time: bounds the memory and sta
 
 
 def uniform(
-    parameters: tuple[Parameter, ...], ranges: Mapping[str, Sequence[float]], n: int, generator: torch.Generator
+    parameters: tuple[Parameter, ...],
+    ranges: Mapping[str, Sequence[float]],
+    n: int,
+    generator: torch.Generator,
+    where: str = "parameter ranges",
 ) -> Tensor:
     """n samples (n, P), float64, uniform in the named ranges.
 
@@ -28,7 +33,7 @@ def uniform(
     """
     names = [p.name for p in parameters]
     if sorted(ranges) != sorted(names):
-        raise InputError("parameter ranges", f"given for {sorted(ranges)}", f"give one range for each of {names}")
+        raise InputError(where, f"given for {sorted(ranges)}", f"give one range for each of {names}")
     for name, (low, high) in ranges.items():
         if not low <= high:
             raise InputError(f"range of {name}", f"[{low}, {high}]", "min must not exceed max")
@@ -44,6 +49,8 @@ def trajectories(
     *,
     n: int,
     t: Sequence[float] | np.ndarray,
+    inputs: Mapping[str, Sequence[float]] | None = None,
+    u: np.ndarray | None = None,
     noise: float = 0.0,
     seed: int = 0,
     name: str = "train",
@@ -55,6 +62,9 @@ def trajectories(
         z_e, z_a: expert and interaction parameters are drawn uniformly from [low, high], by name, in their units.
         n: number of trajectories.
         t: times in s, (T,), strictly increasing; the initial states are those at the first.
+        inputs: ranges, likewise, of what the known inputs are drawn from: the system's ``input_parameters`` and
+            ``covariates``.  The inputs are what the system says of them at the times t, and interpolated between.
+        u: the known inputs themselves, (n, T, U), instead.
         noise: standard deviation of the Gaussian noise added to every value, the initial state's too.
         seed: of the random numbers, together with ``name``.
         name: of the set (train, validation, test, …): sets of other names are independent under one seed.
@@ -74,15 +84,46 @@ def trajectories(
     expert = uniform(system.expert_parameters, z_e, n, generator)
     interaction = uniform(system.interaction_parameters, z_a or {}, n, generator)
     y0 = system.sample_initial_state(n, generator)
+    known = _inputs(system, inputs, u, n, torch.from_numpy(t), generator)
     what = f"{type(system).__name__}, set {name}, (sample)"
     y = torch.empty(len(t), *y0.shape, dtype=torch.float64 if noise else torch.float32)
     size = max(CHUNK // y0[0].numel(), 1)
     for part in torch.arange(n).split(size):
-        y[:, part] = _solve(system, y0[part], expert[part], interaction[part], torch.from_numpy(t), what).to(y)
+        here = None if known is None else known[part].movedim(1, 0)
+        y[:, part] = _solve(system, y0[part], expert[part], interaction[part], torch.from_numpy(t), what, here).to(y)
     check_finite(y, torch.cat((expert, interaction), dim=-1), what)
     if noise:
         y += noise * torch.randn(y.shape, generator=generator, dtype=torch.float64)
-    return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=expert.numpy(), z_a=interaction.numpy())
+    given = None if known is None else known.numpy()
+    return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=expert.numpy(), z_a=interaction.numpy(), u=given)
+
+
+def _inputs(
+    system: System,
+    ranges: Mapping[str, Sequence[float]] | None,
+    given: np.ndarray | None,
+    n: int,
+    t: Tensor,
+    generator: torch.Generator,
+) -> Tensor | None:
+    """Known inputs (n, T, U), as precise as a file holds them; None for a system without."""
+    if given is not None:
+        u = torch.as_tensor(np.asarray(given, dtype=np.float32)).double()
+        if u.shape[:2] != (n, len(t)) or u.dim() != 3 or not torch.isfinite(u).all():
+            raise InputError("u", f"has shape {tuple(u.shape)}", f"give finite inputs ({n}, {len(t)}, U)")
+        check_given(system, u)
+        return u
+    if not system.known:
+        if ranges:
+            raise InputError("inputs", f"given for {sorted(ranges)}", f"{type(system).__name__} has no known inputs")
+        return None
+    drawn = uniform((*system.input_parameters, *system.covariates), ranges or {}, n, generator, "inputs")
+    first, covariates = drawn.split((len(system.input_parameters), len(system.covariates)), dim=1)
+    try:
+        signal = system.input_signal(t, first)
+    except NotImplementedError as error:
+        raise InputError("u", "missing", str(error)) from error
+    return torch.cat((signal, covariates.unsqueeze(1).expand(-1, len(t), -1)), dim=2).float().double()
 
 
 def sample(system: System, data: Mapping, set_name: str) -> Trajectories:
@@ -90,24 +131,27 @@ def sample(system: System, data: Mapping, set_name: str) -> Trajectories:
 
     Arguments:
         data: ``seed``, ``step_s``, ``t2_s`` in s, ``noise``, and ``sets[set_name]`` with ``size`` and the ranges
-            ``z_e`` and ``z_a``, as of :func:`trajectories`.
+            ``z_e``, ``z_a`` and ``inputs``, as of :func:`trajectories`.
     """
     own = data["sets"][set_name]
     options = {"n": int(own["size"]), "noise": float(data["noise"]), "seed": int(data["seed"]), "name": set_name}
-    return trajectories(system, own["z_e"], own.get("z_a", {}), t=times(data), **options)
+    ranges = own["z_e"], own.get("z_a", {})
+    return trajectories(system, *ranges, t=times(data), inputs=own.get("inputs"), **options)
 
 
 @torch.no_grad()
-def _solve(system: System, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, name: str) -> Tensor:
+def _solve(
+    system: System, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, name: str, u: Tensor | None = None
+) -> Tensor:
     """States (T, N, *state) of one chunk of samples."""
 
-    def field(s: Tensor, y: Tensor) -> Tensor:
-        return system.truth(s, y, z_e, z_a)
+    def field(s: Tensor, y: Tensor, *more: Tensor) -> Tensor:
+        return system.truth(s, y, z_e, z_a, *more)
 
     try:
-        return system.simulation(field, y0, t, rank=len(system.state_shape))
+        return solve(system, field, y0, t, system.simulation, z_e, u)
     except SolveError as error:  # a fixed grid goes on, so that the sample can be named
-        check_finite(Solver("rk4")(field, y0, t), torch.cat((z_e, z_a), dim=-1), name)
+        check_finite(solve(system, field, y0, t, Solver("rk4"), z_e, u), torch.cat((z_e, z_a), dim=-1), name)
         raise SolveError(f"{name}: {error}") from error
 
 

@@ -10,10 +10,11 @@ from pydantic import ValidationError
 from torch import Tensor
 from torchdiffeq import odeint
 
-from expertaug.errors import SolveError
+from expertaug.errors import InputError, SolveError
 from expertaug.settings import complaints
+from expertaug.systems.events import Event, stepped
 from expertaug.systems.implicit import SCIPY, by_scipy, rodas3
-from expertaug.systems.settings import FIXED, SolverSettings
+from expertaug.systems.settings import EVENTS, FIXED, SolverSettings
 
 # flow(h): the map y → exp(h L) y of a linear part L, or None where there is none.
 Flow = Callable[[float], Callable[[Tensor], Tensor] | None]
@@ -54,11 +55,13 @@ class Solver(SolverSettings):
 
     def __call__(
         self,
-        f: Callable[[Tensor, Tensor], Tensor],
+        f: Callable[..., Tensor],
         y0: Tensor,
         t: Tensor,
         flow: Flow | None = None,
         rank: int = 1,
+        kinks: bool = False,
+        event: Event | None = None,
     ) -> Tensor:
         """States (T, *y0.shape) at the times t (T,), the first being y0.
 
@@ -66,12 +69,22 @@ class Solver(SolverSettings):
             f: dy/dt at a time and states (…, *state).
             flow: of the part that f lacks, where the method wants one (:attr:`splits`).
             rank: axes of a state, which implicit methods need to know.
+            kinks: whether f bends at the times t: an adaptive method then ends a step there.
+            event: where trajectories jump; f then has the side as third argument (:mod:`expertaug.systems.events`).
+
+        Raises:
+            InputError: the method cannot stop at events.
+            SolveError: an adaptive method gave up.
         """
+        if event is not None and self.method != EVENTS:
+            raise InputError("solver.method", f"{self.method} steps over events", f"give {EVENTS}, with substeps")
         if self.method in FIXED:
             grid = t
             if self.substeps > 1:
                 share = torch.arange(self.substeps).to(t) / self.substeps
                 grid = torch.cat(((t[:-1, None] + t.diff()[:, None] * share).flatten(), t[-1:]))
+            if event is not None:
+                return stepped(f, y0, grid, event)[:: self.substeps]
             if self.method == "rodas3":
                 return rodas3(f, y0, grid, rank)[:: self.substeps]
             if self.splits:
@@ -80,7 +93,10 @@ class Solver(SolverSettings):
         if self.method in SCIPY:
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
         try:
-            return odeint(f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol)  # type: ignore[return-value]
+            options = {"step_t": t[1:-1]} if kinks and len(t) > 2 else None
+            return odeint(  # type: ignore[return-value]
+                f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol, options=options
+            )
         except AssertionError as error:  # torchdiffeq's word for a step that underflowed
             raise SolveError(f"{self.method} failed ({error})") from error
 

@@ -42,7 +42,12 @@ class Interaction(nn.Module):
     Attributes:
         inputs: how many numbers :meth:`latents` gives.
         acts_on, sees: positions in the state of the components on which F_a acts, and that it sees.
+        sees_inputs, sees_time: whether ``forward`` is given the known inputs (…, B, U), and the time in s after them,
+            as a third argument.
     """
+
+    sees_inputs = False
+    sees_time = False
 
     def __init__(
         self,

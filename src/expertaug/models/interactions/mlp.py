@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import torch
 from torch import Tensor
 
+from expertaug.errors import InputError
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import MLP, Linear, affine, feature_count
 from expertaug.systems import System
@@ -20,6 +22,9 @@ class MLPInteraction(Interaction):
         latent: size of z_a.
         layers, activation: hidden layers.
         expert_parameters, components, reads: as :class:`Interaction`; a component that it does not see is zero.
+        inputs: whether it sees the system's known inputs, each divided by its scale.
+        time: whether it sees the time, divided by the end of the observed window.
+        times: of the observed window in s, (T1,).
     """
 
     stackable = True
@@ -33,11 +38,21 @@ class MLPInteraction(Interaction):
         expert_parameters: bool = False,
         components: Sequence[str] | None = None,
         reads: Sequence[str] | None = None,
+        inputs: bool = False,
+        time: bool = False,
+        times: Tensor | None = None,
     ) -> None:
         super().__init__(system, latent, expert_parameters, components, reads)
+        if inputs and not system.known:
+            found = f"{type(system).__name__} has no known inputs"
+            raise InputError("model.interaction.inputs", found, "leave it out")
+        self.sees_inputs, self.sees_time = inputs, time
+        self.units = [p.scale for p in system.known] if inputs else []
+        if time:
+            self.units.append(1.0 if times is None else max(float(times[-1]), 1e-12))
         self.system = system
         self.mask = [float(k in self.sees) for k in range(len(system.state))]
-        features = feature_count(system, "model.interaction.kind")
+        features = feature_count(system, "model.interaction.kind") + len(self.units)
         self.state_layer = Linear(features, layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, layers[0])
         self.rest = MLP(layers[0], layers[1:], len(self.acts_on), activation)
@@ -46,8 +61,11 @@ class MLPInteraction(Interaction):
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""
         return self.latent_layer(self.latents(z_a, z_e))
 
-    def forward(self, y: Tensor, context: Tensor) -> Tensor:
-        """F_a at states y (…, B, *state), the shape of y."""
+    def forward(self, y: Tensor, context: Tensor, known: Tensor | None = None) -> Tensor:
+        """F_a at states y (…, B, *state), the shape of y; ``known`` as of :class:`Interaction`."""
         seen = y if all(self.mask) else y * y.new_tensor(self.mask)
-        hidden = affine(self.system.features(seen), self.state_layer.weight, context)
+        features = self.system.features(seen)
+        if known is not None:
+            features = torch.cat((features, known / known.new_tensor(self.units)), dim=-1)
+        hidden = affine(features, self.state_layer.weight, context)
         return self.placed(self.rest(self.rest.activation(hidden)), y)
