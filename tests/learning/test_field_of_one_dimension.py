@@ -61,7 +61,7 @@ def test_it_is_trained_augmented_and_evaluated(fields, tmp_path, settings, encod
     settings["training"] |= {"epochs": 1}
     finetune(model, plus, fields, tuned, tmp_path / "work+", settings | {"method": "a+", "label": "A+"}, None)
     settings |= {"method": "a+", "label": "A+", "evaluation": {"samples": 2}}
-    evaluate(tuned, fields, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings, None)
+    evaluate(tuned, fields, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings)
     table = pd.read_csv(tmp_path / "metrics.csv")
     assert np.isfinite(table["value"]).all() and "relative_error_D" in set(table["metric"])
 

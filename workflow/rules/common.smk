@@ -256,7 +256,8 @@ def made_by(file):
 SUMMARY = [results("recordings/summary.csv"), results("recordings/summary.md")] if RECORDED else []
 OVERALL = expand(results("tables/published{end}"), end=ENDS) if COMPARED else []
 OVERALL += expand(results("figures/{name}.{suffix}"), name=OVERVIEWS, suffix=["png", "pdf"])
-ALL = [SUMMARY, of_all("page.png"), [[tables_of(e), figures_of(e)] for e in RUN], OVERALL]
+EVALUATED = [results(f"{e}/evaluations.json") for e in RUN]
+ALL = [SUMMARY, of_all("page.png"), EVALUATED, [[tables_of(e), figures_of(e)] for e in RUN], OVERALL]
 AUGMENTED = one_of([v for e in RUN for v in augmented_of(e)])
 FINETUNED = one_of([v for e in RUN for v in finetuned_of(e)])
 FLOWS = one_of([v for e in RUN for v in flows_of(e)])

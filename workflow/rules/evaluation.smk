@@ -7,14 +7,10 @@ rule evaluate_seed_group:
         sets=lambda w: expand(
             results("{experiment}/data/{set}.npz"), experiment=w.experiment, set=sets_of(w.experiment)
         ),
-        tracking=ancient(results("mlflow/tracking.json")),
         code=lambda w: code("evaluate", w.experiment, method_of(w.variant)),
     output:
         metrics=results("{experiment}/{variant}/{seed_group}/metrics.csv"),
         forecasts=results("{experiment}/{variant}/{seed_group}/forecasts.npz"),
-        figures=[
-            results(f"{{experiment}}/{{variant}}/{{seed_group}}/{name}.png") for name in ("forecasts", "parameters")
-        ],
     log:
         results("logs/evaluate/{experiment}_{variant}_{seed_group}.log"),
     benchmark:
@@ -32,7 +28,31 @@ rule evaluate_seed_group:
         "evaluate {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
         "expertaug evaluate --model {input.model:q} --data {params.data:q} --output {output.metrics:q}"
-        " --forecasts {output.forecasts:q} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
+        " --forecasts {output.forecasts:q} --settings {params.settings:q} --log {log:q}"
+
+
+rule log_evaluations_of_experiment:
+    input:
+        forecasts=lambda w: per_seed_group("forecasts.npz", w.experiment, every_variant(w.experiment)),
+        tracking=ancient(results("mlflow/tracking.json")),
+        code=code("log_evaluations"),
+    output:
+        results("{experiment}/evaluations.json"),
+    log:
+        results("logs/log_evaluations/{experiment}.log"),
+    benchmark:
+        results("benchmarks/log_evaluations/{experiment}.tsv")
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        versions=versions("log_evaluations"),
+    message:
+        "draw and store each evaluation of {wildcards.experiment}"
+    shell:
+        "expertaug log-evaluations {input.forecasts:q} --output {output:q} --tracking {input.tracking:q} --log {log:q}"
 
 
 rule tabulate_experiment:
@@ -380,7 +400,7 @@ if OVERVIEWS:
 
 rule evaluate:
     input:
-        and_before([per_seed_group("metrics.csv", e, every_variant(e)) for e in RUN]),
+        and_before(EVALUATED),
 
 
 rule studies:
@@ -419,4 +439,4 @@ for name in RUN:
         name:
             name
         input:
-            and_before([tables_of(name), figures_of(name)]),
+            and_before([results(f"{name}/evaluations.json"), tables_of(name), figures_of(name)]),

@@ -16,6 +16,11 @@ def add_to(commands: Commands) -> None:
     p = commands.add("evaluate", _evaluate, "score a model's forecasts on every set")
     add_paths(p, model="model file", data="folder of the sets", output="CSV of the metrics")
     add_paths(p, forecasts="npz of forecasts")
+
+    text = "draw the own figures of an experiment's evaluations and store their logs"
+    p = commands.add("log-evaluations", _log_evaluations, text, settings=False)
+    p.add_argument("forecasts", type=Path, nargs="+", help=FORECASTS)
+    add_paths(p, output="JSON that says which logs are stored")
     add_tracking(p)
 
     p = commands.add("forecast", _forecast, "forecast from observed windows with a trained model", settings=False)
@@ -88,7 +93,13 @@ def add_to(commands: Commands) -> None:
 def _evaluate(a: argparse.Namespace) -> None:
     from expertaug.evaluation.evaluate import evaluate
 
-    evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings), tracking_of(a))
+    evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings))
+
+
+def _log_evaluations(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.log_evaluations import log_evaluations
+
+    log_evaluations(a.forecasts, a.output, tracking_of(a))
 
 
 def _forecast(a: argparse.Namespace) -> None:

@@ -31,6 +31,7 @@ STAGES = {
     "flow": "expertaug.inference.flow_training",
     "during_training": "expertaug.evaluation.during_training",
     "evaluate": "expertaug.evaluation.evaluate",
+    "log_evaluations": "expertaug.evaluation.log_evaluations",
     "tabulate": "expertaug.evaluation.tables",
     "plot": "expertaug.evaluation.plot",
     "study": "expertaug.evaluation.studies",

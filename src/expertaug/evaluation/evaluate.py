@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.evaluation import figures, traces
+from expertaug.evaluation.evaluation_log import write_log
 from expertaug.evaluation.metrics import log_after, log_of, log_of_median, parameter_errors, squared_errors
 from expertaug.evaluation.runaways import forecast
 from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, ranks_of
@@ -26,24 +26,20 @@ from expertaug.learning.bound import largest, stored_bound
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.systems.solver import Solver
-from expertaug.tracking.run import Run
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.log_file import COLUMNS
 from expertaug.trajectories import Trajectories
 
 CHUNK_BYTES = 2**25  # of the forecasts made at a time: bounds the memory, whatever the size of a state
 
 
-def evaluate(
-    model: Path, data: Path, metrics: Path, forecasts: Path, settings: Mapping, tracking: Mapping | None
-) -> None:
+def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: Mapping) -> None:
     """Write the metrics of every seed and set, and forecasts of chosen samples.
 
     Arguments:
         model: file of the trained model.
         data: folder of the sets.
         metrics: CSV in long format (experiment, system, method, label, preset, seed, set, metric, value).
-        forecasts: npz; its arrays are named in :func:`_collect` and :func:`arrays_of`.  Beside it forecasts.png and
-            parameters.png are drawn, this group's own figures.
+        forecasts: npz; its arrays are named in :func:`_collect` and :func:`arrays_of`.
         settings: {experiment, method, label, preset, sets, evaluation, choices, seeds, device}; ``sets`` names those to
             evaluate (forecasts are kept of validation, iid and test alone, errors of every sample of all that are no
             longer than the training's); ``evaluation`` has
@@ -93,17 +89,11 @@ def evaluate(
         "parameter_names": np.array([p.name for p in system.expert_parameters]),
         "parameter_units": np.array([p.unit for p in system.expert_parameters]),
     }
-    columns = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
-    table = pd.DataFrame(rows)[columns]
     with atomic(forecasts) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
     with atomic(metrics) as temporary:
-        table.to_csv(temporary, index=False)
-    drawn = Path(forecasts).with_name("forecasts.png"), Path(forecasts).with_name("parameters.png")
-    names = {"labels": [[identity["method"], identity["label"]]]}
-    traces.forecasts({identity["method"]: forecasts}, drawn[0], names)
-    figures.parameters({identity["method"]: forecasts}, drawn[1], names)
-    _log(metrics, drawn, identity, stored, settings, tracking)
+        _write(temporary, rows)
+    write_log(Path(metrics), identity, stored.seeds, settings)
 
 
 @dataclass(frozen=True)
@@ -218,18 +208,10 @@ def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.nda
     return arrays if truth.id is None else arrays | {f"{name}_id": truth.id[scored.index]}
 
 
-def _log(
-    metrics: Path,
-    drawn: Sequence[Path],
-    identity: Mapping,
-    stored: store.StoredModel,
-    settings: Mapping,
-    tracking: Mapping | None,
-) -> None:
-    params = {"evaluation": settings["evaluation"], "choices": settings["choices"]}
-    run = Run(**identity, stage="evaluate", seeds=stored.seeds, params=params)
-    with RunLog(Path(metrics).with_name("evaluation.jsonl"), run, tracking) as log:
-        log.table(Path(metrics))
-        log.artifact(Path(metrics))
-        for path in drawn:
-            log.artifact(path)
+def _write(path: Path, rows: Sequence[Mapping]) -> None:
+    """A metrics.csv; nothing stands for a number that is none."""
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+        table.writeheader()
+        for row in rows:
+            table.writerow(row | ({"value": ""} if math.isnan(row["value"]) else {}))

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.evaluation.intervals import Interval, Resampled, interval, log_mean, log_median, mean, units_of
 from expertaug.files import read_npz
 from expertaug.inference.calibration import calibration
 from expertaug.trajectories import Trajectories
+
+if TYPE_CHECKING:  # tables are made without torch
+    from torch import Tensor
 
 VERSION = ("experiment", "preset", "method")  # what tells one forecasts.npz from another, but for its seeds
 RANKS, TARP, DRAWS = "ranks", "tarp", "rank_draws"  # the last is no set's

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from torch import Tensor
 
 from expertaug.errors import InputError
 
-Array: TypeAlias = np.ndarray | Tensor
+if TYPE_CHECKING:  # stages that make tables of what is computed already start without torch
+    from torch import Tensor
+
+Array: TypeAlias = "np.ndarray | Tensor"
 
 
 def plain(value: object, name: str, *, infinite: bool = False) -> np.ndarray:
@@ -22,7 +24,7 @@ def plain(value: object, name: str, *, infinite: bool = False) -> np.ndarray:
         InputError: no array of numbers, none at all, or a value that is not finite.
     """
     try:
-        found = np.asarray(value.detach().cpu() if isinstance(value, Tensor) else value, dtype=np.float64)
+        found = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(name, f"no array of numbers ({error})", "give a NumPy array or a torch tensor") from error
     if not found.size:
