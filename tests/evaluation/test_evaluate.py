@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 import torch
 
-from expertaug.config.presets import resolve
+import tiny
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation import evaluate as stage
 from expertaug.evaluation.evaluate import evaluate
@@ -31,26 +31,19 @@ RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]
 DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}
 DATA["sets"] = dict.fromkeys(("train", "validation", "iid", "test"), RANGES)
 COMMON = {"experiment": "pendulum", "preset": "corrected", "seeds": [4, 7], "device": "cpu"}
-TRAINING = COMMON | {
-    "method": "aphynity",
-    "label": "APHYNITY",
-    "system": {"name": "pendulum"},
-    "build": {"kind": "hybrid"},
+TRAINING = tiny.SETTINGS | {
+    "seeds": COMMON["seeds"],
     "model": {
         "encoder": {"kind": "recurrent", "hidden": 4, "layers": [4]},
         "interaction": {"kind": "mlp", "layers": [4, 4]},
     },
     "training": {"epochs": 1, "batch_size": 6},
-    "t1_s": 1.0,
-    "choices": resolve("corrected"),
 }
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("evaluate")
-    for name in DATA["sets"]:
-        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": DATA})
+    folder = tiny.simulated(tmp_path_factory.mktemp("evaluate"), DATA)
     train(folder, folder / "model.safetensors", folder / "work", TRAINING, None)
     mean = TRAINING | {"build": {"kind": "mean"}, "model": {}, "training": {}, "method": "mean", "label": "Mean"}
     train(folder, folder / "mean.safetensors", folder / "work", mean, None)

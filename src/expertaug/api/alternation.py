@@ -6,13 +6,11 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TypedDict, Unpack
 
 from expertaug import systems
-from expertaug.api import arrays
 from expertaug.api.arrays import Ranges
-from expertaug.api.checks import check_sets, seeds_of
+from expertaug.api.checks import check_sets, fit_settings, seeds_of
 from expertaug.api.trained import TrainedModel
-from expertaug.config.presets import resolve
 from expertaug.inference.alternate import prepare
-from expertaug.inference.settings import AlternatingSettings, RefinementSettings
+from expertaug.inference.settings import AlternatingSettings
 from expertaug.models import describe
 from expertaug.models.kinds import INTERACTION
 from expertaug.models.recipe import HybridModel
@@ -78,19 +76,9 @@ def alternate(
     part = describe.settings_of(INTERACTION, interaction)
     described = {"system": systems.describe(system), "model": {"interaction": part}}
     settings = {
-        "experiment": described["system"]["name"],
-        "method": "alternating",
-        "label": label,
-        "preset": "corrected",
-        "choices": resolve("corrected"),
+        **fit_settings(system, "alternating", label, observed_s, refinement, noise, prior),
         "training": AlternatingSettings.from_mapping(options).model_dump(mode="json"),
-        "t1_s": float(observed_s),
         "seeds": (chosen := seeds_of(seeds)),
-        "refinement": {
-            "settings": RefinementSettings.from_mapping(refinement).model_dump(mode="json"),
-            "noise": float(noise),
-            "prior": arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
-        },
     }
     stored = prepare(system, train, validation, settings, described, describe.own_classes(recipe)).run()
     return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.description["refinement"])

@@ -9,12 +9,11 @@ import numpy as np
 from expertaug import systems
 from expertaug.api import arrays
 from expertaug.api.arrays import Array, Ranges, RefinementOptions
+from expertaug.api.checks import fit_settings
 from expertaug.api.trained import TrainedModel
-from expertaug.config.presets import resolve
 from expertaug.errors import InputError
 from expertaug.inference import own_prior as growing
 from expertaug.inference.own_prior import OwnPrior
-from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.validity import Validity, along
 from expertaug.learning.train import expert_alone
 from expertaug.systems import System
@@ -49,19 +48,9 @@ def least_squares(
     """
     described = {"system": systems.describe(system), "model": {}, "expert": True, "interaction": False}
     settings = {
-        "experiment": described["system"]["name"],
-        "method": "least_squares",
-        "label": label,
-        "preset": "corrected",
-        "choices": resolve("corrected"),
+        **fit_settings(system, "least_squares", label, observed_s, options, noise, prior),
         "training": {},
-        "t1_s": float(observed_s),
         "seeds": [0],
-        "refinement": {
-            "settings": RefinementSettings.from_mapping(options).model_dump(mode="json"),
-            "noise": float(noise),
-            "prior": arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
-        },
     }
     stored = expert_alone(system, train, settings, described)
     model = TrainedModel(stored, single=True, refinement=stored.description["refinement"])

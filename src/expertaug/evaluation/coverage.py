@@ -10,7 +10,7 @@ import pandas as pd
 
 from expertaug import plotting
 from expertaug.evaluation.diagnostic_figures import draw_calibration
-from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
+from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.calibration import Calibration
@@ -18,6 +18,7 @@ from expertaug.inference.coverage import area_to_curve, interval_coverage
 from expertaug.labels import is_flow
 
 LEVELS = (0.5, 0.9)
+EMPTY = "No version has intervals."
 CAPTION = (
     "Share of windows whose true expert parameter lies in the central 50 % and 90 % intervals of its estimated "
     "distribution, over all windows and seeds; the nominal share is right. Posteriors are a flow's, a hybrid-VAE's "
@@ -44,28 +45,15 @@ def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
     columns = ["method", "label", "set", "parameter", *(f"coverage_{round(100 * x)}" for x in LEVELS), "atc", "windows"]
     long = pd.DataFrame(rows, columns=columns)
     title = f"{experiment_title(experiment_of(forecasts), settings)}: coverage of z_e"
-    header, cells = _table(long, settings)
-    body = grid(header, [[escape(c) for c in r] for r in cells], 3) if cells else ["No version has intervals."]
-    lines = [f"## {title}", "", CAPTION, "", *body]
-    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
-    write_tables(
-        [path for path in map(Path, outputs) if path not in drawn],
-        {
-            ".csv": lambda _: long.to_csv(index=False),
-            ".md": lambda _: "\n".join(lines) + "\n",
-            ".tex": lambda _: booktabs(header, cells, 3, CAPTION, "coverage", title),
-        },
-    )
+    drawn = write_study(outputs, long, (*_table(long, settings), 3), CAPTION, "coverage", title, EMPTY)
     if not drawn:
         return
     if not known:
-        plotting.save_note("No version has intervals.", drawn)
+        plotting.save_note(EMPTY, drawn)
         return
     shown = next((v for v in known if is_flow(v)), known[0])
     one = versions[shown]
-    sets = [name for name in ("iid", "validation", "test") if name in one.sets]
-    sets = [name for name in sets if name != "validation" or "iid" not in sets]
-    kinds = {set_title(name, settings): _calibration(one.sets[name], 0) for name in sets}
+    kinds = {set_title(name, settings): _calibration(one.sets[name], 0) for name in one.judged}
     with plotting.styled():
         figure = draw_calibration(kinds, one.parameters, f"{title}, {labels[shown]}, seed {one.seeds[0]}")
         plotting.save(figure, drawn)

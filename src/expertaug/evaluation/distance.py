@@ -12,13 +12,12 @@ from matplotlib.axes import Axes
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.alarms import KNOWN
-from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
+from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title
 from expertaug.evaluation.windows import Version, experiment_of, read_windows
 from expertaug.inference.alarm import threshold
 from expertaug.labels import is_augmented, is_control, is_refined
 
-SETS = ("iid", "validation", "test")  # the first two where the first is missing
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
 LINES = 8  # in the figure
 CAPTION = (
@@ -63,17 +62,7 @@ def distance(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
         parts.append(curve.assign(method=v, label=labels[v]))
     long = pd.concat(parts, ignore_index=True)
     title = f"{experiment_title(experiment_of(forecasts), settings)}: distance from the training range"
-    header, rows = _table(long)
-    lines = [f"## {title}", "", CAPTION, "", *grid(header, [[escape(c) for c in r] for r in rows], 2)]
-    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
-    write_tables(
-        [path for path in map(Path, outputs) if path not in drawn],
-        {
-            ".csv": lambda _: long.to_csv(index=False),
-            ".md": lambda _: "\n".join(lines) + "\n",
-            ".tex": lambda _: booktabs(header, rows, 2, CAPTION, "distance", title),
-        },
-    )
+    drawn = write_study(outputs, long, (*_table(long), 2), CAPTION, "distance", title)
     if drawn:
         _draw(long, drawn, settings, title)
 
@@ -89,9 +78,7 @@ def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequ
 
 def _curve(version: Version, ranges: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """A row a bin: distance (median), windows, log_mse, parameter_error, alarms."""
-    names = [name for name in SETS if name in version.sets]
-    names = [name for name in names if name != "validation" or "iid" not in names]
-    sets = [version.sets[name] for name in names]
+    sets = [version.sets[name] for name in version.judged]
     errors, misfit = (np.concatenate([getattr(s, key) for s in sets], axis=1) for key in ("errors", "misfit"))
     z_e = np.concatenate([s.z_e for s in sets])
     away = beyond(z_e, version.parameters, ranges)

@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from expertaug.errors import InputError
 from expertaug.files import write_text
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 DASH = "–"
+DRAWN = (".png", ".pdf")
 RUNAWAYS_NOTE = (
     "Runaways: forecasts that leave ten times the training set's largest values, or have no solution; they count with "
     "the error that they have at that bound."
@@ -98,6 +103,43 @@ def write_tables(outputs: Sequence[str | Path], texts: Mapping[str, Callable[[Pa
             raise InputError(output, f"suffix {output.suffix!r}", f"one of {', '.join(texts)}")
     for output in map(Path, outputs):
         write_text(output, texts[output.suffix](output))
+
+
+def write_study(
+    outputs: Sequence[str | Path],
+    long: pd.DataFrame,
+    table: tuple[Sequence[str], Sequence[Sequence[str]], int],
+    caption: str,
+    label: str,
+    title: str,
+    empty: str = "",
+) -> list[Path]:
+    """Write the tables of a study: all numbers as .csv, those that are printed as .md and .tex under a caption.
+
+    Arguments:
+        outputs: any of .csv, .md, .tex, .png and .pdf.
+        table: header, rows of plain cells, and how many of the first columns are text.
+        label: of the LaTeX table.
+        empty: what stands in the .md instead of a table without rows.
+
+    Returns:
+        those of the outputs that are figures, which are left to the caller.
+
+    Raises:
+        InputError: an output has another suffix; nothing is written then.
+    """
+    header, rows, texts = table
+    cells = grid(header, [[escape(cell) for cell in row] for row in rows], texts) if rows or not empty else [empty]
+    drawn = [path for path in map(Path, outputs) if path.suffix in DRAWN]
+    write_tables(
+        [path for path in map(Path, outputs) if path not in drawn],
+        {
+            ".csv": lambda _: long.to_csv(index=False),
+            ".md": lambda _: "\n".join([f"## {title}", "", caption, "", *cells]) + "\n",
+            ".tex": lambda _: booktabs(header, rows, texts, caption, label, title),
+        },
+    )
+    return drawn
 
 
 def grid(header: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.evaluation.samples import DRAWS, ERRORS, ESTIMATE, MISFIT, RANKS, REMEDY, TARP, TRUTH
+from expertaug.evaluation.summary import in_domain
 from expertaug.files import read_npz
 
 
@@ -48,6 +49,11 @@ class Version:
     seeds: list[int]
     parameters: list[str]
     sets: dict[str, WindowSet]
+
+    @property
+    def judged(self) -> list[str]:
+        """The set of the training's domain and the shifted one, where they are there."""
+        return [name for name in (in_domain(self.sets), "test") if name in self.sets]
 
 
 def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:

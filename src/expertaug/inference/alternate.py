@@ -12,7 +12,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.inference.alternation import Alternation
 from expertaug.inference.settings import AlternatingSettings, RefinementSettings
@@ -22,7 +21,7 @@ from expertaug.learning import job
 from expertaug.learning.fitting import Record
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
-from expertaug.learning.train import constants_of, described_by, of_data
+from expertaug.learning.train import inputs_of, of_data, taken_in
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder
 from expertaug.systems import System
@@ -37,22 +36,12 @@ def alternate(
 ) -> None:
     """Stage: train a method of kind alternating on ``data/train.npz`` and select on ``data/validation.npz``.
 
-    Arguments:
-        data: folder of the sets.
-        output: model file.
-        work: folder for checkpoints.
-        settings: {system, build, model} and those of :func:`prepare`.
-        tracking: see :class:`expertaug.tracking.runlog.RunLog`.
-        calibration: JSON whose ``constants`` complete the system's settings.
-
-    Raises:
-        InputError: unusable data or settings.
-        SolveError: no seed can be trained.
+    Arguments and errors are those of :func:`expertaug.learning.train.train`, ``settings`` {system, build, model} and
+    those of :func:`prepare`.
     """
-    described = described_by(settings, None if calibration is None else constants_of(calibration))
-    system = systems.load(described["system"])
-    inputs = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
-    training = prepare(system, *map(Trajectories.load, inputs), settings, described)
+    inputs = inputs_of(data)
+    system, described, *sets = taken_in(inputs, settings, calibration)
+    training = prepare(system, *sets, settings, described)
     job.run(training, output, work, inputs, settings, tracking, "expertaug.inference.alternate")
 
 
