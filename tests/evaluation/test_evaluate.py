@@ -249,8 +249,8 @@ def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_pa
 
     tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/mlflow.db", "experiment": "test", "tags": {}}
     initialise(tracking, tmp_path / "marker.json")
-    for _ in range(2):  # a second time stores nothing twice
-        log_evaluations(evaluated, tmp_path / "evaluations.json", tracking)
+    log_evaluations(evaluated[:1], tmp_path / "evaluations.json", tracking)
+    log_evaluations(evaluated, tmp_path / "evaluations.json", tracking)  # the first is not stored twice
     assert list(json.loads((tmp_path / "evaluations.json").read_text())["stored"].values()) == [True, True]
     client = mlflow.MlflowClient(tracking["uri"])
     experiment = client.get_experiment_by_name("test").experiment_id

@@ -23,8 +23,9 @@ def plain(value: object, name: str, *, infinite: bool = False) -> np.ndarray:
     Raises:
         InputError: no array of numbers, none at all, or a value that is not finite.
     """
+    detach = getattr(value, "detach", None)  # a tensor's
     try:
-        found = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value, dtype=np.float64)
+        found = np.asarray(value if detach is None else detach().cpu(), dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(name, f"no array of numbers ({error})", "give a NumPy array or a torch tensor") from error
     if not found.size:
