@@ -23,6 +23,7 @@ from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, m
 from expertaug.inference.settings import AlternatingSettings
 from expertaug.inference.smallness import expert_tangents, interaction_at, mixture, squares
 from expertaug.inference.window_fit import WindowFit
+from expertaug.learning.adam import Adam
 from expertaug.learning.bound import bounded, solved
 from expertaug.learning.gradients import clip_each_seed
 from expertaug.learning.noise import Noise
@@ -81,7 +82,7 @@ class Alternation:
         self.count = train.shape[2]
         self.batch = min(settings.batch_size, self.count)
         self.parameters = list(self.model.parameters())
-        self.optimiser = torch.optim.Adam(self.parameters, lr=settings.learning_rate)
+        self.optimiser = Adam(self.parameters, lr=settings.learning_rate)
         self.x = torch.zeros(size, self.count, sum(fit.sizes), dtype=torch.float64)
         self.damping = torch.full((size, self.count), DAMPING, dtype=torch.float64)
         self.misfit = torch.full((size, self.count), math.inf, dtype=torch.float64)

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import SolveError
+from expertaug.learning.adam import Adam
 from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.checkpoint import Checkpoint
 from expertaug.learning.contract import check_loss
@@ -74,7 +75,7 @@ class Trainer:
         ]
         self.seeds, self.settings, self.name = list(seeds), settings, name
         self.parameters = [p for p in model.parameters() if p.requires_grad]
-        self.optimiser = torch.optim.Adam(self.parameters, lr=settings.learning_rate)
+        self.optimiser = Adam(self.parameters, lr=settings.learning_rate)
         self.best = {k: v.detach().clone() for k, v in model.state_dict().items()}
         self.best_score = torch.full((len(seeds),), math.inf)
         self.best_epoch = torch.zeros(len(seeds), dtype=torch.long)
