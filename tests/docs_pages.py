@@ -111,7 +111,7 @@ def checkout(folder: Path, page: str) -> Path:
     for name in ("Snakefile", "constraints.txt", "pyproject.toml"):
         if (ROOT / name).exists():
             shutil.copy(ROOT / name, folder / name)
-    shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+    shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("*.egg-info"))
     shown = {block.file: block.text for block in blocks(ROOT / page) if block.file}
     for name, text in (BROUGHT | shown).items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)

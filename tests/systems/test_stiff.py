@@ -61,10 +61,10 @@ def test_van_der_pol_is_simulated_over_its_relaxations(method, monkeypatch):
         "step_s": 10.0,
         "t2_s": 200.0,
         "noise": 0.0,
-        "sets": {"train": {"size": 3, "z_e": {"k": [0.8, 1.2]}}},
+        "sets": {"train": {"size": 2, "z_e": {"k": [0.8, 1.2]}}},
     }
     found = sample(VanDerPol(), data, "train")
-    for n in range(3):
+    for n in range(2):
         k = float(found.z_e[n, 0])
         reference = exact(k, tuple(found.y[n, 0].astype(float)), tuple(found.t))
         np.testing.assert_allclose(found.y[n, :, 0], reference, rtol=1e-3, atol=1e-3)

@@ -82,6 +82,8 @@ def test_a_killed_training_resumes_to_the_same_bits(tmp_path):
         change = {"experiments": {"pendulum": {"training": training}}, "tracking": {"enabled": False}}
         arguments = [f"results/{name}/{model}", *override(project, change | {"results": f"results/{name}"})]
         if name == "killed":
+            data = "results/{}/pendulum/data"  # the same for both
+            shutil.copytree(project / data.format("whole"), project / data.format("killed"))
             checkpoint = project / "results/killed/.work/pendulum/aphynity/seeds_0_1/checkpoint.pt"
             kill_when_there(project, arguments, checkpoint)
             log = project / f"results/{name}/pendulum/aphynity/seeds_0_1/log.jsonl"
