@@ -53,9 +53,11 @@ ROWS: dict[str, Row] = {
         corrected="lagrangian",
     ),
     "penalty": Row(
-        "size of F_a in the loss: rms = root mean square along the predicted trajectory; "
+        "size of F_a in the loss: rms = root mean square along the predicted trajectory; rms_mixed = where each "
+        "component of the state is taken from another window and time, since angle and speed of a swing that dies away "
+        "are correlated, and the smallest damping along it has a share of the restoring force; "
         "norm_data = mean Euclidean norm on the data's states",
-        ("rms", "norm_data"),
+        ("rms", "rms_mixed", "norm_data"),
         paper="rms",
         code="norm_data",
         corrected="rms",

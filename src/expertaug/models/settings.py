@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from expertaug.settings import Range, Settings, disagree, key
+from expertaug.settings import Positive, Range, Settings, disagree, key
 
 WIDEST = 2**16
 Width = Annotated[int, Field(ge=1, le=WIDEST)]
@@ -147,6 +147,7 @@ class MLPSettings(InteractionSettings):
     activation: Activation = key("relu", ACTIVATION)
     components: Names | None = key(None, "components on whose rates F_a acts; null = all")
     reads: Names | None = key(None, "components that F_a sees; null = all")
+    start: Positive = key(1.0, "of the last layer's usual first size; near zero the expert is alone at first")
 
 
 class ConvInteractionSettings(InteractionSettings):
