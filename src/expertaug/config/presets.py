@@ -204,10 +204,10 @@ SIMULATED = (
         "reaction_diffusion",
         "system.reaction",
         "what the expert knows of the local reaction: false = nothing (diffusion alone, the paper's text); without_k = "
-        "all but its constant k (the release, and so the published numbers)",
+        "all but its constant k (the release, and so the published numbers; diffusion alone has rows of its own)",
         paper=False,
         code="without_k",
-        corrected=False,
+        corrected="without_k",
     ),
     Simulated(
         "pendulum_shift",

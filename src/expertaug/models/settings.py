@@ -18,6 +18,7 @@ Powers = Annotated[tuple[Annotated[int, Field(ge=1, le=20)], ...], Field(strict=
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 Activation = Literal["relu", "silu", "selu", "tanh"]
 LATENT = "size of z_a"
+START = "of the last layer's usual first size; near zero the expert is alone at first"
 ACTIVATION = "of the network"
 
 
@@ -147,7 +148,7 @@ class MLPSettings(InteractionSettings):
     activation: Activation = key("relu", ACTIVATION)
     components: Names | None = key(None, "components on whose rates F_a acts; null = all")
     reads: Names | None = key(None, "components that F_a sees; null = all")
-    start: Positive = key(1.0, "of the last layer's usual first size; near zero the expert is alone at first")
+    start: Positive = key(1.0, START)
 
 
 class ConvInteractionSettings(InteractionSettings):
@@ -161,6 +162,7 @@ class ConvInteractionSettings(InteractionSettings):
         (3, 3, 3), "odd sizes of every layer's kernel, one more than channels; 1 = local"
     )
     precision: Literal["float32", "bfloat16"] = key("float32", "of the convolutions")
+    start: Positive = key(1.0, START)
 
     @model_validator(mode="after")
     def _one_odd_kernel_a_layer(self) -> Self:
