@@ -169,6 +169,25 @@ def test_the_loss_window_grows_to_that_of_the_preset(data, tmp_path, settings, m
     assert solved == sorted(solved) and solved[0] < longest / 2 and solved[len(solved) // 2] == solved[-1] == longest
 
 
+def test_the_expert_is_alone_first(data, tmp_path, settings, monkeypatch):
+    """And F_a stays as it was meanwhile; its first size is the configuration's."""
+    sizes, loss = [], objectives.Aphynity.loss
+
+    def watched(self, model, batch, task):
+        sizes.append(
+            0.0 if model.interaction is None else float(model.interaction.rest.layers[-1].weight.detach().abs().max())
+        )
+        return loss(self, model, batch, task)
+
+    monkeypatch.setattr(objectives.Aphynity, "loss", watched)
+    settings["model"]["interaction"] |= {"start": 0.01}
+    settings["training"] |= {"expert_first": 0.5}
+    run(data, tmp_path, settings)
+    first, rest = sizes[:6], sizes[6:]
+    assert set(first) == {0.0} and len(rest) == 6
+    assert 0 < rest[0] <= 0.01 / 6**0.5 and rest[-1] != rest[0]
+
+
 def test_unknown_training_key_is_named():
     with pytest.raises(InputError, match=r"training\.epoch.*unknown"):
         TrainSettings.from_mapping({"epoch": 3})

@@ -58,6 +58,10 @@ class Method(Settings):
         LEFT_OUT, "of kind least_squares: true takes the equation that made simulated data, a floor for what learns it"
     )
     objective: str = key(LEFT_OUT, "name of the objective, or package.module:Class; left out = aphynity")
+    known_form: bool = key(
+        LEFT_OUT,
+        "true: its F_a has the form of the hidden term; tables and figures show it after the others",
+    )
 
 
 class SimulatedSet(Settings):

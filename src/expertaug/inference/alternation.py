@@ -21,11 +21,12 @@ from torch import Tensor
 from expertaug.errors import SolveError
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternatingSettings
-from expertaug.inference.smallness import expert_tangents, interaction_at, mixture, squares
+from expertaug.inference.smallness import expert_tangents, interaction_at, squares
 from expertaug.inference.window_fit import WindowFit
 from expertaug.learning.adam import Adam
 from expertaug.learning.bound import bounded, solved
 from expertaug.learning.gradients import clip_each_seed
+from expertaug.learning.mixture import mixture
 from expertaug.learning.noise import Noise
 from expertaug.learning.objectives import mean_squared_error
 from expertaug.learning.settings import one_cycle

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.learning.bound import solved, within
+from expertaug.learning.mixture import mixture
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
@@ -174,8 +175,9 @@ class Aphynity(Objective):
     """APHYNITY (Yin et al. 2021; paper, section 2): minimise ‖F_a‖ subject to fitting the data.
 
     The Lagrangian is λ · L + ‖F_a‖, with L the mean squared error of the trajectory over the loss window and ‖F_a‖ the
-    root mean square of F_a along the predicted trajectory; after every ``every`` passes λ grows by tau2 · L (Yin's
-    update).  Variants are the rows multiplier, penalty, loss_normalisation, loss_window and supervision of
+    root mean square of F_a along the predicted trajectory, or at its states mixed (:mod:`expertaug.learning.mixture`);
+    after every ``every`` passes λ grows by tau2 · L (Yin's update).  Variants are the rows multiplier, penalty,
+    loss_normalisation, loss_window and supervision of
     :mod:`expertaug.config.presets`.
 
     Arguments:
@@ -250,6 +252,8 @@ class Aphynity(Objective):
         if self.choices["penalty"] == "norm_data":
             size = model.interaction_squares(truth, z_e, z_a) * prod(model.system.state_shape)
             return torch.sqrt(size + 1e-12).flatten(1).mean(1)
+        if self.choices["penalty"] == "rms_mixed":
+            prediction = mixture(prediction.detach())
         return torch.sqrt(model.interaction_squares(prediction, z_e, z_a).flatten(1).mean(1) + 1e-12)
 
     def end_of_pass(self) -> None:

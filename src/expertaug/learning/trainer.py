@@ -6,6 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 
 import torch
@@ -90,7 +91,8 @@ class Trainer:
         if step == 0:
             self.objective.begin(self.model, batch, replace(self.task, horizon=window))
         points = self.settings.points(window, step, steps)
-        loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
+        with self.model.decoder.expert_alone() if self.settings.alone(step, steps) else nullcontext():
+            loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
         self.optimiser.zero_grad(set_to_none=True)
         check_loss(self.objective, loss, len(self.seeds)).sum().backward()
         self._tame()

@@ -20,6 +20,7 @@ class MLPInteraction(Interaction):
         latent: size of z_a.
         layers, activation: hidden layers.
         expert_parameters, components, reads: as :class:`Interaction`; a component that it does not see is zero.
+        start: of the last layer's usual first size; near zero the expert is alone at first.
     """
 
     stackable = True
@@ -33,6 +34,7 @@ class MLPInteraction(Interaction):
         expert_parameters: bool = False,
         components: Sequence[str] | None = None,
         reads: Sequence[str] | None = None,
+        start: float = 1.0,
     ) -> None:
         super().__init__(system, latent, expert_parameters, components, reads)
         self.system = system
@@ -41,6 +43,8 @@ class MLPInteraction(Interaction):
         self.state_layer = Linear(features, layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, layers[0])
         self.rest = MLP(layers[0], layers[1:], len(self.acts_on), activation)
+        for parameter in self.rest.layers[-1].parameters():
+            parameter.data *= start
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""
