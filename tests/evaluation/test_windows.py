@@ -37,6 +37,9 @@ def fake(path, method, seeds, width=1.0, failing=0.5, spoiled=None):
             draws = random.standard_normal((119, len(seeds), N)) * width
             arrays[f"{name}_ranks"] = (draws < random.standard_normal((len(seeds), N))).sum(0)[..., None]
             arrays[f"{name}_tarp"] = random.integers(0, 120, (len(seeds), N))
+            arrays[f"{name}_inside"] = np.broadcast_to([0.4, 0.8], (len(seeds), 30, 2))
+    if width:
+        arrays |= {f"own_{key}": arrays[f"iid_{key}"] for key in ("ranks", "tarp", "inside")}
     arrays |= spoiled or {}
     np.savez(path, **arrays)
     return path
@@ -51,8 +54,8 @@ def files(tmp_path):
 def test_seeds_of_all_groups_come_together(files):
     found = read_windows(files)
     assert list(found) == ["a", "a+~flow"] and found["a"].seeds == [0, 1]
-    assert found["a"].sets["test"].errors.shape == (2, N) and found["a"].sets["test"].ranks is None
-    assert found["a+~flow"].sets["iid"].ranks.shape == (2, N, 1)
+    assert found["a"].sets["test"].errors.shape == (2, N) and found["a"].sets["test"].drawn is None
+    assert found["a+~flow"].sets["iid"].drawn.ranks.shape == (2, N, 1)
 
 
 def test_an_alarm_that_knows_is_told_from_one_that_does_not(files, tmp_path):
@@ -74,8 +77,12 @@ def test_coverage_says_too_narrow_right_and_too_wide(tmp_path, width, low, high)
     file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], width)
     outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md", "tex", "png")]
     coverage([file], outputs, SETTINGS)
-    table = pd.read_csv(outputs[0]).set_index("set")
-    assert low <= table.loc["test", "coverage_90"] <= high
+    table = pd.read_csv(outputs[0]).set_index(["set", "parameter"])
+    assert low <= table.loc[("test", "omega0"), "coverage_90"] <= high
+    assert table.loc[("own", "omega0"), "coverage_90"] == table.loc[("iid", "omega0"), "coverage_90"]
+    assert table.loc[("own", "forecast"), "coverage_90"] == pytest.approx(0.8)
+    assert table.loc[("test", "forecast"), "windows"] == 30 and np.isnan(table.loc[("test", "forecast"), "atc"])
+    assert "| the model's own windows | forecast | 40.0 | 80.0 | – |" in outputs[1].read_text(encoding="utf-8")
 
 
 def test_points_alone_have_no_coverage(tmp_path):

@@ -130,6 +130,12 @@ class Evaluation(Settings):
         dict, "how tables and figures call the sets; default train, validation (set of choices), IID test, test (OOD)"
     )
     max_samples: Count | None = key(None, "samples of each set, at most, evenly spread; null = all")
+    draws: Annotated[int, Field(ge=0, le=1000)] = key(
+        39,
+        "forecasts that are drawn of a window, for CRPS, energy score and bands of every version with a distribution; "
+        "39 (or 19) make exact 50 % and 90 % bands, 0 = none",
+    )
+    drawn_samples: Count = key(200, "windows of each set whose forecasts are drawn, at most, evenly spread")
     solver: SolverSettings = key(LEFT_OUT, "of the forecasts; left out = dopri5 with tolerances of 1.0e-6")
 
 

@@ -127,6 +127,8 @@ class Evaluate(Labelled):
     evaluation: Evaluation = key(..., "what is computed")
     refinement: Refinement = key(LEFT_OUT, "least squares on each window, where the estimates come from it")
     sets: list[str] = key(..., "names of the sets")
+    noise: NotNegative = key(LEFT_OUT, "standard deviation of the data's noise; left out = none")
+    own: dict[str, Any] = key(LEFT_OUT, "prior, resample_x and z_a_from of windows of the model's own making")
 
 
 class Follow(Labelled):

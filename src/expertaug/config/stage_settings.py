@@ -165,6 +165,7 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
         **_identity(config, experiment, variant),
         "evaluation": _evaluation(config, experiment),
         **(_estimator(config, experiment, variant) if naming.is_refined(variant) else {}),
+        **_drawn(config, experiment, variant),
         "sets": sets(config, experiment),
         "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config, experiment)[group],
@@ -223,6 +224,16 @@ def _estimator(config: Mapping, experiment: str, variant: str) -> dict:
     one = experiment_of(config, experiment, method)
     prior = one["augmentation"]["prior"] if "augmentation" in one else None
     return {"refinement": {"settings": one["refinement"], "noise": _noise(one), "prior": prior}}
+
+
+def _drawn(config: Mapping, experiment: str, variant: str) -> dict:
+    """The data's noise, and what a version's own windows are made with, where the experiment has p⁺."""
+    one, name = experiment_of(config, experiment, naming.base(variant)), naming.parse(variant).prior
+    if "augmentation" not in one or config["methods"][naming.base(variant)]["kind"] == "mean":
+        return {"noise": _noise(one)}
+    prior = (one["augmentations"][name] if name else one["augmentation"])["prior"]
+    anew, latents = (one["choices"][row] for row in ("augmented_x", "augmented_z_a"))
+    return {"noise": _noise(one), "own": {"prior": prior, "resample_x": anew == "resampled", "z_a_from": latents}}
 
 
 def _evaluation(config: Mapping, experiment: str) -> dict:

@@ -85,9 +85,14 @@ class FlowEstimator(Predictor, nn.Module):
             normal = torch.special.ndtri(share)[:, None].expand(-1, samples, -1)
         else:
             normal = torch.randn(count, samples, unknowns.count, generator=torch.Generator().manual_seed(seed))
-        normal = normal.to(windows)[:, None].expand(-1, windows.shape[1], -1, -1)
-        size, parts = max(CHUNK // count, 1), []
-        for start in range(0, samples, size):
+        return self.draws(windows, normal.to(windows)[:, None].expand(-1, windows.shape[1], -1, -1))
+
+    @torch.no_grad()
+    def draws(self, windows: Tensor, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """As :meth:`sample`, from standard normal numbers (K, S, B, unknowns)."""
+        unknowns = self.head.unknowns
+        size, parts = max(CHUNK // len(normal), 1), []
+        for start in range(0, windows.shape[2], size):
             part = slice(start, start + size)
             x = self.head.context(windows[:, :, part])
             theta = self.head.density.sample(x, normal[:, :, part])

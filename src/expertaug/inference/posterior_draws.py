@@ -1,14 +1,19 @@
-"""Draws of z_e from what an estimator says of each window, whoever it is."""
+"""Draws from what an estimator says of each window, whoever it is."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
+from expertaug.inference.flow import FlowEstimator
+from expertaug.inference.least_squares import LeastSquares
+from expertaug.learning.noise import Noise
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import Gaussian, constrain
+from expertaug.models.prediction import Predictor
 
 COUNT = 119  # so that intervals of 50 % and 90 % end at draws
+LEVELS = (0.5, 0.9)  # of the intervals that tables show
 
 
 def z_e_draws(found: Estimates, count: int = COUNT) -> Tensor | None:
@@ -27,3 +32,40 @@ def z_e_draws(found: Estimates, count: int = COUNT) -> Tensor | None:
     normal = torch.special.ndtri(sobol.draw(count, dtype=torch.float64).clamp(1e-9, 1 - 1e-9)).to(q.loc)
     raw = q.loc.unsqueeze(-2) + q.log_std.exp().unsqueeze(-2) * normal
     return raw if q.parameters is None else constrain(raw, q.parameters)
+
+
+@torch.no_grad()
+def joint_draws(
+    model: Predictor, found: Estimates, windows: Tensor, count: int, random: Noise
+) -> tuple[Tensor, Tensor, Tensor] | None:
+    """Independent draws of (z_e, z_a, y0) for each window: of a flow, of Laplace's approximation of a fit, or of an
+    encoder's Gaussian (whose first point is the observed one); None where the estimator has a point alone.
+
+    Arguments:
+        model: an estimator, whose estimates ``found`` are.
+        windows: observed, (T1, S, B, *state).
+        count: K.
+        random: whence they come.
+
+    Returns:
+        z_e (K, S, B, P), z_a (K, S, B, Q) and y0 (K, S, B, *state).
+    """
+    samples = windows.shape[2]
+    if isinstance(model, FlowEstimator):
+        normal = random.normal(count, samples, model.head.unknowns.count).transpose(0, 1)
+        return model.draws(windows, normal.to(windows))
+    if isinstance(model, LeastSquares):
+        return model.fit.draws(found, windows[0], random.normal(count, samples, sum(model.fit.sizes)))
+    posterior = found.posterior
+    if posterior is None or not any(isinstance(q, Gaussian) for q in (posterior.z_e, posterior.z_a)):
+        return None
+
+    def drawn(q: object, mean: Tensor) -> Tensor:
+        if not isinstance(q, Gaussian):
+            return mean.expand(count, *mean.shape)
+        raw = q.loc + q.log_std.exp() * random.normal(count, *q.loc.shape[1:]).transpose(0, 1).to(q.loc)
+        return raw if q.parameters is None else constrain(raw, q.parameters)
+
+    assert found.z_e is not None and found.z_a is not None
+    z_e, z_a = drawn(posterior.z_e, found.z_e), drawn(posterior.z_a, found.z_a)
+    return z_e, z_a, found.y0.expand(count, *found.y0.shape)

@@ -18,6 +18,7 @@ from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.tensor_file import read_tensors, write_tensors
+from expertaug.systems import System
 
 logger = logging.getLogger(__name__)
 CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in their states: bounds the memory
@@ -30,7 +31,12 @@ def prior_range(model: HybridNet, prior: Mapping[str, list[float]]) -> tuple[Ten
     Raises:
         InputError: the ranges are not those of the system's expert parameters.
     """
-    names = [p.name for p in model.system.expert_parameters]
+    return ranges_of(model.system, prior)
+
+
+def ranges_of(system: System, prior: Mapping[str, list[float]]) -> tuple[Tensor, Tensor]:
+    """As :func:`prior_range`, of a system."""
+    names = [p.name for p in system.expert_parameters]
     if sorted(prior) != sorted(names):
         raise InputError("augmentation.prior", f"ranges for {sorted(prior)}", f"give one for each of {names}")
     low, high = (torch.tensor([float(prior[n][end]) for n in names]) for end in (0, 1))
