@@ -54,9 +54,29 @@ def test_mistakes(changed, message):
     assert message in str(raised.value)
 
 
-def test_without_p_plus_there_is_nothing_to_draw_from():
+def test_a_p_plus_that_is_not_given_finds_its_own_ranges():
     given = load(default_files())
     one = {k: v for k, v in given["experiments"]["pendulum"].items() if k not in ("augmentation", "augmentations")}
     one |= {"flows": ["aphynity"], "augmented": [], "controls": [], "methods": ["aphynity"], "refined": []}
-    with pytest.raises(InputErrors, match="augmentation: missing"):
-        validate({**given, "run": ["pendulum"], "experiments": {"pendulum": one}})
+    config = validate({**given, "run": ["pendulum"], "experiments": {"pendulum": one}})
+    assert stage_settings.flow(config, "pendulum", "aphynity+~flow", "seeds_0_1_2")["prior"] == "own"
+    assert jobs.finds_prior(config, "pendulum", "aphynity+~flow") == "aphynity+"
+    assert jobs.found_priors(config, "pendulum") == ["aphynity+"]
+    found = stage_settings.own_prior(config, "pendulum", "aphynity+", "seeds_0_1_2")
+    assert found["windows"] == [] and found["budget"] == 2.0 and found["noise"] == 0.01
+
+
+def test_further_priors_may_find_their_own_ranges_too():
+    own = {"augmentations": {"own": {"windows": ["test"], "methods": ["aphynity"]}}}
+    config = completed(**own, augmented=["aphynity"], flows=[], refined=[], controls=[], methods=["truth", "aphynity"])
+    assert jobs.found_priors(config, "pendulum") == ["aphynity+own"]
+    assert stage_settings.augment(config, "pendulum", "aphynity+own", "seeds_0_1_2")["prior"] == "own"
+    assert stage_settings.own_prior(config, "pendulum", "aphynity+own", "seeds_0_1_2")["windows"] == ["test"]
+    everywhere = completed(augmentation={"prior": None}, augmentations={}, refined=["hvae"], flows=[], controls=[])
+    found = jobs.found_priors(everywhere, "pendulum")
+    assert {"", "aphynity+", "hvae+"} <= set(found) and len(found) == len(set(found))
+    assert jobs.finds_prior(everywhere, "pendulum", "least_squares") == ""
+    alone = stage_settings.own_prior(everywhere, "pendulum", "", None)
+    assert alone["build"]["kind"] == "least_squares" and alone["system"]["name"] == "pendulum"
+    with pytest.raises(InputErrors, match=r"augmentations\.own\.windows"):
+        completed(augmentations={"own": {"windows": ["tset"], "methods": ["aphynity"]}})

@@ -8,6 +8,7 @@ rule evaluate_seed_group:
             results("{experiment}/data/{set}.npz"), experiment=w.experiment, set=sets_of(w.experiment)
         ),
         tracking=ancient(results("mlflow/tracking.json")),
+        prior=lambda w: prior_file(w.experiment, w.variant, w.seed_group),
         code=lambda w: code("evaluate", w.experiment, method_of(w.variant)),
     output:
         metrics=results("{experiment}/{variant}/{seed_group}/metrics.csv"),
@@ -28,11 +29,12 @@ rule evaluate_seed_group:
         versions=lambda w: versions("evaluate", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("evaluate", w.experiment, w.variant, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
+        prior=lambda w, input: prior_option(input),
     message:
         "evaluate {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
         "expertaug evaluate --model {input.model:q} --data {params.data:q} --output {output.metrics:q}"
-        " --forecasts {output.forecasts:q} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
+        " --forecasts {output.forecasts:q} {params.prior} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
 
 
 rule tabulate_experiment:
@@ -208,6 +210,42 @@ rule study_windows_of_experiment:
     shell:
         "expertaug {wildcards.window_study} {input.forecasts:q} --output {output:q} --settings {params.settings:q}"
         " --log {log:q}"
+
+
+rule own_priors_of_experiment:
+    input:
+        priors=lambda w: [path for _, path in found_priors_of(w.experiment)],
+        code=code("own_priors"),
+    output:
+        results("tables/{experiment}_own_priors.csv"),
+        results("tables/{experiment}_own_priors.tex"),
+        report(
+            results("tables/{experiment}_own_priors.md"),
+            caption="../report/study.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "own p⁺", "content": "table"},
+        ),
+    log:
+        results("logs/own_priors/{experiment}.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        versions=versions("own_priors"),
+        settings=lambda w: json.dumps(
+            {
+                "experiment": w.experiment,
+                "priors": [name for name, _ in found_priors_of(w.experiment)],
+                **stage_settings.reading(CONFIG, w.experiment),
+            }
+        ),
+    message:
+        "table of the p⁺ of {wildcards.experiment} that found their own ranges"
+    shell:
+        "expertaug own-priors {input.priors:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
 
 
 rule grid_of_experiment:

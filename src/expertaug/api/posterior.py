@@ -11,6 +11,7 @@ import torch
 
 from expertaug.api import arrays
 from expertaug.api.arrays import Array, Ranges
+from expertaug.api.own_ranges import given_or_found
 from expertaug.api.trained import TrainedModel
 from expertaug.api.training import run_training
 from expertaug.errors import InputError
@@ -57,7 +58,7 @@ def fit_posterior(
     model: TrainedModel,
     train: Trajectories,
     *,
-    prior: Ranges,
+    prior: Ranges | None = None,
     noise: float = 0.0,
     label: str | None = None,
     **options: Unpack[FlowOptions],
@@ -70,7 +71,8 @@ def fit_posterior(
     Arguments:
         model: a trained hybrid model.
         train: the set of its training, whose starts and z_a the draws have.
-        prior: ranges [low, high] of p⁺ by expert parameter, in its unit.
+        prior: ranges [low, high] of p⁺ by expert parameter, in its unit; None: those that
+            :func:`expertaug.own_prior` finds without further windows.
         noise: standard deviation of the data's noise.
         label: default: the model's own with "+ flow".
         options: see :class:`FlowOptions`.
@@ -88,7 +90,7 @@ def fit_posterior(
         "method": label,
         "label": label,
         "flow": dict(options),
-        "prior": arrays.ranges(prior, [p.name for p in model.system.expert_parameters], "prior"),
+        "prior": given_or_found(model, train, prior, float(noise)),
         "noise": float(noise),
         "device": "cpu",
     }

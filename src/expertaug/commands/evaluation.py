@@ -5,7 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from expertaug.commands.options import Commands, add_outputs, add_paths, add_tracking, read_settings, tracking_of
+from expertaug.commands.options import (
+    Commands,
+    add_outputs,
+    add_paths,
+    add_prior,
+    add_tracking,
+    read_settings,
+    settings_of,
+    tracking_of,
+)
 
 METRICS = "metrics.csv of every method and group of seeds"
 FORECASTS = "forecasts.npz of the same runs, which have the errors of every sample"
@@ -16,6 +25,7 @@ def add_to(commands: Commands) -> None:
     p = commands.add("evaluate", _evaluate, "score a model's forecasts on every set")
     add_paths(p, model="model file", data="folder of the sets", output="CSV of the metrics")
     add_paths(p, forecasts="npz of forecasts")
+    add_prior(p)
     add_tracking(p)
 
     p = commands.add("forecast", _forecast, "forecast from observed windows with a trained model", settings=False)
@@ -33,6 +43,7 @@ def add_to(commands: Commands) -> None:
     p = commands.add("during-training", _during_training, text)
     add_paths(p, snapshots="states along the training", data="folder of the sets", output="CSV of the metrics")
     add_paths(p, work="folder for checkpoints")
+    add_prior(p)
     add_tracking(p)
 
     p = commands.add("tabulate", _tabulate, "make the tables of an experiment")
@@ -66,6 +77,10 @@ def add_to(commands: Commands) -> None:
     p.add_argument("forecasts", type=Path, nargs="+", help=of_all)
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
 
+    p = commands.add("own-priors", _own_priors, "make the table of the ranges that p⁺ has found")
+    p.add_argument("priors", type=Path, nargs="+", help="what own-prior wrote, of every version and group of seeds")
+    add_outputs(p, "files, .csv, .md or .tex")
+
     p = commands.add("grid", _grid, "make the table and the figure of a sweep over hyperparameters")
     p.add_argument("models", type=Path, nargs="+", help="model files of every point and group of seeds")
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
@@ -88,7 +103,7 @@ def add_to(commands: Commands) -> None:
 def _evaluate(a: argparse.Namespace) -> None:
     from expertaug.evaluation.evaluate import evaluate
 
-    evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings), tracking_of(a))
+    evaluate(a.model, a.data, a.output, a.forecasts, settings_of(a), tracking_of(a))
 
 
 def _forecast(a: argparse.Namespace) -> None:
@@ -100,7 +115,7 @@ def _forecast(a: argparse.Namespace) -> None:
 def _during_training(a: argparse.Namespace) -> None:
     from expertaug.evaluation.during_training import during_training
 
-    during_training(a.snapshots, a.data, a.output, a.work, read_settings(a.settings), tracking_of(a))
+    during_training(a.snapshots, a.data, a.output, a.work, settings_of(a), tracking_of(a))
 
 
 def _tabulate(a: argparse.Namespace) -> None:
@@ -137,6 +152,12 @@ def _distance(a: argparse.Namespace) -> None:
     from expertaug.evaluation.distance import distance
 
     distance(a.forecasts, a.output, read_settings(a.settings))
+
+
+def _own_priors(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.own_priors import own_priors
+
+    own_priors(a.priors, a.output, read_settings(a.settings))
 
 
 def _grid(a: argparse.Namespace) -> None:

@@ -17,7 +17,7 @@ def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None)
     Versions of methods that the experiment does not train are no mistake: an override may take a method away.
     """
     remedies = {"controls": "only hybrid methods can be trained on", "flows": "only hybrid methods have a posterior"}
-    for block, needed in (("controls", ("augmentation", "finetuning")), ("flows", ("augmentation",))):
+    for block, needed in (("controls", ("finetuning",)), ("flows", ())):
         yield from unknown(one[block], methods, f"{where}.{block}", "method")
         for k, method in enumerate(one[block]):
             kind = _kind(methods, method)
@@ -28,9 +28,6 @@ def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None)
                 yield InputError(f"{where}.{key}", "missing", f"methods under {block} need it")
     yield from _refined(f"{where}.refined", one["refined"], methods)
     fitted = [m for m in one["methods"] if _kind(methods, m) in FITTED]
-    if fitted and "augmentation" not in one:
-        found = f"missing, {fitted[0]} needs its prior"
-        yield InputError(f"{where}.augmentation", found, "give p⁺: the fits start within it")
     if fitted and not one["refinement"]["starts"]:
         yield InputError(f"{where}.refinement.starts", "found 0", f"{fitted[0]} has no other starts: give 1 or more")
     for k, method in enumerate(one["methods"]):

@@ -17,7 +17,7 @@ from expertaug.learning.settings import TrainSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
 from expertaug.recordings.chunks.settings import ChunkSettings
 from expertaug.recordings.settings import RecordingKeys
-from expertaug.settings import LEFT_OUT, Count, Name, NotNegative, Positive, Range, Seed, Settings, key, wrong
+from expertaug.settings import LEFT_OUT, Count, Name, NotNegative, Positive, Range, Seed, Settings, Share, key, wrong
 from expertaug.systems.settings import SolverSettings
 from expertaug.wording import PATTERNS
 
@@ -99,13 +99,27 @@ class Model(Settings):
 class Augmentation(Settings):
     """How augmented samples are drawn."""
 
-    prior: Ranges = key(..., "p⁺(z_e), uniform over a range for each expert parameter, in its unit")
+    prior: Ranges | None = key(
+        None,
+        "p⁺(z_e), uniform over a range for each expert parameter, in its unit; null = it finds its own ranges, which "
+        "grow from those of the training windows' estimates",
+    )
+    windows: Names = key(
+        list,
+        "of a p⁺ that finds its own ranges: sets that it is to cover, of which only the observed windows are used; "
+        "none = until the budget",
+    )
+    budget: Positive = key(
+        2.0, "of a p⁺ that finds its own ranges without windows: by which factor they are widened, at most", gt=1
+    )
+    worst: Share = key(
+        0.0, "share of the augmented samples that are drawn where the trained model's own estimates are bad; 0 = none"
+    )
 
 
-class FurtherPrior(Settings):
+class FurtherPrior(Augmentation):
     """A further prior, which makes a version METHOD+NAME of augmented methods from the same trained model."""
 
-    prior: Ranges = key(..., "as augmentation.prior")
     methods: SomeNames = key(LEFT_OUT, "methods that get this version; left out = all under augmented")
 
 
@@ -170,7 +184,7 @@ class Experiment(Settings):
     data: Data = key(..., "where the trajectories come from")
     model: Model = key(..., "of the methods of kind hybrid")
     training: TrainSettings = key(..., "how a model is trained")
-    augmentation: Augmentation = key(LEFT_OUT, "how augmented samples are drawn")
+    augmentation: Augmentation = key(Augmentation, "how augmented samples are drawn")
     augmentations: dict[Name, FurtherPrior | None] = key(
         dict,
         "further priors by name, which show how the gain depends on the width of p⁺; each makes a version METHOD+NAME "

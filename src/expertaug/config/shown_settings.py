@@ -89,7 +89,7 @@ def plot(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
     one = config["experiments"][experiment]
     priors = {
-        v: experiment_of(config, experiment, naming.base(v)).get("augmentation", {}).get("prior", {})
+        v: experiment_of(config, experiment, naming.base(v))["augmentation"]["prior"] or {}
         for v in variants(config, experiment)
     }
     return {

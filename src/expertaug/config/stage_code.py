@@ -28,6 +28,8 @@ STAGES = {
     "alternate": "expertaug.inference.alternate",
     "augment": "expertaug.learning.augment",
     "finetune": "expertaug.learning.finetune",
+    "own_prior": "expertaug.inference.prior_stage",
+    "own_priors": "expertaug.evaluation.own_priors",
     "flow": "expertaug.inference.flow_training",
     "during_training": "expertaug.evaluation.during_training",
     "evaluate": "expertaug.evaluation.evaluate",

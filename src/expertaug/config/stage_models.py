@@ -83,7 +83,9 @@ class Refinement(Settings):
 
     settings: RefinementSettings = key(..., "how to fit")
     noise: NotNegative = key(..., "standard deviation of the data's noise")
-    prior: dict[str, Range] | None = key(..., "range of each expert parameter in which the fits start; null = none")
+    prior: dict[str, Range] | Literal["own"] | None = key(
+        ..., "range of each expert parameter in which the fits start; null = none, own = --prior has it"
+    )
 
 
 class Untrained(Train):
@@ -103,7 +105,7 @@ class Alternating(Train):
 class Augment(OfSeeds):
     """An augmentation."""
 
-    prior: dict[str, Range] = key(..., "p⁺")
+    prior: dict[str, Range] | Literal["own"] = key(..., "p⁺; own = --prior has it")
     noise: NotNegative = key(..., "standard deviation of the noise of augmented samples")
 
 
@@ -117,7 +119,7 @@ class Flow(Labelled):
     """The training of a flow."""
 
     flow: FlowSettings = key(..., "how it is trained and used")
-    prior: dict[str, Range] = key(..., "p⁺")
+    prior: dict[str, Range] | Literal["own"] = key(..., "p⁺; own = --prior has it")
     noise: NotNegative = key(..., "standard deviation of the noise of the data")
 
 
