@@ -96,6 +96,7 @@ def test_curves_by_distance(files, tmp_path):
     outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
     distance(files, outputs, CURVES)
     of_a = pd.read_csv(outputs[0]).query("method == 'a'")
+    assert (of_a["of"] == "z_e").all()
     assert of_a["distance"].iloc[0] == 0 and of_a["distance"].is_monotonic_increasing and len(of_a) == 7
     assert of_a["windows"].sum() == 2 * N
     assert of_a["alarms"].iloc[0] < 10 and of_a["alarms"].iloc[-1] > 90
@@ -105,6 +106,28 @@ def test_curves_by_distance(files, tmp_path):
     table = pd.read_csv(outputs[0])
     assert np.allclose(table.query("method == 'a'")["skill"], 0)
     assert np.allclose(table.query("method == 'a+~flow'")["skill"], 1)
+
+
+def test_curves_by_the_distance_of_z_a_too(tmp_path):
+    """The farther alpha, the larger the error; windows whose z_e lies out of the range do not count."""
+    random, extra = np.random.default_rng(0), {"interaction_names": np.array(["alpha"])}
+    for name, far in (("iid", 0.0), ("validation", 0.0), ("test", 0.0), ("z_a_small", 0.3), ("both_small", 0.3)):
+        alpha = random.uniform(far, 0.3 + far, (N, 1))
+        z_e = random.uniform(0.5, 1.4, (N, 1)) if name in ("test", "both_small") else random.uniform(1.5, 3.1, (N, 1))
+        away = np.maximum(alpha[:, 0] - 0.3, 0) / 0.3
+        errors = 1e-3 * np.exp(4 * away) + (z_e[:, 0] < 1.5)
+        extra |= {f"{name}_z_a": alpha, f"{name}_z_e": z_e, f"{name}_errors": np.stack([errors] * 2)}
+        extra |= {f"{name}_misfit": np.full((2, N), 1e-4), f"{name}_z_e_hat": np.stack([1.01 * z_e] * 2)}
+    file = fake(tmp_path / "x.npz", "a", [0, 1], width=None, spoiled=extra)
+    outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png")]
+    distance([file], outputs, CURVES | {"interaction_range": {"alpha": [0.0, 0.3]}})
+    table = pd.read_csv(outputs[0])
+    curve = table.query("of == 'z_a'")
+    assert curve["windows"].sum() == 2 * N, "iid and z_a_small"
+    assert curve["distance"].iloc[0] == 0 and curve["log_mse"].iloc[-1] > curve["log_mse"].iloc[0] + 3
+    np.testing.assert_allclose(curve["log_mse"].iloc[1:], np.log(1e-3) + 4 * curve["distance"].iloc[1:], atol=0.2)
+    assert (table["of"] == "z_e").sum() == 7
+    assert "distance of z_a" in outputs[1].read_text(encoding="utf-8")
 
 
 def test_distance_is_in_widths_of_the_range_the_largest_over_parameters():

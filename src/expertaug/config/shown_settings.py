@@ -110,6 +110,7 @@ def windows(config: Mapping, experiment: str) -> dict:
         "labels": _labels(config, shown),
         "all_methods": all_methods(config),
         "training_range": one["data"]["sets"]["train"]["z_e"] if simulated else {},
+        "interaction_range": one["data"]["sets"]["train"]["z_a"] if simulated else {},
         "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
         "mean": next((m for m in one["methods"] if config["methods"][m]["kind"] == "mean"), None),
         **reading(config, experiment),

@@ -104,6 +104,7 @@ def evaluate(
         "failed": np.array(stored.failed, dtype=int),
         "state_names": np.array([p.name for p in system.state]),
         "state_units": np.array([p.unit for p in system.state]),
+        "interaction_names": np.array([p.name for p in getattr(system, "interaction_parameters", ())], dtype=str),
         "parameter_names": np.array([p.name for p in system.expert_parameters]),
         "parameter_units": np.array([p.unit for p in system.expert_parameters]),
     }

@@ -21,7 +21,7 @@ OWN = "own"  # the set of a model's own windows
 CRPS, INSIDE = "crps", "inside"
 RANKS, TARP, DRAWS = "ranks", "tarp", "rank_draws"  # the last is no set's
 # Arrays of a set: <set>_<name>.
-ERRORS, MISFIT, TRUTH, ESTIMATE, IDENTITY = "errors", "misfit", "z_e", "z_e_hat", "sample_id"
+ERRORS, MISFIT, TRUTH, LATENT, ESTIMATE, IDENTITY = "errors", "misfit", "z_e", "z_a", "z_e_hat", "sample_id"
 # The conventions differ by a constant: the same interval, moved, and the same differences.
 ALIKE = {"log_mse_dim": "log_mse_sum", "log_mse_median_dim": "log_mse_median"}
 REMEDY = "make it again with evaluate"
@@ -48,9 +48,12 @@ def drawn_arrays(name: str, scores: DrawnScores | None) -> dict[str, np.ndarray]
 
 
 def arrays_of(name: str, truth: Trajectories, errors: Tensor, z_e: Tensor | None) -> dict[str, np.ndarray]:
-    """What a forecasts.npz holds of every sample of a set: <set>_errors (S, N), _z_e (N, P), _sample_id (N,) where the
-    samples have one, and _z_e_hat (S, N, P) where the model estimates, of all sets but train."""
+    """What a forecasts.npz holds of every sample of a set: <set>_errors (S, N), _z_e (N, P), _z_a (N, Q) where it is
+    known, _sample_id (N,) where the samples have one, and _z_e_hat (S, N, P) where the model estimates, of all sets but
+    train."""
     arrays = {f"{name}_{ERRORS}": errors.float().numpy(), f"{name}_{TRUTH}": truth.z_e}
+    if truth.z_a.shape[1]:
+        arrays[f"{name}_{LATENT}"] = truth.z_a
     if z_e is not None and name != "train":
         arrays[f"{name}_{ESTIMATE}"] = z_e.numpy()
     return arrays if truth.id is None else arrays | {f"{name}_{IDENTITY}": truth.id}

@@ -9,7 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.evaluation.samples import DRAWS, ERRORS, ESTIMATE, INSIDE, MISFIT, OWN, RANKS, REMEDY, TARP, TRUTH
+from expertaug.evaluation.samples import (
+    DRAWS,
+    ERRORS,
+    ESTIMATE,
+    INSIDE,
+    LATENT,
+    MISFIT,
+    OWN,
+    RANKS,
+    REMEDY,
+    TARP,
+    TRUTH,
+)
 from expertaug.files import read_npz
 
 
@@ -40,6 +52,7 @@ class WindowSet:
         misfit: squared error over the observed window, (S, N).
         z_e: true expert parameters, (N, P).
         z_e_hat: estimates (S, N, P), or None where a version has none.
+        z_a: true parameters of the interaction, (N, Q), or None where they are not known.
         drawn: what draws of the estimates and of the forecasts are worth; None where a version estimates a point.
     """
 
@@ -47,6 +60,7 @@ class WindowSet:
     misfit: np.ndarray
     z_e: np.ndarray
     z_e_hat: np.ndarray | None
+    z_a: np.ndarray | None = None
     drawn: Drawn | None = None
 
 
@@ -58,6 +72,7 @@ class Version:
         seeds: S of them.
         parameters: names of the expert parameters.
         sets: by name.
+        interaction: names of the true interaction's parameters, where they are known.
         own: of windows that the version's models have made themselves, where they were drawn.
     """
 
@@ -65,6 +80,7 @@ class Version:
     parameters: list[str]
     sets: dict[str, WindowSet]
     own: Drawn | None = None
+    interaction: tuple[str, ...] = ()
 
 
 def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
@@ -86,9 +102,16 @@ def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
             of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE)}
             errors, misfit, hats = (None if v is None else v[good] for v in of_seeds.values())
             assert errors is not None and misfit is not None
-            sets[name] = WindowSet(errors, misfit, arrays[f"{name}_{TRUTH}"], hats, _drawn(arrays, name, good))
+            true, z_a = arrays[f"{name}_{TRUTH}"], arrays.get(f"{name}_{LATENT}")
+            sets[name] = WindowSet(errors, misfit, true, hats, z_a, _drawn(arrays, name, good))
         names = list(map(str, arrays["parameter_names"]))
-        one = Version([int(s) for s in arrays["seeds"][good]], names, sets, _drawn(arrays, OWN, good))
+        one = Version(
+            [int(s) for s in arrays["seeds"][good]],
+            names,
+            sets,
+            _drawn(arrays, OWN, good),
+            tuple(arrays.get("interaction_names", ())),
+        )
         parts.setdefault(str(arrays["version"][2]), []).append(one)
     return {name: _joined(several) for name, several in parts.items()}
 
@@ -109,9 +132,9 @@ def _joined(parts: Sequence[Version]) -> Version:
         each = [part.sets[name] for part in parts]
         errors, misfit, hats = (_together([getattr(s, key) for s in each]) for key in ("errors", "misfit", "z_e_hat"))
         assert errors is not None and misfit is not None
-        sets[name] = WindowSet(errors, misfit, one.z_e, hats, _joined_draws([s.drawn for s in each]))
+        sets[name] = WindowSet(errors, misfit, one.z_e, hats, one.z_a, _joined_draws([s.drawn for s in each]))
     seeds = [seed for part in parts for seed in part.seeds]
-    return Version(seeds, first.parameters, sets, _joined_draws([part.own for part in parts]))
+    return Version(seeds, first.parameters, sets, _joined_draws([part.own for part in parts]), first.interaction)
 
 
 def _joined_draws(parts: Sequence[Drawn | None]) -> Drawn | None:
