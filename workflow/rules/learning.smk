@@ -221,6 +221,7 @@ rule flow_seed_group:
     input:
         model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
         train=results("{experiment}/data/train.npz"),
+        validation=results("{experiment}/data/validation.npz"),
         tracking=ancient(results("mlflow/tracking.json")),
         prior=lambda w: prior_file(w.experiment, w.variant, w.seed_group),
         code=lambda w: code("flow", w.experiment, method_of(w.variant)),

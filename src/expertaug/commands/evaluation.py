@@ -36,6 +36,8 @@ def add_to(commands: Commands) -> None:
     p.add_argument("--t-end", type=float, metavar="S", help="last time in s (default: the training's)")
     text = "refine the estimates by least squares on each window; give the noise's standard deviation, 0 for none"
     p.add_argument("--refine", type=float, metavar="NOISE", help=text)
+    text = "npz like the training's (a run's data/validation.npz): whence the threshold of the column trusted is taken"
+    p.add_argument("--validation", type=Path, metavar="NPZ", help=f"{text} (default: the model file)")
     text = "package.module:Class of your own that the model may use; may be repeated"
     p.add_argument("--class", dest="classes", action="append", default=[], metavar="NAME", help=text)
 
@@ -109,7 +111,7 @@ def _evaluate(a: argparse.Namespace) -> None:
 def _forecast(a: argparse.Namespace) -> None:
     from expertaug.api.window_file import forecast_file
 
-    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes, a.refine)
+    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes, a.refine, a.validation)
 
 
 def _during_training(a: argparse.Namespace) -> None:

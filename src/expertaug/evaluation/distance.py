@@ -25,9 +25,9 @@ CAPTION = (
     "Distance: how far the true z_e of a window lies beyond the training range, in widths of that range, the largest "
     "over parameters; of z_a, where sets are shifted in it: the same of the interaction's parameters, over all windows "
     "whose z_e lies within. Bins of equal numbers of windows, their medians. log-MSE: natural logarithm of the mean "
-    "squared error of the forecast. Skill: 1 at the floor (the equation that made the data, fitted to each window), 0 at the "
-    "mean of the training set, on the scale of log-MSE. Alarms: windows whose misfit is above the 95 % threshold of "
-    "the validation set. Means over seeds."
+    "squared error of the forecast. Skill: 1 at the floor (the equation that made the data, fitted to each window), 0 "
+    "at the mean of the training set, on the scale of log-MSE. Alarms: windows whose misfit is above the 95 % "
+    "threshold of the validation set. Means over seeds."
 )
 METRICS = {
     "log_mse": "log-MSE",

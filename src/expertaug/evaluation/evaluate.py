@@ -25,6 +25,7 @@ from expertaug.inference.posterior_draws import z_e_draws
 from expertaug.inference.store import load
 from expertaug.labels import MAIN_SETS, SHOWN_SETS
 from expertaug.learning.bound import largest, stored_bound
+from expertaug.learning.misfit import misfit_of
 from expertaug.learning.noise import Noise
 from expertaug.models import store
 from expertaug.models.device import device_of
@@ -192,7 +193,7 @@ def score(
         limit = None if bound is None else torch.maximum(bound, largest(y[:, 0]))  # to follow the truth is not to run
         found = forecast(stored.model, y[:observed].expand(-1, seeds, *y.shape[2:]), t, solver, start, limit)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
-        early.append(squared_errors(system, found.states[1:observed], y[1:observed]).cpu())
+        early.append(misfit_of(system, found.states, y[:observed]).cpu())
         if begin < observed:
             after.append(squared_errors(system, found.states[observed:], y[observed:]).cpu())
         here = index[(index >= first) & (index < first + size)] - first

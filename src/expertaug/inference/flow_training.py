@@ -38,20 +38,27 @@ def flow(model: Path, data: Path, output: Path, work: Path, settings: Mapping, t
 
     Arguments:
         model: file of the trained model.
-        data: folder of the sets; the observed windows of ``train.npz`` are used.
+        data: folder of the sets; the observed windows of ``train.npz`` and ``validation.npz`` are used.
         output: model file.
         work: folder for checkpoints.
         settings: those of :func:`prepare`; ``classes``, names of the model's classes from elsewhere.
         tracking: see :class:`expertaug.tracking.runlog.RunLog`.
     """
     stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
-    path = Path(data) / "train.npz"
-    training = prepare(stored, Trajectories.load(path), settings, model)
-    inputs = [Path(model), path]
+    sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
+    train, validation = map(Trajectories.load, sets)
+    training = prepare(stored, train, settings, model, validation)
+    inputs = [Path(model), *sets]
     job.run(training, output, work, inputs, {**settings, "seeds": stored.seeds}, tracking, __name__)
 
 
-def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: object = "flow") -> Training:
+def prepare(
+    stored: StoredModel,
+    train: Trajectories,
+    settings: Mapping,
+    where: object = "flow",
+    validation: Trajectories | None = None,
+) -> Training:
     """Make the training of a flow in memory.
 
     Arguments:
@@ -60,6 +67,7 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
         settings: {experiment, method, label, preset, flow, prior, noise, choices, device}; ``noise`` is the standard
             deviation of the data's noise.
         where: for messages.
+        validation: whose misfits are kept for alarms; None: none are.
 
     Raises:
         InputError: the model is no hybrid one, or the prior does not name its expert parameters.
@@ -105,7 +113,8 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
     scale.std.copy_(torch.where(std > 1e-6, std, torch.ones_like(std)))
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
     trainer = FlowTrainer(estimator, simulator, held, options, name, base.get("failed", ()))
-    return Training(trainer, description, stored.classes)
+    checked = None if validation is None else StackedSet.of(validation, device).window(base["observed"]).y
+    return Training(trainer, description, stored.classes, checked=checked)
 
 
 @torch.no_grad()

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
+from expertaug.errors import InputError
 from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.least_squares import LeastSquares
 from expertaug.learning.noise import Noise
+from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import Gaussian, constrain
 from expertaug.models.prediction import Predictor
+from expertaug.systems import System
 
 COUNT = 119  # so that intervals of 50 % and 90 % end at draws
+DRAWS = 6  # of the keys of random numbers
 LEVELS = (0.5, 0.9)  # of the intervals that tables show
 
 
@@ -69,3 +75,37 @@ def joint_draws(
     assert found.z_e is not None and found.z_a is not None
     z_e, z_a = drawn(posterior.z_e, found.z_e), drawn(posterior.z_a, found.z_a)
     return z_e, z_a, found.y0.expand(count, *found.y0.shape)
+
+
+class Drawn:
+    """An estimator with a distribution but no draws of its own, as a :class:`~expertaug.inference.predictive.Sampler`.
+
+    Arguments:
+        model: a fit, or an encoder whose posterior is Gaussian.
+        seeds: of the group: what is drawn depends on them alone.
+        bound: (C,), how far a forecast's components may go.
+    """
+
+    def __init__(self, model: Predictor, seeds: Sequence[int], bound: Tensor | None) -> None:
+        self.model, self.seeds, self.bound = model, list(seeds), bound
+
+    @property
+    def system(self) -> System:
+        return self.model.system  # type: ignore[attr-defined]
+
+    @property
+    def decoder(self) -> Decoder:
+        return self.model.decoder  # type: ignore[attr-defined]
+
+    def sample(self, windows: Tensor, count: int, seed: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
+        """As of a flow.
+
+        Raises:
+            InputError: the model estimates a point alone.
+        """
+        found = self.model.estimate(windows)  # type: ignore[attr-defined]
+        drawn = joint_draws(self.model, found, windows, count, Noise(self.seeds, 0 if seed is None else seed, DRAWS))
+        if drawn is None:
+            remedy = "give one of expertaug.fit_posterior, or a refined one"
+            raise InputError("model", "estimates a point and has no draws", remedy)
+        return drawn

@@ -140,6 +140,7 @@ def prepare(
         settings,
         classes,
         windows=train_set.y[:observed],
+        checked=validation_set.y[:observed],
     )
 
 
