@@ -19,6 +19,16 @@ def test_a_flow_follows_its_augmented_version_and_may_be_refined():
     assert found == ["aphynity", "aphynity+", "aphynity+~flow", "aphynity+~flow~refined", "hvae", "hvae+~flow"]
 
 
+def test_an_alternating_method_is_amortised_by_a_flow():
+    over = {"refined": ["alternating+~flow"], "controls": [], "augmented": [], "augmentations": {}}
+    config = completed(flows=["alternating"], methods=["alternating"], **over)
+    assert jobs.variants(config, "pendulum") == ["alternating", "alternating+~flow", "alternating+~flow~refined"]
+    told = stage_settings.flow(config, "pendulum", "alternating+~flow", "seeds_0_1_2")
+    assert told["label"] == "Alternating+ flow" and told["prior"] == {"omega0": [0.5, 3.5]}
+    with pytest.raises(InputErrors, match="it is fitted to each window already"):
+        completed(flows=["alternating"], methods=["alternating"], **over | {"refined": ["alternating"]})
+
+
 def test_its_stage_gets_its_prior_noise_and_own_settings():
     over = {"aphynity": {"flow": {"bins": 5}}}
     config = completed(flows=["aphynity", "hvae"], overrides=over, flow={"steps": 7})
@@ -42,7 +52,10 @@ def test_what_it_runs_with_is_shown():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"flows": ["mean"]}, "flows[0]: 'mean' is of kind mean; only hybrid methods have a posterior"),
+        (
+            {"flows": ["mean"]},
+            "flows[0]: 'mean' is of kind mean; only methods of kind hybrid and alternating have a posterior",
+        ),
         ({"flows": ["aphinity"]}, "flows[0]"),
         ({"flow": {"bins": 1}}, "flow.bins: found 1; give 2 or more"),
         ({"refined": ["aphynity+~flaw"]}, "refined"),

@@ -153,6 +153,11 @@ def sets_to_cover(experiment, variant):
     return expand(results("{experiment}/data/{set}.npz"), experiment=experiment, set=["train", *named])
 
 
+def sets_to_check(experiment):
+    """Sets whose windows say whether F_a holds."""
+    return ["train", "iid" if "iid" in sets_of(experiment) else "validation", "test"]
+
+
 def kind_of(variant):
     return CONFIG["methods"][method_of(variant)]["kind"]
 
@@ -169,7 +174,8 @@ def during_training_of(experiment):
 
 def window_studies_of(experiment):
     """Studies of single windows: every experiment's alarms, and curves where the training range is known."""
-    return ["alarm", "coverage", "distance"] if experiment in SIMULATED else ["alarm", "coverage"]
+    named = ["alarm", "coverage", "distance"] if experiment in SIMULATED else ["alarm", "coverage"]
+    return [*named, "validity"] if jobs.with_interaction(CONFIG, experiment) else named
 
 
 def studied(experiment, study):

@@ -212,6 +212,54 @@ rule study_windows_of_experiment:
         " --log {log:q}"
 
 
+rule validity_of_experiment:
+    input:
+        models=lambda w: [
+            results(f"{w.experiment}/{method}/{seed_groups_of(w.experiment)[0]}/model.safetensors")
+            for method in jobs.with_interaction(CONFIG, w.experiment)
+        ],
+        sets=lambda w: expand(
+            results("{experiment}/data/{set}.npz"), experiment=w.experiment, set=sets_to_check(w.experiment)
+        ),
+        code=lambda w: code("validity", w.experiment),
+    output:
+        results("tables/{experiment}_validity.csv"),
+        results("tables/{experiment}_validity.tex"),
+        report(
+            results("tables/{experiment}_validity.md"),
+            caption="../report/validity.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "validity of F_a", "content": "table"},
+        ),
+        report(
+            results("figures/{experiment}_validity.png"),
+            caption="../report/validity.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "validity of F_a", "content": "figure"},
+        ),
+        results("figures/{experiment}_validity.pdf"),
+    log:
+        results("logs/validity/{experiment}.log"),
+    benchmark:
+        results("benchmarks/validity/{experiment}.tsv")
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+    params:
+        versions=lambda w: versions("validity", w.experiment),
+        settings=lambda w: settings("validity", w.experiment),
+        data=lambda w: results(f"{w.experiment}/data"),
+    message:
+        "check whether F_a holds on {wildcards.experiment}"
+    shell:
+        "expertaug validity {input.models:q} --data {params.data:q} --output {output:q} --settings {params.settings:q}"
+        " --log {log:q}"
+
+
 rule own_priors_of_experiment:
     input:
         priors=lambda w: [path for _, path in found_priors_of(w.experiment)],

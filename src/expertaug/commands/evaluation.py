@@ -79,6 +79,11 @@ def add_to(commands: Commands) -> None:
     p.add_argument("forecasts", type=Path, nargs="+", help=of_all)
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
 
+    p = commands.add("validity", _validity, "check whether the interaction model holds where z_e has moved")
+    p.add_argument("models", type=Path, nargs="+", help="model files, one of each version with an interaction model")
+    add_paths(p, data="folder of the sets")
+    add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
+
     p = commands.add("own-priors", _own_priors, "make the table of the ranges that p⁺ has found")
     p.add_argument("priors", type=Path, nargs="+", help="what own-prior wrote, of every version and group of seeds")
     add_outputs(p, "files, .csv, .md or .tex")
@@ -154,6 +159,12 @@ def _distance(a: argparse.Namespace) -> None:
     from expertaug.evaluation.distance import distance
 
     distance(a.forecasts, a.output, read_settings(a.settings))
+
+
+def _validity(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.validity_study import validity
+
+    validity(a.models, a.data, a.output, read_settings(a.settings))
 
 
 def _own_priors(a: argparse.Namespace) -> None:

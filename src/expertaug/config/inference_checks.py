@@ -16,12 +16,16 @@ def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None)
 
     Versions of methods that the experiment does not train are no mistake: an override may take a method away.
     """
-    remedies = {"controls": "only hybrid methods can be trained on", "flows": "only hybrid methods have a posterior"}
+    remedies = {
+        "controls": "only hybrid methods can be trained on",
+        "flows": "only methods of kind hybrid and alternating have a posterior",
+    }
+    allowed = {"controls": ("hybrid",), "flows": ("hybrid", "alternating")}
     for block, needed in (("controls", ("finetuning",)), ("flows", ())):
         yield from unknown(one[block], methods, f"{where}.{block}", "method")
         for k, method in enumerate(one[block]):
             kind = _kind(methods, method)
-            if kind != "hybrid":
+            if kind not in allowed[block]:
                 yield InputError(f"{where}.{block}[{k}]", f"'{method}' is of kind {kind}", remedies[block])
         for key in needed:
             if set(one[block]) & set(one["methods"]) and key not in one:
@@ -49,7 +53,7 @@ def _refined(where: str, variants: list[str], methods: Mapping) -> Iterator[Inpu
             yield InputError(here, f"'{variant}' is there twice", "name each version once")
         elif kind == "mean":
             yield InputError(here, f"'{variant}' is of kind mean", "name a version with an expert")
-        elif kind in FITTED:
+        elif kind in FITTED and FLOW not in parse(variant).estimators:
             yield InputError(here, f"'{variant}' is of kind {kind}", "it is fitted to each window already")
 
 

@@ -74,6 +74,16 @@ def found_priors(config: Mapping, experiment: str) -> list[str]:
     return [v for v in dict.fromkeys(found) if v is not None]
 
 
+def with_interaction(config: Mapping, experiment: str) -> list[str]:
+    """Methods of an experiment that learn an interaction model beside an expert; points of grids aside."""
+    found = []
+    for method in config["experiments"][experiment]["methods"]:
+        build = build_of(config, experiment, method)
+        learns = build["kind"] in ("hybrid", "alternating") and build.get("interaction") is not False
+        found += [method] if learns and build.get("expert") is not False and "@" not in method else []
+    return found
+
+
 def studies(config: Mapping, experiment: str) -> list[str]:
     """Names of an experiment's studies."""
     named = list(config["experiments"][experiment]["studies"])

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, field_serializer
 
 from expertaug.config import presets
 from expertaug.config.study_models import SomeNames, Studies
-from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
+from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings, ValiditySettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
 from expertaug.recordings.chunks.settings import ChunkSettings
@@ -218,6 +218,9 @@ class Experiment(Settings):
     )
     flow: FlowSettings = key(FlowSettings, "how a flow learns the posterior from draws of a trained model")
     alternation: AlternatingSettings = key(AlternatingSettings, "how methods of kind alternating are trained")
+    validity: ValiditySettings = key(
+        ValiditySettings, "the check whether F_a holds where z_e has moved, of every trained interaction model"
+    )
 
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:

@@ -29,6 +29,7 @@ STAGES = {
     "augment": "expertaug.learning.augment",
     "finetune": "expertaug.learning.finetune",
     "own_prior": "expertaug.inference.prior_stage",
+    "validity": "expertaug.evaluation.validity_study",
     "own_priors": "expertaug.evaluation.own_priors",
     "flow": "expertaug.inference.flow_training",
     "during_training": "expertaug.evaluation.during_training",

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from expertaug import labels as naming
 from expertaug.config import options
-from expertaug.config.jobs import dissipating, label, seed_groups, sets, snapshots
+from expertaug.config.jobs import dissipating, label, seed_groups, sets, snapshots, with_interaction
 from expertaug.config.methods import FITTED, build_of, experiment_of, foreign, modules, objective_of
 from expertaug.config.recording_settings import (
     calibrate,
@@ -68,6 +68,7 @@ __all__ = [
     "track_markers",
     "train",
     "unpack_markers",
+    "validity",
     "windows",
 ]
 
@@ -226,6 +227,19 @@ def dissipation(config: Mapping, experiment: str) -> dict:
         "device": config["device"],
         **({"classes": classes} if classes else {}),
     }
+
+
+def validity(config: Mapping, experiment: str) -> dict:
+    """Which trained methods are checked, and how the windows of each are fitted."""
+    one, versions, classes = config["experiments"][experiment], [], []
+    for method in with_interaction(config, experiment):
+        own = experiment_of(config, experiment, method)
+        fit = {"settings": own["refinement"], "noise": _noise(own), "prior": own["augmentation"]["prior"]}
+        versions.append([method, label(config, method), fit])
+        classes += foreign(config, experiment, method).get("classes", [])
+    told = {"experiment": experiment, "versions": versions, "validity": one["validity"], "device": config["device"]}
+    told |= {"all_methods": all_methods(config), **reading(config, experiment)}
+    return told | ({"classes": list(dict.fromkeys(classes))} if classes else {})
 
 
 def _identity(config: Mapping, experiment: str, variant: str) -> dict:

@@ -183,6 +183,7 @@ def _of_training(
     """Ranges of the training windows' estimates, and the χ² up to which a window counts as explained."""
     if stored.description["kind"] == "least_squares" and first is None:
         raise InputError("first", "missing", "the expert alone has no estimates to start from: give ranges")
+    first = first or (stored.description.get("refinement") or {}).get("prior")  # of kind alternating
     ranges = None if first is None else {name: (float(low), float(high)) for name, (low, high) in first.items()}
     z_e, chi2 = _estimated(estimator_of(stored, settings, noise, ranges), _whole(stored, train))
     return _hull(stored.model.system.expert_parameters, z_e), float(torch.quantile(chi2, 1 - FALSE_ALARMS))
