@@ -89,4 +89,6 @@ def test_the_study_has_a_sentence_a_version(tmp_path, monkeypatch):
     assert list(table.index) == ["train", "validation", "test"] and table.loc["test", "windows"] == 10
     assert table.loc["test", "wrong"] < 30 and table.loc["test", "explained"] > 50
     text = outputs[1].read_text(encoding="utf-8")
-    assert "- APHYNITY: F_a learned on omega0 in [1." in text and "holds in" in text and outputs[3].stat().st_size > 5000
+    assert (
+        "- APHYNITY: F_a learned on omega0 in [1." in text and "holds in" in text and outputs[3].stat().st_size > 5000
+    )
