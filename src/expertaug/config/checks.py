@@ -22,6 +22,8 @@ ENDINGS = (
     "alarm",
     "coverage",
     "distance",
+    "validity",
+    "own_priors",
     "dissipation",
     "horizons",
     "out_of_expertise",

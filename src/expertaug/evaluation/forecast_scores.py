@@ -21,7 +21,7 @@ from expertaug.models.prediction import Predictor
 from expertaug.systems.solver import Solver
 
 DRAWN = 4  # of the keys of random numbers: a flow's end in 3
-BYTES = 2**26  # of the forecasts that are scored at a time
+BYTES = 2**25  # of the forecasts that are scored at a time
 BAND = (0.05, 0.95)  # of a figure's
 
 
