@@ -109,8 +109,8 @@ class Augmentation(Settings):
         "of a p⁺ that finds its own ranges: sets that it is to cover, of which only the observed windows are used; "
         "none = until the budget",
     )
-    budget: Positive = key(
-        2.0, "of a p⁺ that finds its own ranges without windows: by which factor they are widened, at most", gt=1
+    budget: Annotated[float, Field(gt=1)] = key(
+        2.0, "of a p⁺ that finds its own ranges without windows: by which factor they are widened, at most"
     )
     worst: Share = key(
         0.0, "share of the augmented samples that are drawn where the trained model's own estimates are bad; 0 = none"
