@@ -52,7 +52,8 @@ def given_or_found(model: TrainedModel, train: Trajectories, prior: Ranges | Non
     arrays.trajectories(train, "train")
     if model.stored.description["kind"] == "mean":
         raise InputError("model", "a mean of the training set", "give a model with an expert")
-    found = found_by(model.stored, train, None, float(noise), None, BUDGET, None)
+    first = growing.box(model.system)  # beside the model's own estimates, which may be wrong
+    found = found_by(model.stored, train, None, float(noise), first, BUDGET, None)  # type: ignore[arg-type]
     logger.info("p⁺: %s", found.says)
     return {name: list(ends) for name, ends in found.ranges.items()}
 

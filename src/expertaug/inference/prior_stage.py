@@ -44,7 +44,8 @@ def own_prior(
         system = systems.load(described["system"])
         stored, first = expert_alone(system, train, {**settings, "refinement": None}, described), box(system)
     else:
-        stored, first = store.load(model, device_of(settings["device"]), settings.get("classes", ())), None
+        stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
+        first = box(stored.model.system)  # beside the model's own estimates, which may be wrong
     noise, known = float(settings["noise"]), _states(train)
     how = settings["refinement"] if model is not None else searching(settings["refinement"])
     if settings["windows"]:
