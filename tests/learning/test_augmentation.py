@@ -217,3 +217,26 @@ class TestPresetRows:
             task = task_of({}, stored.description, CPU)
             assert task.selection({"selection": "observed"}) == range(1, points)
             assert task.selection({"selection": "forecast"}) == range(points, 21)
+
+
+def test_worst_case_sampling_draws_more_where_the_estimates_are_bad(trained, data, tmp_path, settings):
+    """Without it the bits stay; with it the chosen share lies at the hardest z_e of a trial."""
+    plain, _, header = augmented(trained, data, tmp_path, settings)
+    off, _, _ = augmented(trained, data, tmp_path, settings | {"worst": 0.0})
+    assert torch.equal(plain.y, off.y) and "worst" not in header["options"]
+    on, _, header = augmented(trained, data, tmp_path, settings | {"worst": 1.0})
+    again, _, _ = augmented(trained, data, tmp_path, settings | {"worst": 1.0})
+    assert torch.equal(on.y, again.y) and header["options"]["worst"] == 1.0
+    stored = store.load(trained)
+    task = task_of(stored.description["training"], stored.description, CPU)
+    real, ends = (
+        StackedSet.of(Trajectories.load(data / "train.npz"), CPU),
+        augmentation.prior_range(stored.model, PRIOR),
+    )
+    hard = augmentation.worst_of(stored.model, real, task, stored.seeds, ends, 0.01, 0)
+    assert hard.shape == (2, augmentation.TRIED // 4, 1)
+    for place in range(2):
+        away = (on.z_e[place] - hard[place].T).abs().amin(1)
+        assert away.max() < 0.05 * 3.0
+        # An encoder that has hardly learned says the same of all windows: the ends of the range are the hardest.
+        assert (plain.z_e[place] - hard[place].T).abs().amin(1).max() > 0.2

@@ -8,9 +8,11 @@ from typing import TypedDict, Unpack
 from expertaug import systems
 from expertaug.api.arrays import Ranges
 from expertaug.api.checks import check_sets, fit_settings, seeds_of
+from expertaug.api.own_ranges import of_expert_alone
 from expertaug.api.trained import TrainedModel
 from expertaug.inference.alternate import prepare
 from expertaug.inference.settings import AlternatingSettings
+from expertaug.learning.train import expert_alone
 from expertaug.models import describe
 from expertaug.models.kinds import INTERACTION
 from expertaug.models.recipe import HybridModel
@@ -44,7 +46,7 @@ def alternate(
     validation: Trajectories,
     *,
     observed_s: float,
-    prior: Ranges,
+    prior: Ranges | None = None,
     noise: float = 0.0,
     seeds: Iterable[int] = (0,),
     refinement: Mapping | None = None,
@@ -58,7 +60,8 @@ def alternate(
         interaction: F_a, as :class:`HybridModel` takes it.
         train, validation: sets of the same times; the second selects each seed's best state.
         observed_s: end of the observed window t1 in s, which is included.
-        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start.
+        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start; None: they are found, as by
+            :func:`expertaug.least_squares`.
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
         seeds: of initialisation and data order; they are trained as one batched computation.
         refinement: how windows are fitted (:class:`expertaug.inference.settings.RefinementSettings`).
@@ -80,5 +83,9 @@ def alternate(
         "training": AlternatingSettings.from_mapping(options).model_dump(mode="json"),
         "seeds": (chosen := seeds_of(seeds)),
     }
+    if prior is None:
+        told = {**settings, "training": {}, "refinement": None}
+        alone = expert_alone(system, train, told, {**described, "model": {}})
+        settings["refinement"]["prior"] = of_expert_alone(alone, train, float(noise), refinement or {})
     stored = prepare(system, train, validation, settings, described, describe.own_classes(recipe)).run()
     return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.description["refinement"])

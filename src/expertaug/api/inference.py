@@ -10,9 +10,8 @@ from expertaug import systems
 from expertaug.api import arrays
 from expertaug.api.arrays import Array, Ranges, RefinementOptions
 from expertaug.api.checks import fit_settings
+from expertaug.api.own_ranges import BUDGET, found_by, of_expert_alone
 from expertaug.api.trained import TrainedModel
-from expertaug.errors import InputError
-from expertaug.inference import own_prior as growing
 from expertaug.inference.own_prior import OwnPrior
 from expertaug.inference.validity import Validity, along
 from expertaug.learning.train import expert_alone
@@ -25,7 +24,7 @@ def least_squares(
     train: Trajectories,
     *,
     observed_s: float,
-    prior: Ranges,
+    prior: Ranges | None = None,
     noise: float = 0.0,
     label: str = "Least squares",
     **options: Unpack[RefinementOptions],
@@ -36,7 +35,8 @@ def least_squares(
         system: gives F_e.
         train: whose times and largest values count (how far a forecast may go; the noise where data have none).
         observed_s: end of the observed window t1 in s, which is included.
-        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start.
+        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start; None: they are found, by
+            fits of the training windows that start around the parameters' typical sizes.
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
         options: see :class:`expertaug.inference.settings.RefinementSettings`.
 
@@ -53,6 +53,8 @@ def least_squares(
         "seeds": [0],
     }
     stored = expert_alone(system, train, settings, described)
+    if prior is None:
+        stored.description["refinement"]["prior"] = of_expert_alone(stored, train, float(noise), options)
     model = TrainedModel(stored, single=True, refinement=stored.description["refinement"])
     _ = model.predictor  # says what is wrong with the options
     return model
@@ -61,43 +63,35 @@ def least_squares(
 def own_prior(
     model: TrainedModel,
     train: Trajectories,
-    unlabelled: Array,
+    unlabelled: Array | None = None,
     *,
     noise: float = 0.0,
     prior: Ranges | None = None,
+    budget: float = BUDGET,
     **options: Unpack[RefinementOptions],
 ) -> OwnPrior:
     """Ranges for the augmentation prior p⁺, grown from the training windows' own until the model explains new windows.
 
-    Nothing but the observed windows of where the model is to work is needed.  ``found.ranges`` goes into
+    Nothing but the observed windows of where the model is to work is needed; without any the ranges are widened by a
+    budget, as far as the model's own windows stay within bounds and can be fitted.  ``found.ranges`` goes into
     :func:`finetune` as its prior; ``found.says`` is one sentence, which tells too when the expert does not fit.
 
     Arguments:
         model: trained, or of :func:`least_squares`.
         train: the training set.
-        unlabelled: observed windows of where the model is to work, (N, T1, *state).
+        unlabelled: observed windows of where the model is to work, (N, T1, *state); of more than 200 so many, evenly
+            spread, are used, of the training set too.
         noise: standard deviation of the data's noise.
         prior: ranges in which fits of the training windows start; None: at the model's own estimates.
+        budget: without windows: by which factor the ranges are widened, at most.
         options: see :class:`expertaug.inference.settings.RefinementSettings`.
 
     Raises:
         InputError: windows of another shape, or least squares without a prior.
     """
     names = [p.name for p in model.system.expert_parameters]
-    y = arrays.tensor(unlabelled, "unlabelled")
-    if y.shape[1:] != train.y[:, : model.observed].shape[1:]:
-        wanted = f"(N, {model.observed}, {', '.join(map(str, train.y.shape[2:]))})"
-        raise InputError("unlabelled", f"has shape {tuple(y.shape)}", f"give {wanted}")
-    known = arrays.tensor(train.y[:, : model.observed], "train")
-    with arrays.one_thread():
-        return growing.own_prior(
-            model.stored,
-            known.movedim(1, 0),
-            y.movedim(1, 0),
-            float(noise),
-            None if prior is None else arrays.ranges(prior, names, "prior"),
-            dict(options),
-        )
+    first = None if prior is None else arrays.ranges(prior, names, "prior")
+    return found_by(model.stored, train, unlabelled, float(noise), first, budget, dict(options))
 
 
 def validity(

@@ -12,12 +12,12 @@ from pydantic import AfterValidator, Field, field_serializer
 
 from expertaug.config import presets
 from expertaug.config.study_models import SomeNames, Studies
-from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
+from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings, ValiditySettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
 from expertaug.recordings.chunks.settings import ChunkSettings
 from expertaug.recordings.settings import RecordingKeys
-from expertaug.settings import LEFT_OUT, Count, Name, NotNegative, Positive, Range, Seed, Settings, key, wrong
+from expertaug.settings import LEFT_OUT, Count, Name, NotNegative, Positive, Range, Seed, Settings, Share, key, wrong
 from expertaug.systems.settings import SolverSettings
 from expertaug.wording import PATTERNS
 
@@ -103,13 +103,27 @@ class Model(Settings):
 class Augmentation(Settings):
     """How augmented samples are drawn."""
 
-    prior: Ranges = key(..., "p⁺(z_e), uniform over a range for each expert parameter, in its unit")
+    prior: Ranges | None = key(
+        None,
+        "p⁺(z_e), uniform over a range for each expert parameter, in its unit; null = it finds its own ranges, which "
+        "grow from those of the training windows' estimates",
+    )
+    windows: Names = key(
+        list,
+        "of a p⁺ that finds its own ranges: sets that it is to cover, of which only the observed windows are used; "
+        "none = until the budget",
+    )
+    budget: Annotated[float, Field(gt=1)] = key(
+        2.0, "of a p⁺ that finds its own ranges without windows: by which factor they are widened, at most"
+    )
+    worst: Share = key(
+        0.0, "share of the augmented samples that are drawn where the trained model's own estimates are bad; 0 = none"
+    )
 
 
-class FurtherPrior(Settings):
+class FurtherPrior(Augmentation):
     """A further prior, which makes a version METHOD+NAME of augmented methods from the same trained model."""
 
-    prior: Ranges = key(..., "as augmentation.prior")
     methods: SomeNames = key(LEFT_OUT, "methods that get this version; left out = all under augmented")
 
 
@@ -134,6 +148,12 @@ class Evaluation(Settings):
         dict, "how tables and figures call the sets; default train, validation (set of choices), IID test, test (OOD)"
     )
     max_samples: Count | None = key(None, "samples of each set, at most, evenly spread; null = all")
+    draws: Annotated[int, Field(ge=0, le=1000)] = key(
+        39,
+        "forecasts that are drawn of a window, for CRPS, energy score and bands of every version with a distribution; "
+        "39 (or 19) make exact 50 % and 90 % bands, 0 = none",
+    )
+    drawn_samples: Count = key(200, "windows of each set whose forecasts are drawn, at most, evenly spread")
     solver: SolverSettings = key(LEFT_OUT, "of the forecasts; left out = dopri5 with tolerances of 1.0e-6")
 
 
@@ -168,7 +188,7 @@ class Experiment(Settings):
     data: Data = key(..., "where the trajectories come from")
     model: Model = key(..., "of the methods of kind hybrid")
     training: TrainSettings = key(..., "how a model is trained")
-    augmentation: Augmentation = key(LEFT_OUT, "how augmented samples are drawn")
+    augmentation: Augmentation = key(Augmentation, "how augmented samples are drawn")
     augmentations: dict[Name, FurtherPrior | None] = key(
         dict,
         "further priors by name, which show how the gain depends on the width of p⁺; each makes a version METHOD+NAME "
@@ -202,6 +222,9 @@ class Experiment(Settings):
     )
     flow: FlowSettings = key(FlowSettings, "how a flow learns the posterior from draws of a trained model")
     alternation: AlternatingSettings = key(AlternatingSettings, "how methods of kind alternating are trained")
+    validity: ValiditySettings = key(
+        ValiditySettings, "the check whether F_a holds where z_e has moved, of every trained interaction model"
+    )
 
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:

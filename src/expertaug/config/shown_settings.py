@@ -91,7 +91,7 @@ def plot(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
     one = config["experiments"][experiment]
     priors = {
-        v: experiment_of(config, experiment, naming.base(v)).get("augmentation", {}).get("prior", {})
+        v: experiment_of(config, experiment, naming.base(v))["augmentation"]["prior"] or {}
         for v in variants(config, experiment)
     }
     return {
@@ -112,6 +112,7 @@ def windows(config: Mapping, experiment: str) -> dict:
         "labels": _labels(config, shown),
         "all_methods": all_methods(config),
         "training_range": one["data"]["sets"]["train"]["z_e"] if simulated else {},
+        "interaction_range": one["data"]["sets"]["train"]["z_a"] if simulated else {},
         "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
         "mean": next((m for m in one["methods"] if config["methods"][m]["kind"] == "mean"), None),
         **reading(config, experiment),

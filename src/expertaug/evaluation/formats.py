@@ -36,6 +36,10 @@ def metric_title(metric: str, units: Mapping[str, str]) -> str:
         name = metric.removeprefix("rmse_")
         unit = units.get(name, f"unit of {name}")
         return f"{name} RMSE" + (f" [{unit}]" if unit else "")
+    if metric.startswith("forecast_coverage_"):
+        return f"forecasts in the {metric.rpartition('_')[2]} % band [%]"
+    if metric in ("crps", "energy_score"):
+        return {"crps": "CRPS of forecasts", "energy_score": "energy score of forecasts"}[metric]
     return "training time [s]" if metric == "wall_s" else metric
 
 
@@ -43,7 +47,7 @@ def number_format(metric: str, mean: float) -> Callable[[float], str]:
     """How many digits a metric is printed with: for those of any unit three of the mean."""
     if metric.startswith("log_mse"):
         return "{:.2f}".format
-    if metric.startswith("relative_error"):
+    if metric.startswith(("relative_error", "forecast_coverage")):
         return "{:.1f}".format
     if metric == "wall_s":
         return "{:.0f}".format

@@ -5,7 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from expertaug.learning.misfit import squared_errors
 from expertaug.systems import System
+
+__all__ = ["log_after", "log_mse", "log_of", "log_of_median", "parameter_errors", "squared_errors"]
 
 
 def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tensor]:
@@ -21,16 +24,6 @@ def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tens
         name → (S,).
     """
     return log_of(system, squared_errors(system, prediction, truth))
-
-
-def squared_errors(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
-    """Squared error of every sample, summed over the observed dimensions and averaged over time: (S, N), float64.
-
-    Arguments:
-        prediction, truth: states (T, S, N, *state).
-    """
-    error = (system.observe(prediction) - system.observe(truth)).double().square()
-    return error.flatten(3).sum(-1).mean(0)
 
 
 def log_of(system: System, errors: Tensor) -> dict[str, Tensor]:

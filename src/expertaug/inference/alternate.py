@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,13 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.inference.alternation import Alternation
+from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.settings import AlternatingSettings, RefinementSettings
 from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import Latent, assumed_noise
 from expertaug.learning import job
 from expertaug.learning.fitting import Record
+from expertaug.learning.misfit import recorded
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.learning.train import inputs_of, of_data, taken_in
@@ -52,11 +54,13 @@ class AlternatingTraining:
     Attributes:
         trainer: with decoder, windows and settings.
         description: of the model, apart from the record of its training.
+        checked: observed windows (T1, 1, N, *state) of the validation set: their misfits are kept, for alarms.
         classes: see :class:`StoredModel`.
     """
 
     trainer: Alternation
     description: Mapping
+    checked: Tensor
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
     def run(self, log: Any = None, checkpoint: Any = None) -> store.StoredModel:
@@ -81,7 +85,10 @@ class AlternatingTraining:
             "latent": {"mean": mean, "std": std},
         }
         model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
-        return store.StoredModel(model, {**self.description, **record}, self.classes)
+        stored = store.StoredModel(model, {**self.description, **record}, self.classes)
+        estimator = estimator_of(stored, **self.description["refinement"])
+        record["misfit"] = recorded(replace(stored, model=estimator), self.checked)
+        return replace(stored, description={**self.description, **record})
 
 
 def prepare(
@@ -140,4 +147,5 @@ def prepare(
     )
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
     trainer = Alternation(*fits, train_set.y[: task.horizon], validation_set.y, task, seeds, options, name)
-    return AlternatingTraining(trainer, description, classes or {})
+    checked = validation_set.y[: description["observed"]]
+    return AlternatingTraining(trainer, description, checked, classes or {})

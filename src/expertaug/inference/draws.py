@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -51,6 +52,17 @@ class Draws:
         for start in range(0, len(self) - size + 1, size):
             index = torch.from_numpy(order[:, start : start + size]).to(self.x.device)
             yield Draws(self.x[row, index], self.theta[row, index])
+
+
+class Simulated(NamedTuple):
+    """Observed trajectories y (T, S, M, *state) with their z_e (S, M, P), components of z_a (S, M, ·), true first
+    points (S, M, *state), and whether each stayed within the bound (S, M)."""
+
+    y: Tensor
+    z_e: Tensor
+    scores: Tensor
+    y0: Tensor
+    good: Tensor
 
 
 @dataclass(frozen=True)
@@ -109,8 +121,8 @@ class Simulator:
         x, theta = (torch.cat([getattr(part, name) for part in parts], dim=1) for name in ("x", "theta"))
         return Draws(x, theta)
 
-    def _part(self, count: int, random: Noise) -> tuple[Draws, Tensor]:
-        """Draws, and how many (S,) of them ran away."""
+    def simulated(self, count: int, random: Noise) -> Simulated:
+        """Trajectories over the task's times, what they were made with, and which of them stayed within the bound."""
         system, kept = self.decoder.system, (1 - self.jitter**2) ** 0.5
         z_e = self.low + (self.high - self.low) * random.uniform(count, len(self.low))
         row = torch.arange(len(self.seeds), device=self.starts.device).unsqueeze(1)
@@ -130,6 +142,11 @@ class Simulator:
             if not self.unknowns.given:  # a field's first point has noise already, and forecasts start from it
                 noise[0] = 0.0
             y = y + noise
+        return Simulated(y, z_e, scores, y0, good)
+
+    def _part(self, count: int, random: Noise) -> tuple[Draws, Tensor]:
+        """Draws, and how many (S,) of them ran away."""
+        y, z_e, scores, y0, good = self.simulated(count, random)
         draws = Draws(self.context(y), self.unknowns.pack(z_e, scores, y0, y[0]))
         return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
 

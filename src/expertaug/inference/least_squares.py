@@ -41,7 +41,7 @@ class LeastSquares(Predictor, nn.Module):
     @torch.no_grad()
     def estimate(self, windows: Tensor) -> Estimates:
         """Observed windows (T1, S, B, *state) → estimates, with χ² per degree of freedom and Laplace's posterior."""
-        if self.alone:  # the same for every seed
+        if self.alone and torch.equal(windows, windows[:, :1].expand_as(windows)):  # the same for every seed
             return self.fit(windows[:, :1]).expand(windows.shape[1])
         return self.fit(windows, None if self.first is None else self.first.estimate(windows))
 

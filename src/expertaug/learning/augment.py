@@ -56,7 +56,8 @@ def draw(
     Arguments:
         stored: a trained hybrid model.
         train, validation: whose x and observed windows are used.
-        settings: {prior, noise, choices, device}; ``noise`` is the standard deviation of the data's noise.
+        settings: {prior, noise, choices, device}; ``noise`` is the standard deviation of the data's noise; ``worst``
+            as of :func:`expertaug.learning.augmentation.generate`.
         where: for messages.
 
     Raises:
@@ -71,6 +72,7 @@ def draw(
     task = task.shortened(task.points(choices))
     noise = float(settings["noise"]) if choices["augmentation_noise"] == "as_data" else 0.0
     options = {"resample_x": choices["augmented_x"] == "resampled", "z_a_from": choices["augmented_z_a"]}
+    options |= {"worst": float(settings["worst"])} if settings.get("worst") else {}
     plus, plus_validation = (
         augmentation.generate(
             stored.model, StackedSet.of(part, device), task, stored.seeds, settings["prior"], noise, number, **options

@@ -102,6 +102,7 @@ def prepare(
         stored.classes,
         before,
         real.y[: base["observed"]],
+        check.y[: base["observed"]],
     )
 
 

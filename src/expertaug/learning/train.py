@@ -154,6 +154,7 @@ def prepare(
         settings,
         classes,
         windows=train_set.y[:observed],
+        checked=validation_set.y[:observed],
     )
 
 
