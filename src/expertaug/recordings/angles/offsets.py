@@ -19,6 +19,7 @@ import numpy as np
 
 from expertaug.recordings.angles.noise import TRIMMED, spread
 
+MOST = 5000  # frames or a little more, which tell enough
 PASSES = 4
 CERTAIN = 10.0  # standard errors of white noise; those of correlated noise are about a third as certain
 WILD = 0.3  # of an arm's length, by which no offset changes it
@@ -67,6 +68,7 @@ def find_offsets(vectors: np.ndarray, usable: np.ndarray) -> Offsets:
     """
     found = dict.fromkeys(GROUPS, np.zeros(2))
     seen = vectors[usable]
+    seen = seen[:: max(1, len(seen) // MOST)]
     for _ in range(PASSES):
         true = Offsets(**found).remove(seen)
         step = {}
