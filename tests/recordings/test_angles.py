@@ -195,7 +195,7 @@ def test_summary_table(tmp_path):
     assert pd.read_csv(tmp_path / "summary.csv")["recording"].tolist() == [2, 10]
     lines = (tmp_path / "summary.md").read_text().splitlines()
     assert lines[2].startswith("| 2 | 2000 |") and lines[4] == ""
-    assert "- 10: the motion implies 501.4 Hz, 25% above the stated 400 Hz" in "\n".join(lines)
+    assert "- 10: the motion implies 501.7 Hz, 25% above the stated 400 Hz" in "\n".join(lines)
     (tmp_path / "2" / "angles.json").write_text("{}")
     with pytest.raises(InputError, match="recording: Field required"):
         summarise(paths, tmp_path / "summary.csv", tmp_path / "summary.md")

@@ -14,7 +14,7 @@ from expertaug.recordings.angles.settings import AngleKeys
 
 STILL_S = 1e6  # a pivot averaged over so long does not move
 WINDOWS_S = (STILL_S, 0.16, 0.08, 0.04, 0.02, 0.01, 0.0)  # over which a pivot may be averaged
-WORTH = 0.98  # of the spread of the arm's length, to which a shorter average must lower it
+WORTH = 2.0  # over the root of the frames' number: the share by which a shorter average must lower the length's spread
 TOLERANCE = 10.0  # robust standard deviations of an arm's length
 TOLERANCES = (0.005, 0.1)  # shares of the arm's length, the least and the most that this may be
 
@@ -70,7 +70,7 @@ def find_arms(markers: MarkerTable, usable: np.ndarray, options: AngleKeys) -> A
         chosen = _arms(markers, usable, filled, ~seen, STILL_S, options)
         for window_s in WINDOWS_S[1:]:
             other = _arms(markers, usable, filled, ~seen, window_s, options)
-            if _unsteady(other, usable) < WORTH * _unsteady(chosen, usable):
+            if _unsteady(other, usable) < (1 - WORTH / usable.sum() ** 0.5) * _unsteady(chosen, usable):
                 chosen = other
     if options.arm_tolerance is not None:
         return replace(chosen, tolerance=np.full(2, options.arm_tolerance))

@@ -21,8 +21,8 @@ LONGEST_S = 0.08  # of a window; it reaches half of that into the future of a fr
 FEWEST = 9  # frames over which the bias is averaged, and of the longest window where frames are far apart
 SPAN_S = 0.08  # seconds over which it is averaged
 # Where frames are far apart, a slope errs by what happens between them: so many times what the step from 5 frames to 7
-# changes (seen on rendered recordings of 30 and 38 Hz), and higher degrees hardly err less.
-UNSEEN = 2.0
+# changes (1.3 to 5.5 on rendered recordings of 24 to 60 Hz), and higher degrees hardly err less.
+UNSEEN = 2.5
 
 
 @dataclass(frozen=True)
