@@ -13,6 +13,7 @@ from expertaug.recordings.angles.noise import Noise, spread
 from expertaug.recordings.angles.windows import Window, angle_windows, estimate, speed_windows
 
 OUTLIER_PASSES = 6
+OF_A_TURN = 0.05  # of what an angle turns from frame to frame: nearer to its neighbours' polynomial, none is an outlier
 AROUND = 4  # windows, over which frames' distances from their neighbours' polynomial are compared
 FILL_PASSES = 60
 
@@ -87,7 +88,8 @@ def smooth_motion(theta: np.ndarray, rate: float, noise: Noise, how: Smoothing) 
     window = how.window or _best_window(theta, rate, how)
     for _ in range(OUTLIER_PASSES):
         off = _off_neighbours(theta, window, how)
-        ratio = np.nan_to_num(np.abs(off) / np.maximum(how.sigmas * _usual(off, window), how.floor)).max(1)
+        least = np.maximum(how.floor, OF_A_TURN * _turn(theta, window))
+        ratio = np.nan_to_num(np.abs(off) / np.maximum(how.sigmas * _usual(off, window), least)).max(1)
         # Only the worst of a window at a time: an outlier pulls its neighbours' polynomial off as well.
         worst = (ratio > 1) & (ratio >= maximum_filter1d(ratio, window))
         if not worst.any():
@@ -125,6 +127,12 @@ def _usual(off: np.ndarray, window: int) -> np.ndarray:
         return np.zeros_like(off)
     around = pd.DataFrame(np.abs(off)).rolling(AROUND * window, center=True, min_periods=1).median()
     return np.maximum(1.4826 * around.fillna(0).to_numpy(), spread(off))
+
+
+def _turn(theta: np.ndarray, window: int) -> np.ndarray:
+    """By how much the angles (n, 2) turn from frame to frame, at most, in a window round each frame."""
+    step = np.abs(np.angle(np.exp(1j * np.diff(theta, axis=0, prepend=theta[:1]))))
+    return maximum_filter1d(np.nan_to_num(step), window, axis=0)
 
 
 def _best_window(theta: np.ndarray, rate: float, how: Smoothing) -> int:
