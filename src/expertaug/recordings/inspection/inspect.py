@@ -170,7 +170,7 @@ def _yaml(
 def _with_pendulum(frame: np.ndarray, settings: TrackSettings, geometry: Geometry | None) -> np.ndarray:
     image, factor = _small(frame)
     appearance = settings.markers
-    finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance_px, appearance)
+    finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance, appearance)
     places = finder.candidates(frame)
     place = np.full((3, 2), np.nan)
     if len(places):
