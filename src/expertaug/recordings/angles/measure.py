@@ -120,7 +120,7 @@ def _measure(path: Path, markers: MarkerTable, options: AngleSettings) -> Angles
     good = quality == MEASURED
     _require(path, good, rate, options)
     try:
-        implied = explain(np.where(good[:, None], motion.y, np.nan), rate, options.arm1_m)
+        implied = explain(np.where(good[:, None], motion.y, np.nan), rate, options.arm1_m, options.rotation_deg)
     except InputError as error:
         raise InputError(path, str(error)) from error
     level = energy(motion.y, implied.fit.constants)
