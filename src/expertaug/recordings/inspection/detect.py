@@ -50,13 +50,11 @@ class Pendulum:
         style: the markers' style.
         spots: sightings of pivot, joint and tip, by frame; None for a pivot that bears none.
         spread: how constant the arms are, as a share of their lengths.
-        hang: mean of (x, y) from pivot to joint, in lengths of that arm.
     """
 
     style: str
     spots: tuple[dict[int, Spot] | None, dict[int, Spot], dict[int, Spot]]
     spread: float
-    hang: tuple[float, float]
 
 
 def find_spots(frames: Sequence[np.ndarray], style: str) -> list[Spot]:
@@ -214,8 +212,7 @@ def _as_pendulum(
     moves = np.hypot(*still.T) / middle[0]
     if spread > MAX_SPREAD or moves[0] > MAX_SWAY or moves[1] < 2 * MAX_SWAY or moves[2] < 2 * MAX_SWAY:
         return None
-    hang = np.mean(place[:, 1] - place[:, 0], axis=0) / middle[0]
-    return Pendulum(style, (pivot, joint, tip), spread, tuple(hang.tolist()))
+    return Pendulum(style, (pivot, joint, tip), spread)
 
 
 def look_for_pendulum(frames: Sequence[np.ndarray]) -> tuple[Pendulum | None, dict[str, list[Spot]]]:

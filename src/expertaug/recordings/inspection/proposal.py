@@ -11,7 +11,6 @@ from expertaug.recordings.markers.appearance import COLOURS, ROLES, Colour
 
 RANGE_DEG = 25.0  # half a proposed range of hues, or less where markers are nearer to each other
 RANGE_STRENGTH = 0.5  # share of a marker's saturation and value below which a colour is not taken for its
-MIN_HANG = 0.25  # of the first arm's length: a joint nearer to the pivot on average swings round it
 
 
 def tracking(found: Pendulum) -> list[dict[str, object]]:
@@ -78,14 +77,6 @@ def _range(tint: np.ndarray, hue: float, others: Sequence[float]) -> dict[str, l
         "saturation": [round(low[0], 2), 1.0],
         "value": [round(low[1], 2), 1.0],
     }
-
-
-def rotation(found: Pendulum) -> float:
-    """Direction of gravity in degrees to a quarter of a turn: where the joint hangs on average; 0 if it hardly does."""
-    hang = found.hang
-    if np.hypot(*hang) < MIN_HANG:
-        return 0.0
-    return float({270: -90, -180: 180}.get(turned := 90 * round(float(np.rad2deg(np.arctan2(*hang))) / 90), turned))
 
 
 def splits(base: Mapping, rate: float) -> dict[str, dict[str, float]]:
