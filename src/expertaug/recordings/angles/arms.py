@@ -15,7 +15,7 @@ from expertaug.recordings.angles.settings import AngleKeys
 STILL_S = 1e6  # a pivot averaged over so long does not move
 WINDOWS_S = (STILL_S, 0.16, 0.08, 0.04, 0.02, 0.01, 0.0)  # over which a pivot may be averaged
 WORTH = 2.0  # over the root of the frames' number: the share by which a shorter average must lower the length's spread
-TOLERANCE = 10.0  # robust standard deviations of an arm's length
+TOLERANCE = 8.0  # robust standard deviations of an arm's length
 TOLERANCES = (0.005, 0.1)  # shares of the arm's length, the least and the most that this may be
 
 

@@ -18,8 +18,8 @@ class AngleKeys(Settings):
     max_speed: Positive = key(80.0, "fastest rotation to expect; longer gaps could hide a whole turn", "rad/s")
     arm_tolerance: Share | None = key(
         None,
-        "a frame with an arm off its median length by more than this share is unusable; null = ten standard deviations "
-        "of the recording's own lengths",
+        "a frame with an arm off its median length by more than this share is unusable; null = eight standard "
+        "deviations of the recording's own lengths",
     )
     model_offsets: bool = key(
         True,

@@ -20,6 +20,7 @@ from expertaug.recordings.markers.settings import ARM, RESIDUAL, SEARCH, TrackSe
 
 PIVOT, JOINT, TIP = range(3)
 STIFFNESS = 5.0  # once the diameter is known: a disk covered by a quarter is then .3 px off instead of 2 px
+MOST_RESIDUAL = 1.0  # px of quadrants of a plain diameter
 UNUSABLE = 0.0
 
 
@@ -65,7 +66,10 @@ class Tracker:
         spread = [WIDE * one for one in geometry.spread]
         self.arm_tolerance = [settings.arm_tolerance_px or max(ARM * scale, one) for one in spread]
         self.arm_search = settings.arm_search_px or max(SEARCH * scale, *spread)
-        self.residual = np.array([settings.max_residual_px or max(RESIDUAL * scale, one) for one in geometry.residual])
+        # Nothing is burnt into quadrants: what their insides are off is error, more of it after strong compression.
+        most = MOST_RESIDUAL * scale if self.appearance.style == "quadrant" else math.inf
+        usual = [settings.max_residual_px or min(max(RESIDUAL * scale, one), most) for one in geometry.residual]
+        self.residual = np.array(usual)
         self.twins = geometry.twins
         self.pivot = None if geometry.pivot is None else np.array(geometry.pivot)
         self.angles: tuple[list[float], list[float]] = ([], [])  # of both arms in the last frames without a gap
