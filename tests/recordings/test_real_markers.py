@@ -7,9 +7,9 @@ from drawn import ARMS, MARKS, PAINT, PIVOT, RATE, SIZE, _disk, compressed, draw
 
 from expertaug.recordings.inspection.detect import look_for_pendulum
 from expertaug.recordings.inspection.inspect import inspect
-from expertaug.recordings.markers.geometry import estimate_geometry
+from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
 from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.tracker import track_frames
+from expertaug.recordings.markers.tracker import Tracker, track_frames
 from expertaug.recordings.rendering.render import render_recording
 
 NAMES = ("red", "green", "blue")
@@ -100,3 +100,13 @@ def test_where_the_motion_does_not_tell_gravity_no_direction_is_written(tmp_path
     text = inspect(write_video(frames, tmp_path / "clip.mp4", 100), tmp_path / "contact.png")
     assert "angles" not in yaml.safe_load(text)["recordings"]
     assert "rotation_deg: where gravity points in the image: the motion does not tell it, and 0 is taken" in text
+
+
+def test_a_lost_pivot_does_not_excuse_a_covered_tip():
+    """The frame is used where the pivot alone is lost: the others must be sound."""
+    settings = TrackSettings()
+    tracker = Tracker(Geometry(90.0, 60.0, 25.0), settings)
+    frame, centre = np.zeros((480, 480, 3), np.uint8), np.array([[np.nan, np.nan], [240.0, 240.0], [240.0, 300.0]])
+    share = np.array([0.0, 1.0, 1.0])
+    assert tracker._judge(frame, centre, share, np.zeros(3)) == (0.0, "lost:red")
+    assert tracker._judge(frame, centre, share, np.array([0.0, 0.0, 2.0])) == (0.0, "residual")

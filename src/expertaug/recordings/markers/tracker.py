@@ -20,7 +20,7 @@ from expertaug.recordings.markers.settings import ARM, RESIDUAL, SEARCH, TrackSe
 
 PIVOT, JOINT, TIP = range(3)
 STIFFNESS = 5.0  # once the diameter is known: a disk covered by a quarter is then .3 px off instead of 2 px
-MOST_RESIDUAL = 1.0  # px of quadrants of a plain diameter
+MOST_RESIDUAL = 1.2  # px of quadrants of a plain diameter
 UNUSABLE = 0.0
 
 
@@ -149,12 +149,14 @@ class Tracker:
     ) -> tuple[float, str]:
         """Quality and reason of a frame."""
         lost = [name for name, x in zip(self.appearance.names, centre[:, 0], strict=True) if math.isnan(x)]
-        if lost:
+        if np.isnan(centre[JOINT:]).any():
             return UNUSABLE, "lost:" + "+".join(lost)
         if not all(self._fits_arm(k, centre[k], centre) for k in (JOINT, TIP)):
             return UNUSABLE, "arm_length"
         if (residual > self.residual).any():
             return UNUSABLE, "residual"
+        if lost:  # the pivot alone, whose neighbours tell where it is: the others must be sound for that
+            return UNUSABLE, "lost:" + "+".join(lost)
         first = self.appearance.first
         quality = float(share[first:].min())
         height, width = frame.shape[:2]
