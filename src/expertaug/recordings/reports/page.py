@@ -63,7 +63,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         write(0.35, heading)
         write(0.35 + LINE * (lines + 0.2), warned, color=WRONG, fontweight="bold")
         t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
-        _lengths(over_time[:2], t, points.to_numpy(float), quality, (found.arm1_px, found.arm2_px))
+        _lengths(over_time[:2], t, points.to_numpy(float), quality)
         _angles(over_time[2], t, table, quality)
         _smoothed(over_time[3:5], t, table, quality)
         _speeds(over_time[5], t, table)
@@ -133,11 +133,10 @@ def _dots(axis: Axes, t: np.ndarray, values: np.ndarray, quality: np.ndarray, co
     axis.plot(t[used], values[used], ".", color=colour, markersize=1.3, label=label, rasterized=True)
 
 
-def _lengths(
-    axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, quality: np.ndarray, arms: Sequence[float]
-) -> None:
+def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, quality: np.ndarray) -> None:
+    """Distances between the markers, off their medians."""
     length = np.linalg.norm(np.diff(points.reshape(-1, 3, 2), axis=1), axis=2)
-    off = length - arms
+    off = length - np.nanmedian(length, axis=0)
     reach = 1.3 * float(np.nanquantile(np.abs(off), 0.999)) + 0.05
     for k, (axis, colour) in enumerate(zip(axes, (FIRST, SECOND), strict=True)):
         _dots(axis, t, off[:, k], quality, colour, "")
