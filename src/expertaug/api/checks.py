@@ -35,11 +35,12 @@ def fit_settings(
     observed_s: float,
     refinement: Mapping | None,
     noise: float,
-    prior: Ranges,
+    prior: Ranges | None,
 ) -> dict:
     """Settings of a method whose estimates are least-squares fits of each window, but for its training and seeds.
 
-    Arguments as of :func:`expertaug.least_squares`; ``refinement`` are its options.
+    Arguments as of :func:`expertaug.least_squares`; ``refinement`` are its options; a ``prior`` of
+    None is for the caller to find.
 
     Raises:
         InputError: an option or a range cannot be used.
@@ -54,7 +55,9 @@ def fit_settings(
         "refinement": {
             "settings": RefinementSettings.from_mapping(refinement).model_dump(mode="json"),
             "noise": float(noise),
-            "prior": arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
+            "prior": None
+            if prior is None
+            else arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
         },
     }
 

@@ -47,6 +47,7 @@ class TrainingOptions(TypedDict, total=False):
     validation_samples: int | None
     supervision_weight: float
     horizon_warmup: float
+    expert_first: float
 
 
 @dataclass(frozen=True)

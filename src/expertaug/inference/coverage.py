@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta
 
 from expertaug.errors import InputError
 from expertaug.inference import ranks as rank_arrays
@@ -86,6 +85,8 @@ def area_to_curve(ranks: Array, draws: int) -> np.ndarray:
 
 def binomial_interval(count: np.ndarray, n: int | np.ndarray, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
     """Clopper and Pearson's interval of a share: ``count`` of ``n`` independent trials."""
+    from scipy.stats import beta  # half a second that an evaluation, which takes `inside` alone, does not need
+
     tail, count = (1 - level) / 2, np.asarray(count)
     with np.errstate(invalid="ignore"):
         lower = np.where(count > 0, beta.ppf(tail, count, n - count + 1), 0.0)
