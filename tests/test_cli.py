@@ -145,7 +145,7 @@ LONG, LOOP, FOLDER = "a" * 5000, "loop/x", "folder"
         ["rebuild-tracking", LOOP],
         ["simulate", "train", f"--output={LONG}", f"--settings={json.dumps(PENDULUM)}"],
         ["summarise-recordings", FOLDER, "--output=a.csv", "--markdown=a.md"],
-        ["evaluate", "--model=m", "--data=d", "--output=o", "--forecasts=f", "--settings={}", f"--tracking={FOLDER}"],
+        ["log-evaluations", "f", "--output=o", f"--tracking={FOLDER}"],
         ["publish", FOLDER, "--to=x", "--command=c"],
         ["inspect", LOOP],
     ],

@@ -144,7 +144,7 @@ def test_shipped_files_are_valid(base, name, tmp_path):
             "experiments: {pendulum: {augmentations: {other: {prior: {omega: [1, 2]}}}}}",
             "pendulum.augmentations.other.prior: names omega; give a range for each parameter of the sets' z_e",
         ),
-        ("experiments: {pendulum: {augmentations: {other: {}}}}", "augmentations.other.prior: missing"),
+        ("experiments: {pendulum: {augmentations: {other: {budget: 1}}}}", "augmentations.other.budget: found 1; give"),
         (
             "experiments: {pendulum: {augmentations: {other: {prior: {omega0: [1, 2]}, methods: [mean]}}}}",
             "augmentations.other.methods[0]: 'mean' is no method under augmented",

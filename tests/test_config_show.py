@@ -56,7 +56,7 @@ def test_each_value_has_its_origin(found):
     inherited = f"config/experiments/pendulum.yaml:{rate}, mine is based on pendulum"
     assert train["training.learning_rate"] == ("0.003", inherited)
     assert train["training.warmup"] == ("0.1", "default")
-    assert train["choices.penalty"] == ("'rms'", "preset corrected")
+    assert train["choices.multiplier"] == ("'lagrangian'", "preset corrected")
     assert train["seeds"] == ("[4]", "mine.yaml:2")
     assert train["device"] == ("'auto'", "default")
     tune = found["finetune aphynity+ seeds_4"]

@@ -55,7 +55,9 @@ def test_nothing_of_the_default_sizes_is_left_in_the_papers(
         assert stage["learning_rate"] == 5e-4
         assert stage["schedule"] == "constant"
         assert stage["supervision_weight"] == 1.0
-        assert stage["horizon_warmup"] == 0.0
+        assert stage["horizon_warmup"] == stage["expert_first"] == 0.0
+    interaction = stage_settings.train(paper, experiment, method, group)["model"]["interaction"]
+    assert (interaction.get("start", 1.0), interaction.get("components")) == (1.0, None)
 
 
 @pytest.mark.parametrize("preset", presets.NAMES)

@@ -109,7 +109,7 @@ def test_it_is_simulated_trained_augmented_and_evaluated(fifth, tmp_path):
     settings = stage_settings.finetune(whole, "oscillator", "own+", group)
     finetune(model, samples, tmp_path, tuned, tmp_path / "work+", settings, None)
     settings = stage_settings.evaluate(whole, "oscillator", "own+", group)
-    evaluate(tuned, tmp_path, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings, None)
+    evaluate(tuned, tmp_path, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings)
     table = pd.read_csv(tmp_path / "metrics.csv")
     assert {"relative_error_k", "relative_error_b"} <= set(table["metric"])
     assert set(table["label"]) == {"Own+"}

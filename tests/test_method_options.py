@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
-from expertaug.config import stage_settings
 from expertaug.errors import InputError
 
 HVAE = """
@@ -64,12 +64,14 @@ def test_what_another_class_takes_is_refused(base, over, expected):
         settings(base, "variational", f"experiments: {{pendulum: {{overrides: {{variational: {{{over}}}}}}}}}")
 
 
-def test_an_objective_that_needs_p_plus_says_so(base):
+def test_an_objective_that_needs_p_plus_finds_it_where_none_is_given(base):
     merged = config.merge(base, yaml.safe_load(HVAE))
     del merged["experiments"]["pendulum"]["augmentation"]
     merged["experiments"]["pendulum"] |= {"augmented": [], "augmentations": {}, "studies": {}}
-    with pytest.raises(InputError, match=r"pendulum\.augmentation: missing; the objective hvae needs its prior"):
-        config.validate(merged)
+    valid = config.validate(merged)
+    assert stage_settings.train(valid, "pendulum", "variational", "seeds_0_1_2")["prior"] == "own"
+    assert jobs.finds_prior_to_train(valid, "pendulum", "variational")
+    assert not jobs.finds_prior_to_train(valid, "pendulum", "aphynity")
 
 
 def test_tables_and_figures_are_told_each_method_s_own_p_plus(base):

@@ -110,7 +110,7 @@ def run(out: Path) -> list[str]:
         else:
             train(out, model, folder / "work", stage_settings.train(whole, NAME, variant, group), None)
         settings = stage_settings.evaluate(whole, NAME, variant, group)
-        evaluate(model, out, folder / "metrics.csv", folder / "forecasts.npz", settings, None)
+        evaluate(model, out, folder / "metrics.csv", folder / "forecasts.npz", settings)
     metrics, forecasts, logs = ([out / v / f for v in every] for f in ("metrics.csv", "forecasts.npz", "log.jsonl"))
     outputs = [out / f"table.{end}" for end in ("md", "csv", "tex")] + [out / "table_long.csv"]
     tabulate(metrics, outputs, stage_settings.tabulate(whole, NAME), forecasts)
@@ -180,7 +180,7 @@ def test_a_model_that_explodes_is_scored_like_the_others(results):
         "classes": ["own.predation"]
     }
     paths = folder / "wild/metrics.csv", folder / "wild/forecasts.npz"
-    evaluate(folder / "wild/model.safetensors", folder, *paths, settings, None)
+    evaluate(folder / "wild/model.safetensors", folder, *paths, settings)
     values = pd.read_csv(paths[0]).set_index(["seed", "set", "metric"])["value"]
     assert values[1, "test", "runaway_share"] == 1 and np.isfinite(values).all()
     as_trained = pd.read_csv(folder / "aphynity/metrics.csv").set_index(["seed", "set", "metric"])["value"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -12,13 +13,33 @@ from expertaug import source_files
 from expertaug.config import stage_code
 from expertaug.errors import InputError
 
+MODULES = sorted(set(stage_code.STAGES.values()))
+# Each module is imported by a fork of a process that has imported nothing but what is not ours.
+IMPORTS = """
+import importlib, json, os, sys
+import av, blosc2, cv2, matplotlib.figure, pandas, pydantic, scipy.stats, torch, zuko
+assert not [name for name in sys.modules if name.startswith("expertaug")]
+for module in sys.argv[1:]:
+    if not os.fork():
+        importlib.import_module(module)
+        files = [m.__file__ for name, m in sys.modules.items() if name.startswith("expertaug")]
+        print(json.dumps([module, files]), flush=True)
+        os._exit(0)
+    assert os.wait()[1] == 0, module
+"""
 
-@pytest.mark.parametrize("module", sorted(set(stage_code.STAGES.values())))
-def test_declared_files_are_those_that_importing_the_stage_loads(module):
+
+@pytest.fixture(scope="module")
+def loaded_by():
+    """Files of this package that importing a module loads."""
+    done = subprocess.run([sys.executable, "-c", IMPORTS, *MODULES], capture_output=True, text=True, check=True)
+    return dict(map(json.loads, done.stdout.splitlines()))
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_declared_files_are_those_that_importing_the_stage_loads(module, loaded_by):
     stage = next(stage for stage, name in stage_code.STAGES.items() if name == module)
-    code = f"import sys, {module}; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('expertaug')])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = {Path(line).resolve() for line in done.stdout.split()}
+    loaded = {Path(file).resolve() for file in loaded_by[module]}
     without = {source_files.PACKAGE.joinpath(*m.split(".")).with_suffix(".py") for m in source_files.WITHOUT_EFFECT}
     declared = {Path(path).resolve() for path in stage_code.sources(stage)}
     assert loaded - without <= declared

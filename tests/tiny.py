@@ -1,10 +1,12 @@
 """A tiny pendulum experiment, and what the tests of learning and of inference share of it."""
 
 import copy
+from pathlib import Path
 
 import pytest
 
 from expertaug.config.presets import resolve
+from expertaug.learning.trainer import Trainer
 from expertaug.systems.simulate import simulate
 
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
@@ -42,7 +44,33 @@ def settings():
 
 @pytest.fixture(scope="session")
 def data(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("pendulum")
-    for name in DATA["sets"]:
-        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": DATA})
+    return simulated(tmp_path_factory.mktemp("pendulum"), DATA)
+
+
+def simulated(folder: Path, data: dict) -> Path:
+    """A folder with the sets of pendulums that ``data`` describes."""
+    for name in data["sets"]:
+        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": data})
     return folder
+
+
+@pytest.fixture
+def killed(monkeypatch):
+    """Kills a training in its tenth step, the second of the third pass; then gives the steps that it takes after."""
+    step, taken = Trainer.step, []
+
+    def kill(train, *arguments):
+        def counted(self, *args):
+            if len(taken) == 9:
+                raise KeyboardInterrupt
+            taken.append(1)
+            return step(self, *args)
+
+        monkeypatch.setattr(Trainer, "step", counted)
+        with pytest.raises(KeyboardInterrupt):
+            train(*arguments)
+        taken.clear()
+        monkeypatch.setattr(Trainer, "step", lambda self, *args: taken.append(1) or step(self, *args))
+        return taken
+
+    return kill

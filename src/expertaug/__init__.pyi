@@ -11,13 +11,13 @@ from expertaug.api.inference import own_prior as own_prior
 from expertaug.api.inference import validity as validity
 from expertaug.api.measurements import read_measurements as read_measurements
 from expertaug.api.measurements import split_measurements as split_measurements
+from expertaug.api.models import evaluate as evaluate
+from expertaug.api.models import forecast as forecast
+from expertaug.api.models import load as load
 from expertaug.api.posterior import Band as Band
 from expertaug.api.posterior import fit_posterior as fit_posterior
 from expertaug.api.posterior import predictive as predictive
 from expertaug.api.trained import TrainedModel as TrainedModel
-from expertaug.api.trained import evaluate as evaluate
-from expertaug.api.trained import forecast as forecast
-from expertaug.api.trained import load as load
 from expertaug.api.training import AugmentedSets as AugmentedSets
 from expertaug.api.training import augment as augment
 from expertaug.api.training import finetune as finetune

@@ -150,9 +150,10 @@ def complaints(error: ValidationError, kind: type[BaseModel], where: str, whole:
     found = {}
     every = error.errors(include_url=False)
     for one in sorted(every, key=_place):
-        inside = any(len(e["loc"]) > len(one["loc"]) and e["loc"][: len(one["loc"])] == one["loc"] for e in every)
-        if one["type"] == "too_short" and inside:  # what is wrong is not there in pydantic's count
-            continue
+        if one["type"] == "too_short":  # what is wrong is not there in pydantic's count
+            deep = len(one["loc"])
+            if any(len(other["loc"]) > deep and other["loc"][:deep] == one["loc"] for other in every):
+                continue
         of_a_part = one["type"] == "disagree" or (one["type"] == "missing" and isinstance(one["loc"][-1], str))
         if of_a_part and not whole:
             continue

@@ -39,3 +39,21 @@ def test_what_cannot_be_used_is_said(sets):
         alternate(sets, step=3)
     with pytest.raises(ea.InputError, match="prior"):
         alternate(sets, prior={"omega": (0.5, 3.5)})
+
+
+def test_a_flow_amortises_it(sets, tmp_path):
+    """Learned from draws of the decoder over p⁺; forecasts then need no fit, and may be refined."""
+    model, train = alternate(sets, seeds=range(2)), sets[0]
+    tiny = {"steps": 30, "batch_size": 32, "pool": 64, "held_out": 32, "samples": 9, "solver": {"method": "rk4"}}
+    flow = ea.fit_posterior(model, train, sets[1], prior={"omega0": (0.5, 3.5)}, noise=0.01, **tiny)
+    flow.save(tmp_path / "flow.safetensors")
+    again = ea.load(tmp_path / "flow.safetensors")
+    y, t = train.y[:3, :21], train.t
+    found = again.forecast(y, t)
+    np.testing.assert_array_equal(found.y, flow.forecast(y, t).y)
+    assert found.chi2 is None and found.y.shape == (2, 3, 31, 2) and again.refinement is None
+    assert (found.z_e["omega0"] > 0.4).all() and (found.z_e["omega0"] < 3.6).all()
+    assert ea.predictive(again, y, t, draws=9).quantiles.shape == (3, 2, 3, 31, 2)
+    refined = again.refined(noise=0.01, steps=4).forecast(y, t)
+    assert refined.chi2.shape == (2, 3) and np.median(refined.chi2) < 100
+    assert len(again.stored.description["misfit"]["validation"][0]) == 10

@@ -29,6 +29,12 @@ def test_it_forecasts_with_bands(sets, flow):
     np.testing.assert_allclose(first.y, flow.forecast(window, data.t).y[0], rtol=1e-2, atol=1e-3)
 
 
+def test_a_refined_model_has_bands_too(sets, fit):
+    data = sets["test"]
+    found = ea.predictive(fit.refined(noise=0.01, steps=3), data.y[:2, :11], data.t, draws=9)
+    assert found.quantiles.shape == (3, 2, 2, *data.y.shape[1:]) and (found.quantiles[0] < found.quantiles[2]).any()
+
+
 def test_its_file_gives_the_same_forecasts(sets, flow, tmp_path):
     flow.save(tmp_path / "flow.safetensors")
     window = sets["test"].y[:, : flow.observed]
@@ -38,7 +44,7 @@ def test_its_file_gives_the_same_forecasts(sets, flow, tmp_path):
 
 def test_mistakes_are_one_line(sets, fit, flow):
     window = sets["test"].y[:, : fit.observed]
-    with pytest.raises(ea.InputError, match="has no draws; give a model of expertaug"):
+    with pytest.raises(ea.InputError, match="has no draws; give one of expertaug"):
         ea.predictive(fit, window, sets["test"].t)
     with pytest.raises(ea.InputError, match="levels: found"):
         ea.predictive(flow, window, sets["test"].t, levels=(0.5, 1.0))

@@ -5,8 +5,9 @@ import io
 import numpy as np
 import pandas as pd
 import pytest
-from small_pendulum import T
+from small_pendulum import FRICTION, OPTIONS, SEEN, T
 
+import expertaug as ea
 from expertaug.cli import main
 
 
@@ -35,7 +36,8 @@ def test_it_prints_states_and_estimates_of_every_seed_with_units(fit, model, set
     status, told = run(capsys, model, window(sets, (2, 5)), tmp_path)
     assert status == 0
     table = pd.read_csv(io.StringIO(told.out))
-    assert list(table.columns) == ["seed", "sample", "t [s]", "theta [rad]", "omega [rad/s]", "z_e omega0 [rad/s]"]
+    states = ["seed", "sample", "t [s]", "theta [rad]", "omega [rad/s]"]
+    assert list(table.columns) == [*states, "z_e omega0 [rad/s]", "misfit"]  # ten validation windows give no threshold
     assert len(table) == 2 * 2 * 21 and list(table["sample"].unique()) == ["w2", "w5"]
     found = fit.forecast(sets["test"].y[[2, 5], :11], T)
     one = table[(table["seed"] == 1) & (table["sample"] == "w5")]
@@ -87,3 +89,35 @@ def test_files_that_are_none(model, tmp_path, capsys):
         assert text in capsys.readouterr().err
     assert main(["forecast", "--model", str(tmp_path / "m"), str(model)]) == 2
     assert "no such file" in capsys.readouterr().err
+
+
+def test_an_alarm_from_validation_windows_is_a_column_and_a_line(fit, model, sets, tmp_path, capsys):
+    """The threshold is of the given set; a window that moves otherwise than any of them is told."""
+    validation = ea.simulate(ea.DampedPendulum(), SEEN, FRICTION, n=40, t=T, noise=0.01, name="validation")
+    validation.save(tmp_path / "validation.npz")
+    odd = window(sets, (2, 5))
+    odd.loc[odd["sample"] == "w5", "theta"] = np.resize([9.0, -9.0], 11)
+    status, told = run(capsys, model, odd, tmp_path, "--validation", str(tmp_path / "validation.npz"))
+    assert status == 0
+    table = pd.read_csv(io.StringIO(told.out))
+    assert not table.loc[table["sample"] == "w5", "trusted"].any()
+    assert table.loc[table["sample"] == "w2", "trusted"].all()
+    lines = [line for line in told.err.splitlines() if "trusted is False" in line]
+    assert len(lines) == 1 and lines[0].startswith("1 of 2 windows")
+
+
+def test_a_model_keeps_what_it_needs_for_the_alarm(sets, recipe, tmp_path):
+    many = ea.simulate(ea.DampedPendulum(), SEEN, FRICTION, n=40, t=T, noise=0.01, name="validation")
+    model = ea.fit(recipe, sets["train"], many, observed_s=1.0, seeds=[0, 1], **OPTIONS)
+    model.save(tmp_path / "m.safetensors")
+    again = ea.load(tmp_path / "m.safetensors")
+    found = again.forecast(many.y[:, :11], T)
+    assert found.trusted.shape == (2, 40) and found.trusted.mean() >= 0.95
+    squares = ((found.y[:, :, 1:11] - many.y[:, 1:11]) ** 2).sum(-1).mean(-1)
+    np.testing.assert_allclose(found.misfit, squares, rtol=1e-4)
+    one = again[1].forecast(many.y[:, :11], T)
+    np.testing.assert_array_equal(one.trusted, found.trusted[1])
+    assert again.forecast(many.y[:, :11], T, start="y_t1").misfit is None
+    refined = again.refined(noise=0.01)
+    assert refined.forecast(many.y[:3, :11], T).trusted is None, "other estimates, other misfits"
+    assert refined.watched(many).forecast(many.y[:3, :11], T).trusted.all()

@@ -180,7 +180,6 @@ class TestRefusals:
             ({"prior": {"alpha": (0, 1)}}, "prior: gives alpha; give .* omega0"),
             ({"prior": {"omega0": (3, 1)}}, r"prior.omega0: found \[3, 1\]"),
             ({"prior": {"omega0": 3}}, "prior.omega0: found 3"),
-            ({"prior": None}, "finetune: given neither prior nor augmented"),
             ({"prior": SHIFTED, "noise": -1.0}, "noise: found -1.0"),
         ],
     )

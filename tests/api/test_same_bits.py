@@ -44,7 +44,7 @@ def stages(tmp_path_factory):
     augment(model, folder, samples, COMMON | {"prior": PRIOR, "noise": 0.01})
     finetune(model, samples, folder, tuned, folder / "work", COMMON | {"training": OPTIONS}, None)
     settings = COMMON | {"evaluation": {"samples": 2}}
-    evaluate(tuned, folder, folder / "metrics.csv", folder / "forecasts.npz", settings, None)
+    evaluate(tuned, folder, folder / "metrics.csv", folder / "forecasts.npz", settings)
     return folder
 
 

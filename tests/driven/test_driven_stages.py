@@ -100,7 +100,7 @@ def test_it_is_simulated_trained_augmented_and_evaluated(tmp_path):
     finetune(model, samples, tmp_path, tuned, tmp_path / "work+", settings, None)
     for variant, file in (("aphynity+", tuned), ("least_squares", tmp_path / "ls"), ("mean", tmp_path / "mean")):
         settings = stage_settings.evaluate(whole, "oscillator", variant, group) | {"classes": ["own_systems:Duffing"]}
-        evaluate(file, tmp_path, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings, None)
+        evaluate(file, tmp_path, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings)
         table = pd.read_csv(tmp_path / "metrics.csv")
         assert np.isfinite(table["value"]).all() and set(table["set"]) == {"train", "validation", "test"}
 

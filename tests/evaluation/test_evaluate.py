@@ -1,15 +1,21 @@
 """The stage evaluate on a tiny trained pendulum."""
 
+import ast
+import json
+import subprocess
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
 import torch
 
-from expertaug.config.presets import resolve
+import tiny
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation import evaluate as stage
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.log_evaluations import log_evaluations
 from expertaug.evaluation.runaways import forecast
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.tables import tabulate
@@ -25,26 +31,19 @@ RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]
 DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}
 DATA["sets"] = dict.fromkeys(("train", "validation", "iid", "test"), RANGES)
 COMMON = {"experiment": "pendulum", "preset": "corrected", "seeds": [4, 7], "device": "cpu"}
-TRAINING = COMMON | {
-    "method": "aphynity",
-    "label": "APHYNITY",
-    "system": {"name": "pendulum"},
-    "build": {"kind": "hybrid"},
+TRAINING = tiny.SETTINGS | {
+    "seeds": COMMON["seeds"],
     "model": {
         "encoder": {"kind": "recurrent", "hidden": 4, "layers": [4]},
         "interaction": {"kind": "mlp", "layers": [4, 4]},
     },
     "training": {"epochs": 1, "batch_size": 6},
-    "t1_s": 1.0,
-    "choices": resolve("corrected"),
 }
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("evaluate")
-    for name in DATA["sets"]:
-        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": DATA})
+    folder = tiny.simulated(tmp_path_factory.mktemp("evaluate"), DATA)
     train(folder, folder / "model.safetensors", folder / "work", TRAINING, None)
     mean = TRAINING | {"build": {"kind": "mean"}, "model": {}, "training": {}, "method": "mean", "label": "Mean"}
     train(folder, folder / "mean.safetensors", folder / "work", mean, None)
@@ -57,7 +56,7 @@ def run(folder, model="model", choices=None, **evaluation):
     outputs = [folder / f"{model}.csv", folder / f"{model}.npz"]
     settings = COMMON | {"method": model, "label": model, "evaluation": {"samples": 2} | evaluation}
     settings["choices"] = {"forecast_start": "y0"} | (choices or {})
-    evaluate(folder / f"{model}.safetensors", folder, *outputs, settings, None)
+    evaluate(folder / f"{model}.safetensors", folder, *outputs, settings)
     table = pd.read_csv(outputs[0])
     return table.set_index(["seed", "set", "metric"])["value"], Forecasts.load(outputs[1])
 
@@ -125,7 +124,7 @@ def test_further_sets_are_scored_but_no_forecasts_kept(folder):
     settings = COMMON | {"method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     outputs = folder / "further.csv", folder / "further.npz"
     sets = ["train", "validation", "test", "near"]
-    evaluate(folder / "model.safetensors", folder, *outputs, settings | {"sets": sets}, None)
+    evaluate(folder / "model.safetensors", folder, *outputs, settings | {"sets": sets})
     table = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
     assert table[4, "near", "log_mse_sum"] == table[4, "test", "log_mse_sum"]
     assert list(Forecasts.load(outputs[1]).truth) == ["validation", "test"]
@@ -136,7 +135,7 @@ def test_errors_of_every_sample_are_kept_and_give_the_metrics(folder):
     settings = COMMON | {"method": "a", "label": "A", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     outputs = folder / "kept.csv", folder / "kept.npz"
     sets = ["train", "validation", "iid", "test", "near"]
-    evaluate(folder / "model.safetensors", folder, *outputs, settings | {"sets": sets}, None)
+    evaluate(folder / "model.safetensors", folder, *outputs, settings | {"sets": sets})
     values = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
     arrays = np.load(outputs[1])
     assert list(arrays["version"]) == ["pendulum", "corrected", "a"]
@@ -182,7 +181,7 @@ def test_longer_sets_are_forecast_from_the_same_windows(folder):
     settings = COMMON | {"method": "a", "label": "a", "choices": {"forecast_start": "y0"}}
     settings |= {"evaluation": {}, "sets": ["train", "validation", "test", "long"]}
     outputs = folder / "long.csv", folder / "long_forecasts.npz"
-    evaluate(folder / "model.safetensors", folder, *outputs, settings, None)
+    evaluate(folder / "model.safetensors", folder, *outputs, settings)
     values = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
     stored, truth = store.load(folder / "model.safetensors"), Trajectories.load(folder / "long.npz")
     y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
@@ -203,7 +202,7 @@ def test_a_longer_forecast_may_go_as_far_as_it_is_long(folder, monkeypatch):
     monkeypatch.setattr(stage, "forecast", lambda *args: (limits.append(args[5]), forecast(*args))[1])
     settings = COMMON | {"method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     outputs = folder / "slow.csv", folder / "slow_forecasts.npz"
-    evaluate(folder / "far.safetensors", folder, *outputs, settings | {"sets": ["test", "slow"]}, None)
+    evaluate(folder / "far.safetensors", folder, *outputs, settings | {"sets": ["test", "slow"]})
     found = [limit.flatten(0, -2).amax(0).tolist() for limit in limits]
     assert found == [[100.0, 50.0], [200.0, 100.0]]
 
@@ -233,25 +232,53 @@ def test_the_same_evaluation_gives_the_same_bytes(folder):
     assert first == [(folder / name).read_bytes() for name in ("model.csv", "model.npz")]
 
 
-def test_figures_and_metrics_are_artifacts_of_the_tracked_run(folder, tmp_path):
+@pytest.fixture
+def evaluated(folder, tmp_path):
+    """Forecasts of two versions, each in a folder of its own as the workflow has them."""
+    found = []
+    for name in ("model", "mean"):
+        settings = COMMON | {"method": name, "label": name.upper(), "evaluation": {}}
+        settings["choices"] = {"forecast_start": "y0"}
+        found.append(tmp_path / name / "forecasts.npz")
+        evaluate(folder / f"{name}.safetensors", folder, tmp_path / name / "metrics.csv", found[-1], settings)
+    return found
+
+
+def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_path):
     import mlflow
 
     tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/mlflow.db", "experiment": "test", "tags": {}}
     initialise(tracking, tmp_path / "marker.json")
-    settings = COMMON | {
-        "method": "aphynity",
-        "label": "APHYNITY",
-        "evaluation": {},
-        "choices": {"forecast_start": "y0"},
-    }
-    evaluate(folder / "model.safetensors", folder, tmp_path / "m.csv", tmp_path / "f.npz", settings, tracking)
+    log_evaluations(evaluated[:1], tmp_path / "evaluations.json", tracking)
+    log_evaluations(evaluated, tmp_path / "evaluations.json", tracking)  # the first is not stored twice
+    assert list(json.loads((tmp_path / "evaluations.json").read_text())["stored"].values()) == [True, True]
     client = mlflow.MlflowClient(tracking["uri"])
     experiment = client.get_experiment_by_name("test").experiment_id
     runs = {run.info.run_name: run for run in client.search_runs([experiment])}
-    for seed in COMMON["seeds"]:
-        run = runs[f"pendulum/APHYNITY/seed{seed}"]
-        assert {f.path for f in client.list_artifacts(run.info.run_id)} == {"m.csv", "forecasts.png", "parameters.png"}
-        assert "test/log_mse_sum" in run.data.metrics
+    assert len(runs) == len(client.search_runs([experiment])) == 2 + 2 * len(COMMON["seeds"])
+    names = {"metrics.csv", "forecasts.png", "parameters.png"}
+    for label in ("MODEL", "MEAN"):
+        for seed in COMMON["seeds"]:
+            run = runs[f"pendulum/{label}/seed{seed}"]
+            assert {f.path for f in client.list_artifacts(run.info.run_id)} == names
+            assert "test/log_mse_sum" in run.data.metrics and run.data.tags["rule"] == "evaluate"
+            assert run.info.status == "FINISHED"
+
+
+def test_a_store_that_fails_is_told_once_and_costs_no_figure(evaluated, tmp_path, caplog):
+    (tmp_path / "file").touch()
+    tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/file/mlflow.db", "experiment": "test"}
+    log_evaluations(evaluated, tmp_path / "evaluations.json", tracking)
+    assert list(json.loads((tmp_path / "evaluations.json").read_text())["stored"].values()) == [False, False]
+    assert all((path.with_name("parameters.png")).is_file() for path in evaluated)
+    assert sum("failed" in record.getMessage() for record in caplog.records) == 1
+
+
+def test_an_evaluation_needs_neither_figures_nor_a_store():
+    """They cost more to import than it takes; one job draws and stores all of an experiment's."""
+    code = "import sys, expertaug.evaluation.evaluate as e; print({n.split('.')[0] for n in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"matplotlib", "mlflow", "pandas", "scipy"} & set(ast.literal_eval(done.stdout))
 
 
 def test_other_seeds_are_refused(folder):
@@ -262,7 +289,6 @@ def test_other_seeds_are_refused(folder):
             folder / "x.csv",
             folder / "x.npz",
             COMMON | {"seeds": [1], "method": "a", "label": "a", "evaluation": {}, "choices": {}},
-            None,
         )
     assert not (folder / "x.csv").exists()
 

@@ -37,6 +37,9 @@ def fake(path, method, seeds, width=1.0, failing=0.5, spoiled=None):
             draws = random.standard_normal((119, len(seeds), N)) * width
             arrays[f"{name}_ranks"] = (draws < random.standard_normal((len(seeds), N))).sum(0)[..., None]
             arrays[f"{name}_tarp"] = random.integers(0, 120, (len(seeds), N))
+            arrays[f"{name}_inside"] = np.broadcast_to([0.4, 0.8], (len(seeds), 30, 2))
+    if width:
+        arrays |= {f"own_{key}": arrays[f"iid_{key}"] for key in ("ranks", "tarp", "inside")}
     arrays |= spoiled or {}
     np.savez(path, **arrays)
     return path
@@ -51,8 +54,8 @@ def files(tmp_path):
 def test_seeds_of_all_groups_come_together(files):
     found = read_windows(files)
     assert list(found) == ["a", "a+~flow"] and found["a"].seeds == [0, 1]
-    assert found["a"].sets["test"].errors.shape == (2, N) and found["a"].sets["test"].ranks is None
-    assert found["a+~flow"].sets["iid"].ranks.shape == (2, N, 1)
+    assert found["a"].sets["test"].errors.shape == (2, N) and found["a"].sets["test"].drawn is None
+    assert found["a+~flow"].sets["iid"].drawn.ranks.shape == (2, N, 1)
 
 
 def test_an_alarm_that_knows_is_told_from_one_that_does_not(files, tmp_path):
@@ -74,8 +77,12 @@ def test_coverage_says_too_narrow_right_and_too_wide(tmp_path, width, low, high)
     file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], width)
     outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md", "tex", "png")]
     coverage([file], outputs, SETTINGS)
-    table = pd.read_csv(outputs[0]).set_index("set")
-    assert low <= table.loc["test", "coverage_90"] <= high
+    table = pd.read_csv(outputs[0]).set_index(["set", "parameter"])
+    assert low <= table.loc[("test", "omega0"), "coverage_90"] <= high
+    assert table.loc[("own", "omega0"), "coverage_90"] == table.loc[("iid", "omega0"), "coverage_90"]
+    assert table.loc[("own", "forecast"), "coverage_90"] == pytest.approx(0.8)
+    assert table.loc[("test", "forecast"), "windows"] == 30 and np.isnan(table.loc[("test", "forecast"), "atc"])
+    assert "| the model's own windows | forecast | 40.0 | 80.0 | – |" in outputs[1].read_text(encoding="utf-8")
 
 
 def test_points_alone_have_no_coverage(tmp_path):
@@ -89,6 +96,7 @@ def test_curves_by_distance(files, tmp_path):
     outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
     distance(files, outputs, CURVES)
     of_a = pd.read_csv(outputs[0]).query("method == 'a'")
+    assert (of_a["of"] == "z_e").all()
     assert of_a["distance"].iloc[0] == 0 and of_a["distance"].is_monotonic_increasing and len(of_a) == 7
     assert of_a["windows"].sum() == 2 * N
     assert of_a["alarms"].iloc[0] < 10 and of_a["alarms"].iloc[-1] > 90
@@ -98,6 +106,28 @@ def test_curves_by_distance(files, tmp_path):
     table = pd.read_csv(outputs[0])
     assert np.allclose(table.query("method == 'a'")["skill"], 0)
     assert np.allclose(table.query("method == 'a+~flow'")["skill"], 1)
+
+
+def test_curves_by_the_distance_of_z_a_too(tmp_path):
+    """The farther alpha, the larger the error; windows whose z_e lies out of the range do not count."""
+    random, extra = np.random.default_rng(0), {"interaction_names": np.array(["alpha"])}
+    for name, far in (("iid", 0.0), ("validation", 0.0), ("test", 0.0), ("z_a_small", 0.3), ("both_small", 0.3)):
+        alpha = random.uniform(far, 0.3 + far, (N, 1))
+        z_e = random.uniform(0.5, 1.4, (N, 1)) if name in ("test", "both_small") else random.uniform(1.5, 3.1, (N, 1))
+        away = np.maximum(alpha[:, 0] - 0.3, 0) / 0.3
+        errors = 1e-3 * np.exp(4 * away) + (z_e[:, 0] < 1.5)
+        extra |= {f"{name}_z_a": alpha, f"{name}_z_e": z_e, f"{name}_errors": np.stack([errors] * 2)}
+        extra |= {f"{name}_misfit": np.full((2, N), 1e-4), f"{name}_z_e_hat": np.stack([1.01 * z_e] * 2)}
+    file = fake(tmp_path / "x.npz", "a", [0, 1], width=None, spoiled=extra)
+    outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png")]
+    distance([file], outputs, CURVES | {"interaction_range": {"alpha": [0.0, 0.3]}})
+    table = pd.read_csv(outputs[0])
+    curve = table.query("of == 'z_a'")
+    assert curve["windows"].sum() == 2 * N, "iid and z_a_small"
+    assert curve["distance"].iloc[0] == 0 and curve["log_mse"].iloc[-1] > curve["log_mse"].iloc[0] + 3
+    np.testing.assert_allclose(curve["log_mse"].iloc[1:], np.log(1e-3) + 4 * curve["distance"].iloc[1:], atol=0.2)
+    assert (table["of"] == "z_e").sum() == 7
+    assert "distance of z_a" in outputs[1].read_text(encoding="utf-8")
 
 
 def test_distance_is_in_widths_of_the_range_the_largest_over_parameters():

@@ -1,3 +1,3 @@
 """What the tests of inference share: a tiny pendulum experiment."""
 
-from tiny import data, settings  # noqa: F401
+from tiny import data, killed, settings  # noqa: F401

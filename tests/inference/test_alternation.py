@@ -5,47 +5,34 @@ import copy
 import pytest
 import torch
 
+import tiny
 from expertaug import systems
-from expertaug.config.presets import resolve
 from expertaug.errors import InputError, SolveError
 from expertaug.inference import alternate as stage
 from expertaug.inference.least_squares import estimator_of
 from expertaug.learning.train import described_by
 from expertaug.models import store
-from expertaug.systems.simulate import simulate
 from expertaug.trajectories import Trajectories
 
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.1, 0.6]}}
-DATA = {
-    "seed": 0,
-    "step_s": 0.1,
+DATA = tiny.DATA | {
     "t2_s": 4.0,
-    "noise": 0.01,
     "sets": {"train": RANGES | {"size": 80}, "validation": RANGES | {"size": 20}},
 }
-SETTINGS = {
-    "experiment": "pendulum",
+SETTINGS = tiny.SETTINGS | {
     "method": "alternating",
     "label": "Alternating",
-    "preset": "corrected",
-    "system": {"name": "pendulum"},
     "build": {"kind": "alternating"},
     "model": {"interaction": {"kind": "mlp", "layers": [8], "activation": "silu", "components": ["omega"]}},
     "training": {"steps": 6, "batch_size": 40, "validate_every": 3, "checkpoint_s": 0.0},
     "refinement": {"settings": {"starts": 16, "tries": 2}, "noise": 0.01, "prior": {"omega0": [0.5, 3.5]}},
     "t1_s": 2.0,
-    "choices": resolve("corrected"),
-    "seeds": [0, 1],
-    "device": "cpu",
 }
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("pendulum")
-    for name in DATA["sets"]:
-        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": DATA})
-    return folder
+    return tiny.simulated(tmp_path_factory.mktemp("pendulum"), DATA)
 
 
 @pytest.fixture

@@ -17,7 +17,6 @@ from expertaug.inference.predictive import predictive
 from expertaug.inference.unknowns import Unknowns
 from expertaug.learning.train import prepare as prepare_training
 from expertaug.learning.train import train
-from expertaug.learning.trainer import Trainer
 from expertaug.models import store as models
 from expertaug.models.describe import describe
 from expertaug.models.recipe import HybridModel
@@ -197,21 +196,9 @@ def test_estimates_lie_in_the_widened_prior_and_speeds_are_what_was_observed(pen
     assert torch.equal(found.part(slice(3, 5)).draws[0], found.draws[0][:, 3:5])
 
 
-def test_a_killed_training_resumes_to_the_same_bits(pendulum, whole, tmp_path, monkeypatch):
-    steps, taken = Trainer.step, []
-
-    def dying(self, *args):
-        if len(taken) == 9:  # in the third pass
-            raise KeyboardInterrupt
-        taken.append(1)
-        return steps(self, *args)
-
-    monkeypatch.setattr(Trainer, "step", dying)
-    with pytest.raises(KeyboardInterrupt):
-        run(pendulum, tmp_path)
+def test_a_killed_training_resumes_to_the_same_bits(pendulum, whole, tmp_path, killed):
+    taken = killed(run, pendulum, tmp_path)
     assert (tmp_path / "work/checkpoint.pt").exists()
-    taken.clear()
-    monkeypatch.setattr(Trainer, "step", lambda self, *args: taken.append(1) or steps(self, *args))
     resumed = store.load(run(pendulum, tmp_path)).model.state_dict()
     assert len(taken) == 4, "only the last pass is left"
     assert all(torch.equal(value, resumed[name]) for name, value in store.load(whole).model.state_dict().items())

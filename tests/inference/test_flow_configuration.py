@@ -14,9 +14,26 @@ def completed(**pendulum):
 
 
 def test_a_flow_follows_its_augmented_version_and_may_be_refined():
-    config = completed(flows=["aphynity", "hvae"], augmented=["aphynity"], refined=["aphynity+~flow"], controls=[])
-    found = [v for v in jobs.variants(config, "pendulum") if v.startswith(("aphynity", "hvae"))]
-    assert found == ["aphynity", "aphynity+", "aphynity+~flow", "aphynity+~flow~refined", "hvae", "hvae+~flow"]
+    over = {"augmented": ["aphynity"], "refined": ["aphynity+~flow"], "controls": []}
+    config = completed(flows=["aphynity", "hvae"], methods=["aphynity", "hvae"], **over)
+    assert jobs.variants(config, "pendulum") == [
+        "aphynity",
+        "aphynity+",
+        "aphynity+~flow",
+        "aphynity+~flow~refined",
+        "hvae",
+        "hvae+~flow",
+    ]
+
+
+def test_an_alternating_method_is_amortised_by_a_flow():
+    over = {"refined": ["alternating+~flow"], "controls": [], "augmented": [], "augmentations": {}}
+    config = completed(flows=["alternating"], methods=["alternating"], **over)
+    assert jobs.variants(config, "pendulum") == ["alternating", "alternating+~flow", "alternating+~flow~refined"]
+    told = stage_settings.flow(config, "pendulum", "alternating+~flow", "seeds_0_1_2")
+    assert told["label"] == "Alternating+ flow" and told["prior"] == {"omega0": [0.5, 3.5]}
+    with pytest.raises(InputErrors, match="it is fitted to each window already"):
+        completed(flows=["alternating"], methods=["alternating"], **over | {"refined": ["alternating"]})
 
 
 def test_its_stage_gets_its_prior_noise_and_own_settings():
@@ -42,7 +59,10 @@ def test_what_it_runs_with_is_shown():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"flows": ["mean"]}, "flows[0]: 'mean' is of kind mean; only hybrid methods have a posterior"),
+        (
+            {"flows": ["mean"]},
+            "flows[0]: 'mean' is of kind mean; only methods of kind hybrid and alternating have a posterior",
+        ),
         ({"flows": ["aphinity"]}, "flows[0]"),
         ({"flow": {"bins": 1}}, "flow.bins: found 1; give 2 or more"),
         ({"refined": ["aphynity+~flaw"]}, "refined"),
@@ -54,9 +74,29 @@ def test_mistakes(changed, message):
     assert message in str(raised.value)
 
 
-def test_without_p_plus_there_is_nothing_to_draw_from():
+def test_a_p_plus_that_is_not_given_finds_its_own_ranges():
     given = load(default_files())
     one = {k: v for k, v in given["experiments"]["pendulum"].items() if k not in ("augmentation", "augmentations")}
     one |= {"flows": ["aphynity"], "augmented": [], "controls": [], "methods": ["aphynity"], "refined": []}
-    with pytest.raises(InputErrors, match="augmentation: missing"):
-        validate({**given, "run": ["pendulum"], "experiments": {"pendulum": one}})
+    config = validate({**given, "run": ["pendulum"], "experiments": {"pendulum": one}})
+    assert stage_settings.flow(config, "pendulum", "aphynity+~flow", "seeds_0_1_2")["prior"] == "own"
+    assert jobs.finds_prior(config, "pendulum", "aphynity+~flow") == "aphynity+"
+    assert jobs.found_priors(config, "pendulum") == ["aphynity+"]
+    found = stage_settings.own_prior(config, "pendulum", "aphynity+", "seeds_0_1_2")
+    assert found["windows"] == [] and found["budget"] == 2.0 and found["noise"] == 0.01
+
+
+def test_further_priors_may_find_their_own_ranges_too():
+    own = {"augmentations": {"own": {"windows": ["test"], "methods": ["aphynity"]}}}
+    config = completed(**own, augmented=["aphynity"], flows=[], refined=[], controls=[], methods=["truth", "aphynity"])
+    assert jobs.found_priors(config, "pendulum") == ["aphynity+own"]
+    assert stage_settings.augment(config, "pendulum", "aphynity+own", "seeds_0_1_2")["prior"] == "own"
+    assert stage_settings.own_prior(config, "pendulum", "aphynity+own", "seeds_0_1_2")["windows"] == ["test"]
+    everywhere = completed(augmentation={"prior": None}, augmentations={}, refined=["hvae"], flows=[], controls=[])
+    found = jobs.found_priors(everywhere, "pendulum")
+    assert {"", "aphynity+", "hvae+"} <= set(found) and len(found) == len(set(found))
+    assert jobs.finds_prior(everywhere, "pendulum", "least_squares") == ""
+    alone = stage_settings.own_prior(everywhere, "pendulum", "", None)
+    assert alone["build"]["kind"] == "least_squares" and alone["system"]["name"] == "pendulum"
+    with pytest.raises(InputErrors, match=r"augmentations\.own\.windows"):
+        completed(augmentations={"own": {"windows": ["tset"], "methods": ["aphynity"]}})

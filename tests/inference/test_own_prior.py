@@ -6,8 +6,13 @@ import pytest
 import torch
 from test_least_squares import NOISE, OBSERVED, expert_alone, pendulum
 
+from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.inference.own_prior import own_prior
+from expertaug.evaluation.own_priors import own_priors
+from expertaug.inference.own_prior import box, own_prior, own_prior_without_windows, searching
+from expertaug.inference.prior_stage import own_prior as stage
+from expertaug.inference.prior_stage import read_ranges, with_ranges
+from tiny import SETTINGS
 
 SEEN = {"omega0": (1.5, 3.1)}
 
@@ -39,6 +44,54 @@ def test_it_says_when_the_expert_itself_does_not_fit(train):
     damped = pendulum((1.5, 3.1), damping=(0.4, 0.6), n=40)
     found = own_prior(expert_alone("pendulum", train), first_points(train), first_points(damped), NOISE, SEEN)
     assert found.explained < 0.5 and "does not fit" in found.says
+
+
+def test_without_windows_the_ranges_end_at_the_budget(train):
+    whole = torch.from_numpy(train.y).movedim(1, 0)
+    stored = expert_alone("pendulum", train)
+    found = own_prior_without_windows(stored, whole, NOISE, 2.0, SEEN)
+    low, high = found.ranges["omega0"]
+    assert low == pytest.approx(found.training["omega0"][0] / 2) and found.rounds == 2
+    assert high == pytest.approx(found.training["omega0"][1] * 2) and not found.windows
+    assert "no windows were given" in found.says and found.explained > 0.7
+    with pytest.raises(InputError, match="budget: found 1"):
+        own_prior_without_windows(stored, whole, NOISE, 1.0, SEEN)
+
+
+def test_nothing_is_widened_where_own_windows_cannot_be_fitted(train):
+    """One start for the fits: beyond a factor of two they end in minima of other swings."""
+    whole = torch.from_numpy(train.y).movedim(1, 0)
+    few = {"starts": 1, "tries": 1, "steps": 1}
+    found = own_prior_without_windows(expert_alone("pendulum", train), whole, NOISE, 100.0, SEEN, few | {"steps": 30})
+    assert found.ranges["omega0"][1] < 50
+
+
+def test_a_search_from_nothing_starts_around_the_typical_size():
+    system = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+    found = box(system)
+    assert found["omega1"] == (-100.0, 100.0) and box(systems.load({"name": "rlc"}))["L"] == (0.2, 20.0)
+    assert searching({"starts": 3, "tries": 2}) == {"starts": 256, "tries": 2} and searching(None)["starts"] == 256
+
+
+def test_the_stage_writes_ranges_that_other_stages_read(data, tmp_path):
+    told = {"windows": ["test"], "budget": 2.0, "noise": 0.01, "refinement": {"starts": 16, "tries": 1}}
+    alone = {k: SETTINGS[k] for k in ("experiment", "method", "label", "preset", "system", "t1_s", "choices", "seeds")}
+    alone |= {"build": {"kind": "least_squares"}, "model": {}, "training": {}}
+    found = stage(None, data, tmp_path / "prior.json", told | alone)
+    ranges = read_ranges(tmp_path / "prior.json")
+    assert ranges == {"omega0": list(found.ranges["omega0"])} and 0 < ranges["omega0"][0] < 3.1
+    settings = {"prior": "own", "refinement": {"prior": "own", "noise": 0.0}, "system": {"name": "pendulum"}}
+    filled = with_ranges(settings, ranges)
+    assert filled["prior"] == ranges and filled["refinement"]["prior"] == ranges and settings["prior"] == "own"
+    assert with_ranges({"prior": {"omega0": [1, 2]}}, None) == {"prior": {"omega0": [1, 2]}}
+    with pytest.raises(InputError, match="--prior: missing"):
+        with_ranges(settings, None)
+    (tmp_path / "other.json").write_text("[]")
+    with pytest.raises(InputError, match="holds no ranges"):
+        read_ranges(tmp_path / "other.json")
+    table = [tmp_path / f"own.{end}" for end in ("csv", "md", "tex")]
+    own_priors([tmp_path / "prior.json"], table, {"experiment": "pendulum", "priors": [["before training", "all"]]})
+    assert "| before training | all | omega0 | [" in table[1].read_text(encoding="utf-8")
 
 
 def test_mistakes_are_one_line(train):

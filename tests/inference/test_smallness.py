@@ -2,7 +2,8 @@
 
 import torch
 
-from expertaug.inference.smallness import expert_tangents, mixture, squares
+from expertaug.inference.smallness import expert_tangents, squares
+from expertaug.learning.mixture import mixture
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.rlc import RLC
 

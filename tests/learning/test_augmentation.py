@@ -12,6 +12,7 @@ from expertaug.errors import InputError
 from expertaug.learning import augmentation
 from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
+from expertaug.learning.mixture import mixture
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
@@ -182,6 +183,9 @@ class TestPresetRows:
         path = model.forecast(batch.y[0], z_e, z_a, torch.arange(11) * 0.1, Solver("rk4"))
         squares = torch.stack([model.interaction(y, context) for y in path]).square().mean((0, 2, 3))
         torch.testing.assert_close(loss()[2]["penalty"], squares.sqrt().detach(), rtol=1e-3, atol=1e-6)
+        apart = torch.stack([model.interaction(y, context) for y in mixture(path)]).square().mean((0, 2, 3))
+        torch.testing.assert_close(loss(penalty="rms_mixed")[2]["penalty"], apart.sqrt().detach(), rtol=1e-3, atol=1e-6)
+        assert not torch.allclose(apart, squares, rtol=1e-2)
 
     def test_loss_is_the_lagrangian(self, loss):
         _, value, parts = loss(lambda0=[10.0, 20.0])
@@ -213,3 +217,26 @@ class TestPresetRows:
             task = task_of({}, stored.description, CPU)
             assert task.selection({"selection": "observed"}) == range(1, points)
             assert task.selection({"selection": "forecast"}) == range(points, 21)
+
+
+def test_worst_case_sampling_draws_more_where_the_estimates_are_bad(trained, data, tmp_path, settings):
+    """Without it the bits stay; with it the chosen share lies at the hardest z_e of a trial."""
+    plain, _, header = augmented(trained, data, tmp_path, settings)
+    off, _, _ = augmented(trained, data, tmp_path, settings | {"worst": 0.0})
+    assert torch.equal(plain.y, off.y) and "worst" not in header["options"]
+    on, _, header = augmented(trained, data, tmp_path, settings | {"worst": 1.0})
+    again, _, _ = augmented(trained, data, tmp_path, settings | {"worst": 1.0})
+    assert torch.equal(on.y, again.y) and header["options"]["worst"] == 1.0
+    stored = store.load(trained)
+    task = task_of(stored.description["training"], stored.description, CPU)
+    real, ends = (
+        StackedSet.of(Trajectories.load(data / "train.npz"), CPU),
+        augmentation.prior_range(stored.model, PRIOR),
+    )
+    hard = augmentation.worst_of(stored.model, real, task, stored.seeds, ends, 0.01, 0)
+    assert hard.shape == (2, augmentation.TRIED // 4, 1)
+    for place in range(2):
+        away = (on.z_e[place] - hard[place].T).abs().amin(1)
+        assert away.max() < 0.05 * 3.0
+        # An encoder that has hardly learned says the same of all windows: the ends of the range are the hardest.
+        assert (plain.z_e[place] - hard[place].T).abs().amin(1).max() > 0.2

@@ -7,6 +7,7 @@ import torch
 
 from expertaug import systems
 from expertaug.evaluation.evaluate import evaluate
+from expertaug.evaluation.log_evaluations import log_evaluations
 from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
@@ -61,7 +62,7 @@ def test_it_is_trained_augmented_and_evaluated(fields, tmp_path, settings, encod
     settings["training"] |= {"epochs": 1}
     finetune(model, plus, fields, tuned, tmp_path / "work+", settings | {"method": "a+", "label": "A+"}, None)
     settings |= {"method": "a+", "label": "A+", "evaluation": {"samples": 2}}
-    evaluate(tuned, fields, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings, None)
+    evaluate(tuned, fields, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings)
     table = pd.read_csv(tmp_path / "metrics.csv")
     assert np.isfinite(table["value"]).all() and "relative_error_D" in set(table["metric"])
 
@@ -124,7 +125,8 @@ def test_least_squares_on_fields_is_evaluated_and_drawn(fields, tmp_path, settin
     settings |= {"build": {"kind": "least_squares"}, "method": "ls", "label": "LS", "classes": [SYSTEM["name"]]}
     settings |= {"evaluation": {"samples": 2}, "training": {}}
     train(tmp_path, tmp_path / "model", tmp_path / "work", settings, None)
-    evaluate(tmp_path / "model", tmp_path, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings, None)
+    evaluate(tmp_path / "model", tmp_path, tmp_path / "metrics.csv", tmp_path / "forecasts.npz", settings)
+    log_evaluations([tmp_path / "forecasts.npz"], tmp_path / "evaluations.json", None)
     table = pd.read_csv(tmp_path / "metrics.csv").set_index(["set", "metric"])["value"]
     assert table["test", "relative_error_D"].max() < 1.0  # per cent
     assert (tmp_path / "forecasts.png").stat().st_size > 10_000 and (tmp_path / "parameters.png").exists()

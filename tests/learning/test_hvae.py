@@ -16,7 +16,6 @@ from expertaug.learning.noise import Noise
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.task import task_of
 from expertaug.learning.train import train
-from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.models.posterior import Gaussian, unconstrain
 from expertaug.systems.solver import Solver
@@ -183,19 +182,9 @@ def test_every_seed_and_step_draws_its_own():
     assert torch.equal(first[1], Noise([4], 0, 2).normal(50, 2)[0])
 
 
-def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, monkeypatch):
+def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, killed):
     whole = run(data, tmp_path / "whole", settings).model.state_dict()
-    steps, count = Trainer.step, iter(range(10**6))
-
-    def dying(self, *args):
-        if next(count) == 9:  # in the third pass
-            raise KeyboardInterrupt
-        return steps(self, *args)
-
-    monkeypatch.setattr(Trainer, "step", dying)
-    with pytest.raises(KeyboardInterrupt):
-        run(data, tmp_path / "killed", settings)
-    monkeypatch.undo()
+    killed(run, data, tmp_path / "killed", settings)
     resumed = run(data, tmp_path / "killed", settings).model.state_dict()
     assert all(torch.equal(whole[k], resumed[k]) for k in whole)
 

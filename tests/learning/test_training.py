@@ -44,29 +44,15 @@ def test_one_step_of_a_seed_is_the_same_alone_and_in_a_block(data, tmp_path, set
             torch.testing.assert_close(group[name][place], value[0], rtol=1e-3, atol=1e-5)
 
 
-def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, monkeypatch):
+def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, killed):
     run(data, tmp_path / "whole", settings)
     whole = store.load(tmp_path / "whole/model.safetensors").model.state_dict()
-
-    steps = Trainer.step
-    count = iter(range(10**6))
-
-    def dying(self, *args):
-        if next(count) == 9:  # in the third pass
-            raise KeyboardInterrupt
-        return steps(self, *args)
-
-    monkeypatch.setattr(Trainer, "step", dying)
-    with pytest.raises(KeyboardInterrupt):
-        run(data, tmp_path / "killed", settings)
+    taken = killed(run, data, tmp_path / "killed", settings)
     assert (tmp_path / "killed/work/checkpoint.pt").exists()
     assert not (tmp_path / "killed/model.safetensors").exists()
-    monkeypatch.undo()
-    resumed_steps = []
-    monkeypatch.setattr(Trainer, "step", lambda self, *a: resumed_steps.append(1) or steps(self, *a))
     run(data, tmp_path / "killed", settings)
     resumed = store.load(tmp_path / "killed/model.safetensors").model.state_dict()
-    assert len(resumed_steps) == 4, "only the last pass is left"
+    assert len(taken) == 4, "only the last pass is left"
     assert all(torch.equal(whole[k], resumed[k]) for k in whole)
     assert not (tmp_path / "killed/work").exists()
     logs = [[json.loads(line) for line in (tmp_path / n / "log.jsonl").open()] for n in ("whole", "killed")]
@@ -74,27 +60,15 @@ def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, mo
     assert losses[0] == losses[1] and len(losses[0]) == 3, "no line lost, none twice"
 
 
-def test_a_killed_training_begins_again_under_a_changed_own_module(data, tmp_path, settings, monkeypatch):
+def test_a_killed_training_begins_again_under_a_changed_own_module(data, tmp_path, settings, killed, monkeypatch):
     (tmp_path / "own_lab").mkdir()
     own = tmp_path / "own_lab" / "system.py"
     own.write_text("from expertaug.systems.pendulum import DampedPendulum\n\n\nclass Own(DampedPendulum):\n    pass\n")
     monkeypatch.syspath_prepend(tmp_path)
     settings["system"] = {"name": "own_lab.system"}
-    steps, taken = Trainer.step, []
-
-    def dying(self, *args):
-        if len(taken) == 9:  # in the third pass
-            raise KeyboardInterrupt
-        taken.append(1)
-        return steps(self, *args)
-
-    monkeypatch.setattr(Trainer, "step", dying)
-    with pytest.raises(KeyboardInterrupt):
-        run(data, tmp_path, settings)
+    taken = killed(run, data, tmp_path, settings)
     assert (tmp_path / "work/checkpoint.pt").exists()
-    monkeypatch.setattr(Trainer, "step", lambda self, *args: taken.append(1) or steps(self, *args))
     own.write_text(own.read_text() + "# changed\n")
-    taken.clear()
     run(data, tmp_path, settings)
     assert len(taken) == 12, "all three passes"
 
@@ -193,6 +167,25 @@ def test_the_loss_window_grows_to_that_of_the_preset(data, tmp_path, settings, m
     settings["training"] |= {"horizon_warmup": 0.5}
     run(data, tmp_path, settings)
     assert solved == sorted(solved) and solved[0] < longest / 2 and solved[len(solved) // 2] == solved[-1] == longest
+
+
+def test_the_expert_is_alone_first(data, tmp_path, settings, monkeypatch):
+    """And F_a stays as it was meanwhile; its first size is the configuration's."""
+    sizes, loss = [], objectives.Aphynity.loss
+
+    def watched(self, model, batch, task):
+        sizes.append(
+            0.0 if model.interaction is None else float(model.interaction.rest.layers[-1].weight.detach().abs().max())
+        )
+        return loss(self, model, batch, task)
+
+    monkeypatch.setattr(objectives.Aphynity, "loss", watched)
+    settings["model"]["interaction"] |= {"start": 0.01}
+    settings["training"] |= {"expert_first": 0.5}
+    run(data, tmp_path, settings)
+    first, rest = sizes[:6], sizes[6:]
+    assert set(first) == {0.0} and len(rest) == 6
+    assert 0 < rest[0] <= 0.01 / 6**0.5 and rest[-1] != rest[0]
 
 
 def test_unknown_training_key_is_named():

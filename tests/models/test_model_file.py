@@ -15,6 +15,7 @@ from expertaug.models import store
 from expertaug.models.tensor_file import DIGEST, HEADER, _digest, read_tensors, write_tensors
 from expertaug.systems.solver import Solver
 
+PENDULUM = systems.load({"name": "pendulum"})
 DESCRIPTION = {
     "kind": "hybrid",
     "system": {"name": "pendulum"},
@@ -48,7 +49,7 @@ class Encoder(expertaug.models.encoders.recurrent.RecurrentEncoder):
 
 def write(path, description=DESCRIPTION, extra=None):
     made = {k: v for k, v in DESCRIPTION.items() if k != "system"}
-    model = store.make(systems.load({"name": "pendulum"}), made)
+    model = store.make(PENDULUM, made)
     store.save(path, model, {**description, **(extra or {})})
     return model
 
@@ -61,14 +62,15 @@ def forged(path, header):
 
 
 def test_it_holds_times_units_and_solver(tmp_path):
-    write(tmp_path / "m", extra={"forecast_solver": store.forecast_solver({"solver": {"method": "lawson4"}})})
+    write(tmp_path / "m", extra={"forecast_solver": store.forecast_solver({"solver": {"method": "lawson4"}}, PENDULUM)})
     stored = store.load(tmp_path / "m")
     assert stored.description["t"][:4] == DESCRIPTION["t"][:4] and stored.seeds == [3, 4]
     assert stored.description["state"] == [["theta", "rad"], ["omega", "rad/s"]]
     assert stored.description["expert_parameters"] == [["omega0", "rad/s"]]
     assert stored.solver == Solver("lawson4")
-    assert store.forecast_solver({}) == store.forecast_solver({"solver": {"method": "rk4"}}) == store.ACCURATE
-    assert store.forecast_solver({"solver": {"method": "dopri8"}})["method"] == "dopri8"
+    assert store.forecast_solver({}, PENDULUM) == store.ACCURATE
+    assert store.forecast_solver({"solver": {"method": "rk4"}}, PENDULUM) == store.ACCURATE
+    assert store.forecast_solver({"solver": {"method": "dopri8"}}, PENDULUM)["method"] == "dopri8"
 
 
 def test_a_flipped_bit_is_found_wherever_it_is(tmp_path):

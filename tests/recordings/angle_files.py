@@ -6,6 +6,8 @@ from expertaug.recordings.angles.summary import RecordingSummary
 def summary(name, frames, rate_hz, arms, pivot, **change):
     """The summary of a recording of which every frame is measured."""
     numbers = dict.fromkeys(("arm1_std_px", "arm2_std_px", "noise1_deg", "noise2_deg"), 0.1)
+    uncertain = ("uncertainty1_deg", "uncertainty2_deg", "uncertainty1_rad_s", "uncertainty2_rad_s")
+    numbers |= dict.fromkeys(uncertain, 0.1)
     counts = dict.fromkeys(("gaps", "longest_gap_frames", "interpolated", "rejected_arm_length", "rejected_outlier"), 0)
     values = {
         "recording": name,
@@ -17,6 +19,9 @@ def summary(name, frames, rate_hz, arms, pivot, **change):
         "arm2_px": arms[1],
         "pivot_x_px": pivot[0],
         "pivot_y_px": pivot[1],
+        "offsets_px": {},
+        "pivot_window_s": None,
+        "unsmoothed_share": (0.0, 0.0),
         "reasons": {},
         "rate_hz": rate_hz,
         "rate_provenance": "a label",

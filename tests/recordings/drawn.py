@@ -47,10 +47,13 @@ def markers_of(theta, pivot, arms, tilt_deg=0.0):
     return np.stack([np.broadcast_to(pivot, joint.shape), joint, joint + step[:, 1]], axis=1)
 
 
-def draw(centres, size, colours, diameter=24.0, style="disk", background=(30, 30, 30), noise=3.0, seed=0):
+def draw(
+    centres, size, colours, diameter=24.0, style="disk", background=(30, 30, 30), noise=3.0, seed=0, mark="", light=0.0
+):
     """Frames (n, H, W, 3) of markers at (n, 3, 2) px; a colour (B, G, R) of None leaves its marker out.
 
-    ``background`` is a colour or an image (H, W, 3).
+    ``background`` is a colour or an image (H, W, 3); ``mark`` (of MARKS) is what the disks have burnt in, and ``light``
+    the share by which they are brighter on the image's right and darker on its left.
     """
     width, height = size
     rng = np.random.default_rng(seed)
@@ -64,13 +67,29 @@ def draw(centres, size, colours, diameter=24.0, style="disk", background=(30, 30
         lean = np.arctan2(*(points[1:] - points[:-1])[[0, 0, 1]].T)
         for k, colour in enumerate(colours):
             if colour is not None:
-                _disk(frame, points[k], diameter / 2, colour, style, lean[k])
+                _disk(frame, points[k], diameter / 2, colour, style, lean[k], mark, light)
         y, x = rng.integers(SPARE, size=2)
         frame[:] = np.clip(frame + grain[y : y + height, x : x + width], 0, 255)
     return frames
 
 
-def _disk(frame, centre, radius, colour, style, lean):
+def _letter(a, b, r):
+    """An F that fills a third of the disk's width."""
+    stem = (np.abs(a + 0.25 * r) < 0.1 * r) & (np.abs(b) < 0.5 * r)
+    return stem | ((np.abs(a) < 0.3 * r) & ((np.abs(b + 0.4 * r) < 0.1 * r) | (np.abs(b) < 0.1 * r)))
+
+
+# Where a mark is, of a place along (b) and across (a) the arm and the disk's radius, and its colour.
+MARKS = {
+    "ring": (lambda a, b, r: np.abs(np.hypot(a, b) - 0.5 * r) < 0.1 * r, (20, 20, 20)),
+    "dot": (lambda a, b, r: np.hypot(a, b) < 0.35 * r, (240, 240, 240)),
+    "line": (lambda a, b, r: np.abs(a) < 0.12 * r, (20, 20, 20)),
+    "screw": (lambda a, b, r: np.hypot(a, b) < 0.4 * r, (150, 155, 160)),
+    "text": (_letter, (20, 20, 20)),
+}
+
+
+def _disk(frame, centre, radius, colour, style, lean, mark="", light=0.0):
     half = int(radius) + 3
     x0, y0 = np.rint(centre).astype(int) - half
     side = 2 * half + 1
@@ -79,9 +98,13 @@ def _disk(frame, centre, radius, colour, style, lean):
     cover = (np.hypot(u, v) < radius).astype(np.float32)
     paint = np.empty((*cover.shape, 3), np.float32)
     paint[:] = colour
+    a, b = u * np.cos(lean) - v * np.sin(lean), u * np.sin(lean) + v * np.cos(lean)
     if style == "quadrant":
-        a, b = u * np.cos(lean) - v * np.sin(lean), u * np.sin(lean) + v * np.cos(lean)
         paint[a * b > 0] = WHITE
+    if mark:
+        inside, ink = MARKS[mark]
+        paint[inside(a, b, radius)] = ink
+    paint = np.clip(paint * (1 + light * u / radius)[..., None], 0, 255)
     cover, paint = (
         cv2.resize(p, (side, side), interpolation=cv2.INTER_AREA) for p in (cover, paint * cover[..., None])
     )

@@ -30,7 +30,7 @@ LOOKS = {
 
 def settings_of(style, names, marked, **more):
     markers = {"style": style, "pivot": names[0] if marked else None, "joint": names[1], "tip": names[2]}
-    return TrackSettings.from_mapping({"markers": markers, "marker_diameter_px": 24.0, **more})
+    return TrackSettings.from_mapping({"markers": markers, "marker_diameter_px": 24.0} | more)
 
 
 @pytest.fixture(scope="module")
@@ -75,13 +75,7 @@ def test_an_unknown_diameter_is_measured(clip):
 def test_large_disks(states, tmp_path):
     centres = markers_of(states[:25, :2], (470.0, 420.0), (260.0, 170.0))
     frames = draw(centres, (960, 840), [PAINT[n] for n in ("red", "green", "blue")], diameter=70.0)
-    larger = {
-        "marker_diameter_px": 70.0,
-        "diameter_tolerance_px": 11.0,
-        "rim_tolerance_px": 1.7,
-        "max_residual_px": 1.7,
-    }
-    settings = settings_of("disk", ("red", "green", "blue"), True, **larger)
+    settings = settings_of("disk", ("red", "green", "blue"), True, marker_diameter_px=70.0)
     geometry, _ = estimate_geometry(frames[::4], settings)
     track = track_frames(frames, geometry, settings)
     assert set(track.reason) <= {"", "edge"}

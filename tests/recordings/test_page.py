@@ -12,7 +12,7 @@ from expertaug.errors import InputError
 from expertaug.recordings.angles.measure import measure_angles
 from expertaug.recordings.angles.quality import NO_PIVOT
 from expertaug.recordings.angles.summary import RecordingSummary
-from expertaug.recordings.angles.tilt import implied_tilt
+from expertaug.recordings.angles.tilt import find_gravity
 from expertaug.recordings.chunks.cut import split_chunks
 from expertaug.recordings.reports.page import _heading, plot_recording, plot_refused
 from expertaug.recordings.reports.summary import summarise
@@ -152,7 +152,7 @@ def test_the_direction_of_gravity_is_stated_and_implied(tmp_path, tilt):
 
 
 def test_motion_that_tells_no_direction():
-    assert implied_tilt(np.full((1000, 4), np.nan), 0.01, 4) is None
+    assert find_gravity(np.full((1000, 4), np.nan), 0.01, 4) is None
 
 
 def test_the_table_of_a_recording_without_arm_lengths(tmp_path):

@@ -1,5 +1,6 @@
 """Stiff systems: simulated, and solved with gradients."""
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -42,6 +43,16 @@ def robertson(t, y):
     return torch.stack((fast - slow, slow - fast - quadratic, quadratic), dim=-1)
 
 
+@cache  # the same for every method
+def exact(k, start, times):
+    """x of a van der Pol oscillator at these times."""
+
+    def rate(t, y):
+        return [y[1], MU * (1 - y[0] ** 2) * y[1] - k * y[0]]
+
+    return solve_ivp(rate, (0, times[-1]), start, "Radau", times, rtol=1e-10, atol=1e-12).y[0]
+
+
 @pytest.mark.parametrize("method", ["radau", "bdf"])
 def test_van_der_pol_is_simulated_over_its_relaxations(method, monkeypatch):
     monkeypatch.setattr(VanDerPol, "simulation", Solver(method, rtol=1e-8, atol=1e-10))
@@ -50,21 +61,13 @@ def test_van_der_pol_is_simulated_over_its_relaxations(method, monkeypatch):
         "step_s": 10.0,
         "t2_s": 200.0,
         "noise": 0.0,
-        "sets": {"train": {"size": 3, "z_e": {"k": [0.8, 1.2]}}},
+        "sets": {"train": {"size": 2, "z_e": {"k": [0.8, 1.2]}}},
     }
     found = sample(VanDerPol(), data, "train")
-    for n in range(3):
+    for n in range(2):
         k = float(found.z_e[n, 0])
-        reference = solve_ivp(
-            lambda t, y, k=k: [y[1], MU * (1 - y[0] ** 2) * y[1] - k * y[0]],
-            (0, 200),
-            found.y[n, 0].astype(float),
-            "Radau",
-            found.t,
-            rtol=1e-10,
-            atol=1e-12,
-        )
-        np.testing.assert_allclose(found.y[n, :, 0], reference.y[0], rtol=1e-3, atol=1e-3)
+        reference = exact(k, tuple(found.y[n, 0].astype(float)), tuple(found.t))
+        np.testing.assert_allclose(found.y[n, :, 0], reference, rtol=1e-3, atol=1e-3)
     assert np.abs(np.diff(np.sign(found.y[..., 0]), axis=1)).sum() > 0  # some have jumped to the other branch
 
 

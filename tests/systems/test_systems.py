@@ -1,5 +1,9 @@
 """Systems and simulation against closed forms."""
 
+import math
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -146,3 +150,16 @@ def test_trajectories_check_and_round_trip(tmp_path):
     (tmp_path / "y.npz").write_bytes(b"nonsense")
     with pytest.raises(InputError, match=r"y\.npz.*not a trajectory file"):
         Trajectories.load(tmp_path / "y.npz")
+
+
+def test_torchdiffeq_comes_without_scipys_integrators_and_still_finds_them():
+    code = """if True:
+        import sys, torch
+        from expertaug.systems.solver import odeint
+        assert "scipy.integrate" not in sys.modules
+        found = odeint(lambda t, y: -y, torch.ones(1), torch.tensor([0.0, 1.0]), method="scipy_solver")
+        assert "scipy.integrate" in sys.modules
+        print(float(found[-1]))
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) == pytest.approx(math.exp(-1), rel=1e-4)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from running import SMOKE, copy_project, snakemake
+from dry_runs import DryRuns
+from running import DRY_RUNS, SMOKE, copy_project, env_of, snakemake
 
 # Written into the environment of the smoke run: each job of the command line says which modules it has loaded.
 RECORDER = """
@@ -46,6 +48,9 @@ def smoke_run(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def project(smoke_run, tmp_path_factory) -> Path:
+def project(smoke_run, tmp_path_factory) -> Iterator[Path]:
     """This process's own copy of that project: its tests ask what would be done, or put back what they change."""
-    return shutil.copytree(smoke_run, tmp_path_factory.mktemp("project") / "project")
+    folder = shutil.copytree(smoke_run, tmp_path_factory.mktemp("project") / "project")
+    DRY_RUNS[folder] = DryRuns(folder, env_of(folder))
+    yield folder
+    DRY_RUNS.pop(folder).close()

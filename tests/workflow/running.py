@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import yaml
+from dry_runs import DryRuns
 
 ROOT = Path(__file__).parents[2]
 DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "plot_recording", "overlay", "recordings"]
@@ -20,7 +21,9 @@ LEARNING_TARGETS = ["train", "augment", "finetune", "during_training", "evaluate
 LEARNING_TARGETS += ["pendulum", "double_pendulum"]
 TARGETS = [*DATA, "simulate", *LEARNING_TARGETS, "everything", "all"]
 # Short runs do not wait ten seconds for jobs that do not come, as the profile has it.
-COMMAND = [sys.executable, "-m", "snakemake", "--cores", "2", "--max-jobs-per-timespan", "300/3s"]
+OPTIONS = ["--cores", "2", "--max-jobs-per-timespan", "300/3s"]
+COMMAND = [sys.executable, "-m", "snakemake", *OPTIONS]
+DRY_RUNS: dict[Path, DryRuns] = {}  # by project, of those with many
 SMOKE = ["--configfile", "config/smoke.yaml", "studies.yaml"]
 # Simulated and recorded data, the quick methods; each study and the comparison with the paper, on the pendulum.
 STUDIES = """
@@ -36,22 +39,24 @@ experiments:
       during_training: {method: aphynity, epochs: [1, 3], finetune_epochs: [1], max_samples: 9}
     evaluation: {published: pendulum}
   double_pendulum:
-    methods: [mean, expert_only_point_mass, expert_only, ml_only, aphynity]
+    methods: [mean, expert_only_point_mass, aphynity]
     augmented: [aphynity]
+    controls: []
     studies: {during_training: null}
 """
 # The rules that a change redoes: all that follows its own.
 EVALUATION = {"evaluate_seed_group", "tabulate_experiment", "plot_experiment", "plot_overview"}
-EVALUATION |= {"study_windows_of_experiment"}
+EVALUATION |= {"study_windows_of_experiment", "log_evaluations_of_experiment"}
 AUGMENTED = {"finetune_seed_group"} | EVALUATION
 # Of the double pendulum longer forecasts and the loss of energy.
 LEARNING = {"train_seed_group", "augment_seed_group", "study_experiment", "dissipation_of_experiment"} | AUGMENTED
+LEARNING |= {"validity_of_experiment"}
 CHUNKS = {"split_chunks_of_experiment", "plot_splits_of_experiment", "calibrate_experiment"} | LEARNING
 CHUNKS |= {"cut_horizon_of_experiment"}
 # Of the pendulum there is more.
 SCORED = {"study_experiment", "compare_experiment", "compare_all"} | EVALUATION
 TUNED = {"finetune_seed_group", "during_training_seed_group"} | SCORED
-TRAINED = {"train_seed_group", "augment_seed_group", "flow_seed_group"} | TUNED
+TRAINED = {"train_seed_group", "augment_seed_group", "flow_seed_group", "validity_of_experiment"} | TUNED
 ANGLES = {"measure_angles_of_recording", "plot_page_of_recording", "summarise_recordings"} | CHUNKS
 MARKERS = {"extract_frames_of_recording", "track_markers_of_recording"} | ANGLES
 
@@ -75,7 +80,11 @@ def env_of(project: Path) -> dict[str, str]:
 
 def planned(project: Path, *arguments: object, **environment: str) -> dict[str, int]:
     """Jobs that would be run, by rule; target rules left out."""
-    done = snakemake(project, "--quiet", "host", "-n", *arguments, **environment)
+    options = ["--quiet", "host", "-n", *map(str, arguments)]
+    if project in DRY_RUNS and not environment:
+        done = DRY_RUNS[project].run([*OPTIONS, *options])
+    else:
+        done = snakemake(project, *options, **environment)
     assert done.returncode == 0, done.stdout + done.stderr
     table = (done.stdout + done.stderr).rpartition("Job stats:")[2].partition("total")[0]
     jobs = {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}

@@ -40,13 +40,13 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
         ({"experiments": {"pendulum": {"finetuning": {"epochs": 5}}}}, TUNED),
         (
             {"experiments": {"pendulum": {"overrides": {"aphynity": WIDER}}}},
-            {"augment_seed_group", "flow_seed_group"} | TUNED,
+            {"augment_seed_group", "flow_seed_group", "validity_of_experiment"} | TUNED,
         ),
         ({"experiments": {"pendulum": {"evaluation": {"samples": 2}}}}, SCORED),
         ({"experiments": {"pendulum": {"training": {"learning_rate": 0.001}}}}, TRAINED),
         (
             {"experiments": {"pendulum": {"data": {"sets": {"test": {"size": 21}}}}}},
-            {"simulate_set", "during_training_seed_group"} | SCORED,
+            {"simulate_set", "during_training_seed_group", "validity_of_experiment"} | SCORED,
         ),
         ({"experiments": {"pendulum": {"data": {"sets": {"near": {"size": 8}}}}}}, {"simulate_set"} | SCORED),
         (

@@ -13,6 +13,7 @@ from safetensors.torch import load_file
 
 BASES = {"train_seed_group"}
 TUNING = {"augment_seed_group", "finetune_seed_group"}
+EVALUATED = {"evaluate_seed_group", "log_evaluations_of_experiment"}
 MEASURED = {"measure_angles_of_recording", "split_chunks_of_experiment", "calibrate_experiment"}
 
 
@@ -24,7 +25,7 @@ MISSING = [
     ("double_pendulum/data/train.npz", "calibrate", MEASURED - {"measure_angles_of_recording"}),
     ("double_pendulum/data/calibration.json", "train", {"calibrate_experiment", "train_seed_group"}),
     ("pendulum/data/train.npz", "train", {"simulate_set"} | BASES),
-    ("pendulum/data/near.npz", "evaluate", {"simulate_set", "evaluate_seed_group"}),
+    ("pendulum/data/near.npz", "evaluate", {"simulate_set"} | EVALUATED),
     ("pendulum/aphynity/*/model.safetensors", "augment", {"train_seed_group", "augment_seed_group"}),
     ("pendulum/aphynity/*/model.safetensors", "finetune", {"train_seed_group"} | TUNING),
     (
@@ -33,7 +34,8 @@ MISSING = [
         {"train_seed_group", "during_training_seed_group"},
     ),
     ("pendulum/aphynity+/*/augmented.safetensors", "finetune", TUNING),
-    ("pendulum/aphynity+wide/*/model.safetensors", "evaluate", {"finetune_seed_group", "evaluate_seed_group"}),
+    ("pendulum/aphynity+wide/*/model.safetensors", "evaluate", {"finetune_seed_group"} | EVALUATED),
+    ("pendulum/evaluations.json", "evaluate", {"log_evaluations_of_experiment"}),
     ("pendulum/aphynity+wide/*/metrics.csv", "studies", {"evaluate_seed_group", "study_experiment"}),
     ("pendulum/aphynity/*/during_training.csv", "studies", {"during_training_seed_group", "study_experiment"}),
     (
@@ -80,6 +82,8 @@ def test_a_killed_training_resumes_to_the_same_bits(tmp_path):
         change = {"experiments": {"pendulum": {"training": training}}, "tracking": {"enabled": False}}
         arguments = [f"results/{name}/{model}", *override(project, change | {"results": f"results/{name}"})]
         if name == "killed":
+            data = "results/{}/pendulum/data"  # the same for both
+            shutil.copytree(project / data.format("whole"), project / data.format("killed"))
             checkpoint = project / "results/killed/.work/pendulum/aphynity/seeds_0_1/checkpoint.pt"
             kill_when_there(project, arguments, checkpoint)
             log = project / f"results/{name}/pendulum/aphynity/seeds_0_1/log.jsonl"

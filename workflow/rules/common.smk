@@ -117,6 +117,52 @@ def dissipating_of(experiment):
     return list(dict.fromkeys(map(labels.trained, jobs.dissipating(CONFIG, experiment))))
 
 
+def prior_file(experiment, variant, seed_group):
+    """The ranges of a version's p⁺, where they are to be found; nothing where they are given."""
+    found = jobs.finds_prior(CONFIG, experiment, variant) if kind_of(variant) != "mean" else None
+    if found is None:
+        return []
+    folder = f"{experiment}/{found}/{seed_group}" if found else f"{experiment}/data"
+    return results(f"{folder}/prior.json")
+
+
+def prior_to_train(experiment, method):
+    """The same for the training of a method."""
+    return results(f"{experiment}/data/prior.json") if jobs.finds_prior_to_train(CONFIG, experiment, method) else []
+
+
+def prior_option(input):
+    """The option that tells a stage the ranges."""
+    return f"--prior {shlex.quote(str(input.prior))}" if input.prior else ""
+
+
+def found_priors_of(experiment):
+    """Pairs of what is printed for a p⁺ that found its own ranges, and its file: before training, then of versions."""
+    found, pairs = jobs.found_priors(CONFIG, experiment), []
+    if "" in found:
+        pairs.append((("before training", "all"), results(f"{experiment}/data/prior.json")))
+    for variant in [v for v in found if v]:
+        for group in seed_groups_of(experiment):
+            name = (jobs.label(CONFIG, variant), group.removeprefix("seeds_").replace("_", ", "))
+            pairs.append((name, results(f"{experiment}/{variant}/{group}/prior.json")))
+    return pairs
+
+
+def sets_to_cover(experiment, variant):
+    """The training set, and those whose observed windows a p⁺ is to cover."""
+    named = json.loads(settings("own_prior", experiment, variant, None))["windows"]
+    return expand(results("{experiment}/data/{set}.npz"), experiment=experiment, set=["train", *named])
+
+
+def sets_to_check(experiment):
+    """Sets whose windows say whether F_a holds."""
+    return ["train", "iid" if "iid" in sets_of(experiment) else "validation", "test"]
+
+
+def kind_of(variant):
+    return CONFIG["methods"][method_of(variant)]["kind"]
+
+
 def studies_of(experiment):
     return jobs.studies(CONFIG, experiment)
 
@@ -129,7 +175,8 @@ def during_training_of(experiment):
 
 def window_studies_of(experiment):
     """Studies of single windows: every experiment's alarms, and curves where the training range is known."""
-    return ["alarm", "coverage", "distance"] if experiment in SIMULATED else ["alarm", "coverage"]
+    named = ["alarm", "coverage", "distance"] if experiment in SIMULATED else ["alarm", "coverage"]
+    return [*named, "validity"] if jobs.with_interaction(CONFIG, experiment) else named
 
 
 def studied(experiment, study):
@@ -205,6 +252,7 @@ def forecasts_to_draw():
 
 def tables_of(experiment):
     named = [f"_{name}" for name in [*studies_of(experiment), *window_studies_of(experiment)]]
+    named += ["_own_priors"] * bool(found_priors_of(experiment))
     named += ["_published"] * (experiment in COMPARED) + ["_dissipation"] * bool(dissipating_of(experiment))
     of_others = [f"{name}{end}" for name in named for end in ENDS]
     return expand(results(f"tables/{experiment}{{end}}"), end=[*ENDS, "_long.csv", *of_others])
@@ -257,17 +305,19 @@ def made_by(file):
 SUMMARY = [results("recordings/summary.csv"), results("recordings/summary.md")] if RECORDED else []
 OVERALL = expand(results("tables/published{end}"), end=ENDS) if COMPARED else []
 OVERALL += expand(results("figures/{name}.{suffix}"), name=OVERVIEWS, suffix=["png", "pdf"])
-ALL = [SUMMARY, of_all("page.png"), [[tables_of(e), figures_of(e)] for e in RUN], OVERALL]
+EVALUATED = [results(f"{e}/evaluations.json") for e in RUN]
+ALL = [SUMMARY, of_all("page.png"), EVALUATED, [[tables_of(e), figures_of(e)] for e in RUN], OVERALL]
 AUGMENTED = one_of([v for e in RUN for v in augmented_of(e)])
 FINETUNED = one_of([v for e in RUN for v in finetuned_of(e)])
 FLOWS = one_of([v for e in RUN for v in flows_of(e)])
+FOUND_PRIORS = one_of([v for e in RUN for v in jobs.found_priors(CONFIG, e) if v])
 
 
 wildcard_constraints:
     recording=r"[^/]+",
     experiment=one_of(RUN),
     method=one_of(CONFIG["methods"]),
-    variant=one_of([v for e in RUN for v in every_variant(e)]),
+    variant=one_of([v for e in RUN for v in [*every_variant(e), *filter(None, jobs.found_priors(CONFIG, e))]]),
     study=one_of({name for e in RUN for name in studies_of(e)} - {"grid"}),
     seed_group=one_of({group for e in RUN for group in seed_groups_of(e)}),
     set=r"\w+",

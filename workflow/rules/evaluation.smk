@@ -7,14 +7,11 @@ rule evaluate_seed_group:
         sets=lambda w: expand(
             results("{experiment}/data/{set}.npz"), experiment=w.experiment, set=sets_of(w.experiment)
         ),
-        tracking=ancient(results("mlflow/tracking.json")),
+        prior=lambda w: prior_file(w.experiment, w.variant, w.seed_group),
         code=lambda w: code("evaluate", w.experiment, method_of(w.variant)),
     output:
         metrics=results("{experiment}/{variant}/{seed_group}/metrics.csv"),
         forecasts=results("{experiment}/{variant}/{seed_group}/forecasts.npz"),
-        figures=[
-            results(f"{{experiment}}/{{variant}}/{{seed_group}}/{name}.png") for name in ("forecasts", "parameters")
-        ],
     log:
         results("logs/evaluate/{experiment}_{variant}_{seed_group}.log"),
     benchmark:
@@ -28,11 +25,36 @@ rule evaluate_seed_group:
         versions=lambda w: versions("evaluate", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("evaluate", w.experiment, w.variant, w.seed_group),
         data=lambda w: results(f"{w.experiment}/data"),
+        prior=lambda w, input: prior_option(input),
     message:
         "evaluate {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
         "expertaug evaluate --model {input.model:q} --data {params.data:q} --output {output.metrics:q}"
-        " --forecasts {output.forecasts:q} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
+        " --forecasts {output.forecasts:q} {params.prior} --settings {params.settings:q} --log {log:q}"
+
+
+rule log_evaluations_of_experiment:
+    input:
+        forecasts=lambda w: per_seed_group("forecasts.npz", w.experiment, every_variant(w.experiment)),
+        tracking=ancient(results("mlflow/tracking.json")),
+        code=code("log_evaluations"),
+    output:
+        results("{experiment}/evaluations.json"),
+    log:
+        results("logs/log_evaluations/{experiment}.log"),
+    benchmark:
+        results("benchmarks/log_evaluations/{experiment}.tsv")
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+    params:
+        versions=versions("log_evaluations"),
+    message:
+        "draw and store each evaluation of {wildcards.experiment}"
+    shell:
+        "expertaug log-evaluations {input.forecasts:q} --output {output:q} --tracking {input.tracking:q} --log {log:q}"
 
 
 rule tabulate_experiment:
@@ -210,6 +232,90 @@ rule study_windows_of_experiment:
         " --log {log:q}"
 
 
+rule validity_of_experiment:
+    input:
+        models=lambda w: [
+            results(f"{w.experiment}/{method}/{seed_groups_of(w.experiment)[0]}/model.safetensors")
+            for method in jobs.with_interaction(CONFIG, w.experiment)
+        ],
+        sets=lambda w: expand(
+            results("{experiment}/data/{set}.npz"), experiment=w.experiment, set=sets_to_check(w.experiment)
+        ),
+        code=lambda w: code("validity", w.experiment),
+    output:
+        results("tables/{experiment}_validity.csv"),
+        results("tables/{experiment}_validity.tex"),
+        report(
+            results("tables/{experiment}_validity.md"),
+            caption="../report/validity.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "validity of F_a", "content": "table"},
+        ),
+        report(
+            results("figures/{experiment}_validity.png"),
+            caption="../report/validity.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "validity of F_a", "content": "figure"},
+        ),
+        results("figures/{experiment}_validity.pdf"),
+    log:
+        results("logs/validity/{experiment}.log"),
+    benchmark:
+        results("benchmarks/validity/{experiment}.tsv")
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+    params:
+        versions=lambda w: versions("validity", w.experiment),
+        settings=lambda w: settings("validity", w.experiment),
+        data=lambda w: results(f"{w.experiment}/data"),
+    message:
+        "check whether F_a holds on {wildcards.experiment}"
+    shell:
+        "expertaug validity {input.models:q} --data {params.data:q} --output {output:q} --settings {params.settings:q}"
+        " --log {log:q}"
+
+
+rule own_priors_of_experiment:
+    input:
+        priors=lambda w: [path for _, path in found_priors_of(w.experiment)],
+        code=code("own_priors"),
+    output:
+        results("tables/{experiment}_own_priors.csv"),
+        results("tables/{experiment}_own_priors.tex"),
+        report(
+            results("tables/{experiment}_own_priors.md"),
+            caption="../report/study.rst",
+            category="Studies",
+            subcategory="{experiment}",
+            labels={"study": "own p⁺", "content": "table"},
+        ),
+    log:
+        results("logs/own_priors/{experiment}.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        versions=versions("own_priors"),
+        settings=lambda w: json.dumps(
+            {
+                "experiment": w.experiment,
+                "priors": [name for name, _ in found_priors_of(w.experiment)],
+                **stage_settings.reading(CONFIG, w.experiment),
+            }
+        ),
+    message:
+        "table of the p⁺ of {wildcards.experiment} that found their own ranges"
+    shell:
+        "expertaug own-priors {input.priors:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
 rule grid_of_experiment:
     input:
         models=lambda w: per_seed_group("model.safetensors", w.experiment, jobs.grid(CONFIG, w.experiment)),
@@ -380,7 +486,7 @@ if OVERVIEWS:
 
 rule evaluate:
     input:
-        and_before([per_seed_group("metrics.csv", e, every_variant(e)) for e in RUN]),
+        and_before(EVALUATED),
 
 
 rule studies:
@@ -419,4 +525,4 @@ for name in RUN:
         name:
             name
         input:
-            and_before([tables_of(name), figures_of(name)]),
+            and_before([results(f"{name}/evaluations.json"), tables_of(name), figures_of(name)]),

@@ -8,11 +8,12 @@ from typing import TypedDict, Unpack
 from expertaug import systems
 from expertaug.api import arrays
 from expertaug.api.arrays import Noise, Ranges
-from expertaug.api.checks import check_sets, seeds_of
+from expertaug.api.checks import check_sets, fit_settings, seeds_of
+from expertaug.api.own_ranges import of_expert_alone
 from expertaug.api.trained import TrainedModel
-from expertaug.config.presets import resolve
 from expertaug.inference.alternate import prepare
-from expertaug.inference.settings import AlternatingSettings, RefinementSettings
+from expertaug.inference.settings import AlternatingSettings
+from expertaug.learning.train import expert_alone
 from expertaug.models import describe
 from expertaug.models.kinds import INTERACTION
 from expertaug.models.recipe import HybridModel
@@ -46,7 +47,7 @@ def alternate(
     validation: Trajectories,
     *,
     observed_s: float,
-    prior: Ranges,
+    prior: Ranges | None = None,
     noise: Noise = 0.0,
     start: Ranges | None = None,
     seeds: Iterable[int] = (0,),
@@ -61,7 +62,8 @@ def alternate(
         interaction: F_a, as :class:`HybridModel` takes it.
         train, validation: sets of the same times; the second selects each seed's best state.
         observed_s: end of the observed window t1 in s, which is included.
-        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start.
+        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start; None: they are found, as by
+            :func:`expertaug.least_squares`.
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
         start: ranges [low, high] of first values of components that nobody measured, in their units.
         seeds: of initialisation and data order; they are trained as one batched computation.
@@ -80,20 +82,13 @@ def alternate(
     part = describe.settings_of(INTERACTION, interaction)
     described = {"system": systems.describe(system), "model": {"interaction": part}}
     settings = {
-        "experiment": described["system"]["name"],
-        "method": "alternating",
-        "label": label,
-        "preset": "corrected",
-        "choices": resolve("corrected"),
+        **fit_settings(system, "alternating", label, observed_s, refinement, noise, prior, start),
         "training": AlternatingSettings.from_mapping(options).model_dump(mode="json"),
-        "t1_s": float(observed_s),
-        "start": {} if start is None else arrays.ranges(start, start, "start"),
         "seeds": (chosen := seeds_of(seeds)),
-        "refinement": {
-            "settings": RefinementSettings.from_mapping(refinement).model_dump(mode="json"),
-            "noise": arrays.noise(noise),
-            "prior": arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
-        },
     }
+    if prior is None:
+        told = {**settings, "training": {}, "refinement": None}
+        alone = expert_alone(system, train, told, {**described, "model": {}})
+        settings["refinement"]["prior"] = of_expert_alone(alone, train, arrays.noise(noise), refinement or {})
     stored = prepare(system, train, validation, settings, described, describe.own_classes(recipe)).run()
     return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.description["refinement"])

@@ -1,15 +1,20 @@
-"""What the front door is given: seeds, sets and trained models that fit each other."""
+"""What the front door is given: seeds, sets and trained models that fit each other, and how windows are fitted."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from expertaug import systems
 from expertaug.api import arrays
+from expertaug.api.arrays import Noise, Ranges
 from expertaug.api.trained import TrainedModel
+from expertaug.config.presets import resolve
 from expertaug.errors import InputError
+from expertaug.inference.settings import RefinementSettings
 from expertaug.models.recipe import HybridModel
+from expertaug.systems import System
 from expertaug.trajectories import Trajectories
 
 
@@ -21,6 +26,42 @@ def seeds_of(given: Iterable[int]) -> list[int]:
     if not seeds or min(seeds) < 0 or max(seeds) >= 2**63 or len(set(seeds)) < len(seeds):
         raise InputError("seeds", f"found {seeds}", "give different whole numbers from 0 on")
     return seeds
+
+
+def fit_settings(
+    system: System,
+    method: str,
+    label: str,
+    observed_s: float,
+    refinement: Mapping | None,
+    noise: Noise,
+    prior: Ranges | None,
+    start: Ranges | None,
+) -> dict:
+    """Settings of a method whose estimates are least-squares fits of each window, but for its training and seeds.
+
+    Arguments as of :func:`expertaug.least_squares`; ``refinement`` are its options; a ``prior`` of
+    None is for the caller to find.
+
+    Raises:
+        InputError: an option or a range cannot be used.
+    """
+    return {
+        "experiment": systems.describe(system)["name"],
+        "method": method,
+        "label": label,
+        "preset": "corrected",
+        "choices": resolve("corrected"),
+        "t1_s": float(observed_s),
+        "start": {} if start is None else arrays.ranges(start, start, "start"),
+        "refinement": {
+            "settings": RefinementSettings.from_mapping(refinement).model_dump(mode="json"),
+            "noise": arrays.noise(noise),
+            "prior": None
+            if prior is None
+            else arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
+        },
+    }
 
 
 def check_sets(model: HybridModel | TrainedModel, train: Trajectories, validation: Trajectories) -> None:

@@ -29,6 +29,10 @@ class Forecast:
             Laplace's approximation after refinement.
         chi2: χ² per degree of freedom of each observed window after refinement, (N,); far above 1, the model does not
             explain the window.  None without refinement.
+        misfit: mean squared error over the observed window after its first point, summed over the observed quantities,
+            (N,); None where a forecast begins at its end.
+        trusted: whether the misfit is no larger than that of 95 % of the validation windows, (N,), bool; None where
+            theirs are not known.
     """
 
     t: np.ndarray
@@ -38,10 +42,12 @@ class Forecast:
     seeds: list[int]
     z_e_std: dict[str, Array] = field(default_factory=dict)
     chi2: Array | None = None
+    misfit: Array | None = None
+    trusted: Array | None = None
 
     def table(self) -> pd.DataFrame:
         """A row per seed, sample and time; columns seed, sample, ``t [s]``, states, z_e with their units, and, where
-        there are any, their standard deviations and χ².
+        there are any, their standard deviations, χ², misfit and whether the forecast is to be trusted.
 
         Raises:
             InputError: the state is a field.
@@ -59,7 +65,8 @@ class Forecast:
         of_window |= {
             labelled(f"z_e {name} std", self.units[f"z_e {name}"]): value for name, value in self.z_e_std.items()
         }
-        of_window |= {} if self.chi2 is None else {"chi2": self.chi2}
+        further = {"chi2": self.chi2, "misfit": self.misfit, "trusted": self.trusted}
+        of_window |= {name: value for name, value in further.items() if value is not None}
         for name, value in of_window.items():
             each = np.asarray(value.cpu() if isinstance(value, Tensor) else value).reshape(y.shape[:2])
             columns[name] = each[index[0], index[1]]

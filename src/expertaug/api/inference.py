@@ -9,16 +9,13 @@ import numpy as np
 from expertaug import systems
 from expertaug.api import arrays
 from expertaug.api.arrays import Array, Noise, Ranges, RefinementOptions
+from expertaug.api.checks import fit_settings
+from expertaug.api.own_ranges import BUDGET, found_by, of_expert_alone
 from expertaug.api.trained import TrainedModel
-from expertaug.config.presets import resolve
-from expertaug.errors import InputError
-from expertaug.inference import own_prior as growing
 from expertaug.inference.own_prior import OwnPrior
-from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.validity import Validity, along
 from expertaug.learning.train import expert_alone
 from expertaug.systems import System
-from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories
 
 
@@ -27,7 +24,7 @@ def least_squares(
     train: Trajectories,
     *,
     observed_s: float,
-    prior: Ranges,
+    prior: Ranges | None = None,
     noise: Noise = 0.0,
     start: Ranges | None = None,
     label: str = "Least squares",
@@ -39,7 +36,8 @@ def least_squares(
         system: gives F_e.
         train: whose times and largest values count (how far a forecast may go; the noise where data have none).
         observed_s: end of the observed window t1 in s, which is included.
-        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start.
+        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start; None: they are found, by
+            fits of the training windows that start around the parameters' typical sizes.
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
         start: ranges [low, high] of first values of components that nobody measured, in their units.
         options: see :class:`expertaug.inference.settings.RefinementSettings`.
@@ -52,22 +50,13 @@ def least_squares(
     """
     described = {"system": systems.describe(system), "model": {}, "expert": True, "interaction": False}
     settings = {
-        "experiment": described["system"]["name"],
-        "method": "least_squares",
-        "label": label,
-        "preset": "corrected",
-        "choices": resolve("corrected"),
+        **fit_settings(system, "least_squares", label, observed_s, options, noise, prior, start),
         "training": {},
-        "t1_s": float(observed_s),
-        "start": {} if start is None else arrays.ranges(start, start, "start"),
         "seeds": [0],
-        "refinement": {
-            "settings": RefinementSettings.from_mapping(options).model_dump(mode="json"),
-            "noise": arrays.noise(noise),
-            "prior": arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
-        },
     }
     stored = expert_alone(system, train, settings, described)
+    if prior is None:
+        stored.description["refinement"]["prior"] = of_expert_alone(stored, train, arrays.noise(noise), options)
     model = TrainedModel(stored, single=True, refinement=stored.description["refinement"])
     _ = model.predictor  # says what is wrong with the options
     return model
@@ -76,52 +65,37 @@ def least_squares(
 def own_prior(
     model: TrainedModel,
     train: Trajectories,
-    unlabelled: Array,
+    unlabelled: Array | None = None,
     *,
     u: Array | None = None,
     noise: Noise = 0.0,
     prior: Ranges | None = None,
+    budget: float = BUDGET,
     **options: Unpack[RefinementOptions],
 ) -> OwnPrior:
     """Ranges for the augmentation prior p⁺, grown from the training windows' own until the model explains new windows.
 
-    Nothing but the observed windows of where the model is to work is needed.  ``found.ranges`` goes into
+    Nothing but the observed windows of where the model is to work is needed; without any the ranges are widened by a
+    budget, as far as the model's own windows stay within bounds and can be fitted.  ``found.ranges`` goes into
     :func:`finetune` as its prior; ``found.says`` is one sentence, which tells too when the expert does not fit.
 
     Arguments:
         model: trained, or of :func:`least_squares`.
         train: the training set.
-        unlabelled: observed windows of where the model is to work, (N, T1, *state).
+        unlabelled: observed windows of where the model is to work, (N, T1, *state); of more than 200 so many, evenly
+            spread, are used, of the training set too.
         u: their known inputs, (N, T1, U), of a system that has some.
         noise: standard deviation of the data's noise.
         prior: ranges in which fits of the training windows start; None: at the model's own estimates.
+        budget: without windows: by which factor the ranges are widened, at most.
         options: see :class:`expertaug.inference.settings.RefinementSettings`.
 
     Raises:
         InputError: windows of another shape, or least squares without a prior.
     """
     names = [p.name for p in model.system.expert_parameters]
-    gaps = "start" in model.stored.description
-    y = arrays.tensor(unlabelled, "unlabelled", gaps)
-    if y.shape[1:] != train.seen[:, : model.observed].shape[1:]:
-        wanted = f"(N, {model.observed}, {', '.join(map(str, train.y.shape[2:]))})"
-        raise InputError("unlabelled", f"has shape {tuple(y.shape)}", f"give {wanted}")
-    seen = train.window(0, model.observed)
-    windows = [(arrays.tensor(seen.seen, "train", gaps), seen.u), (y, u)]
-    given = [arrays.inputs(each, model.system, len(part), seen.t) for part, each in windows]
-    known, found = (
-        joined(part.movedim(1, 0), None if each is None else each.movedim(1, 0))
-        for (part, _), each in zip(windows, given, strict=True)
-    )
-    with arrays.one_thread():
-        return growing.own_prior(
-            model.stored,
-            known,
-            found,
-            arrays.noise(noise),
-            None if prior is None else arrays.ranges(prior, names, "prior"),
-            dict(options),
-        )
+    first = None if prior is None else arrays.ranges(prior, names, "prior")
+    return found_by(model.stored, train, unlabelled, arrays.noise(noise), first, budget, dict(options), u)
 
 
 def validity(

@@ -11,11 +11,15 @@ import torch
 
 from expertaug.api import arrays
 from expertaug.api.arrays import Array, Noise, Ranges
+from expertaug.api.own_ranges import given_or_found
 from expertaug.api.trained import TrainedModel
 from expertaug.api.training import run_training
 from expertaug.errors import InputError
 from expertaug.inference import flow_training
+from expertaug.inference.flow import FlowEstimator
+from expertaug.inference.posterior_draws import Drawn
 from expertaug.inference.predictive import predictive as of_windows
+from expertaug.learning.bound import stored_bound
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -56,8 +60,9 @@ class Band:
 def fit_posterior(
     model: TrainedModel,
     train: Trajectories,
+    validation: Trajectories | None = None,
     *,
-    prior: Ranges,
+    prior: Ranges | None = None,
     noise: Noise = 0.0,
     label: str | None = None,
     **options: Unpack[FlowOptions],
@@ -70,7 +75,10 @@ def fit_posterior(
     Arguments:
         model: a trained hybrid model.
         train: the set of its training, whose starts and z_a the draws have.
-        prior: ranges [low, high] of p⁺ by expert parameter, in its unit.
+        validation: the misfits of its windows tell later which forecasts to distrust; None: :attr:`Forecast.trusted` is
+            not known.
+        prior: ranges [low, high] of p⁺ by expert parameter, in its unit; None: those that
+            :func:`expertaug.own_prior` finds without further windows.
         noise: standard deviation of the data's noise.
         label: default: the model's own with "+ flow".
         options: see :class:`FlowOptions`.
@@ -88,12 +96,12 @@ def fit_posterior(
         "method": label,
         "label": label,
         "flow": dict(options),
-        "prior": arrays.ranges(prior, [p.name for p in model.system.expert_parameters], "prior"),
+        "prior": given_or_found(model, train, prior, arrays.noise(noise)),
         "noise": arrays.noise(noise),
         "device": "cpu",
     }
     with arrays.one_thread():
-        found = run_training(flow_training.prepare(model.stored, train, settings, "model"))
+        found = run_training(flow_training.prepare(model.stored, train, settings, "model", validation))
     return TrainedModel(found.stored, found.history, model.single)
 
 
@@ -109,8 +117,10 @@ def predictive(
 ) -> Band:
     """Posterior predictive forecasts: mean and quantiles over draws, without the noise of a measurement.
 
+    Of a flow, of Laplace's approximation of a refined model's fits, or of a hybrid-VAE's Gaussian.
+
     Arguments:
-        model: of :func:`fit_posterior`, or a flow's file.
+        model: of :func:`fit_posterior`, refined, of :func:`least_squares`, or trained as a hybrid-VAE.
         window, t, u, solver: as of :meth:`TrainedModel.forecast`.
         levels: of the quantiles.
         draws: K.
@@ -118,15 +128,15 @@ def predictive(
     Raises:
         InputError: a model without a posterior that can be drawn from, or levels beyond 0 and 1.
     """
-    if not hasattr(model.predictor, "sample"):
-        raise InputError("model", f"{model.label} has no draws", "give a model of expertaug.fit_posterior")
     if not levels or any(not 0 < level < 1 for level in levels):
         raise InputError("levels", f"found {list(levels)}", "give numbers between 0 and 1, as 0.05")
     observed, times, known = model._window(window, t, u)
     with torch.no_grad(), arrays.one_thread():
         points = torch.from_numpy(times).float().to(observed.device)
-        options = {"count": draws, "levels": levels, "u": known}
-        found = of_windows(model.predictor, observed, points, solver or model.solver, **options)  # type: ignore[arg-type]
+        sampler = model.predictor
+        if not isinstance(sampler, FlowEstimator):
+            sampler = Drawn(sampler, model.seeds, stored_bound(model.stored.description, observed.device))
+        found = of_windows(sampler, observed, points, solver or model.solver, draws, levels, u=known)
     mean, quantiles = found.mean.movedim(0, 2), found.quantiles.movedim(1, 3)
     z_e = found.z_e
     if model.single:

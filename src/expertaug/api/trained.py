@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,18 +16,18 @@ from torch import Tensor
 from expertaug.api import arrays
 from expertaug.api.arrays import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast, standard_deviation
+from expertaug.api.trust import judged
 from expertaug.errors import InputError
 from expertaug.evaluation.evaluate import score, spread
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.settings import RefinementSettings
-from expertaug.inference.store import load as load_any
+from expertaug.learning.misfit import misfit_of, recorded
 from expertaug.models import seeds as seed_selection
 from expertaug.models import store
-from expertaug.models.device import device_of
 from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
-from expertaug.systems.inputs import joined
+from expertaug.systems.inputs import joined, states_of
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -46,12 +46,14 @@ class TrainedModel:
         single: whether this is one seed.
         refinement: settings, noise and prior of the least squares by which estimates are found on each window; None for
             the model's own estimates (:meth:`refined`).
+        misfits: of validation windows, a list a seed, where they are not the file's (:meth:`watched`).
     """
 
     stored: StoredModel
     history: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["step", "seed", "metric", "value"]))
     single: bool = False
     refinement: Mapping | None = None
+    misfits: Sequence[Sequence[float]] | None = None
 
     @cached_property
     def predictor(self) -> Predictor:
@@ -105,18 +107,12 @@ class TrainedModel:
         chosen = [places] if single else list(places)
         if not chosen:
             raise IndexError(f"no seeds at {place}: the group has {len(self)}")
-        description = dict(self.stored.description)
-        for key, value in description.items():  # one value a seed
-            if key in ("seeds", "best_score", "best_epoch", "best_step") and value is not None:
-                description[key] = [value[k] for k in chosen]
-        for block in [key for key in ("carried", "latent") if key in description]:
-            description[block] = {
-                key: [value[k] for k in chosen] if isinstance(value, list) and len(value) == len(self) else value
-                for key, value in description[block].items()
-            }
+        description = seed_selection.of_description(self.stored.description, chosen)
         model = seed_selection.select(self.stored.model, chosen, len(self))
         history = self.history.loc[self.history["seed"].isin(description["seeds"])]
-        return TrainedModel(StoredModel(model, description, self.stored.classes), history, single, self.refinement)
+        misfits = None if self.misfits is None else [self.misfits[k] for k in chosen]
+        stored = StoredModel(model, description, self.stored.classes)
+        return TrainedModel(stored, history, single, self.refinement, misfits)
 
     def __iter__(self) -> Iterator[TrainedModel]:
         return (self[k] for k in range(len(self)))
@@ -157,15 +153,19 @@ class TrainedModel:
         with torch.no_grad(), arrays.one_thread():
             points = torch.from_numpy(t).float().to(observed.device)
             found = self.predictor.estimate(observed)  # type: ignore[attr-defined]
-            y = self.predictor.predicted(found, observed, points, solver or self.solver, start, known)
-        y = y.movedim(0, 2)
+            states = self.predictor.predicted(found, observed, points, solver or self.solver, start, known)
+        y = states.movedim(0, 2)
         units = {p.name: p.unit for p in self.system.state} | {
             f"z_e {p.name}": p.unit for p in self.system.expert_parameters
         }
         y = arrays.like(y[0] if self.single else y, window)
         named, std = self._named(found.z_e, window), self._named(standard_deviation(found), window)
-        chi2 = found.chi2 if found.chi2 is None or not self.single else found.chi2[0]
-        return Forecast(t, y, named, units, self.seeds, std, None if chi2 is None else arrays.like(chi2, window))
+        chi2, misfit = found.chi2, None
+        if start == "y0":  # else the forecast begins with the window itself
+            misfit = misfit_of(self.system, states, states_of(self.system, observed))
+        trusted = None if misfit is None else self._trusted(misfit)
+        each = [None if v is None else arrays.like(v[0] if self.single else v, window) for v in (chi2, misfit, trusted)]
+        return Forecast(t, y, named, units, self.seeds, std, *each)
 
     def estimate(self, window: Array, t: Array | Sequence[float], *, u: Array | None = None) -> dict[str, Array]:
         """Estimates of the expert parameters, without a forecast.
@@ -233,9 +233,30 @@ class TrainedModel:
         names = [p.name for p in self.system.expert_parameters]
         ranges = None if prior is None else arrays.ranges(prior, names, "prior")
         given = {"settings": RefinementSettings.from_mapping(options), "noise": arrays.noise(noise), "prior": ranges}
-        found = replace(self, refinement=given)
+        found = replace(self, refinement=given, misfits=None)
         _ = found.predictor  # says what is wrong with the options
         return found
+
+    def watched(self, validation: Trajectories) -> TrainedModel:
+        """The same model with an alarm: misfits of these windows say above which one a forecast is not trusted.
+
+        What trains a model with a validation set keeps them already; refined models and least squares need it.
+
+        Arguments:
+            validation: windows like the training's, on which nothing was fitted; 19 or more.
+        """
+        seen = arrays.trajectories(validation, "validation").seen[:, : self.observed]
+        window, *_ = self._window(seen, validation.t, validation.u)
+        with arrays.one_thread():
+            kept = recorded(replace(self.stored, model=self.predictor), window[:, :1])
+        return replace(self, misfits=kept["validation"])
+
+    def _trusted(self, misfit: Tensor) -> Tensor | None:
+        """Whether each misfit (S, N) is one that the validation windows have too; None where theirs are not known."""
+        kept = self.misfits
+        if kept is None and self.refinement == self.stored.description.get("refinement"):
+            kept = self.stored.description.get("misfit", {}).get("validation")
+        return judged(misfit, kept)
 
     def save(self, path: str | Path) -> None:
         """Write a model file, which :func:`load` and the command line read; of a refined model the model itself.
@@ -268,32 +289,3 @@ class TrainedModel:
             return {}
         z_e = z_e[0] if self.single else z_e
         return {p.name: arrays.like(z_e[..., k], given) for k, p in enumerate(self.system.expert_parameters)}
-
-
-def load(path: str | Path, *, classes: Collection[str | Callable] = (), device: str = "cpu") -> TrainedModel:
-    """Read a model file, of this package's functions or of a workflow's run.
-
-    Arguments:
-        classes: where the model is made of classes of your own: these, or their names ``package.module:Class``.  A file
-            that names others is refused: nothing is imported that you do not name.
-        device: auto, cpu or cuda.
-
-    Raises:
-        InputError: the file is missing, damaged or no model file, or needs a class that ``classes`` does not name.
-    """
-    with arrays.one_thread():
-        stored = load_any(path, device_of(device), classes)
-    return TrainedModel(stored, refinement=stored.description.get("refinement"))
-
-
-def forecast(model: TrainedModel, window: Array, t: Array | Sequence[float], **options: object) -> Forecast:
-    """:meth:`TrainedModel.forecast`."""
-    return model.forecast(window, t, **options)  # type: ignore[arg-type]
-
-
-def evaluate(model: TrainedModel | Mapping[str, TrainedModel], data: Trajectories, **options: object) -> pd.DataFrame:
-    """:meth:`TrainedModel.evaluate`, of one model or of several by label (a column ``label`` is then added)."""
-    if isinstance(model, TrainedModel):
-        return model.evaluate(data, **options)  # type: ignore[arg-type]
-    each = {label: one.evaluate(data, **options) for label, one in model.items()}  # type: ignore[arg-type]
-    return pd.concat(each, names=["label"]).reset_index(level="label").reset_index(drop=True)

@@ -12,6 +12,7 @@ import pandas as pd
 from expertaug.api import arrays
 from expertaug.api.arrays import Noise, Ranges
 from expertaug.api.checks import check_sets, check_trained, seeds_of
+from expertaug.api.own_ranges import given_or_found
 from expertaug.api.trained import TrainedModel
 from expertaug.config.presets import resolve
 from expertaug.errors import InputError
@@ -46,6 +47,7 @@ class TrainingOptions(TypedDict, total=False):
     validation_samples: int | None
     supervision_weight: float
     horizon_warmup: float
+    expert_first: float
 
 
 @dataclass(frozen=True)
@@ -171,8 +173,9 @@ def augment(
     train: Trajectories,
     validation: Trajectories,
     *,
-    prior: Ranges,
+    prior: Ranges | None = None,
     noise: Noise = 0.0,
+    worst: float = 0.0,
     preset: Preset | None = None,
     choices: Mapping[str, str] | None = None,
 ) -> AugmentedSets:
@@ -181,8 +184,10 @@ def augment(
     Arguments:
         model: trained; it stays as it is.
         train, validation: the sets of its training, whose x and observed windows are used.
-        prior: ranges [low, high] of the augmentation prior p⁺(z_e), uniform, by parameter in its unit.
+        prior: ranges [low, high] of the augmentation prior p⁺(z_e), uniform, by parameter in its unit; None: those that
+            :func:`expertaug.own_prior` finds without further windows.
         noise: standard deviation of the data's noise, which augmented samples get too.
+        worst: share of the samples that are drawn where the model's own estimates are bad; 0: all uniformly.
         preset, choices: as of :func:`fit`; default: those of the training.
 
     Raises:
@@ -191,8 +196,9 @@ def augment(
     """
     check_trained(model, train, validation)
     settings = {
-        "prior": arrays.ranges(prior, [p.name for p in model.system.expert_parameters], "prior"),
+        "prior": given_or_found(model, train, prior, arrays.noise(noise)),
         "noise": arrays.noise(noise),
+        "worst": float(worst),
         "choices": _choices(model, preset, choices)[1],
         "device": _device(model),
     }
@@ -220,7 +226,7 @@ def finetune(
         model: trained; it stays as it is.
         train, validation: the sets of its training.
         prior, noise: D⁺ is drawn with them, as by :func:`augment`.
-        augmented: D⁺ itself, instead of a prior.
+        augmented: D⁺ itself, instead.
         preset, choices: as of :func:`fit`; default: those of the training.
         label: default: the model's own with a +.
         options: see :class:`TrainingOptions`; a schedule of its own, not that of the training.
@@ -229,11 +235,9 @@ def finetune(
         InputError: an argument that cannot be used.
         SolveError: a seed cannot be trained.
     """
-    if (prior is None) == (augmented is None):
-        found = "neither prior nor augmented" if prior is None else "both prior and augmented"
-        raise InputError("finetune", f"given {found}", "give one of them")
+    if prior is not None and augmented is not None:
+        raise InputError("finetune", "given both prior and augmented", "give one of them")
     if augmented is None:
-        assert prior is not None
         augmented = augment(model, train, validation, prior=prior, noise=noise, preset=preset, choices=choices)
     check_trained(model, train, validation)
     if augmented.seeds != model.seeds:

@@ -12,10 +12,12 @@ import pandas as pd
 
 from expertaug.api.arrays import same_times
 from expertaug.api.forecasts import labelled
-from expertaug.api.trained import TrainedModel, load
+from expertaug.api.models import load
+from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.systems import Parameter
+from expertaug.trajectories import Trajectories
 
 MOST_TIMES = 1_000_000
 
@@ -28,6 +30,7 @@ def forecast_file(
     t_end: float | None = None,
     classes: Collection[str] = (),
     refine: float | None = None,
+    validation: Path | None = None,
 ) -> None:
     """Forecast the windows of a CSV file.
 
@@ -37,12 +40,14 @@ def forecast_file(
             apart.  Headings may carry units, ``theta [rad]``.  Of a model with known inputs each is a column too, and
             rows after the observed window, without states, have the inputs at the times of the forecast.
         output: CSV; None: standard output.  Its columns are seed, sample, ``t [s]``, the states and the estimates of
-            the expert parameters, ``z_e omega0 [rad/s]``.
+            the expert parameters, ``z_e omega0 [rad/s]``, the misfit of the window, and whether it is to be trusted.
         seed: one of the model's; None: all.
         t_end: last time in s; beyond the training's times their last step goes on.  None: the training's last.
         classes: as of :func:`expertaug.load`.
         refine: standard deviation of the data's noise, 0 for none: estimates are refined by least squares on each
             window, and their standard deviations and χ² are columns too.  None: the model's own estimates.
+        validation: npz of trajectories like the training's (``data/validation.npz`` of a run), from which the threshold
+            of ``trusted`` comes; None: from the model file, which knows none of refined estimates.
 
     Raises:
         InputError: a file cannot be used, or the window's times are not the model's.
@@ -56,6 +61,8 @@ def forecast_file(
         if not 0 <= refine < np.inf:
             raise InputError("--refine", f"found {refine:g}", "give the noise's standard deviation, at least 0")
         trained = trained.refined(noise=refine)
+    if validation is not None:
+        trained = trained.watched(Trajectories.load(validation))
     names, t, y, u = read_windows(window, trained)
     if u is None:
         t = np.concatenate((t, _later(trained, t_end)))

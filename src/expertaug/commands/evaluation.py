@@ -5,7 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from expertaug.commands.options import Commands, add_outputs, add_paths, add_tracking, read_settings, tracking_of
+from expertaug.commands.options import (
+    Commands,
+    add_outputs,
+    add_paths,
+    add_prior,
+    add_tracking,
+    read_settings,
+    settings_of,
+    tracking_of,
+)
 
 METRICS = "metrics.csv of every method and group of seeds"
 FORECASTS = "forecasts.npz of the same runs, which have the errors of every sample"
@@ -16,6 +25,12 @@ def add_to(commands: Commands) -> None:
     p = commands.add("evaluate", _evaluate, "score a model's forecasts on every set")
     add_paths(p, model="model file", data="folder of the sets", output="CSV of the metrics")
     add_paths(p, forecasts="npz of forecasts")
+    add_prior(p)
+
+    text = "draw the own figures of an experiment's evaluations and store their logs"
+    p = commands.add("log-evaluations", _log_evaluations, text, settings=False)
+    p.add_argument("forecasts", type=Path, nargs="+", help=FORECASTS)
+    add_paths(p, output="JSON that says which logs are stored")
     add_tracking(p)
 
     p = commands.add("forecast", _forecast, "forecast from observed windows with a trained model", settings=False)
@@ -26,6 +41,8 @@ def add_to(commands: Commands) -> None:
     p.add_argument("--t-end", type=float, metavar="S", help="last time in s (default: the training's)")
     text = "refine the estimates by least squares on each window; give the noise's standard deviation, 0 for none"
     p.add_argument("--refine", type=float, metavar="NOISE", help=text)
+    text = "npz like the training's (a run's data/validation.npz): whence the threshold of the column trusted is taken"
+    p.add_argument("--validation", type=Path, metavar="NPZ", help=f"{text} (default: the model file)")
     text = "package.module:Class of your own that the model may use; may be repeated"
     p.add_argument("--class", dest="classes", action="append", default=[], metavar="NAME", help=text)
 
@@ -33,6 +50,7 @@ def add_to(commands: Commands) -> None:
     p = commands.add("during-training", _during_training, text)
     add_paths(p, snapshots="states along the training", data="folder of the sets", output="CSV of the metrics")
     add_paths(p, work="folder for checkpoints")
+    add_prior(p)
     add_tracking(p)
 
     p = commands.add("tabulate", _tabulate, "make the tables of an experiment")
@@ -66,6 +84,15 @@ def add_to(commands: Commands) -> None:
     p.add_argument("forecasts", type=Path, nargs="+", help=of_all)
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
 
+    p = commands.add("validity", _validity, "check whether the interaction model holds where z_e has moved")
+    p.add_argument("models", type=Path, nargs="+", help="model files, one of each version with an interaction model")
+    add_paths(p, data="folder of the sets")
+    add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
+
+    p = commands.add("own-priors", _own_priors, "make the table of the ranges that p⁺ has found")
+    p.add_argument("priors", type=Path, nargs="+", help="what own-prior wrote, of every version and group of seeds")
+    add_outputs(p, "files, .csv, .md or .tex")
+
     p = commands.add("grid", _grid, "make the table and the figure of a sweep over hyperparameters")
     p.add_argument("models", type=Path, nargs="+", help="model files of every point and group of seeds")
     add_outputs(p, "files, .csv, .md, .tex, .png or .pdf")
@@ -88,19 +115,25 @@ def add_to(commands: Commands) -> None:
 def _evaluate(a: argparse.Namespace) -> None:
     from expertaug.evaluation.evaluate import evaluate
 
-    evaluate(a.model, a.data, a.output, a.forecasts, read_settings(a.settings), tracking_of(a))
+    evaluate(a.model, a.data, a.output, a.forecasts, settings_of(a))
+
+
+def _log_evaluations(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.log_evaluations import log_evaluations
+
+    log_evaluations(a.forecasts, a.output, tracking_of(a))
 
 
 def _forecast(a: argparse.Namespace) -> None:
     from expertaug.api.window_file import forecast_file
 
-    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes, a.refine)
+    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes, a.refine, a.validation)
 
 
 def _during_training(a: argparse.Namespace) -> None:
     from expertaug.evaluation.during_training import during_training
 
-    during_training(a.snapshots, a.data, a.output, a.work, read_settings(a.settings), tracking_of(a))
+    during_training(a.snapshots, a.data, a.output, a.work, settings_of(a), tracking_of(a))
 
 
 def _tabulate(a: argparse.Namespace) -> None:
@@ -137,6 +170,18 @@ def _distance(a: argparse.Namespace) -> None:
     from expertaug.evaluation.distance import distance
 
     distance(a.forecasts, a.output, read_settings(a.settings))
+
+
+def _validity(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.validity_study import validity
+
+    validity(a.models, a.data, a.output, read_settings(a.settings))
+
+
+def _own_priors(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.own_priors import own_priors
+
+    own_priors(a.priors, a.output, read_settings(a.settings))
 
 
 def _grid(a: argparse.Namespace) -> None:

@@ -5,7 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from expertaug.commands.options import Commands, add_paths, add_tracking, read_settings, tracking_of
+from expertaug.commands.options import (
+    Commands,
+    add_paths,
+    add_prior,
+    add_tracking,
+    read_settings,
+    settings_of,
+    tracking_of,
+)
 
 
 def add_to(commands: Commands) -> None:
@@ -22,14 +30,23 @@ def add_to(commands: Commands) -> None:
     add_paths(p, data="folder of the sets", output="model file", work="folder for checkpoints")
     p.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
     add_tracking(p)
+    add_prior(p)
 
     p = commands.add("alternate", _alternate, "learn an interaction model from fits of each window")
     add_paths(p, data="folder of the sets", output="model file", work="folder for checkpoints")
     p.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
     add_tracking(p)
+    add_prior(p)
+
+    text = "find the ranges of p⁺ from the windows that it is to cover, or until a budget"
+    p = commands.add("own-prior", _own_prior, text)
+    p.add_argument("--model", type=Path, metavar="FILE", help="model file (default: none, the expert alone)")
+    add_paths(p, data="folder of the sets", output="JSON of the ranges")
+    p.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
 
     p = commands.add("augment", _augment, "draw augmented samples from a trained model")
     add_paths(p, model="model file", data="folder of the sets", output="augmented samples")
+    add_prior(p)
 
     p = commands.add("finetune", _finetune, "fine-tune a model on real and augmented samples")
     add_paths(p, model="model file", data="folder of the sets")
@@ -37,10 +54,12 @@ def add_to(commands: Commands) -> None:
     p.add_argument("--augmented", type=Path, metavar="FILE", help=text)
     add_paths(p, output="model file", work="folder for checkpoints")
     add_tracking(p)
+    add_prior(p)
 
     p = commands.add("flow", _flow, "learn the posterior of a trained model from its own draws")
     add_paths(p, model="model file", data="folder of the sets", output="model file", work="folder for checkpoints")
     add_tracking(p)
+    add_prior(p)
 
 
 def _calibrate(a: argparse.Namespace) -> None:
@@ -58,28 +77,34 @@ def _simulate(a: argparse.Namespace) -> None:
 def _train(a: argparse.Namespace) -> None:
     from expertaug.learning.train import train
 
-    train(a.data, a.output, a.work, read_settings(a.settings), tracking_of(a), a.calibration)
+    train(a.data, a.output, a.work, settings_of(a), tracking_of(a), a.calibration)
 
 
 def _alternate(a: argparse.Namespace) -> None:
     from expertaug.inference.alternate import alternate
 
-    alternate(a.data, a.output, a.work, read_settings(a.settings), tracking_of(a), a.calibration)
+    alternate(a.data, a.output, a.work, settings_of(a), tracking_of(a), a.calibration)
+
+
+def _own_prior(a: argparse.Namespace) -> None:
+    from expertaug.inference.prior_stage import own_prior
+
+    print(own_prior(a.model, a.data, a.output, read_settings(a.settings), a.calibration).says)
 
 
 def _augment(a: argparse.Namespace) -> None:
     from expertaug.learning.augment import augment
 
-    augment(a.model, a.data, a.output, read_settings(a.settings))
+    augment(a.model, a.data, a.output, settings_of(a))
 
 
 def _finetune(a: argparse.Namespace) -> None:
     from expertaug.learning.finetune import finetune
 
-    finetune(a.model, a.augmented, a.data, a.output, a.work, read_settings(a.settings), tracking_of(a))
+    finetune(a.model, a.augmented, a.data, a.output, a.work, settings_of(a), tracking_of(a))
 
 
 def _flow(a: argparse.Namespace) -> None:
     from expertaug.inference.flow_training import flow
 
-    flow(a.model, a.data, a.output, a.work, read_settings(a.settings), tracking_of(a))
+    flow(a.model, a.data, a.output, a.work, settings_of(a), tracking_of(a))

@@ -61,6 +61,20 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tracking", type=Path, metavar="FILE", help="what init-tracking wrote; none: do not track")
 
 
+def add_prior(parser: argparse.ArgumentParser) -> None:
+    """The option of ranges of p⁺ that a stage's settings leave open (``prior: own``); see :func:`settings_of`."""
+    parser.add_argument(
+        "--prior", type=Path, metavar="FILE", help="what own-prior wrote, where p⁺ finds its own ranges"
+    )
+
+
+def settings_of(a: argparse.Namespace) -> dict:
+    """A stage's settings, with the ranges of ``--prior`` where p⁺ finds its own."""
+    from expertaug.inference.prior_stage import read_ranges, with_ranges
+
+    return with_ranges(read_settings(a.settings), None if a.prior is None else read_ranges(a.prior))
+
+
 def read_settings(text: str) -> dict:
     """A stage's settings: JSON text, or the path of a JSON or YAML file.
 

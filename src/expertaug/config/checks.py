@@ -22,6 +22,8 @@ ENDINGS = (
     "alarm",
     "coverage",
     "distance",
+    "validity",
+    "own_priors",
     "dissipation",
     "horizons",
     "out_of_expertise",
@@ -124,9 +126,8 @@ def experiment(where: str, one: Mapping, config: Mapping) -> Iterator[InputError
     yield from inference_checks.check(where, one, methods, known)
     if known is not None and known.events:
         yield from event_checks.check(where, one, methods, known.jumps)
-    for key in ("augmentation", "finetuning"):
-        if one["augmented"] and key not in one:
-            yield InputError(f"{where}.{key}", "missing", "methods under augmented need it")
+    if one["augmented"] and "finetuning" not in one:
+        yield InputError(f"{where}.finetuning", "missing", "methods under augmented need it")
     if one["data"]["source"] == "simulation":
         yield from _simulation(where, one, known)
     elif one["data"]["source"] == "files":
@@ -145,8 +146,6 @@ def _objectives(where: str, one: Mapping, methods: Mapping) -> Iterator[InputErr
         kind = methods[method].get("objective", "aphynity")
         kinds[kind] = None
         yield from options.objective(kind, f"methods.{method}.objective")[1]
-        if options.needs_prior(kind, f"methods.{method}.objective") and "augmentation" not in one:
-            yield InputError(f"{where}.augmentation", "missing", f"the objective {kind} needs its prior")
     for block in ("training", "finetuning"):
         given = one.get(block, {}).get("objective", {})
         at = f"{where}.{block}.objective"
@@ -217,8 +216,7 @@ def _simulation(where: str, one: Mapping, known: options.KnownSystem | None) -> 
     if "iid" in sets and any(sets["iid"][part] != sets["validation"][part] for part in ("z_e", "z_a")):
         remedy = "give those of validation: it is drawn alike, and nothing is chosen on it"
         yield InputError(f"{where}.data.sets.iid", "other ranges than validation's", remedy)
-    if "augmentation" in one:
-        prior = one["augmentation"]["prior"]
+    if (prior := one["augmentation"]["prior"]) is not None:
         yield from other_parameters(prior, sets[first]["z_e"], f"{where}.augmentation.prior", "the sets' z_e")
 
 

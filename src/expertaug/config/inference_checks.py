@@ -16,21 +16,22 @@ def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None)
 
     Versions of methods that the experiment does not train are no mistake: an override may take a method away.
     """
-    remedies = {"controls": "only hybrid methods can be trained on", "flows": "only hybrid methods have a posterior"}
-    for block, needed in (("controls", ("augmentation", "finetuning")), ("flows", ("augmentation",))):
+    remedies = {
+        "controls": "only hybrid methods can be trained on",
+        "flows": "only methods of kind hybrid and alternating have a posterior",
+    }
+    allowed = {"controls": ("hybrid",), "flows": ("hybrid", "alternating")}
+    for block, needed in (("controls", ("finetuning",)), ("flows", ())):
         yield from unknown(one[block], methods, f"{where}.{block}", "method")
         for k, method in enumerate(one[block]):
             kind = _kind(methods, method)
-            if kind != "hybrid":
+            if kind not in allowed[block]:
                 yield InputError(f"{where}.{block}[{k}]", f"'{method}' is of kind {kind}", remedies[block])
         for key in needed:
             if set(one[block]) & set(one["methods"]) and key not in one:
                 yield InputError(f"{where}.{key}", "missing", f"methods under {block} need it")
     yield from _refined(f"{where}.refined", one["refined"], methods)
     fitted = [m for m in one["methods"] if _kind(methods, m) in FITTED]
-    if fitted and "augmentation" not in one:
-        found = f"missing, {fitted[0]} needs its prior"
-        yield InputError(f"{where}.augmentation", found, "give p⁺: the fits start within it")
     if fitted and not one["refinement"]["starts"]:
         yield InputError(f"{where}.refinement.starts", "found 0", f"{fitted[0]} has no other starts: give 1 or more")
     for k, method in enumerate(one["methods"]):
@@ -52,7 +53,7 @@ def _refined(where: str, variants: list[str], methods: Mapping) -> Iterator[Inpu
             yield InputError(here, f"'{variant}' is there twice", "name each version once")
         elif kind == "mean":
             yield InputError(here, f"'{variant}' is of kind mean", "name a version with an expert")
-        elif kind in FITTED:
+        elif kind in FITTED and FLOW not in parse(variant).estimators:
             yield InputError(here, f"'{variant}' is of kind {kind}", "it is fitted to each window already")
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from expertaug import labels as naming
 from expertaug.config import grid as grids
-from expertaug.config import study_checks
-from expertaug.config.methods import build_of
+from expertaug.config import options, study_checks
+from expertaug.config.methods import FITTED, build_of, experiment_of, objective_of
 
 
 def seed_groups(config: Mapping, experiment: str | None = None) -> dict[str, list[int]]:
@@ -42,6 +42,46 @@ def further_variants(config: Mapping, experiment: str) -> list[str]:
     """``method+name`` of every further prior: they are in the study of the prior's width alone."""
     one = config["experiments"][experiment]
     return [f"{m}+{name}" for name, a in one["augmentations"].items() for m in a.get("methods", one["augmented"])]
+
+
+def finds_prior(config: Mapping, experiment: str, variant: str) -> str | None:
+    """The augmented version (METHOD+, METHOD+NAME) whose p⁺ a version uses, where that is to find its own ranges from
+    the trained METHOD; empty where they are found before anything is trained; None where ranges are given."""
+    found, one = naming.parse(variant), experiment_of(config, experiment, naming.base(variant))
+    block = one["augmentations"][found.prior] if found.prior else one["augmentation"]
+    if block["prior"] is not None:
+        return None
+    untrained = config["methods"][found.method]["kind"] in FITTED
+    return "" if untrained and naming.FLOW not in found.estimators else f"{found.method}+{found.prior or ''}"
+
+
+def finds_prior_to_train(config: Mapping, experiment: str, method: str) -> bool:
+    """Whether the training of a method needs ranges of p⁺, and they are to be found."""
+    build = build_of(config, experiment, method)
+    needed = build["kind"] in FITTED or (
+        build["kind"] == "hybrid" and options.needs_prior(objective_of(build), "objective")
+    )
+    return needed and experiment_of(config, experiment, method)["augmentation"]["prior"] is None
+
+
+def found_priors(config: Mapping, experiment: str) -> list[str]:
+    """Augmented versions whose p⁺ is found from a trained model; an empty one stands for that of the experiment."""
+    versions = [*variants(config, experiment), *further_variants(config, experiment)]
+    kinds = {v: config["methods"][naming.base(v)]["kind"] for v in versions}
+    found = [finds_prior(config, experiment, v) for v in versions if kinds[v] != "mean"]
+    if any(finds_prior_to_train(config, experiment, m) for m in config["experiments"][experiment]["methods"]):
+        found.append("")
+    return [v for v in dict.fromkeys(found) if v is not None]
+
+
+def with_interaction(config: Mapping, experiment: str) -> list[str]:
+    """Methods of an experiment that learn an interaction model beside an expert; points of grids aside."""
+    found = []
+    for method in config["experiments"][experiment]["methods"]:
+        build = build_of(config, experiment, method)
+        learns = build["kind"] in ("hybrid", "alternating") and build.get("interaction") is not False
+        found += [method] if learns and build.get("expert") is not False and "@" not in method else []
+    return found
 
 
 def studies(config: Mapping, experiment: str) -> list[str]:

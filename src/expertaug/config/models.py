@@ -11,25 +11,20 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field, field_serializer
 
 from expertaug.config import presets
+from expertaug.config.data_models import Data
 from expertaug.config.study_models import SomeNames, Studies
-from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
+from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings, ValiditySettings
 from expertaug.learning.settings import TrainSettings
-from expertaug.measurements.settings import MeasurementSettings
-from expertaug.recordings.angles.settings import CalibrationKeys
-from expertaug.recordings.chunks.settings import ChunkSettings
 from expertaug.recordings.settings import RecordingKeys
 from expertaug.settings import (
-    KEYS,
     LEFT_OUT,
-    ONE,
     Count,
     Name,
     NotNegative,
-    Positive,
     Range,
     Seed,
     Settings,
-    by_shape,
+    Share,
     key,
     wrong,
 )
@@ -38,9 +33,6 @@ from expertaug.wording import PATTERNS
 
 Ranges = Annotated[dict[str, Range], Field(min_length=1)]
 Names = list[str]
-Noise = Annotated[
-    Annotated[NotNegative | Literal["estimated"], ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape
-]
 
 
 def _choices(value: dict[str, str]) -> dict[str, str]:
@@ -76,47 +68,10 @@ class Method(Settings):
         LEFT_OUT, "of kind least_squares: true takes the equation that made simulated data, a floor for what learns it"
     )
     objective: str = key(LEFT_OUT, "name of the objective, or package.module:Class; left out = aphynity")
-
-
-class SimulatedSet(Settings):
-    """One simulated set."""
-
-    size: int = key(..., "trajectories", ge=1, le=10**8)
-    z_e: dict[str, Range] = key(..., "range of each expert parameter, in its unit")
-    z_a: dict[str, Range] = key(dict, "range of each parameter of the true interaction, in its unit")
-    inputs: dict[str, Range] = key(
-        LEFT_OUT, "of a driven system, range of each number that known inputs are drawn from, and of each covariate"
+    known_form: bool = key(
+        LEFT_OUT,
+        "true: its F_a has the form of the hidden term; tables and figures show it after the others",
     )
-
-
-class Data(Settings):
-    """Where the trajectories come from."""
-
-    source: Literal["simulation", "recordings", "files"] = key(
-        ..., "simulation = the system's own; recordings = chunks of the recordings; files = measurements of your own"
-    )
-    t1_s: Positive = key(..., "end of the observed window", "s")
-    noise: Noise = key(
-        0.0,
-        "standard deviation of the noise on every value of the state, or a mapping with one for each component, which "
-        "simulated sets (of the first kind) and augmented samples get; estimated = from how rough the columns of files "
-        "are",
-    )
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = key(0, "of the simulation")
-    step_s: Positive = key(LEFT_OUT, "time from point to point of simulated sets", "s")
-    t2_s: Positive = key(LEFT_OUT, "end of a simulated trajectory", "s")
-    sets: dict[Name, SimulatedSet] = key(
-        LEFT_OUT, "the simulated sets: train, validation, test; iid, with validation's ranges, is an IID test set"
-    )
-    split: ChunkSettings = key(LEFT_OUT, "chunks of the recordings and their division into sets")
-    files: MeasurementSettings = key(LEFT_OUT, "measurements of your own: tables, chunks of them and their sets")
-    start: dict[str, Range] = key(
-        dict,
-        "of components that files do not have, or not always: range, in its unit, in which the first point of a chunk "
-        "is inferred; left out = a little beyond the measured values",
-    )
-    calibrate: bool = key(False, "whether the expert's constants are fitted on the training chunks")
-    calibration: CalibrationKeys = key(CalibrationKeys, "how the constants of the compound expert are fitted")
 
 
 class Model(Settings):
@@ -129,13 +84,27 @@ class Model(Settings):
 class Augmentation(Settings):
     """How augmented samples are drawn."""
 
-    prior: Ranges = key(..., "p⁺(z_e), uniform over a range for each expert parameter, in its unit")
+    prior: Ranges | None = key(
+        None,
+        "p⁺(z_e), uniform over a range for each expert parameter, in its unit; null = it finds its own ranges, which "
+        "grow from those of the training windows' estimates",
+    )
+    windows: Names = key(
+        list,
+        "of a p⁺ that finds its own ranges: sets that it is to cover, of which only the observed windows are used; "
+        "none = until the budget",
+    )
+    budget: Annotated[float, Field(gt=1)] = key(
+        2.0, "of a p⁺ that finds its own ranges without windows: by which factor they are widened, at most"
+    )
+    worst: Share = key(
+        0.0, "share of the augmented samples that are drawn where the trained model's own estimates are bad; 0 = none"
+    )
 
 
-class FurtherPrior(Settings):
+class FurtherPrior(Augmentation):
     """A further prior, which makes a version METHOD+NAME of augmented methods from the same trained model."""
 
-    prior: Ranges = key(..., "as augmentation.prior")
     methods: SomeNames = key(LEFT_OUT, "methods that get this version; left out = all under augmented")
 
 
@@ -160,6 +129,12 @@ class Evaluation(Settings):
         dict, "how tables and figures call the sets; default train, validation (set of choices), IID test, test (OOD)"
     )
     max_samples: Count | None = key(None, "samples of each set, at most, evenly spread; null = all")
+    draws: Annotated[int, Field(ge=0, le=1000)] = key(
+        39,
+        "forecasts that are drawn of a window, for CRPS, energy score and bands of every version with a distribution; "
+        "39 (or 19) make exact 50 % and 90 % bands, 0 = none",
+    )
+    drawn_samples: Count = key(200, "windows of each set whose forecasts are drawn, at most, evenly spread")
     solver: SolverSettings = key(
         LEFT_OUT,
         "of the forecasts; left out = dopri5 with tolerances of 1.0e-6, rk4 with 10 substeps where there are events",
@@ -197,7 +172,7 @@ class Experiment(Settings):
     data: Data = key(..., "where the trajectories come from")
     model: Model = key(..., "of the methods of kind hybrid")
     training: TrainSettings = key(..., "how a model is trained")
-    augmentation: Augmentation = key(LEFT_OUT, "how augmented samples are drawn")
+    augmentation: Augmentation = key(Augmentation, "how augmented samples are drawn")
     augmentations: dict[Name, FurtherPrior | None] = key(
         dict,
         "further priors by name, which show how the gain depends on the width of p⁺; each makes a version METHOD+NAME "
@@ -231,6 +206,9 @@ class Experiment(Settings):
     )
     flow: FlowSettings = key(FlowSettings, "how a flow learns the posterior from draws of a trained model")
     alternation: AlternatingSettings = key(AlternatingSettings, "how methods of kind alternating are trained")
+    validity: ValiditySettings = key(
+        ValiditySettings, "the check whether F_a holds where z_e has moved, of every trained interaction model"
+    )
 
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:

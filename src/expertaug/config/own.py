@@ -116,10 +116,10 @@ class _Experiment:
         if simulated:
             given |= {f"{where}.data.sets.{name}.{part}": s[part] for name, s in one["data"]["sets"].items()}
         if part == "z_e":
-            priors = {"augmentation": one.get("augmentation", {})}
+            priors = {"augmentation": one["augmentation"]}
             priors |= {f"augmentations.{name}": a for name, a in one["augmentations"].items()}
             for method in self.methods:
-                own = experiment_of(self.config, self.name, method).get("augmentation", {})
+                own = experiment_of(self.config, self.name, method)["augmentation"]
                 if own != priors["augmentation"]:
                     priors[f"overrides.{method}.augmentation"] = own
             given |= {f"{where}.{key}.prior": a["prior"] for key, a in priors.items() if a.get("prior")}

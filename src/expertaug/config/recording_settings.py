@@ -62,6 +62,12 @@ def overlaid(config: Mapping) -> tuple[str, list[str]] | None:
     return experiment, chosen["variants"] or jobs.variants(config, experiment)[-1:]
 
 
+def cut_measurements(config: Mapping, experiment: str) -> dict:
+    """Of measurements in files; which files there are the workflow says."""
+    one = config["experiments"][experiment]
+    return {"system": one["system"], "files": one["data"]["files"]}
+
+
 def split_chunks(config: Mapping, experiment: str) -> dict:
     return {k: v for k, v in config["experiments"][experiment]["data"]["split"].items() if k != "horizons_s"}
 

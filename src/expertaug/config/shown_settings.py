@@ -81,15 +81,17 @@ def overview(config: Mapping, experiments: list[str]) -> dict:
 
 def tabulate(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and how metrics and sets are to be read."""
-    floors = [v for v in variants(config, experiment) if config["methods"][naming.base(v)].get("truth")]
-    return {"labels": _labels(config, variants(config, experiment)), "floors": floors, **reading(config, experiment)}
+    named = variants(config, experiment)
+    floors = [v for v in named if config["methods"][naming.base(v)].get("truth")]
+    known = [v for v in named if _knows_the_form(config, v)]
+    return {"labels": _labels(config, named), "floors": floors, "known_form": known, **reading(config, experiment)}
 
 
 def plot(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
     one = config["experiments"][experiment]
     priors = {
-        v: experiment_of(config, experiment, naming.base(v)).get("augmentation", {}).get("prior", {})
+        v: experiment_of(config, experiment, naming.base(v))["augmentation"]["prior"] or {}
         for v in variants(config, experiment)
     }
     return {
@@ -110,6 +112,7 @@ def windows(config: Mapping, experiment: str) -> dict:
         "labels": _labels(config, shown),
         "all_methods": all_methods(config),
         "training_range": one["data"]["sets"]["train"]["z_e"] if simulated else {},
+        "interaction_range": one["data"]["sets"]["train"]["z_a"] if simulated else {},
         "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
         "mean": next((m for m in one["methods"] if config["methods"][m]["kind"] == "mean"), None),
         **reading(config, experiment),
@@ -128,5 +131,10 @@ def all_methods(config: Mapping) -> list[str]:
 
 
 def _labels(config: Mapping, named: Iterable[str]) -> list[list[str]]:
-    """Pairs of a version of a method and what is printed for it, in order."""
-    return [[variant, label(config, variant)] for variant in named]
+    """Pairs of a version of a method and what is printed for it, in order, those whose F_a is of known form last."""
+    return [[variant, label(config, variant)] for variant in sorted(named, key=lambda v: _knows_the_form(config, v))]
+
+
+def _knows_the_form(config: Mapping, variant: str) -> bool:
+    """Whether F_a of a method has the form of the hidden term."""
+    return config["methods"][naming.base(variant)].get("known_form", False)

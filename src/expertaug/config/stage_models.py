@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
-from expertaug.config.models import Evaluation, Noise
+from expertaug.config.data_models import Noise
+from expertaug.config.models import Evaluation
 from expertaug.errors import InputErrors
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
 from expertaug.learning.settings import TrainSettings
@@ -83,7 +84,9 @@ class Refinement(Settings):
 
     settings: RefinementSettings = key(..., "how to fit")
     noise: Noise = key(..., "standard deviation of the data's noise")
-    prior: dict[str, Range] | None = key(..., "range of each expert parameter in which the fits start; null = none")
+    prior: dict[str, Range] | Literal["own"] | None = key(
+        ..., "range of each expert parameter in which the fits start; null = none, own = --prior has it"
+    )
 
 
 class Untrained(Train):
@@ -103,7 +106,7 @@ class Alternating(Train):
 class Augment(OfSeeds):
     """An augmentation."""
 
-    prior: dict[str, Range] = key(..., "p⁺")
+    prior: dict[str, Range] | Literal["own"] = key(..., "p⁺; own = --prior has it")
     noise: Noise = key(..., "standard deviation of the noise of augmented samples")
 
 
@@ -117,7 +120,7 @@ class Flow(Labelled):
     """The training of a flow."""
 
     flow: FlowSettings = key(..., "how it is trained and used")
-    prior: dict[str, Range] = key(..., "p⁺")
+    prior: dict[str, Range] | Literal["own"] = key(..., "p⁺; own = --prior has it")
     noise: Noise = key(..., "standard deviation of the noise of the data")
 
 
@@ -127,6 +130,8 @@ class Evaluate(Labelled):
     evaluation: Evaluation = key(..., "what is computed")
     refinement: Refinement = key(LEFT_OUT, "least squares on each window, where the estimates come from it")
     sets: list[str] = key(..., "names of the sets")
+    noise: Noise = key(LEFT_OUT, "standard deviation of the data's noise; left out = none")
+    own: dict[str, Any] = key(LEFT_OUT, "prior, resample_x and z_a_from of windows of the model's own making")
 
 
 class Follow(Labelled):

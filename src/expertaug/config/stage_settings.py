@@ -10,11 +10,12 @@ from collections.abc import Mapping
 
 from expertaug import labels as naming
 from expertaug.config import options
-from expertaug.config.jobs import dissipating, label, seed_groups, sets, snapshots
+from expertaug.config.jobs import dissipating, label, seed_groups, sets, snapshots, with_interaction
 from expertaug.config.methods import FITTED, build_of, experiment_of, foreign, modules, objective_of
 from expertaug.config.recording_settings import (
     calibrate,
     cut_horizon,
+    cut_measurements,
     extract_frames,
     import_markers,
     measure_angles,
@@ -58,7 +59,9 @@ __all__ = [
     "overlaid",
     "overlay",
     "overview",
+    "own_prior",
     "plot",
+    "reading",
     "render_video",
     "simulate",
     "split_chunks",
@@ -67,6 +70,7 @@ __all__ = [
     "track_markers",
     "train",
     "unpack_markers",
+    "validity",
     "windows",
 ]
 
@@ -96,12 +100,6 @@ def simulate(config: Mapping, experiment: str, name: str) -> dict:
     return {"system": one["system"], "data": data}
 
 
-def cut_measurements(config: Mapping, experiment: str) -> dict:
-    """Of measurements in files; which files there are the workflow says."""
-    one = config["experiments"][experiment]
-    return {"system": one["system"], "files": one["data"]["files"]}
-
-
 def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
     one, build = experiment_of(config, experiment, method), build_of(config, experiment, method)
     model, training = dict(one["model"]), one["training"]
@@ -115,7 +113,7 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
     else:
         training = _with_own_options(training, build)
         if options.needs_prior(objective_of(build), "objective"):
-            given = {"prior": one["augmentation"]["prior"]}
+            given = {"prior": _prior(one["augmentation"])}
     given |= _estimator(config, experiment, method)
     return {
         **_identity(config, experiment, method),
@@ -136,10 +134,12 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
 def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
     method, name = naming.split(variant)
     one = experiment_of(config, experiment, method)
+    block = one["augmentations"][name] if name else one["augmentation"]
     return {
         "experiment": experiment,
         "method": variant,
-        "prior": (one["augmentations"][name] if name else one["augmentation"])["prior"],
+        "prior": _prior(block),
+        **({"worst": block["worst"]} if block["worst"] else {}),
         "noise": _noise(one),
         "choices": _choices(one, "augment"),
         "seeds": seed_groups(config, experiment)[group],
@@ -154,7 +154,7 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
     return {
         **_identity(config, experiment, variant),
         "training": _with_own_options(one["finetuning"], config["methods"][method]),
-        **({"prior": one["augmentation"]["prior"]} if naming.is_control(variant) else {}),
+        **({"prior": _prior(one["augmentation"])} if naming.is_control(variant) else {}),
         "choices": _choices(config["experiments"][experiment], "finetune"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
@@ -164,8 +164,23 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
 
 def flow(config: Mapping, experiment: str, variant: str, group: str) -> dict:
     one = experiment_of(config, experiment, naming.base(variant))
-    own = {"flow": one["flow"], "choices": _choices(one, "flow")}
+    own = {"flow": one["flow"], "choices": _choices(one, "flow"), "worst": 0.0}
     return augment(config, experiment, variant, group) | _identity(config, experiment, variant) | own
+
+
+def own_prior(config: Mapping, experiment: str, variant: str, group: str | None) -> dict:
+    """Of an augmented version whose p⁺ finds its own ranges; of none ("") before anything is trained."""
+    method = naming.base(variant) or None
+    one, name = experiment_of(config, experiment, method), naming.parse(variant).prior
+    block = one["augmentations"][name] if name else one["augmentation"]
+    found = {k: block[k] for k in ("windows", "budget")} | {"noise": _noise(one), "refinement": one["refinement"]}
+    if method is not None:
+        return found | {"device": config["device"], **foreign(config, experiment, method)}
+    identity = {"experiment": experiment, "method": "least_squares", "label": "", "preset": config["preset"]}
+    build = {"kind": "least_squares", "interaction": False}
+    told = {"system": one["system"], "build": build, "model": {}, "training": {}, "t1_s": one["data"]["t1_s"]}
+    told |= {"start": one["data"]["start"]} if one["data"]["start"] else {}
+    return found | identity | told | {"choices": _choices(one, "train"), "seeds": [0]}
 
 
 def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict:
@@ -173,6 +188,7 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
         **_identity(config, experiment, variant),
         "evaluation": _evaluation(config, experiment),
         **(_estimator(config, experiment, variant) if naming.is_refined(variant) else {}),
+        **_drawn(config, experiment, variant),
         "sets": sets(config, experiment),
         "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config, experiment)[group],
@@ -201,6 +217,10 @@ def dissipation(config: Mapping, experiment: str) -> dict:
     """Which versions are compared, and how the estimates of each are found."""
     versions = dissipating(config, experiment)
     fits = [_estimator(config, experiment, v).get("refinement") for v in versions]
+    # What a fitted method starts within its file says; refined versions start at their own estimates then.
+    fits = [
+        _without_search(fit, v) if fit and fit["prior"] == "own" else fit for fit, v in zip(fits, versions, strict=True)
+    ]
     own = [foreign(config, experiment, naming.base(v)).get("classes", []) for v in versions]
     classes = list(dict.fromkeys(name for names in own for name in names))
     return {
@@ -211,6 +231,19 @@ def dissipation(config: Mapping, experiment: str) -> dict:
         "device": config["device"],
         **({"classes": classes} if classes else {}),
     }
+
+
+def validity(config: Mapping, experiment: str) -> dict:
+    """Which trained methods are checked, and how the windows of each are fitted."""
+    one, versions, classes = config["experiments"][experiment], [], []
+    for method in with_interaction(config, experiment):
+        own = experiment_of(config, experiment, method)
+        fit = {"settings": own["refinement"], "noise": _noise(own), "prior": own["augmentation"]["prior"]}
+        versions.append([method, label(config, method), fit])
+        classes += foreign(config, experiment, method).get("classes", [])
+    told = {"experiment": experiment, "versions": versions, "validity": one["validity"], "device": config["device"]}
+    told |= {"all_methods": all_methods(config), **reading(config, experiment)}
+    return told | ({"classes": list(dict.fromkeys(classes))} if classes else {})
 
 
 def _identity(config: Mapping, experiment: str, variant: str) -> dict:
@@ -229,8 +262,26 @@ def _estimator(config: Mapping, experiment: str, variant: str) -> dict:
     if not naming.is_refined(variant) and config["methods"][method]["kind"] not in FITTED:
         return {}
     one = experiment_of(config, experiment, method)
-    prior = one["augmentation"]["prior"] if "augmentation" in one else None
-    return {"refinement": {"settings": one["refinement"], "noise": _noise(one), "prior": prior}}
+    return {"refinement": {"settings": one["refinement"], "noise": _noise(one), "prior": _prior(one["augmentation"])}}
+
+
+def _without_search(fit: Mapping, variant: str) -> dict | None:
+    return {**fit, "prior": None} if naming.is_refined(variant) else None
+
+
+def _drawn(config: Mapping, experiment: str, variant: str) -> dict:
+    """The data's noise, and what a version's own windows are made with, where the experiment has p⁺."""
+    one, name = experiment_of(config, experiment, naming.base(variant)), naming.parse(variant).prior
+    if config["methods"][naming.base(variant)]["kind"] == "mean":
+        return {"noise": _noise(one)}
+    prior = _prior(one["augmentations"][name] if name else one["augmentation"])
+    anew, latents = (one["choices"][row] for row in ("augmented_x", "augmented_z_a"))
+    return {"noise": _noise(one), "own": {"prior": prior, "resample_x": anew == "resampled", "z_a_from": latents}}
+
+
+def _prior(augmentation: Mapping) -> dict | str:
+    """Ranges of p⁺, or that they are to be found (:mod:`expertaug.inference.prior_stage`)."""
+    return augmentation["prior"] or "own"
 
 
 def _evaluation(config: Mapping, experiment: str) -> dict:

@@ -44,7 +44,9 @@ def published_systems() -> list[str]:
 
 
 def _augmentations(where: str, experiment: Mapping) -> Iterator[InputError]:
-    expected, of = experiment.get("augmentation", {}).get("prior", {}), "augmentation.prior"
+    expected, of = experiment["augmentation"]["prior"] or {}, "augmentation.prior"
+    sets_known = sets_of(experiment)
+    yield from unknown(experiment["augmentation"]["windows"], sets_known, f"{where}.augmentation.windows", "set")
     if sets := experiment["data"].get("sets"):
         expected, of = next(iter(sets.values()))["z_e"], "the sets' z_e"
     for name, one in experiment["augmentations"].items():
@@ -53,7 +55,9 @@ def _augmentations(where: str, experiment: Mapping) -> Iterator[InputError]:
             return
         here = f"{where}.augmentations.{name}"
         yield from unknown(one.get("methods", []), experiment["augmented"], f"{here}.methods", "method under augmented")
-        yield from other_parameters(one["prior"], expected, f"{here}.prior", of)
+        yield from unknown(one["windows"], sets_known, f"{here}.windows", "set")
+        if one["prior"] is not None and expected:
+            yield from other_parameters(one["prior"], expected, f"{here}.prior", of)
 
 
 def _out_of_expertise(where: str, experiment: Mapping) -> Iterator[InputError]:
@@ -84,9 +88,8 @@ def _during_training(where: str, experiment: Mapping, methods: Mapping) -> Itera
         yield InputError(
             f"{here}.method", f"'{method}' is of kind {methods[method]['kind']}", "only hybrid methods can be augmented"
         )
-    for key in ("augmentation", "finetuning"):
-        if key not in experiment:
-            yield InputError(f"{where}.{key}", "missing", "studies.during_training needs it")
+    if "finetuning" not in experiment:
+        yield InputError(f"{where}.finetuning", "missing", "studies.during_training needs it")
     last = {**experiment["training"], **experiment["overrides"].get(method, {}).get("training", {})}["epochs"]
     for key in ("epochs", "finetune_epochs"):
         for k, epoch in enumerate(study[key]):

@@ -11,7 +11,7 @@ import pandas as pd
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.diagnostic_figures import draw_alarm
-from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
+from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.alarm import FAILING, FALSE_ALARMS, Assessment, assess, ensemble_spread
@@ -51,17 +51,7 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
         raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
     long = pd.DataFrame(rows)
     title = f"{experiment_title(experiment_of(forecasts), settings)}: alarms"
-    header, cells = _table(long, settings)
-    lines = [f"## {title}", "", CAPTION, "", *grid(header, [[escape(c) for c in r] for r in cells], 2)]
-    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
-    write_tables(
-        [path for path in map(Path, outputs) if path not in drawn],
-        {
-            ".csv": lambda _: long.to_csv(index=False),
-            ".md": lambda _: "\n".join(lines) + "\n",
-            ".tex": lambda _: booktabs(header, cells, 2, CAPTION, "alarms", title),
-        },
-    )
+    drawn = write_study(outputs, long, (*_table(long, settings), 2), CAPTION, "alarms", title)
     if drawn:
         shown = _shown({v: sets for v, sets in found.items() if v != settings.get("floor")} or found)
         seed = next(iter(found[shown]))[2]

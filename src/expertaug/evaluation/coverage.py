@@ -1,4 +1,5 @@
-"""The stage coverage: whether intervals of z_e hold, of every version that has any, on every set."""
+"""The stage coverage: whether intervals of z_e and bands of forecasts hold, of every version that has any, on the
+version's own windows and on every set."""
 
 from __future__ import annotations
 
@@ -10,17 +11,24 @@ import pandas as pd
 
 from expertaug import plotting
 from expertaug.evaluation.diagnostic_figures import draw_calibration
-from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
+from expertaug.evaluation.formats import DASH, write_study
+from expertaug.evaluation.samples import OWN
 from expertaug.evaluation.summary import experiment_title, set_title
-from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
+from expertaug.evaluation.windows import Drawn, Version, experiment_of, read_windows
 from expertaug.inference.calibration import Calibration
 from expertaug.inference.coverage import area_to_curve, interval_coverage
+from expertaug.inference.posterior_draws import LEVELS
 from expertaug.labels import is_flow
 
-LEVELS = (0.5, 0.9)
+EMPTY = "No version has intervals."
+FORECAST = "forecast"  # in the place of a parameter
+OWN_TITLE = "the model's own windows"
 CAPTION = (
     "Share of windows whose true expert parameter lies in the central 50 % and 90 % intervals of its estimated "
-    "distribution, over all windows and seeds; the nominal share is right. Posteriors are a flow's, a hybrid-VAE's "
+    "distribution, over all windows and seeds; the nominal share is right. Rows called forecast: share of the times "
+    "and quantities of the forecast at which the data lie in the central intervals of forecasts drawn from that "
+    "distribution, with the data's noise. The model's own windows are made by the model itself over p⁺: there alone "
+    "any deviation is an error of inference. Posteriors are a flow's, a hybrid-VAE's "
     "Gaussian, or, of least squares and refined versions, Laplace's approximation. ATC: area between TARP's expected "
     "coverage and the diagonal, 0 where right, above 0 too wide, below 0 too narrow. Versions that estimate a point "
     "alone are left out."
@@ -39,55 +47,46 @@ def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
         InputError: a file is broken, or an output's suffix is unknown.
     """
     versions, labels = read_windows(forecasts), dict(settings["labels"])
-    known = [v for v in labels if v in versions and any(s.ranks is not None for s in versions[v].sets.values())]
+    known = [v for v in labels if v in versions and any(s.drawn for s in versions[v].sets.values())]
     rows = [row for v in known for row in _rows(v, labels[v], versions[v])]
     columns = ["method", "label", "set", "parameter", *(f"coverage_{round(100 * x)}" for x in LEVELS), "atc", "windows"]
     long = pd.DataFrame(rows, columns=columns)
-    title = f"{experiment_title(experiment_of(forecasts), settings)}: coverage of z_e"
-    header, cells = _table(long, settings)
-    body = grid(header, [[escape(c) for c in r] for r in cells], 3) if cells else ["No version has intervals."]
-    lines = [f"## {title}", "", CAPTION, "", *body]
-    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
-    write_tables(
-        [path for path in map(Path, outputs) if path not in drawn],
-        {
-            ".csv": lambda _: long.to_csv(index=False),
-            ".md": lambda _: "\n".join(lines) + "\n",
-            ".tex": lambda _: booktabs(header, cells, 3, CAPTION, "coverage", title),
-        },
-    )
+    title = f"{experiment_title(experiment_of(forecasts), settings)}: coverage of intervals"
+    drawn = write_study(outputs, long, (*_table(long, settings), 3), CAPTION, "coverage", title, EMPTY)
     if not drawn:
         return
     if not known:
-        plotting.save_note("No version has intervals.", drawn)
+        plotting.save_note(EMPTY, drawn)
         return
     shown = next((v for v in known if is_flow(v)), known[0])
     one = versions[shown]
-    sets = [name for name in ("iid", "validation", "test") if name in one.sets]
-    sets = [name for name in sets if name != "validation" or "iid" not in sets]
-    kinds = {set_title(name, settings): _calibration(one.sets[name], 0) for name in sets}
+    found = {set_title(name, settings): one.sets[name].drawn for name in one.judged}
+    found = {OWN_TITLE: one.own, **found}
+    kinds = {title: _calibration(drawn, 0) for title, drawn in found.items() if drawn is not None}
     with plotting.styled():
         figure = draw_calibration(kinds, one.parameters, f"{title}, {labels[shown]}, seed {one.seeds[0]}")
         plotting.save(figure, drawn)
 
 
-def _calibration(windows: WindowSet, seed: int) -> Calibration:
-    assert windows.ranks is not None and windows.tarp is not None
-    return Calibration(windows.draws, windows.ranks[seed], windows.tarp[seed])
+def _calibration(drawn: Drawn, seed: int) -> Calibration:
+    return Calibration(drawn.count, drawn.ranks[seed], drawn.tarp[seed])
 
 
 def _rows(version: str, label: str, of: Version) -> list[dict]:
     found = []
-    for name, one in of.sets.items():
-        if one.ranks is None or name == "train":
+    for name, one in {OWN: of.own, **{name: s.drawn for name, s in of.sets.items()}}.items():
+        if one is None or name == "train":
             continue
         of_seeds = [_calibration(one, k) for k in range(len(of.seeds))]
-        each = np.mean([interval_coverage(c.marginal, one.draws, LEVELS).share for c in of_seeds], axis=0)
-        atc = float(np.mean([area_to_curve(c.tarp, one.draws) for c in of_seeds]))
-        for p, parameter in enumerate(of.parameters):
-            shares = {f"coverage_{round(100 * x)}": float(each[j, p]) for j, x in enumerate(LEVELS)}
+        each = np.mean([interval_coverage(c.marginal, one.count, LEVELS).share for c in of_seeds], axis=0)
+        atc = float(np.mean([area_to_curve(c.tarp, one.count) for c in of_seeds]))
+        parts = [(p, each[:, k], atc, one.tarp.shape[1]) for k, p in enumerate(of.parameters)]
+        if one.inside is not None:
+            parts.append((FORECAST, one.inside.mean((0, 1)), np.nan, one.inside.shape[1]))
+        for parameter, share, area, windows in parts:
+            shares = {f"coverage_{round(100 * x)}": float(share[j]) for j, x in enumerate(LEVELS)}
             identity = {"method": version, "label": label, "set": name, "parameter": parameter}
-            found.append({**identity, **shares, "atc": atc, "windows": len(one.z_e)})
+            found.append({**identity, **shares, "atc": area, "windows": windows})
     return found
 
 
@@ -97,5 +96,6 @@ def _table(long: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[
     for _, row in long.iterrows():
         shares = [f"{100 * row[f'coverage_{round(100 * x)}']:.1f}" for x in LEVELS]
         atc = f"{row['atc']:.3f}".replace("-", "−") if np.isfinite(row["atc"]) else DASH
-        rows.append([row["label"], set_title(row["set"], settings), row["parameter"], *shares, atc])
+        title = OWN_TITLE if row["set"] == OWN else set_title(row["set"], settings)
+        rows.append([row["label"], title, row["parameter"], *shares, atc])
     return header, rows

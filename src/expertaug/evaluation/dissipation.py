@@ -13,7 +13,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.dissipation_report import draw, latex, markdown
 from expertaug.evaluation.energy_balance import dissipated_power, measured_loss
 from expertaug.evaluation.evaluate import spread
-from expertaug.evaluation.formats import write_tables
+from expertaug.evaluation.formats import DRAWN, write_tables
 from expertaug.inference.least_squares import estimator_of
 from expertaug.labels import MAIN_SETS, trained
 from expertaug.models import store
@@ -21,7 +21,6 @@ from expertaug.models.device import device_of
 from expertaug.trajectories import Trajectories
 
 CHUNKS = 1000  # of each set, evenly spread
-DRAWN = (".png", ".pdf")
 
 
 def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], settings: Mapping) -> None:

@@ -1,4 +1,4 @@
-"""The stage distance: error, alarms and skill as functions of how far z_e lies from the training range."""
+"""The stage distance: error, alarms and skill as functions of how far z_e, or z_a, lies from the training range."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from matplotlib.axes import Axes
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.alarms import KNOWN
-from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
+from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title
-from expertaug.evaluation.windows import Version, experiment_of, read_windows
+from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.alarm import threshold
 from expertaug.labels import is_augmented, is_control, is_refined
 
-SETS = ("iid", "validation", "test")  # the first two where the first is missing
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
 LINES = 8  # in the figure
 CAPTION = (
     "Distance: how far the true z_e of a window lies beyond the training range, in widths of that range, the largest "
-    "over parameters; bins of equal numbers of windows, their medians. log-MSE: natural logarithm of the mean squared "
-    "error of the forecast. Skill: 1 at the floor (the equation that made the data, fitted to each window), 0 at the "
-    "mean of the training set, on the scale of log-MSE. Alarms: windows whose misfit is above the 95 % threshold of "
-    "the validation set. Means over seeds."
+    "over parameters; of z_a, where sets are shifted in it: the same of the interaction's parameters, over all windows "
+    "whose z_e lies within. Bins of equal numbers of windows, their medians. log-MSE: natural logarithm of the mean "
+    "squared error of the forecast. Skill: 1 at the floor (the equation that made the data, fitted to each window), 0 "
+    "at the mean of the training set, on the scale of log-MSE. Alarms: windows whose misfit is above the 95 % "
+    "threshold of the validation set. Means over seeds."
 )
 METRICS = {
     "log_mse": "log-MSE",
@@ -43,8 +43,9 @@ def distance(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
         forecasts: forecasts.npz of all versions and groups of seeds, of the mean and of the true equation too where
             they are run: without them there is no skill.
         outputs: any of .csv, .md, .tex, .png and .pdf.
-        settings: {labels, all_methods, training_range, floor, mean, title}: pairs of a version and its printed label;
-            [low, high] by parameter; names of the versions that skill is measured by, or null.
+        settings: {labels, all_methods, training_range, interaction_range, floor, mean, title}: pairs of a version and
+            its printed label; [low, high] by parameter of z_e and of z_a; names of the versions that skill is measured
+            by, or null.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
@@ -54,26 +55,17 @@ def distance(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
     if not known:
         raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
     scale = [settings.get(key) for key in ("floor", "mean")]
-    ends = [_curve(versions[v], settings["training_range"])["log_mse"] if v in versions else None for v in scale]
+    ends = [_curves(versions[v], settings) if v in versions else None for v in scale]
     parts = []
     for v in known:
-        curve = _curve(versions[v], settings["training_range"])
-        if ends[0] is not None and ends[1] is not None:
-            curve["skill"] = (ends[1] - curve["log_mse"]) / (ends[1] - ends[0])
+        curve = _curves(versions[v], settings)
+        floor, mean = (None if end is None or len(end) != len(curve) else end["log_mse"] for end in ends)
+        if floor is not None and mean is not None:
+            curve["skill"] = (mean - curve["log_mse"]) / (mean - floor)
         parts.append(curve.assign(method=v, label=labels[v]))
     long = pd.concat(parts, ignore_index=True)
     title = f"{experiment_title(experiment_of(forecasts), settings)}: distance from the training range"
-    header, rows = _table(long)
-    lines = [f"## {title}", "", CAPTION, "", *grid(header, [[escape(c) for c in r] for r in rows], 2)]
-    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
-    write_tables(
-        [path for path in map(Path, outputs) if path not in drawn],
-        {
-            ".csv": lambda _: long.to_csv(index=False),
-            ".md": lambda _: "\n".join(lines) + "\n",
-            ".tex": lambda _: booktabs(header, rows, 2, CAPTION, "distance", title),
-        },
-    )
+    drawn = write_study(outputs, long, (*_table(long), 2), CAPTION, "distance", title)
     if drawn:
         _draw(long, drawn, settings, title)
 
@@ -87,14 +79,33 @@ def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequ
     return np.max(each, axis=0)
 
 
-def _curve(version: Version, ranges: Mapping[str, Sequence[float]]) -> pd.DataFrame:
-    """A row a bin: distance (median), windows, log_mse, parameter_error, alarms."""
-    names = [name for name in SETS if name in version.sets]
-    names = [name for name in names if name != "validation" or "iid" not in names]
-    sets = [version.sets[name] for name in names]
-    errors, misfit = (np.concatenate([getattr(s, key) for s in sets], axis=1) for key in ("errors", "misfit"))
-    z_e = np.concatenate([s.z_e for s in sets])
-    away = beyond(z_e, version.parameters, ranges)
+def _curves(version: Version, settings: Mapping) -> pd.DataFrame:
+    """A row a bin of z_e's distance and, where windows are shifted in it, of z_a's: ``of`` (z_e or z_a), distance
+    (median), windows, log_mse, parameter_error, alarms."""
+    known = [name for name in version.sets if name not in ("train", "validation" if "iid" in version.sets else "")]
+    main = [version.sets[name] for name in version.judged]
+    away = [beyond(s.z_e, version.parameters, settings["training_range"]) for s in main]
+    parts = [_curve(version, main, away).assign(of="z_e")]
+    ranges = settings.get("interaction_range") or {}
+    sets = [version.sets[name] for name in known if version.sets[name].z_a is not None]
+    if set(version.interaction) == set(ranges) and ranges and sets:
+        inside = [beyond(s.z_e, version.parameters, settings["training_range"]) == 0 for s in sets]
+        away = [beyond(s.z_a, version.interaction, ranges) for s in sets if s.z_a is not None]
+        if any((one[here] > 0).any() for one, here in zip(away, inside, strict=True)):
+            parts.append(_curve(version, sets, away, inside).assign(of="z_a"))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _curve(
+    version: Version,
+    sets: Sequence[WindowSet],
+    distances: Sequence[np.ndarray],
+    inside: Sequence[np.ndarray] | None = None,
+) -> pd.DataFrame:
+    """A row a bin of some sets' windows by their distances (N,), of those alone that are ``inside`` (N,)."""
+    taken = np.concatenate(inside) if inside is not None else np.full(sum(map(len, distances)), True)
+    errors, misfit = (np.concatenate([getattr(s, key) for s in sets], axis=1)[:, taken] for key in ("errors", "misfit"))
+    z_e, away = np.concatenate([s.z_e for s in sets])[taken], np.concatenate(distances)[taken]
     outside = away[away > 0]
     inner = np.quantile(outside, np.linspace(0, 1, BINS + 1))[1:-1] if len(outside) >= BINS else np.array([])
     edges = np.unique(np.concatenate(([0.0], inner)))
@@ -103,7 +114,7 @@ def _curve(version: Version, ranges: Mapping[str, Sequence[float]]) -> pd.DataFr
     limits = np.array([threshold(np.nan_to_num(one, nan=1e30)) for one in known])[:, None]
     relative = None
     if all(s.z_e_hat is not None for s in sets):
-        hat = np.concatenate([s.z_e_hat for s in sets], axis=1)  # type: ignore[misc]
+        hat = np.concatenate([s.z_e_hat for s in sets], axis=1)[:, taken]  # type: ignore[misc]
         relative = 100 * np.abs((hat - z_e) / z_e).mean(2)
     rows = []
     for k in np.unique(place):
@@ -122,17 +133,21 @@ def _curve(version: Version, ranges: Mapping[str, Sequence[float]]) -> pd.DataFr
 
 
 def _table(long: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    """A row for each version and metric, a column for each bin."""
-    bins = list(dict.fromkeys(long["distance"]))
-    header = ["method", "", *("within" if d == 0 else f"{d:.2f}" for d in bins)]
-    rows = []
-    for label, part in long.groupby("label", sort=False):
-        cells = part.set_index("distance")
-        for metric, title in METRICS.items():
-            values = [cells[metric].get(d, np.nan) for d in bins]
-            if np.isfinite(values).any():
-                digits = 1 if metric in ("parameter_error", "alarms") else 2
-                rows.append([str(label), title, *(f"{v:.{digits}f}" if np.isfinite(v) else DASH for v in values)])
+    """A row for each version, distance and metric, a column for each bin; a row of the distances above each block."""
+    most = max(len(part) for _, part in long.groupby(["label", "of"]))
+    header, rows = ["method", "", *(["within"] + [f"bin {k}" for k in range(1, most)])], []
+    for of, block in long.groupby("of", sort=False):
+        bins = list(dict.fromkeys(block["distance"]))
+        blank = [""] * (most - len(bins))
+        rows.append([f"distance of {of}", "", *("0" if d == 0 else f"{d:.2f}" for d in bins), *blank])
+        for label, part in block.groupby("label", sort=False):
+            cells = part.set_index("distance")
+            for metric, title in METRICS.items():
+                values = [cells[metric].get(d, np.nan) for d in bins]
+                if np.isfinite(values).any():
+                    digits = 1 if metric in ("parameter_error", "alarms") else 2
+                    texts = [f"{v:.{digits}f}" if np.isfinite(v) else DASH for v in values]
+                    rows.append([str(label), title, *texts, *blank])
     return header, rows
 
 
@@ -145,20 +160,28 @@ def _draw(long: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, title:
     chosen = [v for v in named if v in chosen]
     colours = plotting.colours(chosen, settings["all_methods"])
     with plotting.styled():
-        figure = plotting.new_figure(4.6)
-        axes = figure.subplots(2, 2, sharex=True)
-        for axis, (metric, name) in zip(axes.flat, METRICS.items(), strict=True):
-            for v in chosen:
-                _line(axis, long[long["method"] == v], metric, _look(v, colours))
-            if floor in named and metric != "skill":
-                look = {"color": "0.55", "linestyle": ":", "linewidth": 1.2, "label": "True equation"}
-                _line(axis, long[long["method"] == floor], metric, look)
-            axis.set_ylabel(name)
-            axis.grid(alpha=0.4)
-        axes[0, 1].set_yscale("log")
-        axes[1, 1].set_ylim(-0.5, 1.15)
-        for axis in axes[1]:
-            axis.set_xlabel("distance from the training range [its widths]")
+        shifted = list(dict.fromkeys(long["of"]))
+        figure = plotting.new_figure(4.6 if len(shifted) == 1 else 7.6)
+        # One distance: two rows of two panels; two distances: a column each, a row a metric.
+        axes = figure.subplots(2, 2, sharex=True) if len(shifted) == 1 else figure.subplots(4, 2, sharex="col")
+        panels = [axes.flat] if len(shifted) == 1 else list(axes.T)
+        for of, column in zip(shifted, panels, strict=True):
+            block = long[long["of"] == of]
+            for axis, (metric, name) in zip(column, METRICS.items(), strict=True):
+                for v in chosen:
+                    _line(axis, block[block["method"] == v], metric, _look(v, colours))
+                if floor in named and metric != "skill":
+                    look = {"color": "0.55", "linestyle": ":", "linewidth": 1.2, "label": "True equation"}
+                    _line(axis, block[block["method"] == floor], metric, look)
+                axis.set_ylabel(name)
+                axis.grid(alpha=0.4)
+                if metric == "parameter_error":
+                    axis.set_yscale("log")
+                if metric == "skill":
+                    axis.set_ylim(-0.5, 1.15)
+        for axis in axes[-1]:
+            of = shifted[0] if len(shifted) == 1 else shifted[list(axes[-1]).index(axis)]
+            axis.set_xlabel(f"{plotting.symbol(of)} beyond the training range [its widths]")
         plotting.heading(figure, plotting.text(title))
         handles, texts = axes[0, 0].get_legend_handles_labels()
         for handle, text in zip(handles, texts, strict=True):

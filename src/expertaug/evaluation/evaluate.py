@@ -2,56 +2,60 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.evaluation import figures, traces
+from expertaug.evaluation.evaluation_log import write_log
+from expertaug.evaluation.forecast_scores import DRAWN, Drawing, DrawnScores
 from expertaug.evaluation.metrics import log_after, log_of, log_of_median, parameter_errors, squared_errors
+from expertaug.evaluation.own_windows import of_own_windows
 from expertaug.evaluation.runaways import forecast
-from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, ranks_of
+from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, drawn_arrays, ranks_of
 from expertaug.files import atomic
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.posterior_draws import z_e_draws
 from expertaug.inference.store import load
 from expertaug.labels import MAIN_SETS, SHOWN_SETS
 from expertaug.learning.bound import largest, stored_bound
+from expertaug.learning.misfit import misfit_of
+from expertaug.learning.noise import Noise
 from expertaug.models import store
 from expertaug.models.device import device_of
+from expertaug.models.measurement_noise import noise_of
 from expertaug.systems.inputs import check_given, joined
 from expertaug.systems.solver import Solver
-from expertaug.tracking.run import Run
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.log_file import COLUMNS
 from expertaug.trajectories import Trajectories
 
 CHUNK_BYTES = 2**25  # of the forecasts made at a time: bounds the memory, whatever the size of a state
 
 
-def evaluate(
-    model: Path, data: Path, metrics: Path, forecasts: Path, settings: Mapping, tracking: Mapping | None
-) -> None:
+def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: Mapping) -> None:
     """Write the metrics of every seed and set, and forecasts of chosen samples.
 
     Arguments:
         model: file of the trained model.
         data: folder of the sets.
         metrics: CSV in long format (experiment, system, method, label, preset, seed, set, metric, value).
-        forecasts: npz; its arrays are named in :func:`_collect` and :func:`arrays_of`.  Beside it forecasts.png and
-            parameters.png are drawn, this group's own figures.
+        forecasts: npz; its arrays are named in :func:`_collect` and :func:`arrays_of`.
         settings: {experiment, method, label, preset, sets, evaluation, choices, seeds, device}; ``sets`` names those to
             evaluate (forecasts are kept of validation, iid and test alone, errors of every sample of all that are no
             longer than the training's); ``evaluation`` has
             ``samples`` (forecasts kept of each set), ``from_s`` (the metric sees times from there on; null = those
             after the observed window, which ``log_mse_after_sum`` and ``_dim`` see alone where others count too),
-            ``max_samples`` (of each set, evenly spread; null = all) and ``solver``; ``refinement``
-            ({settings, noise, prior}, as :func:`estimator_of`): the model's estimates are refined by least squares.
+            ``max_samples`` (of each set, evenly spread; null = all), ``solver``, and ``draws`` and ``drawn_samples``:
+            how many forecasts are drawn of how many windows of each set, where a version has a distribution;
+            ``noise``, standard deviation of the data's noise; ``refinement`` ({settings, noise, prior}, as
+            :func:`estimator_of`): the model's estimates are refined by least squares; ``own`` ({prior, resample_x,
+            z_a_from}): windows of the model's own making are one more set, of ranks and scores of draws alone.
 
     Raises:
         InputError: the model and the settings disagree on the seeds.
@@ -67,18 +71,26 @@ def evaluate(
     refinement = settings.get("refinement") or stored.description.get("refinement")
     if refinement is not None:
         stored = replace(stored, model=estimator_of(stored, **refinement))
-    rows, arrays = [], {}
+    rows, arrays, spread_out = [], {}, False
+    options = {**options, "noise": settings.get("noise", 0.0)}
     for name in settings.get("sets", MAIN_SETS):
         truth = spread(Trajectories.load(Path(data) / f"{name}.npz"), options.get("max_samples"))
         kept = int(options.get("samples", 3)) if name in SHOWN_SETS[1:] else 0
-        scored = score(stored, truth, options, start, device, kept)
+        plain = options if name in SHOWN_SETS[1:] else {**options, "draws": 0}
+        scored = score(stored, truth, plain, start, device, kept)
         rows += scored.rows(identity | {"set": name}, stored.seeds)
         if len(truth.t) <= len(stored.description["t"]):  # longer ones have other errors, of windows that others have
             arrays |= {"t": truth.t, **arrays_of(name, truth, scored.errors, scored.z_e)}
             arrays[f"{name}_{MISFIT}"] = scored.misfit.float().numpy()
-            arrays |= ranks_of(name, truth, scored.draws) if name != "train" else {}
+            if name != "train":
+                arrays |= ranks_of(name, truth.z_e, scored.draws) | drawn_arrays(name, scored.drawn)
+                spread_out |= scored.draws is not None
         if kept:
             arrays |= _collect(name, truth, scored)
+    if spread_out and settings.get("own") and options.get("draws"):
+        train, own = Trajectories.load(Path(data) / "train.npz"), {**settings["own"], "noise": options["noise"]}
+        drawing = _drawing(stored, options, np.array(stored.description["t"]), start, device)
+        arrays |= of_own_windows(stored, train, own, options["drawn_samples"], drawing)
     rows += [
         {**identity, "seed": seed, "set": "train", "metric": "wall_s", "value": stored.description["wall_s"]}
         for seed in stored.seeds
@@ -91,20 +103,15 @@ def evaluate(
         "failed": np.array(stored.failed, dtype=int),
         "state_names": np.array([p.name for p in system.state]),
         "state_units": np.array([p.unit for p in system.state]),
+        "interaction_names": np.array([p.name for p in getattr(system, "interaction_parameters", ())], dtype=str),
         "parameter_names": np.array([p.name for p in system.expert_parameters]),
         "parameter_units": np.array([p.unit for p in system.expert_parameters]),
     }
-    columns = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
-    table = pd.DataFrame(rows)[columns]
     with atomic(forecasts) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
     with atomic(metrics) as temporary:
-        table.to_csv(temporary, index=False)
-    drawn = Path(forecasts).with_name("forecasts.png"), Path(forecasts).with_name("parameters.png")
-    names = {"labels": [[identity["method"], identity["label"]]]}
-    traces.forecasts({identity["method"]: forecasts}, drawn[0], names)
-    figures.parameters({identity["method"]: forecasts}, drawn[1], names)
-    _log(metrics, drawn, identity, stored, settings, tracking)
+        _write(temporary, rows)
+    write_log(Path(metrics), identity, stored.seeds, settings)
 
 
 @dataclass(frozen=True)
@@ -119,6 +126,8 @@ class Scored:
         errors: squared error of every sample (S, N), as of :func:`squared_errors`; NaN of seeds that failed.
         draws: of z_e (S, N, K, P), where the estimator has a distribution.
         misfit: the same over the observed window after its first point, which needs no truth.
+        drawn: scores of forecasts from draws, where there are any.
+        band: of the kept forecasts, (2, S, K, T, *state): ends of the 90 % band.
     """
 
     values: Mapping[str, Tensor]
@@ -128,6 +137,8 @@ class Scored:
     errors: Tensor
     misfit: Tensor
     draws: Tensor | None
+    drawn: DrawnScores | None = None
+    band: Tensor | None = None
 
     def rows(self, identity: Mapping, seeds: Sequence[int]) -> list[dict]:
         """Rows of a metrics.csv."""
@@ -154,23 +165,22 @@ def score(
     A forecast that runs away counts with the error that it has at the bound, and in ``runaway_share``.
 
     Arguments:
-        options: ``from_s`` and ``solver``, as in :func:`evaluate`.
+        options: ``from_s``, ``solver``, ``draws``, ``drawn_samples`` and ``noise``, as in :func:`evaluate`.
         start: y0 or y_t1 (:meth:`Predictor.predicted`).
         keep: number of forecasts to keep, evenly spread.
     """
     system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)
-    solver = Solver.from_mapping(options.get("solver") or store.accurate(system))
-    t = torch.from_numpy(truth.t).float().to(device)
+    drawing = _drawing(stored, options, truth.t, start, device)
+    t, begin, solver = drawing.t, drawing.begin, drawing.solver
     bound = stored_bound(stored.description, device)
     if bound is not None:  # what turns at one speed goes as far as the time is long
         bound = bound * max(1.0, float(truth.t[-1]) / stored.description["t"][-1])
-    begin = observed
-    if options.get("from_s") is not None:
-        begin = int(np.searchsorted(truth.t, options["from_s"] - 1e-9))
     index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
     check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn = [], [], [], [], [], [], []
+    chosen = np.linspace(0, len(truth) - 1, min(options.get("drawn_samples", 0), len(truth))).astype(int)
+    scores, bands, random = [], [], Noise(stored.seeds, DRAWN, device=device)
     seen = truth.seen
     for first in range(0, len(truth), size):
         y = torch.from_numpy(seen[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
@@ -182,15 +192,25 @@ def score(
         windows = joined(y[:observed].expand(-1, seeds, *y.shape[2:]), None if u is None else u[:observed])
         found = forecast(stored.model, windows, t, solver, start, limit, u)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
-        early.append(squared_errors(system, found.states[1:observed], y[1:observed]).cpu())
+        early.append(misfit_of(system, found.states, y[:observed]).cpu())
         if begin < observed:
             after.append(squared_errors(system, found.states[observed:], y[observed:]).cpu())
-        kept.append(found.states[:, :, index[(index >= first) & (index < first + size)] - first].cpu())
+        here = index[(index >= first) & (index < first + size)] - first
+        kept.append(found.states[:, :, here].cpu())
         runaways.append(found.runaways.cpu())
         if found.found.z_e is not None and stored.model.knows_z_e:
             estimates.append(found.found.z_e.cpu())
             of_each = z_e_draws(found.found)
             drawn += [] if of_each is None else [of_each.cpu()]
+        if drawing.count and found.found.z_e is not None:
+            places = chosen[(chosen >= first) & (chosen < first + size)] - first
+            for wanted, made, at in ((drawing.scores, scores, places), (drawing.band, bands, here)):
+                some = torch.from_numpy(at).to(device)
+                bounds = limit if limit is None or limit.dim() == 1 else limit[some]
+                whole = y[:, :, some].expand(-1, seeds, *[-1] * (y.dim() - 2))
+                whole = joined(whole, None if u is None else u[:, :, some])
+                one = wanted(stored.model, found.found.part(some), whole, bounds, random) if len(at) else None
+                made += [] if one is None else [one]
     errors = torch.cat(late, dim=1)
     values = log_of(system, _told(errors))
     misfit = torch.cat(early, dim=1)
@@ -202,6 +222,8 @@ def score(
     z_e = torch.cat(estimates, dim=1) if estimates else None
     if z_e is not None:
         values |= parameter_errors(system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
+    of_draws = DrawnScores.joined(scores)
+    values |= {} if of_draws is None else of_draws.metrics()
     failed = torch.tensor([seed in stored.failed for seed in stored.seeds])
     values = {name: value.masked_fill(failed, math.nan) for name, value in values.items()}
     errors, misfit = (each.masked_fill(failed.unsqueeze(1), math.nan) for each in (errors, misfit))
@@ -213,6 +235,23 @@ def score(
         errors,
         misfit,
         torch.cat(drawn, dim=1) if drawn else None,
+        of_draws,
+        torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,
+    )
+
+
+def _drawing(stored: store.StoredModel, options: Mapping, t: np.ndarray, start: str, device: torch.device) -> Drawing:
+    """How forecasts over the times t (T,) are made, scored and drawn; ``options`` as of :func:`score`."""
+    observed, begin, system = stored.description["observed"], options.get("from_s"), stored.model.system
+    return Drawing(
+        count=int(options.get("draws", 0)),
+        noise=noise_of(options.get("noise", 0.0), system, stored.description),
+        seeds=stored.seeds,
+        t=torch.from_numpy(t).float().to(device),
+        begin=observed if begin is None else int(np.searchsorted(t, begin - 1e-9)),
+        observed=observed,
+        start=start,
+        solver=Solver.from_mapping(options.get("solver") or store.accurate(system)),
     )
 
 
@@ -223,27 +262,22 @@ def _told(errors: Tensor) -> Tensor:
 
 
 def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:
-    """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state) and, where samples have one, _id (K,)."""
+    """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state), where forecasts are drawn _band
+    (2, S, K, T', *state), of the last T' times, and, where samples have one, _id (K,)."""
     arrays = {
         f"{name}_index": scored.index,
         f"{name}_truth": truth.seen[scored.index],
         f"{name}_prediction": scored.prediction.numpy(),
     }
+    if scored.band is not None:
+        arrays[f"{name}_band"] = scored.band.numpy()
     return arrays if truth.id is None else arrays | {f"{name}_id": truth.id[scored.index]}
 
 
-def _log(
-    metrics: Path,
-    drawn: Sequence[Path],
-    identity: Mapping,
-    stored: store.StoredModel,
-    settings: Mapping,
-    tracking: Mapping | None,
-) -> None:
-    params = {"evaluation": settings["evaluation"], "choices": settings["choices"]}
-    run = Run(**identity, stage="evaluate", seeds=stored.seeds, params=params)
-    with RunLog(Path(metrics).with_name("evaluation.jsonl"), run, tracking) as log:
-        log.table(Path(metrics))
-        log.artifact(Path(metrics))
-        for path in drawn:
-            log.artifact(path)
+def _write(path: Path, rows: Sequence[Mapping]) -> None:
+    """A metrics.csv; nothing stands for a number that is none."""
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+        table.writeheader()
+        for row in rows:
+            table.writerow(row | ({"value": ""} if math.isnan(row["value"]) else {}))

@@ -29,6 +29,8 @@ class Forecasts:
             (S, K, T, *state).
         truths, estimates: by set: expert parameters, (N, P), and their estimates, (S, N, P); the second is empty for a
             method that estimates none. The training set may be in the first alone.
+        band: by set: ends of the 90 % band of the chosen samples' forecasts, (2, S, K, T', *state), over the last T'
+            times; empty for a method without a distribution.
         id: by set: where the chosen samples come from, (K,) texts (:class:`expertaug.trajectories.Trajectories`); empty
             where that is not known.
     """
@@ -46,6 +48,7 @@ class Forecasts:
     truths: dict[str, np.ndarray]
     estimates: dict[str, np.ndarray]
     id: dict[str, np.ndarray] = field(default_factory=dict)
+    band: dict[str, np.ndarray] = field(default_factory=dict)
     failed: list[int] = field(default_factory=list)
 
     @property
@@ -88,6 +91,9 @@ class Forecasts:
             if prediction.shape != expected or truth.shape != expected[1:]:
                 found = f"{name}_truth {truth.shape} and {name}_prediction {prediction.shape}"
                 raise InputError(path, found, f"forecasts are (S, K, T, *state), here {expected}")
+            band = arrays.get(f"{name}_band")
+            if band is not None and (band.shape[1:3] != expected[:2] or band.shape[4:] != expected[3:]):
+                raise InputError(path, f"{name}_band {band.shape}", f"forecasts are (S, K, T, *state), here {expected}")
             identity = arrays.get(f"{name}_id")
             if identity is not None and (identity.shape != expected[1:2] or identity.dtype.kind != "U"):
                 found = f"{name}_id {identity.shape} of type {identity.dtype}"
@@ -101,5 +107,6 @@ class Forecasts:
             truths={name.removesuffix("_z_e"): arrays[name] for name in arrays if name.endswith("_z_e")},
             estimates={s: arrays[f"{s}_z_e_hat"] for s in sets if f"{s}_z_e_hat" in arrays},
             failed=[int(seed) for seed in arrays.get("failed", ())],
+            band={s: arrays[f"{s}_band"] for s in sets if f"{s}_band" in arrays},
             id={s: arrays[f"{s}_id"] for s in sets if f"{s}_id" in arrays},
         )

@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from expertaug.errors import InputError
 from expertaug.files import write_text
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 DASH = "–"
+DRAWN = (".png", ".pdf")
 RUNAWAYS_NOTE = (
     "Runaways: forecasts that leave ten times the training set's largest values, or have no solution; they count with "
     "the error that they have at that bound."
@@ -31,6 +36,10 @@ def metric_title(metric: str, units: Mapping[str, str]) -> str:
         name = metric.removeprefix("rmse_")
         unit = units.get(name, f"unit of {name}")
         return f"{name} RMSE" + (f" [{unit}]" if unit else "")
+    if metric.startswith("forecast_coverage_"):
+        return f"forecasts in the {metric.rpartition('_')[2]} % band [%]"
+    if metric in ("crps", "energy_score"):
+        return {"crps": "CRPS of forecasts", "energy_score": "energy score of forecasts"}[metric]
     return "training time [s]" if metric == "wall_s" else metric
 
 
@@ -38,7 +47,7 @@ def number_format(metric: str, mean: float) -> Callable[[float], str]:
     """How many digits a metric is printed with: for those of any unit three of the mean."""
     if metric.startswith("log_mse"):
         return "{:.2f}".format
-    if metric.startswith("relative_error"):
+    if metric.startswith(("relative_error", "forecast_coverage")):
         return "{:.1f}".format
     if metric == "wall_s":
         return "{:.0f}".format
@@ -98,6 +107,43 @@ def write_tables(outputs: Sequence[str | Path], texts: Mapping[str, Callable[[Pa
             raise InputError(output, f"suffix {output.suffix!r}", f"one of {', '.join(texts)}")
     for output in map(Path, outputs):
         write_text(output, texts[output.suffix](output))
+
+
+def write_study(
+    outputs: Sequence[str | Path],
+    long: pd.DataFrame,
+    table: tuple[Sequence[str], Sequence[Sequence[str]], int],
+    caption: str,
+    label: str,
+    title: str,
+    empty: str = "",
+) -> list[Path]:
+    """Write the tables of a study: all numbers as .csv, those that are printed as .md and .tex under a caption.
+
+    Arguments:
+        outputs: any of .csv, .md, .tex, .png and .pdf.
+        table: header, rows of plain cells, and how many of the first columns are text.
+        label: of the LaTeX table.
+        empty: what stands in the .md instead of a table without rows.
+
+    Returns:
+        those of the outputs that are figures, which are left to the caller.
+
+    Raises:
+        InputError: an output has another suffix; nothing is written then.
+    """
+    header, rows, texts = table
+    cells = grid(header, [[escape(cell) for cell in row] for row in rows], texts) if rows or not empty else [empty]
+    drawn = [path for path in map(Path, outputs) if path.suffix in DRAWN]
+    write_tables(
+        [path for path in map(Path, outputs) if path not in drawn],
+        {
+            ".csv": lambda _: long.to_csv(index=False),
+            ".md": lambda _: "\n".join([f"## {title}", "", caption, "", *cells]) + "\n",
+            ".tex": lambda _: booktabs(header, rows, texts, caption, label, title),
+        },
+    )
+    return drawn
 
 
 def grid(header: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -> list[str]:

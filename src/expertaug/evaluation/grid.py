@@ -12,10 +12,7 @@ import pandas as pd
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation import formats
-from expertaug.files import write_text
 from expertaug.models import store
-
-DRAWN = (".png", ".pdf")
 
 
 def grid(models: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
@@ -36,19 +33,8 @@ def grid(models: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> 
     title = f"{settings['experiment']}: grid over {', '.join(keys)}"
     header = ["point", *keys, "selection score", "best pass", "minutes"]
     rows = [_row(row, keys) for _, row in summary.sort_values("mean", na_position="last").iterrows()]
-    for output in map(Path, outputs):
-        if output.suffix == ".csv":
-            write_text(output, summary.to_csv(index=False))
-        elif output.suffix == ".md":
-            cells = [[formats.escape(cell) for cell in row] for row in rows]
-            lines = formats.grid(header, cells, 1 + len(keys))
-            write_text(output, "\n".join([f"## {title}", "", caption, "", *lines]) + "\n")
-        elif output.suffix == ".tex":
-            label = f"{settings['experiment']}-grid".replace("_", "-")
-            write_text(output, formats.booktabs(header, rows, 1 + len(keys), caption, label, title))
-        elif output.suffix not in DRAWN:
-            raise InputError(output, f"suffix {output.suffix!r}", "one of .csv, .md, .tex, .png, .pdf")
-    if drawn := [path for path in map(Path, outputs) if path.suffix in DRAWN]:
+    label = f"{settings['experiment']}-grid".replace("_", "-")
+    if drawn := formats.write_study(outputs, summary, (header, rows, 1 + len(keys)), caption, label, title):
         _draw(table, summary, drawn, settings)
 
 

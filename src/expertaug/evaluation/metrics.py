@@ -5,8 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from expertaug.learning.objectives import differences
+from expertaug.learning.misfit import squared_errors
 from expertaug.systems import System
+
+__all__ = ["log_after", "log_mse", "log_of", "log_of_median", "parameter_errors", "squared_errors"]
 
 
 def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tensor]:
@@ -22,24 +24,6 @@ def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tens
         name → (S,).
     """
     return log_of(system, squared_errors(system, prediction, truth))
-
-
-def squared_errors(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
-    """Squared error of every sample, summed over the observed dimensions and averaged over time: (S, N), float64.
-
-    Where nothing was measured (a truth of NaN) nothing counts: each dimension's error is the mean over the times that
-    have one; a sample without any is NaN.
-
-    Arguments:
-        prediction, truth: states (T, S, N, *state).
-    """
-    difference, known = differences(system, prediction, truth)
-    error = difference.double().square()
-    if known is not None:
-        counts = known.sum(0)
-        sums = (error.sum(0) / counts.clamp_min(1)).flatten(2).sum(-1)
-        return sums.masked_fill(counts.flatten(2).sum(-1) == 0, torch.nan)
-    return error.flatten(3).sum(-1).mean(0)
 
 
 def log_of(system: System, errors: Tensor) -> dict[str, Tensor]:

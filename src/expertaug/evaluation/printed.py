@@ -25,6 +25,7 @@ from expertaug.evaluation.summary import CONVENTIONS, RUNAWAYS, has_runaways, or
 
 Column = tuple[str, str]  # set and metric
 BEST = "Bold: the best of each column, and those that are not told apart from it."
+KNOWN_FORM = "F_a of known form, which does not compete:"
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Printed:
         columns: its columns (set, metric).
         values: row of the summary by row, set and metric.
         best: those of these that are bold.
+        known_form: rows of methods whose F_a has the form of the hidden term, which are last.
         gained: as of :func:`expertaug.evaluation.gains.gains`.
         resampled: what the intervals resample beside seeds.
     """
@@ -48,6 +50,7 @@ class Printed:
     columns: list[Column]
     values: Mapping[tuple[str, str, str], pd.Series]
     best: set[tuple[str, str, str]]
+    known_form: set[str]
     gained: Mapping[tuple[str, str, str, str], Interval]
     resampled: str
 
@@ -64,7 +67,8 @@ class Printed:
             chosen,
             columns,
             values,
-            _best(part, columns, samples, settings.get("floors", ())),
+            _best(part, columns, samples, (*settings.get("floors", ()), *settings.get("known_form", ()))),
+            set(part.loc[part["method"].isin(settings.get("known_form", ())), "row"]),
             gained,
             resampled,
         )
@@ -74,6 +78,8 @@ class Printed:
         rows = []
         for row, label, count in self._rows():
             texts = [(cell_text(self.values.get((row, *c)), c[1]), (row, *c) in self.best) for c in self.columns]
+            if row == self._first_of_known_form():
+                rows.append([f"*{KNOWN_FORM}*", *[""] * (1 + len(self.columns))])
             rows.append([escape(label), str(count), *(_bold(text, best) for text, best in texts)])
         titles = [f"{name}: {metric}" for name, metric in self._titles(self.columns)]
         lines = [f"## {self.part['experiment'].iloc[0]}", "", f"{self._caption()} {BEST}", ""]
@@ -88,6 +94,8 @@ class Printed:
         rows = []
         for row, label, count in self._rows():
             cells = [cell_tex(self.values.get((row, *c)), c[1], (row, *c) in self.best) for c in self.columns]
+            if row == self._first_of_known_form():
+                rows.append([])  # a rule
             rows.append([tex(label), str(count), *cells])
         name = self.part["experiment"].iloc[0]
         label, caption = name.replace("_", "-"), f"{self._caption()} {BEST}"
@@ -107,6 +115,10 @@ class Printed:
         first = self.part.drop_duplicates("row")
         counts = [len(seeds.split()) for seeds in first["seeds"]]
         return list(zip(first["row"], first["label"], counts, strict=True))
+
+    def _first_of_known_form(self) -> str | None:
+        """Key of the first row of a method whose F_a has the form of the hidden term."""
+        return next((row for row, *_ in self._rows() if row in self.known_form), None)
 
     def _titles(self, columns: Sequence[Column]) -> list[tuple[str, str]]:
         """Set and metric of columns, as printed."""
@@ -184,18 +196,15 @@ def _columns(part: pd.DataFrame, metrics: Sequence[str]) -> list[Column]:
 
 
 def _best(
-    part: pd.DataFrame, columns: Sequence[Column], samples: Samples, floors: Sequence[str] = ()
+    part: pd.DataFrame, columns: Sequence[Column], samples: Samples, apart: Sequence[str] = ()
 ) -> set[tuple[str, str, str]]:
     """Of every column of errors with something to compare: the method with the smallest mean over all of its seeds, and
     those that a test on pairs of the same seed and samples does not tell apart from it."""
     found = set()
     for name, metric in columns:
-        # The equation that made the data is a floor, no competitor.
+        # The equation that made the data is a floor, no competitor; a method that is told its form is none either.
         column = part[
-            ~part["method"].isin(floors)
-            & (part["set"] == name)
-            & (part["metric"] == metric)
-            & (part["n"] == part["of"])
+            ~part["method"].isin(apart) & (part["set"] == name) & (part["metric"] == metric) & (part["n"] == part["of"])
         ]
         if len(column) < 2 or metric == RUNAWAYS:
             continue

@@ -5,39 +5,58 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from torch import Tensor
 
 from expertaug.errors import InputError
+from expertaug.evaluation.forecast_scores import DrawnScores
 from expertaug.evaluation.intervals import Interval, Resampled, interval, log_mean, log_median, mean, units_of
 from expertaug.files import read_npz
 from expertaug.inference.calibration import calibration
 from expertaug.trajectories import Trajectories
 
+if TYPE_CHECKING:  # tables are made without torch
+    from torch import Tensor
+
 VERSION = ("experiment", "preset", "method")  # what tells one forecasts.npz from another, but for its seeds
+OWN = "own"  # the set of a model's own windows
+CRPS, INSIDE = "crps", "inside"
 RANKS, TARP, DRAWS = "ranks", "tarp", "rank_draws"  # the last is no set's
 # Arrays of a set: <set>_<name>.
-ERRORS, MISFIT, TRUTH, ESTIMATE, IDENTITY = "errors", "misfit", "z_e", "z_e_hat", "sample_id"
+ERRORS, MISFIT, TRUTH, LATENT, ESTIMATE, IDENTITY = "errors", "misfit", "z_e", "z_a", "z_e_hat", "sample_id"
 # The conventions differ by a constant: the same interval, moved, and the same differences.
 ALIKE = {"log_mse_dim": "log_mse_sum", "log_mse_median_dim": "log_mse_median"}
 REMEDY = "make it again with evaluate"
 Key = tuple[str, str, str]  # as VERSION
 
 
-def ranks_of(name: str, truth: Trajectories, draws: Tensor | None) -> dict[str, np.ndarray]:
-    """Where the true z_e lies among draws (S, N, K, P): <set>_ranks (S, N, P), <set>_tarp (S, N), and rank_draws, K."""
-    if draws is None or not truth.z_e.shape[1] or np.isnan(truth.z_e).any():
+def ranks_of(name: str, z_e: np.ndarray, draws: Tensor | None) -> dict[str, np.ndarray]:
+    """Where the true z_e, (N, P) or each seed's own (S, N, P), lies among draws (S, N, K, P): <set>_ranks (S, N, P),
+    <set>_tarp (S, N), and rank_draws, K; nothing where a true one is not known."""
+    if draws is None or not z_e.shape[-1] or np.isnan(z_e).any():
         return {}
-    each = [calibration(one.movedim(1, 0).double().nan_to_num().numpy(), truth.z_e) for one in draws]
+    true = np.broadcast_to(z_e, (len(draws), *z_e.shape[-2:]))
+    pairs = zip(draws, true, strict=True)
+    each = [calibration(one.movedim(1, 0).double().nan_to_num().numpy(), own) for one, own in pairs]
     ranks, tarp = (np.stack([getattr(one, key) for one in each]) for key in ("marginal", "tarp"))
     return {f"{name}_{RANKS}": ranks, f"{name}_{TARP}": tarp, DRAWS: np.array(draws.shape[2])}
 
 
+def drawn_arrays(name: str, scores: DrawnScores | None) -> dict[str, np.ndarray]:
+    """<set>_crps (S, M) and <set>_inside (S, M, L) of the M windows whose forecasts are drawn."""
+    if scores is None:
+        return {}
+    return {f"{name}_{CRPS}": scores.crps, f"{name}_{INSIDE}": scores.inside}
+
+
 def arrays_of(name: str, truth: Trajectories, errors: Tensor, z_e: Tensor | None) -> dict[str, np.ndarray]:
-    """What a forecasts.npz holds of every sample of a set: <set>_errors (S, N), _z_e (N, P), _sample_id (N,) where the
-    samples have one, and _z_e_hat (S, N, P) where the model estimates, of all sets but train."""
+    """What a forecasts.npz holds of every sample of a set: <set>_errors (S, N), _z_e (N, P), _z_a (N, Q) where it is
+    known, _sample_id (N,) where the samples have one, and _z_e_hat (S, N, P) where the model estimates, of all sets but
+    train."""
     arrays = {f"{name}_{ERRORS}": errors.float().numpy(), f"{name}_{TRUTH}": truth.z_e}
+    if truth.z_a.shape[1]:
+        arrays[f"{name}_{LATENT}"] = truth.z_a
     if z_e is not None and name != "train":
         arrays[f"{name}_{ESTIMATE}"] = z_e.numpy()
     return arrays if truth.id is None else arrays | {f"{name}_{IDENTITY}": truth.id}

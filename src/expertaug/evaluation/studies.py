@@ -10,7 +10,7 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation import study_figures
-from expertaug.evaluation.formats import RUNAWAYS_NOTE, booktabs, cell_text, escape, grid, metric_title, write_tables
+from expertaug.evaluation.formats import RUNAWAYS_NOTE, cell_text, metric_title, write_study
 from expertaug.evaluation.study_figures import DURING_TRAINING_SETS, ranges_text, width_sets
 from expertaug.evaluation.summary import (
     CONVENTIONS,
@@ -62,19 +62,10 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -
     table = read_metrics(metrics, kind.further)
     summary = summarise(table[table["method"].isin(list(settings["labels"]))], kind.further)
     _require(summary, metrics, settings)
-    header, rows, texts = kind.rows(summary, settings)
     name = str(summary["experiment"].iloc[0])
     caption = _caption(table, settings) + (f" {RUNAWAYS_NOTE}" if has_runaways(summary) else "")
     title, label = f"{name}: {kind.title}", f"{name}-{settings['study']}".replace("_", "-")
-    lines = [f"## {title}", "", caption, "", *grid(header, [[escape(c) for c in r] for r in rows], texts)]
-    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
-    made = {
-        ".csv": lambda _: summary.to_csv(index=False),
-        ".md": lambda _: "\n".join(lines) + "\n",
-        ".tex": lambda _: booktabs(header, rows, texts, caption, label, title),
-    }
-    write_tables([path for path in map(Path, outputs) if path not in drawn], made)
-    if drawn:
+    if drawn := write_study(outputs, summary, kind.rows(summary, settings), caption, label, title):
         kind.draw(summary, drawn, settings)
 
 

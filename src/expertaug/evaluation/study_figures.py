@@ -37,7 +37,9 @@ ALONG_LINES = (
 
 
 def ranges_text(ranges: Mapping[str, Sequence[float]]) -> str:
-    """Ranges of parameters as plain text."""
+    """Ranges of parameters as plain text; None: they were found."""
+    if ranges is None:
+        return "its own ranges"
     return ", ".join(f"{name} ∈ [{low:g}, {high:g}]" for name, (low, high) in ranges.items()).replace("-", "−")
 
 
@@ -46,9 +48,13 @@ def width_sets(summary: pd.DataFrame) -> tuple[str, str]:
     return in_domain(summary["set"]), "test"
 
 
-def by_width(priors: Mapping[str, Mapping]) -> list[str]:
-    """Names of priors, the one of the smallest volume first."""
-    return sorted(priors, key=lambda name: math.prod(high - low for low, high in priors[name].values()))
+def by_width(priors: Mapping[str, Mapping | None]) -> list[str]:
+    """Names of priors, the one of the smallest volume first; one that found its own ranges last."""
+
+    def volume(name: str) -> float:
+        return math.inf if priors[name] is None else math.prod(high - low for low, high in priors[name].values())
+
+    return sorted(priors, key=volume)
 
 
 def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
@@ -189,8 +195,10 @@ def _tick(distance: str, name: str, settings: Mapping) -> str:
     return "\n".join([distance, *(f"{plotting.symbol(p)}: {low:g}\nto {high:g}" for p, (low, high) in ranges.items())])
 
 
-def _extent(priors: Mapping[str, Mapping], name: str) -> str:
+def _extent(priors: Mapping[str, Mapping | None], name: str) -> str:
     """The range of a single parameter; of several the volume as a multiple of the experiment's own prior."""
+    if priors[name] is None or priors[""] is None:
+        return "its own"
     if len(priors[name]) == 1:
         low, high = next(iter(priors[name].values()))
         return f"[{low:g}, {high:g}]"

@@ -78,10 +78,15 @@ def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts:
                 line = {"color": TRUTH, "linewidth": 1.9, "marker": "." if gaps else "", "zorder": 2}
                 axis.plot(first.t, first.truth[name][sample, :, dimension], **line)
                 for method in methods:
-                    prediction = found[method].prediction[name][_seed_position(forecasts[method], found[method], seed)]
+                    place = _seed_position(forecasts[method], found[method], seed)
+                    prediction = found[method].prediction[name][place]
                     order = 4 if is_augmented(method) else 3
                     line = {"color": colours[method], "linestyle": plotting.dash(method), "zorder": order}
                     axis.plot(first.t, prediction[sample, :, dimension], linewidth=1.2, **line)
+                    if name in found[method].band:
+                        low, high = found[method].band[name][:, place, sample, :, dimension]
+                        times = first.t[len(first.t) - len(low) :]
+                        axis.fill_between(times, low, high, color=colours[method], alpha=0.2, linewidth=0, zorder=1)
                 if row == 0:
                     axis.set_title(", ".join(first.parameters(name, sample)[:2]), fontsize=7.5)
                 if row == len(dimensions) - 1:
@@ -93,6 +98,8 @@ def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts:
         handles = [Line2D([], [], color=TRUTH, linewidth=1.9, label="measured" if gaps else "truth")]
         handles += _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.92", label="observed window"))
+        if any(name in one.band for one in found.values()):
+            handles.append(Patch(facecolor="0.5", alpha=0.2, label="90 % band, where a method has one"))
         plotting.legend(figure, handles)
         plotting.heading(figure, plotting.text(f"forecasts on the {set_title(name, settings)} set, seed {seed}"))
     return figure

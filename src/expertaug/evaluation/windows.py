@@ -2,15 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.evaluation.samples import DRAWS, ERRORS, ESTIMATE, MISFIT, RANKS, REMEDY, TARP, TRUTH
+from expertaug.evaluation.samples import (
+    DRAWS,
+    ERRORS,
+    ESTIMATE,
+    INSIDE,
+    LATENT,
+    MISFIT,
+    OWN,
+    RANKS,
+    REMEDY,
+    TARP,
+    TRUTH,
+)
+from expertaug.evaluation.summary import in_domain
 from expertaug.files import read_npz
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Where the truth lies among draws.
+
+    Attributes:
+        count: K, draws of z_e a window.
+        ranks: of the true parameters, (S, N, P).
+        tarp: ranks by distance from random points, (S, N).
+        inside: share of each drawn forecast's times and quantities within its intervals, (S, M, L) of M windows; None
+            where no forecasts were drawn.
+    """
+
+    count: int
+    ranks: np.ndarray
+    tarp: np.ndarray
+    inside: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -22,17 +53,16 @@ class WindowSet:
         misfit: squared error over the observed window, (S, N).
         z_e: true expert parameters, (N, P).
         z_e_hat: estimates (S, N, P), or None where a version has none.
-        ranks: of the true parameters among ``draws`` draws, (S, N, P), or None where a version estimates a point.
-        tarp: ranks by distance from random points, (S, N).
+        z_a: true parameters of the interaction, (N, Q), or None where they are not known.
+        drawn: what draws of the estimates and of the forecasts are worth; None where a version estimates a point.
     """
 
     errors: np.ndarray
     misfit: np.ndarray
     z_e: np.ndarray
     z_e_hat: np.ndarray | None
-    ranks: np.ndarray | None = None
-    tarp: np.ndarray | None = None
-    draws: int = 0
+    z_a: np.ndarray | None = None
+    drawn: Drawn | None = None
 
 
 @dataclass(frozen=True)
@@ -43,11 +73,20 @@ class Version:
         seeds: S of them.
         parameters: names of the expert parameters.
         sets: by name.
+        interaction: names of the true interaction's parameters, where they are known.
+        own: of windows that the version's models have made themselves, where they were drawn.
     """
 
     seeds: list[int]
     parameters: list[str]
     sets: dict[str, WindowSet]
+    own: Drawn | None = None
+    interaction: tuple[str, ...] = ()
+
+    @property
+    def judged(self) -> list[str]:
+        """The set of the training's domain and the shifted one, where they are there."""
+        return [name for name in (in_domain(self.sets), "test") if name in self.sets]
 
 
 def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
@@ -66,19 +105,35 @@ def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
         good = ~np.isin(arrays["seeds"], arrays.get("failed", []))
         sets = {}
         for name in (key.removesuffix(f"_{MISFIT}") for key in arrays if key.endswith(f"_{MISFIT}")):
-            of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE, RANKS, TARP)}
-            errors, misfit, *others = (None if v is None else v[good] for v in of_seeds.values())
+            of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE)}
+            errors, misfit, hats = (None if v is None else v[good] for v in of_seeds.values())
             assert errors is not None and misfit is not None
-            truth = arrays[f"{name}_{TRUTH}"]
+            true, z_a, drawn = arrays[f"{name}_{TRUTH}"], arrays.get(f"{name}_{LATENT}"), _drawn(arrays, name, good)
             told = ~np.isnan(errors).all(0) if len(errors) else np.ones(errors.shape[1], dtype=bool)
             if not told.all():  # windows after which nothing was measured
-                errors, misfit, truth = errors[:, told], misfit[:, told], truth[told]
-                others = [None if other is None else other[:, told] for other in others]
-            draws = int(arrays.get(DRAWS, np.array(0)))
-            sets[name] = WindowSet(errors, misfit, truth, *others, draws)
-        one = Version([int(s) for s in arrays["seeds"][good]], list(map(str, arrays["parameter_names"])), sets)
+                errors, misfit, true = errors[:, told], misfit[:, told], true[told]
+                hats, z_a = None if hats is None else hats[:, told], None if z_a is None else z_a[told]
+                drawn = None if drawn is None else replace(drawn, ranks=drawn.ranks[:, told], tarp=drawn.tarp[:, told])
+            sets[name] = WindowSet(errors, misfit, true, hats, z_a, drawn)
+        names = list(map(str, arrays["parameter_names"]))
+        one = Version(
+            [int(s) for s in arrays["seeds"][good]],
+            names,
+            sets,
+            _drawn(arrays, OWN, good),
+            tuple(arrays.get("interaction_names", ())),
+        )
         parts.setdefault(str(arrays["version"][2]), []).append(one)
     return {name: _joined(several) for name, several in parts.items()}
+
+
+def _drawn(arrays: Mapping[str, np.ndarray], name: str, good: np.ndarray) -> Drawn | None:
+    """What a file's draws of a set are worth, of the seeds that could be trained."""
+    found = {key: arrays.get(f"{name}_{key}") for key in (RANKS, TARP, INSIDE)}
+    ranks, tarp, held = (None if v is None else v[good] for v in found.values())
+    if held is not None and (untold := np.isnan(held).any((0, 2))).any():  # nothing was measured after the window
+        held = held[:, ~untold]
+    return None if ranks is None or tarp is None else Drawn(int(arrays[DRAWS]), ranks, tarp, held)
 
 
 def _joined(parts: Sequence[Version]) -> Version:
@@ -88,11 +143,20 @@ def _joined(parts: Sequence[Version]) -> Version:
     sets = {}
     for name, one in first.sets.items():
         each = [part.sets[name] for part in parts]
-        joined = [
-            _together([getattr(s, key) for s in each]) for key in ("errors", "misfit", "z_e_hat", "ranks", "tarp")
-        ]
-        sets[name] = WindowSet(joined[0], joined[1], one.z_e, *joined[2:], one.draws)  # type: ignore[arg-type]
-    return Version([seed for part in parts for seed in part.seeds], first.parameters, sets)
+        errors, misfit, hats = (_together([getattr(s, key) for s in each]) for key in ("errors", "misfit", "z_e_hat"))
+        assert errors is not None and misfit is not None
+        sets[name] = WindowSet(errors, misfit, one.z_e, hats, one.z_a, _joined_draws([s.drawn for s in each]))
+    seeds = [seed for part in parts for seed in part.seeds]
+    return Version(seeds, first.parameters, sets, _joined_draws([part.own for part in parts]), first.interaction)
+
+
+def _joined_draws(parts: Sequence[Drawn | None]) -> Drawn | None:
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts) or len({part.tarp.shape[1] for part in known}) > 1:
+        return None
+    ranks, tarp, held = (_together([getattr(part, key) for part in known]) for key in ("ranks", "tarp", "inside"))
+    assert ranks is not None and tarp is not None
+    return Drawn(known[0].count, ranks, tarp, held)
 
 
 def _together(parts: Sequence[np.ndarray | None]) -> np.ndarray | None:

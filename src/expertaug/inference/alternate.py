@@ -5,24 +5,25 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.inference.alternation import Alternation
+from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.settings import AlternatingSettings, RefinementSettings
 from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import Latent, assumed_noise
 from expertaug.learning import job
 from expertaug.learning.fitting import Record
+from expertaug.learning.misfit import recorded
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
-from expertaug.learning.train import constants_of, described_by, of_data
+from expertaug.learning.train import inputs_of, of_data, taken_in
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of, fill
@@ -40,22 +41,12 @@ def alternate(
 ) -> None:
     """Stage: train a method of kind alternating on ``data/train.npz`` and select on ``data/validation.npz``.
 
-    Arguments:
-        data: folder of the sets.
-        output: model file.
-        work: folder for checkpoints.
-        settings: {system, build, model} and those of :func:`prepare`.
-        tracking: see :class:`expertaug.tracking.runlog.RunLog`.
-        calibration: JSON whose ``constants`` complete the system's settings.
-
-    Raises:
-        InputError: unusable data or settings.
-        SolveError: no seed can be trained.
+    Arguments and errors are those of :func:`expertaug.learning.train.train`, ``settings`` {system, build, model} and
+    those of :func:`prepare`.
     """
-    described = described_by(settings, None if calibration is None else constants_of(calibration))
-    system = systems.load(described["system"])
-    inputs = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
-    training = prepare(system, *map(Trajectories.load, inputs), settings, described)
+    inputs = inputs_of(data)
+    system, described, *sets = taken_in(inputs, settings, calibration)
+    training = prepare(system, *sets, settings, described)
     job.run(training, output, work, inputs, settings, tracking, "expertaug.inference.alternate")
 
 
@@ -66,11 +57,13 @@ class AlternatingTraining:
     Attributes:
         trainer: with decoder, windows and settings.
         description: of the model, apart from the record of its training.
+        checked: observed windows (T1, 1, N, *state) of the validation set: their misfits are kept, for alarms.
         classes: see :class:`StoredModel`.
     """
 
     trainer: Alternation
     description: Mapping
+    checked: Tensor
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
     def run(self, log: Any = None, checkpoint: Any = None) -> store.StoredModel:
@@ -95,7 +88,10 @@ class AlternatingTraining:
             "latent": {"mean": mean, "std": std},
         }
         model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
-        return store.StoredModel(model, {**self.description, **record}, self.classes)
+        stored = store.StoredModel(model, {**self.description, **record}, self.classes)
+        estimator = estimator_of(stored, **self.description["refinement"])
+        record["misfit"] = recorded(replace(stored, model=estimator), self.checked)
+        return replace(stored, description={**self.description, **record})
 
 
 def prepare(
@@ -172,4 +168,4 @@ def prepare(
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
     sets = train_set.windows(task.horizon), validation_set.windows(len(t))
     trainer = Alternation(*fits, *sets, task, seeds, options, name)
-    return AlternatingTraining(trainer, description, classes or {})
+    return AlternatingTraining(trainer, description, validation_set.windows(len(seen)), classes or {})

@@ -21,10 +21,12 @@ from torch import Tensor
 from expertaug.errors import SolveError
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternatingSettings
-from expertaug.inference.smallness import expert_rates, expert_tangents, interaction_at, mixture, squares
+from expertaug.inference.smallness import expert_rates, expert_tangents, interaction_at, squares
 from expertaug.inference.window_fit import WindowFit
+from expertaug.learning.adam import Adam
 from expertaug.learning.bound import bounded, solved
 from expertaug.learning.gradients import clip_each_seed
+from expertaug.learning.mixture import mixture
 from expertaug.learning.noise import Noise
 from expertaug.learning.objectives import mean_squared_error
 from expertaug.learning.settings import one_cycle
@@ -82,7 +84,7 @@ class Alternation:
         self.count = train.shape[2]
         self.batch = min(settings.batch_size, self.count)
         self.parameters = list(self.model.parameters())
-        self.optimiser = torch.optim.Adam(self.parameters, lr=settings.learning_rate)
+        self.optimiser = Adam(self.parameters, lr=settings.learning_rate)
         self.x = torch.zeros(size, self.count, sum(fit.sizes), dtype=torch.float64)
         self.damping = torch.full((size, self.count), DAMPING, dtype=torch.float64)
         self.misfit = torch.full((size, self.count), math.inf, dtype=torch.float64)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta
 
 from expertaug.errors import InputError
 from expertaug.inference import ranks as rank_arrays
@@ -64,6 +63,11 @@ def interval_coverage(ranks: Array, draws: int, levels: Sequence[float] = LEVELS
     return _coverage(np.abs(2 * rank_arrays.check(ranks, draws) - draws), draws, levels)
 
 
+def inside(ranks: Array, draws: int, levels: Sequence[float]) -> np.ndarray:
+    """Whether truths lie in the central intervals: (L, …) of ranks (N, …) of ``ranks``; errors as above."""
+    return _within(np.abs(2 * rank_arrays.check(ranks, draws) - draws), draws, np.asarray(levels, dtype=np.float64))
+
+
 def area_to_curve(ranks: Array, draws: int) -> np.ndarray:
     """The area between the expected coverage and the diagonal, above a level of one half (ATC of TARP).
 
@@ -81,6 +85,8 @@ def area_to_curve(ranks: Array, draws: int) -> np.ndarray:
 
 def binomial_interval(count: np.ndarray, n: int | np.ndarray, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
     """Clopper and Pearson's interval of a share: ``count`` of ``n`` independent trials."""
+    from scipy.stats import beta  # half a second that an evaluation, which takes `inside` alone, does not need
+
     tail, count = (1 - level) / 2, np.asarray(count)
     with np.errstate(invalid="ignore"):
         lower = np.where(count > 0, beta.ppf(tail, count, n - count + 1), 0.0)
@@ -92,6 +98,10 @@ def _coverage(outward: np.ndarray, draws: int, levels: Sequence[float]) -> Cover
     level = np.asarray(levels, dtype=np.float64)
     if level.ndim != 1 or not level.size or not ((level > 0) & (level < 1)).all():
         raise InputError("levels", f"found {levels!r}", "give numbers between 0 and 1, as [0.5, 0.9]")
-    count = np.stack([(outward < one * (draws + 1) - EXACT).sum(0) for one in level])
+    count = _within(outward, draws, level).sum(1)
     n = len(outward)
     return Coverage(level, count / n, *binomial_interval(count, n))
+
+
+def _within(outward: np.ndarray, draws: int, level: np.ndarray) -> np.ndarray:
+    return np.stack([outward < one * (draws + 1) - EXACT for one in level])

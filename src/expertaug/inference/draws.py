@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -19,7 +20,7 @@ from expertaug.learning.task import Task
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of
 from expertaug.models.measurement_noise import NoiseLike, is_some, shaped
-from expertaug.systems.inputs import joined
+from expertaug.systems.inputs import joined, states_of
 
 logger = logging.getLogger(__name__)
 FLOW = 3  # of the keys of random numbers: augmentation's end in 1
@@ -56,6 +57,17 @@ class Draws:
             yield Draws(self.x[row, index], self.theta[row, index])
 
 
+class Simulated(NamedTuple):
+    """Observed trajectories y (T, S, M, *observed) with their z_e (S, M, P), components of z_a (S, M, ·), true first
+    points (S, M, *state), and whether each stayed within the bound (S, M)."""
+
+    y: Tensor
+    z_e: Tensor
+    scores: Tensor
+    y0: Tensor
+    good: Tensor
+
+
 @dataclass(frozen=True)
 class Simulator:
     """What draws (window, θ) of a group of seeds: z_e ~ p⁺, z_a and the first point from the training windows, each on
@@ -70,15 +82,15 @@ class Simulator:
         context: stacked; windows → x.
         scores: principal components of z_a (S, N, ·) of the training windows.
         starts: their first points (N, *state).
-        inputs: their known inputs (T1, N, U), which a draw takes with its first point; None for a system without.
+        inputs: their known inputs (T, N, U), which a draw takes with its first point; None for a system without.
         low, high: ends (P,) of p⁺.
         noise: standard deviation of the data's noise.
-        gaps: where windows were not measured, (T1, N, *state); None: they have no gaps.  A draw gets those of one of
+        gaps: where windows were not measured, (T, N, *state); None: they have no gaps.  A draw gets those of one of
             them, and where its first point has one, any value of its range.
         ranges: of the components of first points, where windows have gaps.
         jitter: width of the bootstrap's kernel, in standard deviations of what it smooths.
         resample_x: whether x is drawn anew (:meth:`System.resample_known`).
-        task: of the observed window: times, solver, bound.
+        task: its T times, solver and bound.
         seeds: in the group's order.
     """
 
@@ -119,8 +131,8 @@ class Simulator:
         x, theta = (torch.cat([getattr(part, name) for part in parts], dim=1) for name in ("x", "theta"))
         return Draws(x, theta)
 
-    def _part(self, count: int, random: Noise) -> tuple[Draws, Tensor]:
-        """Draws, and how many (S,) of them ran away."""
+    def simulated(self, count: int, random: Noise) -> Simulated:
+        """Trajectories over the task's times, what they were made with, and which of them stayed within the bound."""
         system, kept = self.decoder.system, (1 - self.jitter**2) ** 0.5
         z_e = self.low + (self.high - self.low) * random.uniform(count, len(self.low))
         row = torch.arange(len(self.seeds), device=self.starts.device).unsqueeze(1)
@@ -144,7 +156,13 @@ class Simulator:
             y = y + noise
         if self.gaps is not None:
             y = y.masked_fill(self.gaps[:, self._index(count, random)], torch.nan)
-        draws = Draws(self.context(joined(y, u)), self.unknowns.pack(z_e, scores, y0, y[0]))
+        return Simulated(joined(y, u), z_e, scores, y0, good)
+
+    def _part(self, count: int, random: Noise) -> tuple[Draws, Tensor]:
+        """Draws, and how many (S,) of them ran away."""
+        y, z_e, scores, y0, good = self.simulated(count, random)
+        first = states_of(self.decoder.system, y[0])
+        draws = Draws(self.context(y), self.unknowns.pack(z_e, scores, y0, first))
         return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
 
     def _anywhere(self, y0: Tensor, random: Noise) -> Tensor:

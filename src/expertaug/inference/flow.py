@@ -13,7 +13,7 @@ from expertaug.inference.density import Density
 from expertaug.inference.predictive import mean_forecast
 from expertaug.inference.settings import FlowSettings
 from expertaug.inference.unknowns import Unknowns, box
-from expertaug.learning.augmentation import prior_range
+from expertaug.learning.augmentation import ranges_of
 from expertaug.learning.bound import Stopping, stored_bound
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
@@ -44,13 +44,13 @@ class FlowEstimator(Predictor, nn.Module):
     are noisy, and only in the components that a forecast starts from.
 
     Arguments:
-        base: the trained model, stacked; its decoder forecasts.
+        base: the trained model, stacked, whose decoder forecasts; or a decoder that was trained without an encoder.
         head: stacked over the same seeds.
         samples: K, draws in an estimate.
         bound: (C,), how far a forecast's components may go.
     """
 
-    def __init__(self, base: HybridNet, head: Head, samples: int, bound: Tensor | None) -> None:
+    def __init__(self, base: HybridNet | Decoder, head: Head, samples: int, bound: Tensor | None) -> None:
         super().__init__()
         self.base, self.head, self.samples, self.bound = base, head, samples, bound
 
@@ -60,7 +60,7 @@ class FlowEstimator(Predictor, nn.Module):
 
     @property
     def decoder(self) -> Decoder:
-        return self.base.decoder
+        return self.base if isinstance(self.base, Decoder) else self.base.decoder
 
     @property
     def interaction(self) -> nn.Module | None:
@@ -80,16 +80,20 @@ class FlowEstimator(Predictor, nn.Module):
             z_e (K, S, B, P), z_a (K, S, B, Q) and y0 (K, S, B, *state).
         """
         unknowns, samples = self.head.unknowns, windows.shape[2]
-        known = states_of(self.system, windows[0])
         if seed is None:
             engine = torch.quasirandom.SobolEngine(unknowns.count, scramble=True, seed=0)
             share = engine.draw(count).clamp(1e-6, 1 - 1e-6)
             normal = torch.special.ndtri(share)[:, None].expand(-1, samples, -1)
         else:
             normal = torch.randn(count, samples, unknowns.count, generator=torch.Generator().manual_seed(seed))
-        normal = normal.to(windows)[:, None].expand(-1, windows.shape[1], -1, -1)
-        size, parts = max(CHUNK // count, 1), []
-        for start in range(0, samples, size):
+        return self.draws(windows, normal.to(windows)[:, None].expand(-1, windows.shape[1], -1, -1))
+
+    @torch.no_grad()
+    def draws(self, windows: Tensor, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """As :meth:`sample`, from standard normal numbers (K, S, B, unknowns)."""
+        unknowns, known = self.head.unknowns, states_of(self.system, windows[0])
+        size, parts = max(CHUNK // len(normal), 1), []
+        for start in range(0, windows.shape[2], size):
             part = slice(start, start + size)
             x = self.head.context(windows[:, :, part])
             theta = self.head.density.sample(x, normal[:, :, part])
@@ -138,17 +142,17 @@ class FlowEstimator(Predictor, nn.Module):
         return torch.cat((observed[:last], onwards))
 
 
-def build(base: HybridNet, description: Mapping, latents: Tensor | None = None) -> FlowEstimator:
+def build(base: HybridNet | Decoder, description: Mapping, latents: Tensor | None = None) -> FlowEstimator:
     """A flow beside a trained model, untrained.
 
     Arguments:
-        base: the model; a copy of it is kept.
+        base: the model, or a decoder of kind alternating; a copy of it is kept.
         description: {base, seeds, flow, prior, noise}, as a model file has it.
         latents: z_a (S, N, Q) of the training windows; None: a file's tensors will say what is known of them.
     """
     of_base, settings, system = description["base"], FlowSettings.from_mapping(description["flow"]), base.system
-    low, high = box(system, *prior_range(base, description["prior"]), settings.margin)
-    width = base.encoder.latent
+    low, high = box(system, *ranges_of(system, description["prior"]), settings.margin)
+    width = of_base["latent_size"] if isinstance(base, Decoder) else base.encoder.latent
     components = 0 if base.interaction is None else min(settings.latent, width)
     if latents is None:
         latents = torch.zeros(len(description["seeds"]), 1, width)
@@ -158,7 +162,7 @@ def build(base: HybridNet, description: Mapping, latents: Tensor | None = None) 
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             unknowns = Unknowns(system, low, high, own, components, description["noise"], ranges)
-            heads.append(Head(Context(system, times, of_base["model"]["encoder"], ranges), unknowns, settings))
+            heads.append(Head(Context(system, times, of_base["model"].get("encoder", {}), ranges), unknowns, settings))
     return FlowEstimator(
         copy.deepcopy(base).requires_grad_(False), stack(heads), settings.samples, stored_bound(of_base)
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import torch
@@ -13,14 +12,14 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.inference import flow as flows
 from expertaug.inference import store
-from expertaug.inference.draws import FLOW, HELD_OUT, LATENTS, Draws, Pool, Simulator
+from expertaug.inference.draws import HELD_OUT, Draws, Pool, Simulator
 from expertaug.inference.flow import FlowEstimator
+from expertaug.inference.own_draws import latents_of
 from expertaug.inference.settings import FlowSettings
 from expertaug.learning import job
-from expertaug.learning.augmentation import latent, prior_range
+from expertaug.learning.augmentation import ranges_of
 from expertaug.learning.bound import Stopping
 from expertaug.learning.fitting import Training
-from expertaug.learning.noise import Noise
 from expertaug.learning.objectives import Objective
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task, task_of
@@ -41,37 +40,46 @@ def flow(model: Path, data: Path, output: Path, work: Path, settings: Mapping, t
 
     Arguments:
         model: file of the trained model.
-        data: folder of the sets; the observed windows of ``train.npz`` are used.
+        data: folder of the sets; the observed windows of ``train.npz`` and ``validation.npz`` are used.
         output: model file.
         work: folder for checkpoints.
         settings: those of :func:`prepare`; ``classes``, names of the model's classes from elsewhere.
         tracking: see :class:`expertaug.tracking.runlog.RunLog`.
     """
     stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
-    path = Path(data) / "train.npz"
-    training = prepare(stored, Trajectories.load(path), settings, model)
-    inputs = [Path(model), path]
+    sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
+    train, validation = map(Trajectories.load, sets)
+    training = prepare(stored, train, settings, model, validation)
+    inputs = [Path(model), *sets]
     job.run(training, output, work, inputs, {**settings, "seeds": stored.seeds}, tracking, __name__)
 
 
-def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: object = "flow") -> Training:
+def prepare(
+    stored: StoredModel,
+    train: Trajectories,
+    settings: Mapping,
+    where: object = "flow",
+    validation: Trajectories | None = None,
+) -> Training:
     """Make the training of a flow in memory.
 
     Arguments:
-        stored: a trained hybrid model.
+        stored: a trained hybrid model, or one of kind alternating, whose fits the flow then amortises.
         train: the set that it was trained on.
         settings: {experiment, method, label, preset, flow, prior, noise, choices, device}; ``noise`` is the standard
             deviation of the data's noise.
         where: for messages.
+        validation: whose misfits are kept for alarms; None: none are.
 
     Raises:
         InputError: the model is no hybrid one, or the prior does not name its expert parameters.
     """
     base, device = dict(stored.description), device_of(settings["device"])
-    if base["kind"] != "hybrid":
+    if base["kind"] not in ("hybrid", "alternating"):
         raise InputError(where, f"a {base['kind']} model", "a flow learns from a trained hybrid model")
     options, choices, seeds = FlowSettings.from_mapping(settings["flow"]), settings["choices"], stored.seeds
-    description = base | {k: settings[k] for k in IDENTITY}
+    description = {k: v for k, v in base.items() if k not in ("misfit", "refinement")}  # of the base's own estimates
+    description |= {k: settings[k] for k in IDENTITY}
     description |= {
         "kind": store.FLOW,
         "stage": "flow",
@@ -85,10 +93,10 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
     if choices["augmentation_noise"] == "as_data":
         description["noise"] = noise_of(settings["noise"], system, base)
     states, known = states_of(system, windows), inputs_of(system, windows)
-    latents = _latents(stored, windows, choices)
+    latents = latents_of(stored.model, base, windows, choices["augmented_z_a"])
     estimator = flows.build(stored.model, description, latents).to(device)
     estimator.head.context.fit(windows[:, 0])
-    low, high = prior_range(stored.model, settings["prior"])
+    low, high = ranges_of(stored.model.system, settings["prior"])
     unknowns = estimator.head.unknowns
     simulator = Simulator(
         decoder=estimator.decoder,
@@ -114,18 +122,8 @@ def prepare(stored: StoredModel, train: Trajectories, settings: Mapping, where: 
     scale.std.copy_(torch.where(std > 1e-6, std, torch.ones_like(std)))
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
     trainer = FlowTrainer(estimator, simulator, held, options, name, base.get("failed", ()))
-    return Training(trainer, description, stored.classes)
-
-
-@torch.no_grad()
-def _latents(stored: StoredModel, windows: Tensor, choices: Mapping) -> Tensor:
-    """z_a (S, N, Q) of the training windows (T1, 1, N, *observed): draws of the base model's posterior."""
-    seeds = len(stored.seeds)
-    random, parts = Noise(stored.seeds, LATENTS, FLOW, device=windows.device), []
-    for part in windows.split(1024, dim=2):
-        posterior = stored.model.encode(part.expand(-1, seeds, *part.shape[2:]))
-        parts.append(latent(posterior, choices["augmented_z_a"], partial(random.normal, part.shape[2])))
-    return torch.cat(parts, dim=1)
+    checked = None if validation is None else StackedSet.of(validation, device).windows(base["observed"])
+    return Training(trainer, description, stored.classes, checked=checked)
 
 
 def _task(base: Mapping, options: FlowSettings, device: torch.device, system: System) -> Task:

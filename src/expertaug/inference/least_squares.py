@@ -13,7 +13,7 @@ from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import Latent, assumed_noise
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates, Estimator
-from expertaug.models.measurement_noise import is_some, noise_of
+from expertaug.models.measurement_noise import GivenNoise, is_some, noise_of
 from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
@@ -42,7 +42,8 @@ class LeastSquares(Predictor, nn.Module):
     @torch.no_grad()
     def estimate(self, windows: Tensor) -> Estimates:
         """Observed windows (T1, S, B, *observed) → estimates, with χ² per degree of freedom and Laplace's posterior."""
-        if self.alone:  # the same for every seed
+        shared = windows[:, :1].expand_as(windows)
+        if self.alone and torch.allclose(windows, shared, 0.0, 0.0, equal_nan=True):  # the same for every seed
             return self.fit(windows[:, :1]).expand(windows.shape[1])
         return self.fit(windows, None if self.first is None else self.first.estimate(windows))
 
@@ -56,7 +57,7 @@ class LeastSquares(Predictor, nn.Module):
 def estimator_of(
     stored: StoredModel,
     settings: Mapping | RefinementSettings | None,
-    noise: float | Mapping[str, float] | str,
+    noise: GivenNoise,
     prior: Mapping[str, tuple[float, float]] | None,
 ) -> LeastSquares:
     """Least squares with a stored model's decoder: from its own estimates too, where it has any.

@@ -1,18 +1,21 @@
-"""An augmentation prior that finds its own width, from unlabelled windows of where a model is to work."""
+"""An augmentation prior that finds its own width: from unlabelled windows of where a model is to work, or without."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.draws import LOST
+from expertaug.inference.least_squares import LeastSquares, estimator_of
+from expertaug.inference.own_draws import own_draws
 from expertaug.inference.settings import RefinementSettings
+from expertaug.models.measurement_noise import GivenNoise
 from expertaug.models.store import StoredModel
-from expertaug.systems import Parameter
+from expertaug.systems import Parameter, System
 
 Range = tuple[float, float]
 WIDEN = 1.5  # a search goes so far beyond what is known: by this factor, or this share of the width
@@ -21,6 +24,10 @@ TAIL = 0.01  # of estimates that a range leaves out at each end: single windows 
 FALSE_ALARMS = 0.01  # of training windows that count as unexplained
 NEAR = 0.02  # of a range's width: what goes no further beyond it is within
 MARGIN = 0.1  # of its width by which the range that is found is widened at each end
+TRIED = 100  # own windows in each range that is tried without windows
+EXPLAINED = 0.5  # of them must be explained
+STARTS = 256  # in such a range
+DECADE = 10.0  # factor around a parameter's typical size
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,8 @@ class OwnPrior:
             it explains its training windows.
         limit: χ² per degree of freedom up to which a window counts as explained.
         rounds: searches that were made.
+        windows: whether there were any; without, ranges end at a budget, or where the model's own windows run away or
+            are explained no longer.
     """
 
     ranges: dict[str, Range]
@@ -41,11 +50,14 @@ class OwnPrior:
     explained: float
     limit: float
     rounds: int
+    windows: bool = True
 
     @property
     def says(self) -> str:
         """One sentence."""
         grown = ", ".join(f"{name} in [{low:.3g}, {high:.3g}]" for name, (low, high) in self.ranges.items())
+        if not self.windows:
+            return f"no windows were given: the ranges were widened to {grown}"
         share = f"{100 * self.explained:.0f} % of the windows"
         if self.explained < 0.5:
             return f"the model explains {share} even with {grown}: the expert with its F_a does not fit the others"
@@ -56,7 +68,7 @@ def own_prior(
     stored: StoredModel,
     train: Tensor,
     windows: Tensor,
-    noise: float | Mapping[str, float] | str,
+    noise: GivenNoise,
     first: Mapping[str, Sequence[float]] | None = None,
     settings: Mapping | RefinementSettings | None = None,
 ) -> OwnPrior:
@@ -77,28 +89,16 @@ def own_prior(
         InputError: the expert alone without first ranges, or windows of another shape.
     """
     parameters = stored.model.system.expert_parameters
-    if stored.description["kind"] == "least_squares" and first is None:
-        raise InputError("first", "missing", "the expert alone has no estimates to start from: give ranges")
     if train.shape[0] != windows.shape[0] or train.shape[2:] != windows.shape[2:]:
         found = f"windows of shape {tuple(windows.shape)}"
         raise InputError("windows", found, f"the training's are {tuple(train.shape)}, (T1, N, *state)")
-    seeds = len(stored.seeds)
-
-    def estimated(y: Tensor, prior: Mapping[str, Sequence[float]] | None) -> tuple[Tensor, Tensor]:
-        """z_e (S·N, P) and χ² (S·N,)."""
-        ranges = None if prior is None else {name: (float(low), float(high)) for name, (low, high) in prior.items()}
-        found = estimator_of(stored, settings, noise, ranges).estimate(y.unsqueeze(1).expand(-1, seeds, *y.shape[1:]))
-        assert found.z_e is not None and found.chi2 is not None
-        return found.z_e.flatten(0, 1).double(), found.chi2.flatten().double()
-
-    z_e, chi2 = estimated(train, first)
-    limit = float(torch.quantile(chi2, 1 - FALSE_ALARMS))
-    training = ranges = _hull(parameters, z_e)
+    training, limit = _of_training(stored, train, noise, first, settings)
+    ranges = training
     explained, rounds = 0.0, 0
     while rounds < ROUNDS:
         rounds += 1
         search = _widened(parameters, ranges, WIDEN)
-        z_e, chi2 = estimated(windows, search)
+        z_e, chi2 = _estimated(estimator_of(stored, settings, noise, search), _whole(stored, windows))
         good = chi2 <= limit
         share = float(good.double().mean())
         if not good.any():
@@ -115,6 +115,91 @@ def own_prior(
         new, old = ranges[p.name] if explained else training[p.name], training[p.name]
         found[p.name] = _with_margin(p, new) if _beyond(new, old) > NEAR else old
     return OwnPrior(found, training, explained, limit, rounds)
+
+
+def own_prior_without_windows(
+    stored: StoredModel,
+    train: Tensor,
+    noise: GivenNoise,
+    budget: float,
+    first: Mapping[str, Sequence[float]] | None = None,
+    settings: Mapping | RefinementSettings | None = None,
+) -> OwnPrior:
+    """Widen the ranges of z_e from the training windows' by a factor, as far as the model can be followed.
+
+    Every round goes on by a factor, until the budget is spent or the windows that the model itself makes in the ranges
+    run away, or are not explained by fits that start there: what cannot be inferred is of no use.
+
+    Arguments:
+        stored, noise, first, settings: as of :func:`own_prior`.
+        train: trajectories of the training, (T, N, *observed).
+        budget: factor, > 1, by which the ranges go beyond the training's: a positive parameter's ends are divided and
+            multiplied by it, another's width is.
+
+    Raises:
+        InputError: the expert alone without first ranges, or a budget that is no widening.
+    """
+    if not budget > 1:
+        raise InputError("budget", f"found {budget:g}", "give a factor above 1, as 2")
+    observed = stored.description["observed"]
+    parameters = stored.model.system.expert_parameters
+    training, limit = _of_training(stored, train[:observed], noise, first, settings)
+    ranges, explained, rounds, factor = training, 0.0, 0, 1.0
+    own = {"noise": noise, "resample_x": False, "z_a_from": "posterior"}
+    while factor < budget:
+        factor, rounds = min(factor * WIDEN, budget), rounds + 1
+        wide = _widened(parameters, training, factor)
+        estimator = estimator_of(stored, settings, noise, wide)
+        prior = {name: list(ends) for name, ends in wide.items()}
+        y, _ = own_draws(replace(stored, model=estimator), train, own | {"prior": prior}, TRIED)
+        if y.shape[2] < (1 - LOST) * TRIED:
+            break
+        share = float((_estimated(estimator, y[:observed])[1] <= limit).double().mean())
+        if share < EXPLAINED:
+            break
+        ranges, explained = wide, share
+    return OwnPrior(ranges, training, explained, limit, rounds, windows=False)
+
+
+def searching(settings: Mapping | None) -> dict:
+    """Settings of fits that start in a :func:`box`: more starts."""
+    return {**(settings or {}), "starts": max(int((settings or {}).get("starts", 0)), STARTS)}
+
+
+def box(system: System) -> dict[str, Range]:
+    """Where fits start when nothing is known of z_e but its typical size: a decade to both sides."""
+    found = {}
+    for p in system.expert_parameters:
+        found[p.name] = (p.scale / DECADE, p.scale * DECADE) if p.positive else (-DECADE * p.scale, DECADE * p.scale)
+    return found
+
+
+def _of_training(
+    stored: StoredModel,
+    train: Tensor,
+    noise: GivenNoise,
+    first: Mapping[str, Sequence[float]] | None,
+    settings: Mapping | RefinementSettings | None,
+) -> tuple[dict[str, Range], float]:
+    """Ranges of the training windows' estimates, and the χ² up to which a window counts as explained."""
+    if stored.description["kind"] == "least_squares" and first is None:
+        raise InputError("first", "missing", "the expert alone has no estimates to start from: give ranges")
+    first = first or (stored.description.get("refinement") or {}).get("prior")  # of kind alternating
+    ranges = None if first is None else {name: (float(low), float(high)) for name, (low, high) in first.items()}
+    z_e, chi2 = _estimated(estimator_of(stored, settings, noise, ranges), _whole(stored, train))
+    return _hull(stored.model.system.expert_parameters, z_e), float(torch.quantile(chi2, 1 - FALSE_ALARMS))
+
+
+def _estimated(estimator: LeastSquares, y: Tensor) -> tuple[Tensor, Tensor]:
+    """z_e (S·N, P) and χ² (S·N,) of windows (T1, S, N, *observed)."""
+    found = estimator.estimate(y)
+    assert found.z_e is not None and found.chi2 is not None
+    return found.z_e.flatten(0, 1).double(), found.chi2.flatten().double()
+
+
+def _whole(stored: StoredModel, y: Tensor) -> Tensor:
+    """Windows (T1, N, *observed) for each seed, (T1, S, N, *observed)."""
+    return y.unsqueeze(1).expand(-1, len(stored.seeds), *y.shape[1:])
 
 
 def _hull(parameters: Sequence[Parameter], z_e: Tensor) -> dict[str, Range]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from torch import Tensor
 
 from expertaug.errors import InputError
 
-Array: TypeAlias = np.ndarray | Tensor
+if TYPE_CHECKING:  # stages that make tables of what is computed already start without torch
+    from torch import Tensor
+
+Array: TypeAlias = "np.ndarray | Tensor"
 
 
 def plain(value: object, name: str, *, infinite: bool = False) -> np.ndarray:
@@ -21,8 +23,9 @@ def plain(value: object, name: str, *, infinite: bool = False) -> np.ndarray:
     Raises:
         InputError: no array of numbers, none at all, or a value that is not finite.
     """
+    detach = getattr(value, "detach", None)  # a tensor's
     try:
-        found = np.asarray(value.detach().cpu() if isinstance(value, Tensor) else value, dtype=np.float64)
+        found = np.asarray(value if detach is None else detach().cpu(), dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(name, f"no array of numbers ({error})", "give a NumPy array or a torch tensor") from error
     if not found.size:

@@ -95,6 +95,16 @@ class FlowSettings(Settings):
         return self.renewed * self.uses
 
 
+class ValiditySettings(Settings):
+    """The check of assumption A1: does F_a hold where z_e has moved?"""
+
+    WHERE: ClassVar[str] = "validity"
+
+    samples: Count = key(60, "windows of each set that are fitted, at most, evenly spread")
+    steps: Count = key(40, "gradient steps on F_a, from what it is")
+    learning_rate: Positive = key(1.0e-3, "of Adam")
+
+
 class AlternatingSettings(Settings):
     """A training of F_a without an encoder: each window's own estimates, and gradient steps on F_a, in turns."""
 

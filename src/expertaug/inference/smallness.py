@@ -3,7 +3,7 @@
 Of all F_a that explain the data the smallest is wanted (APHYNITY, Yin et al. 2021): it leaves to the expert what the
 expert can do.  Along the data's own trajectories that is not so: in a swing that dies away angle and speed are
 correlated, and the smallest F_a with a damping there has a share of the restoring force as well.  Here F_a is measured
-where the components of the state are independent, each taken from another window: a product of marginal distributions.
+where the components of the state are independent (:func:`expertaug.learning.mixture.mixture`).
 """
 
 from __future__ import annotations
@@ -17,18 +17,6 @@ from expertaug.systems.inputs import further
 
 STEP = 1e-4  # of an expert parameter, in its scale, for a derivative in double precision
 RIDGE = 1e-6
-
-
-def mixture(states: Tensor) -> Tensor:
-    """States (T, S, N, *state) with each component taken from another window and another time: what drives all windows
-    alike makes the components of one time dependent."""
-    axis, (times, _, count) = 3 - states.dim(), states.shape[:3]
-    window = torch.arange(count)
-    mixed = []
-    for k, part in enumerate(states.split(1, dim=axis)):
-        moved = (torch.arange(times).unsqueeze(1) + (k + 1) * window) % times
-        mixed.append(part.movedim(2, 1)[moved, (window - k) % count].movedim(1, 2))
-    return torch.cat(mixed, dim=axis)
 
 
 @torch.no_grad()

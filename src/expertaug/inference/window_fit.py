@@ -11,6 +11,8 @@ from expertaug.inference.window_problem import MEMORY, WindowProblem
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import Gaussian, Posterior, log_slope, unconstrain
 
+WIDEST = 3.0  # of Laplace's approximation in any direction of the coordinates: far from the fit it says nothing
+
 
 class WindowFit(WindowProblem):
     """Estimates of (z_e, z_a, y0) for each window, by the least squared residuals of its observed points."""
@@ -69,10 +71,30 @@ class WindowFit(WindowProblem):
             curvature + 1e-12 * curvature.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * size
         )
         std = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
+        squares, axes = torch.linalg.eigh(0.5 * (covariance + covariance.mT))
+        root = axes * squares.clamp(0.0, WIDEST**2).sqrt().unsqueeze(-2)
         slope = self.scale * torch.where(self.positive, x[..., :p].exp(), torch.ones_like(x[..., :p]))
         parameters = self.system.expert_parameters
         raw = unconstrain(z_e, parameters)
         log_std = (std[..., :p] * slope).clamp_min(1e-30).log() - log_slope(raw, parameters)
         spread = (std[..., p : p + q] * self.latent.std.unsqueeze(1)).clamp_min(1e-30).log()
         posterior = Posterior(Gaussian(raw, log_std, parameters), Gaussian(z_a, spread))
-        return Estimates(start, z_e, z_a, posterior, (cost - pulled) / freedom)
+        return Estimates(start, z_e, z_a, posterior, (cost - pulled) / freedom, root=root)
+
+    @torch.no_grad()
+    def draws(self, found: Estimates, first: Tensor, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """z_e (K, S, B, P), z_a (K, S, B, Q) and y0 (K, S, B, *state) of Laplace's approximation.
+
+        Arguments:
+            found: of this fit.
+            first: observed first points (S, B, *state).
+            normal: standard normal numbers (S, K, B, D), D the number of coordinates.
+        """
+        seeds, count = normal.shape[:2]
+        here, y0 = found.to(first.cpu().double()), first.cpu().double()
+        assert here.root is not None
+        x = self.coordinates(here, y0).unsqueeze(1) + torch.einsum("sbij,skbj->skbi", here.root, normal.cpu().double())
+        y0 = y0.unsqueeze(1).expand(-1, count, *y0.shape[1:]).flatten(1, 2)
+        parts = self.parts(x.flatten(1, 2), y0)
+        z_e, z_a, start = (part.unflatten(1, (count, -1)).transpose(0, 1).to(first) for part in parts)
+        return z_e, z_a.expand(-1, seeds, *z_a.shape[2:]), start

@@ -58,7 +58,8 @@ def draw(
         stored: a trained hybrid model.
         train, validation: whose x and observed windows are used.
         settings: {prior, noise, choices, device}; ``noise`` is the standard deviation of the data's noise
-            (:func:`expertaug.models.measurement_noise.noise_of`).
+            (:func:`expertaug.models.measurement_noise.noise_of`); ``worst`` as of
+            :func:`expertaug.learning.augmentation.generate`.
         where: for messages.
 
     Raises:
@@ -75,6 +76,7 @@ def draw(
     if choices["augmentation_noise"] == "as_data":
         noise = noise_of(settings["noise"], stored.model.system, stored.description)
     options = {"resample_x": choices["augmented_x"] == "resampled", "z_a_from": choices["augmented_z_a"]}
+    options |= {"worst": float(settings["worst"])} if settings.get("worst") else {}
     plus, plus_validation = (
         augmentation.generate(
             stored.model, StackedSet.of(part, device), task, stored.seeds, settings["prior"], noise, number, **options

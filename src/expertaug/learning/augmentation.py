@@ -19,10 +19,14 @@ from expertaug.models.hybrid import HybridNet
 from expertaug.models.measurement_noise import NoiseLike, shaped
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.tensor_file import read_tensors, write_tensors
+from expertaug.systems import System
+from expertaug.systems.inputs import joined
 
 logger = logging.getLogger(__name__)
 CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in their states: bounds the memory
 ATTEMPTS = 10
+TRIED = 512  # windows by which the hardest z_e are found
+NEAR = 0.05  # of p⁺'s width: the neighbourhood of a hard z_e
 
 
 def prior_range(model: HybridNet, prior: Mapping[str, list[float]]) -> tuple[Tensor, Tensor]:
@@ -31,7 +35,12 @@ def prior_range(model: HybridNet, prior: Mapping[str, list[float]]) -> tuple[Ten
     Raises:
         InputError: the ranges are not those of the system's expert parameters.
     """
-    names = [p.name for p in model.system.expert_parameters]
+    return ranges_of(model.system, prior)
+
+
+def ranges_of(system: System, prior: Mapping[str, list[float]]) -> tuple[Tensor, Tensor]:
+    """As :func:`prior_range`, of a system."""
+    names = [p.name for p in system.expert_parameters]
     if sorted(prior) != sorted(names):
         raise InputError("augmentation.prior", f"ranges for {sorted(prior)}", f"give one for each of {names}")
     low, high = (torch.tensor([float(prior[n][end]) for n in names]) for end in (0, 1))
@@ -55,6 +64,7 @@ def generate(
     draw: int,
     resample_x: bool = False,
     z_a_from: str = "posterior",
+    worst: float = 0.0,
 ) -> StackedSet:
     """One augmented sample for each of ``data``: x from the data, z_a ~ q(z_a | x, y), z_e ~ p⁺, y by the model.
 
@@ -68,6 +78,8 @@ def generate(
             are several.
         draw: number of the draw (sets, passes).
         resample_x: whether x is drawn anew (:meth:`System.resample_known`) instead of taken from the data.
+        worst: share of the samples whose z_e are drawn where the model's own estimates are bad (:func:`worst_of`)
+            instead of uniformly; with 0 the samples have the same bits as without the option.
         z_a_from: posterior: a sample of q(z_a | x, y); prior: of N(0, I), where the posterior is not a point.
 
     Returns:
@@ -78,6 +90,7 @@ def generate(
     """
     low, high = prior_range(model, prior)
     random = Noise(seeds, draw, 1, device=data.y.device)
+    hard = worst_of(model, data, task, seeds, (low, high), noise, draw) if worst else None
     lost = torch.zeros(len(seeds), dtype=torch.long)
     parts, size = [], max(min(CHUNK, NUMBERS // data.y[0, 0, 0].numel()), 1)
     for start in range(0, len(data), size):
@@ -88,7 +101,7 @@ def generate(
         z_a = latent(model.encode(windows), z_a_from, partial(random.normal, len(index)))
         if resample_x:
             y0 = model.system.resample_known(y0, partial(random.uniform, len(index)))
-        y, z_e = _simulate(model, y0, z_a, low, high, task, random, u)
+        y, z_e = _simulate(model, y0, z_a, low, high, task, random, u, hard, worst)
         good = within(y, task.bound)
         for _ in range(ATTEMPTS):
             if good.all():
@@ -124,6 +137,39 @@ def _as_measured(y: Tensor, like: Tensor) -> Tensor:
     return y
 
 
+@torch.no_grad()
+def worst_of(
+    model: HybridNet,
+    data: StackedSet,
+    task: Task,
+    seeds: list[int],
+    ends: tuple[Tensor, Tensor],
+    noise: NoiseLike,
+    draw: int,
+) -> Tensor:
+    """z_e (S, M, P) of p⁺ where the model's own estimates are worst: the hardest quarter of a uniform trial.
+
+    Windows are simulated from the first of ``data``, with z_e of the whole range, and estimated; how bad an estimate is
+    is the error of z_e in the range's widths, the largest over parameters.
+
+    Arguments:
+        ends: low and high (P,) of p⁺.
+        others: as of :func:`generate`.
+    """
+    random, (low, high) = Noise(seeds, draw, 5, device=data.y.device), ends
+    batch = data.at(torch.arange(TRIED, device=data.y.device) % len(data)).whole(len(seeds))
+    windows, u = batch.windows(task.observed), batch.inputs(task.observed)
+    z_a = latent(model.encode(windows), "posterior", partial(random.normal, TRIED))
+    y, z_e = _simulate(model, model.start(windows), z_a, low, high, task.shortened(task.observed), random, u)
+    y = bounded(y, task.bound)
+    y = y + shaped(noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+    found = model.encode(joined(_as_measured(y, batch.y), u)).z_e.mean
+    width = (high - low).clamp_min(1e-12).to(y)
+    error = ((found - z_e) / width).abs().amax(-1).nan_to_num(torch.inf)
+    hardest = error.topk(max(TRIED // 4, 1), dim=1).indices
+    return z_e.gather(1, hardest.unsqueeze(-1).expand(-1, -1, z_e.shape[-1]))
+
+
 def latent(posterior: Posterior, z_a_from: str, normal: Normal) -> Tensor:
     """z_a (…, B, Q): a sample of a posterior, or of N(0, I) where ``z_a_from`` says prior and it is not a point."""
     if z_a_from == "prior" and isinstance(posterior.z_a, Gaussian):
@@ -140,8 +186,16 @@ def _simulate(
     task: Task,
     random: Noise,
     u: Tensor | None,
+    hard: Tensor | None = None,
+    worst: float = 0.0,
 ) -> tuple[Tensor, Tensor]:
     z_e = low.to(y0) + (high - low).to(y0) * random.uniform(y0.shape[1], len(low))
+    if hard is not None:
+        index = (random.uniform(y0.shape[1]) * hard.shape[1]).long().clamp_max(hard.shape[1] - 1)
+        near = hard[torch.arange(len(hard), device=hard.device).unsqueeze(1), index]
+        near = near + NEAR * (high - low).to(y0) * (random.uniform(y0.shape[1], len(low)) - 0.5)
+        chosen = random.uniform(y0.shape[1], 1) < worst
+        z_e = torch.where(chosen, near.clamp(low.to(y0), high.to(y0)), z_e)
     return solved(model, y0, z_e, z_a, task.t, task.solver, u), z_e
 
 

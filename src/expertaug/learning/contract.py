@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
+from expertaug.learning.adam import Adam
 from expertaug.learning.objectives import Objective
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
@@ -149,7 +150,7 @@ def _check_step(model: HybridNet, objective: Objective, batch: Tensor, task: Tas
     z_e = torch.tensor([p.scale for p in model.system.expert_parameters]).expand(seeds, samples, -1)
     y, u = states_of(model.system, batch), inputs_of(model.system, batch)
     whole = Batch(y, z_e, torch.zeros(seeds, samples), u)
-    optimiser = torch.optim.Adam(model.parameters())
+    optimiser = Adam(model.parameters())
 
     def step() -> tuple[Tensor, dict]:
         objective.begin(model, whole, task)

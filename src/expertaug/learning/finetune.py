@@ -102,6 +102,7 @@ def prepare(
         stored.classes,
         before,
         real.windows(base["observed"]),
+        check.windows(base["observed"]),
     )
 
 

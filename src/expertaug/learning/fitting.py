@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.learning.kinds import objective_of
+from expertaug.learning.misfit import recorded
 from expertaug.learning.objectives import Objective
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import TrainSettings
@@ -59,6 +60,7 @@ class Training:
         classes: see :class:`StoredModel`.
         unchanged: tensors of the model, by name, that the training must leave as they are.
         windows: observed windows (T1, 1, N, *observed) of the data: where their z_a lie is kept for refinement.
+        checked: observed windows of the validation set: their misfits are kept, for alarms.
     """
 
     trainer: Trainer
@@ -66,6 +68,7 @@ class Training:
     classes: Mapping[str, Callable] = field(default_factory=dict)
     unchanged: Mapping[str, Tensor] = field(default_factory=dict)
     windows: Tensor | None = None
+    checked: Tensor | None = None
 
     def run(self, log: Any = None, checkpoint: Any = None) -> StoredModel:
         """Train to the end; the best state of each seed, by validation.
@@ -93,7 +96,10 @@ class Training:
         }
         if self.windows is not None:
             record["latent"] = _latent(model, self.windows, len(trainer.seeds))
-        return StoredModel(model, {**self.description, **record}, self.classes)
+        stored = StoredModel(model, {**self.description, **record}, self.classes)
+        if self.checked is not None:
+            record["misfit"] = recorded(stored, self.checked)
+        return replace(stored, description={**self.description, **record})
 
 
 def prepare(
@@ -105,6 +111,7 @@ def prepare(
     classes: Mapping[str, Callable],
     unchanged: Mapping[str, Tensor] | None = None,
     windows: Tensor | None = None,
+    checked: Tensor | None = None,
 ) -> Training:
     """Make the training of a described model.
 
@@ -112,7 +119,7 @@ def prepare(
         sets: number of points needed → training set (or a function from the pass to one) and validation sets.
         settings: {training, choices, seeds}; ``prior`` for the objectives that take one; ``snapshots``, passes after
             which the state is kept.
-        windows: see :class:`Training`.
+        windows, checked: see :class:`Training`.
 
     Raises:
         InputError: an unknown option, or an objective without the prior that it needs.
@@ -124,7 +131,7 @@ def prepare(
     options, keep = TrainSettings.from_mapping(settings["training"]), settings.get("snapshots", ())
     failed = dict.fromkeys(description.get("failed", ()), "it failed in the training before")
     trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep, failed)
-    return Training(trainer, description, classes, unchanged or {}, windows)
+    return Training(trainer, description, classes, unchanged or {}, windows, checked)
 
 
 @torch.no_grad()

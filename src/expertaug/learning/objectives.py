@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.learning.bound import solved, within
+from expertaug.learning.mixture import mixture
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
@@ -199,8 +200,9 @@ class Aphynity(Objective):
     """APHYNITY (Yin et al. 2021; paper, section 2): minimise ‖F_a‖ subject to fitting the data.
 
     The Lagrangian is λ · L + ‖F_a‖, with L the mean squared error of the trajectory over the loss window and ‖F_a‖ the
-    root mean square of F_a along the predicted trajectory; after every ``every`` passes λ grows by tau2 · L (Yin's
-    update).  Variants are the rows multiplier, penalty, loss_normalisation, loss_window and supervision of
+    root mean square of F_a along the predicted trajectory, or at its states mixed (:mod:`expertaug.learning.mixture`);
+    after every ``every`` passes λ grows by tau2 · L (Yin's update).  Variants are the rows multiplier, penalty,
+    loss_normalisation, loss_window and supervision of
     :mod:`expertaug.config.presets`.
 
     Arguments:
@@ -271,10 +273,13 @@ class Aphynity(Objective):
         data = mean_squared_error(model.system, prediction[1:], truth[1:], good)
         if model.interaction is None:
             return data, prediction.new_zeros(prediction.shape[1]), runaway_share(data, good)
-        of_data = self.choices["penalty"] == "norm_data"
-        states = torch.where(torch.isnan(truth), prediction, truth) if of_data else prediction
+        choice, states = self.choices["penalty"], prediction
+        if choice == "norm_data":
+            states = torch.where(torch.isnan(truth), prediction, truth)
+        elif choice == "rms_mixed":
+            states = mixture(prediction.detach())
         squares = model.interaction_squares(states, z_e, z_a, task.t[: task.horizon], u)
-        if of_data:
+        if choice == "norm_data":
             penalty = torch.sqrt(squares * prod(model.system.state_shape) + 1e-12).flatten(1).mean(1)
         else:
             penalty = torch.sqrt(squares.flatten(1).mean(1) + 1e-12)

@@ -67,6 +67,10 @@ class TrainSettings(Settings):
         0.0,
         "share of all steps over which the loss window grows to its full length; against minima at wrong frequencies",
     )
+    expert_first: Share = key(
+        0.0,
+        "share of all steps in which F_a is absent; before z_e is found, F_a takes a part of what the expert can say",
+    )
     horizon_s: Positive = key(
         LEFT_OUT,
         "end of the part of a trajectory that the loss compares; left out = data.t1_s, for fine-tuning as in training",
@@ -82,6 +86,10 @@ class TrainSettings(Settings):
         if self.schedule == "constant":
             return self.learning_rate
         return self.learning_rate * one_cycle(step, steps, self.warmup)
+
+    def alone(self, step: int, steps: int) -> bool:
+        """Whether F_a is absent in step ``step`` of ``steps``."""
+        return step < self.expert_first * steps
 
     def points(self, horizon: int, step: int, steps: int) -> int:
         """Points of the loss window in step ``step`` of ``steps``, ``horizon`` at the end."""

@@ -47,11 +47,8 @@ def train(
         InputError: unusable data or settings.
         SolveError: a seed cannot be trained.
     """
-    constants = None if calibration is None else constants_of(calibration)
-    build, described = settings["build"], described_by(settings, constants)
-    system = systems.load(described["system"])
-    inputs = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
-    train_data, validation_data = map(Trajectories.load, inputs)
+    build, inputs = settings["build"], inputs_of(data)
+    system, described, train_data, validation_data = taken_in(inputs, settings, calibration)
     if build["kind"] == "mean":
         stored = mean(system, train_data, settings, described)
         store.save(output, stored.model, stored.description)
@@ -65,6 +62,23 @@ def train(
         recipe, train_data, validation_data, {"objective": build.get("objective", "aphynity"), **settings}, described
     )
     job.run(training, output, work, inputs, settings, tracking)
+
+
+def inputs_of(data: Path) -> list[Path]:
+    """Files of the sets that a training reads."""
+    return [Path(data) / f"{name}.npz" for name in ("train", "validation")]
+
+
+def taken_in(
+    inputs: Sequence[Path], settings: Mapping, calibration: Path | None
+) -> tuple[systems.System, dict, Trajectories, Trajectories]:
+    """What a stage of training is given, read: the system, what a file will say of the recipe, and both sets.
+
+    Arguments as of :func:`train`; ``inputs`` of :func:`inputs_of`.
+    """
+    described = described_by(settings, None if calibration is None else constants_of(calibration))
+    first, second = map(Trajectories.load, inputs)
+    return systems.load(described["system"]), described, first, second
 
 
 def described_by(settings: Mapping, constants: Mapping | None = None) -> dict:
@@ -149,6 +163,7 @@ def prepare(
         settings,
         classes,
         windows=windows,
+        checked=validation_set.windows(observed),
     )
 
 

@@ -6,12 +6,14 @@ import logging
 import math
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from expertaug.errors import SolveError
+from expertaug.learning.adam import Adam
 from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.checkpoint import Checkpoint
 from expertaug.learning.contract import check_loss
@@ -74,7 +76,7 @@ class Trainer:
         ]
         self.seeds, self.settings, self.name = list(seeds), settings, name
         self.parameters = [p for p in model.parameters() if p.requires_grad]
-        self.optimiser = torch.optim.Adam(self.parameters, lr=settings.learning_rate)
+        self.optimiser = Adam(self.parameters, lr=settings.learning_rate)
         self.best = {k: v.detach().clone() for k, v in model.state_dict().items()}
         self.best_score = torch.full((len(seeds),), math.inf)
         self.best_epoch = torch.zeros(len(seeds), dtype=torch.long)
@@ -89,7 +91,8 @@ class Trainer:
         if step == 0:
             self.objective.begin(self.model, batch, replace(self.task, horizon=window))
         points = self.settings.points(window, step, steps)
-        loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
+        with self.model.decoder.expert_alone() if self.settings.alone(step, steps) else nullcontext():
+            loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
         self.optimiser.zero_grad(set_to_none=True)
         check_loss(self.objective, loss, len(self.seeds)).sum().backward()
         self._tame()

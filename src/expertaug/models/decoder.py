@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import torch
@@ -53,6 +55,15 @@ class Decoder(nn.Module):
             self.interaction.fit(observed)
         if self.likelihood is not None:
             self.likelihood.fit(self.system.observe(observed))
+
+    @contextmanager
+    def expert_alone(self) -> Iterator[None]:
+        """A context without the interaction model."""
+        kept, self.interaction = self.interaction, None
+        try:
+            yield
+        finally:
+            self.interaction = kept
 
     def forecast(
         self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None

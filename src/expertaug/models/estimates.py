@@ -23,6 +23,7 @@ class Estimates:
         posterior: the distribution that z_e and z_a are the means of, where the estimator has one.
         chi2: how well they fit each window, (…, B), where the estimator has compared them with it.
         draws: of the posterior of z_e, z_a and y0, each (…, B, K, ·), where the estimator's forecast is their mean.
+        root: a matrix (…, B, D, D) whose square is the covariance of a fit's D coordinates (Laplace's approximation).
     """
 
     y0: Tensor
@@ -31,9 +32,10 @@ class Estimates:
     posterior: Posterior | None = None
     chi2: Tensor | None = None
     draws: tuple[Tensor, Tensor, Tensor] | None = None
+    root: Tensor | None = None
 
-    def part(self, samples: slice) -> Estimates:
-        """Those of some samples, B; ``chi2`` and the posterior with them."""
+    def part(self, samples: slice | Tensor) -> Estimates:
+        """Those of some samples, B, by a slice or their places; ``chi2`` and the posterior with them."""
         lead = self.y0.dim() if self.z_e is None else self.z_e.dim()
         axis = lead - 2
 
@@ -64,7 +66,7 @@ class Estimates:
         def changed(value: Tensor | None) -> Tensor | None:
             return None if value is None else change(value)
 
-        found = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2")}
+        found = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2", "root")}
         posterior = self.posterior
         if posterior is not None:
             posterior = replace(posterior, z_e=_changed(posterior.z_e, change), z_a=_changed(posterior.z_a, change))

@@ -12,9 +12,10 @@ from expertaug.systems import System
 
 ESTIMATED = "estimated"
 NoiseLike = float | Sequence[float]  # of all components, or of each
+GivenNoise = float | Mapping[str, float] | str  # as settings say it
 
 
-def noise_of(given: float | Mapping[str, float] | str, system: System, description: Mapping) -> NoiseLike:
+def noise_of(given: GivenNoise, system: System, description: Mapping) -> NoiseLike:
     """What settings say of the noise, as numbers.
 
     Arguments:

@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import torch
 from torch import nn
 
 Model = TypeVar("Model", bound=nn.Module)
+
+
+def of_description(description: Mapping, places: Sequence[int]) -> dict:
+    """What a model file says of a group's seeds at some places: one value a seed becomes theirs."""
+    found, count = dict(description), len(description["seeds"])
+    for key in ("seeds", "best_score", "best_epoch", "best_step"):
+        if found.get(key) is not None:
+            found[key] = [description[key][k] for k in places]
+    for block in [key for key in ("carried", "latent", "misfit") if key in found]:
+        found[block] = {
+            key: [value[k] for k in places] if isinstance(value, list) and len(value) == count else value
+            for key, value in description[block].items()
+        }
+    return found
 
 
 def select(model: Model, places: Sequence[int], count: int) -> Model:

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from expertaug.settings import Range, Settings, disagree, key
+from expertaug.settings import Positive, Range, Settings, disagree, key
 
 WIDEST = 2**16
 Width = Annotated[int, Field(ge=1, le=WIDEST)]
@@ -18,6 +18,7 @@ Powers = Annotated[tuple[Annotated[int, Field(ge=1, le=20)], ...], Field(strict=
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 Activation = Literal["relu", "silu", "selu", "tanh"]
 LATENT = "size of z_a"
+START = "of the last layer's usual first size; near zero the expert is alone at first"
 ACTIVATION = "of the network"
 
 
@@ -149,6 +150,7 @@ class MLPSettings(InteractionSettings):
     reads: Names | None = key(None, "components that F_a sees; null = all")
     inputs: bool = key(False, "whether F_a sees the system's known inputs")
     time: bool = key(False, "whether F_a sees the time")
+    start: Positive = key(1.0, START)
 
 
 class ConvInteractionSettings(InteractionSettings):
@@ -162,6 +164,7 @@ class ConvInteractionSettings(InteractionSettings):
         (3, 3, 3), "odd sizes of every layer's kernel, one more than channels; 1 = local"
     )
     precision: Literal["float32", "bfloat16"] = key("float32", "of the convolutions")
+    start: Positive = key(1.0, START)
 
     @model_validator(mode="after")
     def _one_odd_kernel_a_layer(self) -> Self:

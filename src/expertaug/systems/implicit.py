@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import prod
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from scipy.integrate import solve_ivp
-from scipy.sparse import csc_matrix
 from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
 
 Field = Callable[[Tensor, Tensor], Tensor]
 SCIPY = {"radau": "Radau", "bdf": "BDF"}
@@ -73,6 +75,9 @@ def by_scipy(f: Field, y0: Tensor, t: Tensor, method: str, rtol: float, atol: fl
         InputError: gradients are wanted, or a state has too many numbers for its Jacobian.
         SolveError: the solver gave up.
     """
+    from scipy.integrate import solve_ivp  # half a second that no other method needs
+    from scipy.sparse import csc_matrix
+
     d = _size(y0, rank, method)
     if torch.is_grad_enabled() and (y0.requires_grad or f(t[0], y0).requires_grad):
         raise InputError("solver.method", f"{method} gives no gradients", "train with rodas3")

@@ -8,12 +8,12 @@ from typing import Any
 import torch
 from pydantic import ValidationError
 from torch import Tensor
-from torchdiffeq import odeint
 
 from expertaug.errors import InputError, SolveError
 from expertaug.settings import complaints
 from expertaug.systems.events import Event, stepped
 from expertaug.systems.implicit import SCIPY, by_scipy, rodas3
+from expertaug.systems.odeint import odeint
 from expertaug.systems.settings import EVENTS, FIXED, SolverSettings
 
 # flow(h): the map y → exp(h L) y of a linear part L, or None where there is none.

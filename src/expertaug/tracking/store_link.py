@@ -59,9 +59,14 @@ class StoreLink:
         if again and self._mirror is None:
             self._try((), now)
 
+    @property
+    def works(self) -> bool:
+        """Whether the store has all that was sent."""
+        return self._mirror is not None
+
     def end(self) -> None:
         """Say how to mend a store that lacks lines of the log, which is complete."""
-        if self._mirror is None:
+        if not self.works:
             command = rebuild_command(self._uri, self._experiment, self._path)
             logger.warning("tracking store %s lacks part of %s; once it works: %s", self._uri, self._path, command)
 
@@ -90,3 +95,19 @@ class StoreLink:
             self._told = True
             text = "tracking store %s failed (%s); the run goes on and is logged in %s"
             logger.warning(text, self._uri, brief(error), self._path)
+
+
+def store(path: Path, tracking: Mapping[str, Any]) -> bool:
+    """Store a log that was written without a store; False, with a warning, where that fails twice.
+
+    Arguments:
+        path: the run log.
+        tracking: ``{"uri", "experiment"}``.
+    """
+    header = read_log(path).header
+    link = StoreLink(tracking, path, header, header.get("runs") or {}, header.get("parent"), None)
+    link.send((), now=True)
+    if not link.works:
+        link.send((), now=True)
+    link.end()
+    return link.works

@@ -28,6 +28,7 @@ class ConvInteraction(Interaction):
         channels: of the hidden layers.
         kernels: sizes of every layer's kernel, one more than ``channels``; 1 makes a layer local.
         expert_parameters: as :class:`Interaction`.
+        start: of the last layer's usual first size; near zero the expert is alone at first.
         precision: float32, or bfloat16 for the convolutions, their sums staying in float32.
     """
 
@@ -41,6 +42,7 @@ class ConvInteraction(Interaction):
         kernels: Sequence[int] = (3, 3, 3),
         expert_parameters: bool = False,
         precision: str = "float32",
+        start: float = 1.0,
     ) -> None:
         super().__init__(system, latent, expert_parameters)
         if len(kernels) != len(channels) + 1 or any(k % 2 == 0 for k in kernels):
@@ -58,6 +60,8 @@ class ConvInteraction(Interaction):
         self.rest = nn.ModuleList(
             Conv(self.rank, a, b, k) for (a, b), k in zip(pairwise((*channels, fields)), kernels[1:], strict=True)
         )
+        for parameter in self.rest[-1].parameters():
+            parameter.data *= start
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, channels), for :meth:`forward`."""

@@ -25,6 +25,7 @@ class MLPInteraction(Interaction):
         inputs: whether it sees the system's known inputs, each divided by its scale.
         time: whether it sees the time, divided by the end of the observed window.
         times: of the observed window in s, (T1,).
+        start: of the last layer's usual first size; near zero the expert is alone at first.
     """
 
     stackable = True
@@ -41,6 +42,7 @@ class MLPInteraction(Interaction):
         inputs: bool = False,
         time: bool = False,
         times: Tensor | None = None,
+        start: float = 1.0,
     ) -> None:
         super().__init__(system, latent, expert_parameters, components, reads)
         if inputs and not system.known:
@@ -56,6 +58,8 @@ class MLPInteraction(Interaction):
         self.state_layer = Linear(features, layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, layers[0])
         self.rest = MLP(layers[0], layers[1:], len(self.acts_on), activation)
+        for parameter in self.rest.layers[-1].parameters():
+            parameter.data *= start
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""

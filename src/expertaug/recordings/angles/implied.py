@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from expertaug.errors import InputError
 from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants, implied_rate
-from expertaug.recordings.angles.tilt import implied_tilt
+from expertaug.recordings.angles.tilt import find_gravity
 from expertaug.recordings.provenance import RENDERED
 
 SPAN_S = 0.01  # between the points by which the constants are fitted
@@ -30,21 +31,32 @@ class Implied:
     tilt_deg: float | None
 
 
-def explain(y: np.ndarray, rate_hz: float, arm1_m: float | None) -> Implied:
+def explain(y: np.ndarray, rate_hz: float, arm1_m: float | None, rotation_deg: float = 0.0) -> Implied:
     """Fit the pendulum to its motion.
 
     Arguments:
         y: states (n, 4); NaN where they were not measured.
         rate_hz: stated frames per second.
         arm1_m: length of the first arm in m; None where it is not known.
+        rotation_deg: stated direction of gravity in the image.
 
     Raises:
         InputError: the motion does not determine the constants, or they are those of no pendulum.
     """
     every = max(1, round(rate_hz * SPAN_S))
-    fit = fit_constants(y, every / rate_hz, friction=True, every=every)
+    gravity = find_gravity(y, every / rate_hz, every)
+    try:
+        fit = fit_constants(y, every / rate_hz, friction=True, every=every)
+    except InputError as error:
+        if gravity is None or abs(gravity.degrees) < MAX_TILT_DEG:
+            raise
+        remedy = (
+            f"by the motion gravity points {gravity.degrees:+.1f}° off the stated direction: set"
+            f" recordings.angles.rotation_deg to {_turned(rotation_deg, gravity.degrees):.1f}"
+        )
+        raise InputError(str(error).partition("; ")[0], "the direction of gravity is wrong", remedy) from error
     implied = None if arm1_m is None else implied_rate(fit.constants, rate_hz, arm1_m)
-    return Implied(fit, implied, implied_tilt(y, every / rate_hz, every))
+    return Implied(fit, implied, None if gravity is None else gravity.degrees)
 
 
 def contradictions(
@@ -68,6 +80,11 @@ def contradictions(
     if tilt is not None and abs(tilt) > MAX_TILT_DEG:
         found.append(
             f"by the motion gravity points {tilt:+.1f}° off the stated direction: set recordings.angles.rotation_deg to"
-            f" {rotation_deg + tilt:.1f}"
+            f" {_turned(rotation_deg, tilt):.1f}"
         )
     return found
+
+
+def _turned(rotation_deg: float, by_deg: float) -> float:
+    """A direction in degrees, in (-180, 180]."""
+    return 180 - (180 - rotation_deg - by_deg) % 360

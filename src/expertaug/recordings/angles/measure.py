@@ -13,16 +13,21 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.recordings.angles.arms import Arms, find_arms
+from expertaug.recordings.angles.arms import STILL_S, Arms, find_arms
 from expertaug.recordings.angles.implied import Implied, contradictions, explain
 from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, read_markers
+from expertaug.recordings.angles.noise import Noise, marker_noise, measure_noise
 from expertaug.recordings.angles.quality import MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
 from expertaug.recordings.angles.settings import AngleSettings
-from expertaug.recordings.angles.smoothing import Motion, smooth_motion, window_frames
+from expertaug.recordings.angles.smoothing import Motion, Smoothing, smooth_motion, window_frames
 from expertaug.recordings.angles.summary import RecordingSummary
+from expertaug.recordings.angles.windows import longest_window
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import energy
 
+STATE = ("theta1", "theta2", "omega1", "omega2")
+MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
+MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
 logger = logging.getLogger(__name__)
 
 
@@ -33,6 +38,9 @@ class Angles:
     Attributes:
         markers, arms: the recording's.
         tracked, fitting: (n,), frames that the tracker found and whose arms have their lengths.
+        noise: of the measured angles.
+        length_std, marker_std: standard deviations of the arms' lengths, (2,), and of the coordinates of pivot, joint
+            and tip, (3,), in px.
         motion: the smoothed angles and speeds.
         quality, reason: (n,), of each frame.
         implied: by the motion.
@@ -43,6 +51,9 @@ class Angles:
     arms: Arms
     tracked: np.ndarray
     fitting: np.ndarray
+    noise: Noise
+    length_std: np.ndarray
+    marker_std: np.ndarray
     motion: Motion
     quality: np.ndarray
     reason: np.ndarray
@@ -55,14 +66,16 @@ def measure_angles(
 ) -> None:
     """Measure a recording's angles.
 
-    The pivot and the arm lengths are calibrated on the recording itself.  Angles and speeds come from one local
-    polynomial (Savitzky-Golay) over each gap-free stretch, whose window was chosen on simulated motion with the noise
-    of the real labels (tests/recordings/test_angles.py).
+    The pivot, the arm lengths and the offsets of markers from their hinges are calibrated on the recording itself, and
+    so is the markers' noise.  Angles and speeds come from local polynomials (Savitzky-Golay) over each gap-free
+    stretch, of so many frames as help (:mod:`.windows`).
 
     Arguments:
         markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame, evenly timed.
         output: CSV of frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2 (rad/s),
-            energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason.
+            energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason; theta1_raw,
+            theta2_raw (rad) as the markers alone have them; theta1_std ... omega2_std, the standard uncertainties, and
+            pivot_std, joint_std, tip_std (px), those of the markers' coordinates.
         summary: JSON of :class:`expertaug.recordings.angles.summary.RecordingSummary`.
         settings: see :class:`AngleSettings`.
 
@@ -86,29 +99,34 @@ def _measure(path: Path, markers: MarkerTable, options: AngleSettings) -> Angles
     _require(path, tracked, rate, options)
     if not np.isfinite(markers.pivot).any():
         raise InputError(path, "no frame has a pivot", "check the tracking")
-    arms = find_arms(markers, tracked, options.pivot_tolerance, options.pivot_window_s)
-    off = tracked & arms.off(options.arm_tolerance)
+    arms = find_arms(markers, tracked, options)
+    off = tracked & arms.off
     reason[off] = "arm_length"
     fitting = tracked & ~off
     _require(path, fitting, rate, options)
-    motion = smooth_motion(
-        np.where(fitting[:, None], arms.angles(options.rotation_deg), np.nan),
-        rate,
-        window=window_frames(options.smoothing_window_s, options.smoothing_order, rate),
-        order=options.smoothing_order,
+    given, order = options.smoothing_window_s, options.smoothing_order
+    how = Smoothing(
+        order=order,
+        window=None if given is None else window_frames(given, order, rate),
         longest_gap=max(0, min(options.max_gap_frames, int(np.ceil(np.pi * rate / options.max_speed)) - 2)),
         sigmas=options.outlier_sigmas,
         floor=np.deg2rad(options.outlier_floor_deg),
     )
+    noise, length_std = measure_noise(arms.lengths, fitting, how.window or longest_window(order, rate))
+    marker_std = marker_noise(length_std, markers.pivot, arms.pivot)
+    theta = np.where(fitting[:, None], arms.angles(options.rotation_deg), np.nan)
+    motion = smooth_motion(theta, rate, noise, how)
     quality, reason = judge(motion, fitting, reason, arms.borrowed)
     good = quality == MEASURED
     _require(path, good, rate, options)
     try:
-        implied = explain(np.where(good[:, None], motion.y, np.nan), rate, options.arm1_m)
+        implied = explain(np.where(good[:, None], motion.y, np.nan), rate, options.arm1_m, options.rotation_deg)
     except InputError as error:
         raise InputError(path, str(error)) from error
     level = energy(motion.y, implied.fit.constants)
-    return Angles(markers, arms, tracked, fitting, motion, quality, reason, implied, level)
+    return Angles(
+        markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level
+    )
 
 
 def _require(path: Path, usable: np.ndarray, rate: float, options: AngleSettings) -> None:
@@ -121,8 +139,12 @@ def _require(path: Path, usable: np.ndarray, rate: float, options: AngleSettings
 
 def _write(output: str | Path, angles: Angles) -> None:
     columns = {"frame": angles.markers.frame, "t": angles.markers.t}
-    columns |= {name: angles.motion.y[:, k] for k, name in enumerate(("theta1", "theta2", "omega1", "omega2"))}
-    table = pd.DataFrame({**columns, "energy": angles.energy, "quality": angles.quality, "reason": angles.reason})
+    columns |= {name: angles.motion.y[:, k] for k, name in enumerate(STATE)}
+    columns |= {"energy": angles.energy, "quality": angles.quality, "reason": angles.reason}
+    columns |= {f"{name}_raw": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
+    columns |= {f"{name}_std": angles.motion.std[:, k] for k, name in enumerate(STATE)}
+    columns |= {f"{name}_std": std for name, std in zip(("pivot", "joint", "tip"), angles.marker_std, strict=True)}
+    table = pd.DataFrame(columns)
     with atomic(output) as temporary:
         table.to_csv(temporary, index=False, float_format="%.9g")
 
@@ -132,7 +154,7 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
     rate, rotation = angles.markers.rate_hz, options.rotation_deg
     good = angles.quality == MEASURED
     gaps = gap_lengths(angles.quality != UNUSABLE)
-    spread = np.std(arms.lengths[angles.fitting], axis=0)
+    uncertain = np.nanmedian(angles.motion.std[good], axis=0)
     second = max(1, round(rate))
     return RecordingSummary(
         recording=name,
@@ -141,13 +163,20 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
         tracked_share=float(angles.tracked.mean()),
         usable_share=float(good.mean()),
         arm1_px=float(arms.typical[0]),
-        arm1_std_px=float(spread[0]),
+        arm1_std_px=float(angles.length_std[0]),
         arm2_px=float(arms.typical[1]),
-        arm2_std_px=float(spread[1]),
+        arm2_std_px=float(angles.length_std[1]),
         pivot_x_px=float(np.median(arms.pivot[:, 0])),
         pivot_y_px=float(np.median(arms.pivot[:, 1])),
-        noise1_deg=float(np.rad2deg(angles.motion.noise[0])),
-        noise2_deg=float(np.rad2deg(angles.motion.noise[1])),
+        noise1_deg=float(np.rad2deg(angles.noise.std[0])),
+        noise2_deg=float(np.rad2deg(angles.noise.std[1])),
+        uncertainty1_deg=float(np.rad2deg(uncertain[0])),
+        uncertainty2_deg=float(np.rad2deg(uncertain[1])),
+        uncertainty1_rad_s=float(uncertain[2]),
+        uncertainty2_rad_s=float(uncertain[3]),
+        offsets_px=arms.offsets.sizes,
+        pivot_window_s=arms.window_s if arms.window_s < STILL_S else None,
+        unsmoothed_share=tuple(angles.motion.unsmoothed[good].mean(0).tolist()),
         gaps=len(gaps),
         longest_gap_frames=max(gaps, default=0),
         interpolated=int((angles.reason == "interpolated").sum()),
@@ -159,7 +188,10 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
         implied_rate_hz=angles.implied.rate_hz,
         rotation_deg=rotation,
         implied_rotation_deg=None if tilt is None else rotation + tilt,
-        warnings=contradictions(angles.implied, rate, options.rate_provenance, options.arm1_m, rotation),
+        warnings=[
+            *contradictions(angles.implied, rate, options.rate_provenance, options.arm1_m, rotation),
+            *_doubts(angles, uncertain, options),
+        ],
         constants=fit.constants.to_dict(),
         friction=fit.friction,
         r2_1=fit.r2[0],
@@ -167,3 +199,24 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
         energy_start=float(np.median(angles.energy[good][:second])),
         energy_end=float(np.median(angles.energy[good][-second:])),
     )
+
+
+def _doubts(angles: Angles, uncertain: np.ndarray, options: AngleSettings) -> list[str]:
+    """Where polynomials do not follow the motion, in plain words."""
+    good = angles.quality == MEASURED
+    rate, given = angles.markers.rate_hz, options.smoothing_window_s
+    if given is not None:
+        worse = np.sqrt(np.nanmean(angles.motion.std[good, :2] ** 2, axis=0)) / angles.noise.std
+        if worse.max() <= MOST_WORSE:
+            return []
+        return [
+            f"smoothing over {given:g} s makes the angles up to {worse.max():.1f} times as uncertain as the markers:"
+            " leave out recordings.angles.smoothing_window_s"
+        ]
+    share = angles.motion.unsmoothed[good].mean(0)
+    if share.max() <= MOST_UNSMOOTHED:
+        return []
+    return [
+        f"the motion is too fast for polynomials at {rate:g} Hz: {share.max():.0%} of the angles are as measured, and"
+        f" the speeds are uncertain by {uncertain[2]:.2g} and {uncertain[3]:.2g} rad/s in the median"
+    ]

@@ -22,6 +22,7 @@ from expertaug.errors import InputError
 from expertaug.systems.double_pendulum import GRAVITY, Constants
 
 WEIGHTS = np.array([41, 216, 27, 272, 27, 216, 41]) / 140  # closed Newton-Cotes rule over six intervals
+OfStates = Callable[[Callable[[np.ndarray], np.ndarray]], np.ndarray]
 CLUSTER_POINTS = 20  # points of a series whose errors are taken to depend on each other: a chunk
 
 
@@ -55,6 +56,38 @@ def fit_constants(y: np.ndarray, interval: float, friction: bool = False, every:
     Raises:
         InputError: the motion does not determine the constants, or they are those of no pendulum.
     """
+    change, integral, cluster = spans(y, interval, every)
+    coupling = integral(lambda s: np.sin(s[:, 0] - s[:, 1]) * s[:, 2] * s[:, 3])
+    inertia1 = -change(lambda s: np.cos(s[:, 0] - s[:, 1]) * s[:, 3]) - coupling
+    inertia2 = -change(lambda s: np.cos(s[:, 0] - s[:, 1]) * s[:, 2]) + coupling
+    gravity1, gravity2 = (-integral(lambda s, k=k: np.sin(s[:, k])) for k in (0, 1))
+    turned1, rubbed = change(lambda s: s[:, 0]), change(lambda s: s[:, 1] - s[:, 0])
+
+    x2, error2, r2_2 = _least_squares([inertia2, gravity2] + [-rubbed] * friction, change(lambda s: s[:, 3]), cluster)
+    # The second joint's friction acts on the first arm too, by the ratio of the inertias B1 / B2.
+    inertia1 = inertia1 + (x2[2] / x2[0] * rubbed if friction else 0.0)
+    x1, error1, r2_1 = _least_squares([inertia1, gravity1] + [-turned1] * friction, change(lambda s: s[:, 2]), cluster)
+    constants = Constants(B1=float(x1[0]), G1=float(x1[1]), B2=float(x2[0]), G2=float(x2[1]))
+    _check_pendulum(constants)
+    names = ("B1", "G1", "B2", "G2", "friction1", "friction2")
+    errors = dict(zip(names, (*error1[:2], *error2[:2], *error1[2:], *error2[2:]), strict=False))
+    rubs = (float(x1[2]), float(x2[2])) if friction else (0.0, 0.0)
+    return Fit(constants, rubs, {name: float(e) for name, e in errors.items()}, (r2_1, r2_2))
+
+
+def spans(y: np.ndarray, interval: float, every: int = 1) -> tuple[OfStates, OfStates, np.ndarray]:
+    """Spans of six intervals, one from each point: what changes over them, what integrates, and their clusters.
+
+    Arguments:
+        y, interval, every: as of :func:`fit_constants`.
+
+    Returns:
+        functions that give for a function of states (m, 4) its change and its integral over each span, (m,), and
+        numbers (m,) that are the same for spans whose errors depend on each other.
+
+    Raises:
+        InputError: there is no span.
+    """
     y = np.asarray(y, dtype=np.float64)
     y = y if y.ndim == 3 else y[None]
     nodes = len(WEIGHTS)
@@ -72,22 +105,7 @@ def fit_constants(y: np.ndarray, interval: float, friction: bool = False, every:
     def integral(of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         return interval * sum(w * of(p) for w, p in zip(WEIGHTS, points, strict=True))
 
-    coupling = integral(lambda s: np.sin(s[:, 0] - s[:, 1]) * s[:, 2] * s[:, 3])
-    inertia1 = -change(lambda s: np.cos(s[:, 0] - s[:, 1]) * s[:, 3]) - coupling
-    inertia2 = -change(lambda s: np.cos(s[:, 0] - s[:, 1]) * s[:, 2]) + coupling
-    gravity1, gravity2 = (-integral(lambda s, k=k: np.sin(s[:, k])) for k in (0, 1))
-    turned1, rubbed = change(lambda s: s[:, 0]), change(lambda s: s[:, 1] - s[:, 0])
-
-    x2, error2, r2_2 = _least_squares([inertia2, gravity2] + [-rubbed] * friction, change(lambda s: s[:, 3]), cluster)
-    # The second joint's friction acts on the first arm too, by the ratio of the inertias B1 / B2.
-    inertia1 = inertia1 + (x2[2] / x2[0] * rubbed if friction else 0.0)
-    x1, error1, r2_1 = _least_squares([inertia1, gravity1] + [-turned1] * friction, change(lambda s: s[:, 2]), cluster)
-    constants = Constants(B1=float(x1[0]), G1=float(x1[1]), B2=float(x2[0]), G2=float(x2[1]))
-    _check_pendulum(constants)
-    names = ("B1", "G1", "B2", "G2", "friction1", "friction2")
-    errors = dict(zip(names, (*error1[:2], *error2[:2], *error1[2:], *error2[2:]), strict=False))
-    rubs = (float(x1[2]), float(x2[2])) if friction else (0.0, 0.0)
-    return Fit(constants, rubs, {name: float(e) for name, e in errors.items()}, (r2_1, r2_2))
+    return change, integral, cluster
 
 
 def implied_rate(constants: Constants, rate_hz: float, arm1_m: float) -> float:

@@ -16,19 +16,33 @@ class AngleKeys(Settings):
 
     max_gap_frames: int = key(8, "longest run of unusable frames that is interpolated", ge=0, le=MANY)
     max_speed: Positive = key(80.0, "fastest rotation to expect; longer gaps could hide a whole turn", "rad/s")
-    arm_tolerance: Share = key(0.03, "a frame with an arm off its median length by more than this share is unusable")
+    arm_tolerance: Share | None = key(
+        None,
+        "a frame with an arm off its median length by more than this share is unusable; null = eight standard "
+        "deviations of the recording's own lengths",
+    )
+    model_offsets: bool = key(
+        True,
+        "markers off their hinges, or in planes of different distance, are modelled where the arms' lengths tell of it",
+    )
     pivot_tolerance: Share = key(
         0.05, "pivot markers off their median by more than this share of the first arm are not the pivot"
     )
-    pivot_window_s: NotNegative = key(
-        0.04,
-        "time over which the pivot is averaged: its motion stays, its labels' noise goes; 0 = each frame's own",
+    pivot_window_s: NotNegative | None = key(
+        None,
+        "time over which the pivot is averaged; 0 = each frame's own; null = what makes the first arm's length the "
+        "steadiest, so that a shaking camera is followed and a pivot at rest is not",
         "s",
     )
     rotation_deg: float = key(
         0.0, "where gravity points in the image; 0 down, 90 right, -90 left, 180 up", "deg", ge=-360, le=360
     )
-    smoothing_window_s: Positive = key(0.08, "window of the local polynomial that gives angles and speeds", "s")
+    smoothing_window_s: Positive | None = key(
+        None,
+        "window of the local polynomial that gives angles and speeds; null = for each frame as long as helps, by the "
+        "markers' own noise, from none to .08 s",
+        "s",
+    )
     smoothing_order: int = key(5, "its order", ge=1, le=9)
     outlier_sigmas: Positive = key(
         12.0, "an angle further from the polynomial than this many standard deviations of the noise is unusable"

@@ -24,7 +24,13 @@ class RecordingSummary(BaseModel):
         tracked_share, usable_share: shares of the frames that the tracker found and that are measured.
         arm1_px, arm1_std_px, arm2_px, arm2_std_px: median lengths of the arms and their spread.
         pivot_x_px, pivot_y_px: median place of the pivot.
-        noise1_deg, noise2_deg: spread of the two angles' labels.
+        noise1_deg, noise2_deg: spread of the two angles as measured, by that of the arms' lengths.
+        uncertainty1_deg, uncertainty2_deg, uncertainty1_rad_s, uncertainty2_rad_s: medians of the standard
+            uncertainties of the angles and the speeds that were made of them.
+        offsets_px: how far markers are off their hinges, where they are: ``pivot`` and ``tip`` by a constant in the
+            image, ``joint_arm1`` and ``joint_arm2`` on either arm.
+        pivot_window_s: over which the pivot was averaged; None where it is taken to be at rest.
+        unsmoothed_share: shares of the two angles that are as measured, since no polynomial follows the motion.
         gaps, longest_gap_frames: runs of frames without angles.
         interpolated, rejected_arm_length, rejected_outlier: frames.
         reasons: frames by reason.
@@ -53,6 +59,13 @@ class RecordingSummary(BaseModel):
     pivot_y_px: float
     noise1_deg: float
     noise2_deg: float
+    uncertainty1_deg: float
+    uncertainty2_deg: float
+    uncertainty1_rad_s: float
+    uncertainty2_rad_s: float
+    offsets_px: dict[str, float]
+    pivot_window_s: float | None
+    unsmoothed_share: tuple[Share, Share]
     gaps: Count
     longest_gap_frames: Count
     interpolated: Count

@@ -2,41 +2,86 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from expertaug.errors import InputError
-from expertaug.recordings.angles.pendulum_fit import fit_constants
+from expertaug.recordings.angles.pendulum_fit import CLUSTER_POINTS, spans
 
-STEPS_DEG = (12.0, 3.0, 1.0)  # between the three directions that are tried in each pass
+CERTAIN_DEG = 3.0  # standard error of a direction that is known
+AGREE = 4.0  # standard errors of their difference, and CERTAIN_DEG, by which the two arms' directions may differ
+PULL = 5.0  # standard errors by which gravity is more than none
 
 
-def implied_tilt(y: np.ndarray, interval: float, every: int) -> float | None:
-    """By how many degrees gravity is off the direction from which the angles are measured.
+@dataclass(frozen=True)
+class Gravity:
+    """Direction of gravity.
 
-    The pendulum's equations (:mod:`.pendulum_fit`) explain the motion best where they pull in the right
-    direction, and what they leave unexplained grows with the square of the error.
+    Attributes:
+        degrees: from the direction of which the angles are measured, positive towards positive angles, in (-180, 180].
+        error_deg: standard error.
+    """
+
+    degrees: float
+    error_deg: float
+
+
+def find_gravity(y: np.ndarray, interval: float, every: int = 1) -> Gravity | None:
+    """Direction in which gravity pulls, by the changes of momentum.
+
+    In the equations of :mod:`.pendulum_fit`, a pull G in the direction φ is G sin(θ − φ): the two components G cos φ
+    and G sin φ are linear, so that no direction needs to be tried.  Each arm has its own; only where both are
+    certain and agree is the direction known.
 
     Arguments:
-        y: states (T, 4), evenly spaced; NaN where they are not known.
+        y: states (T, 4), evenly spaced, whose angles are measured from any direction; NaN where they are not known.
         interval, every: as of :func:`expertaug.recordings.angles.pendulum_fit.fit_constants`.
 
     Returns:
-        degrees, positive where gravity points towards positive angles; None where the fits do not tell.
+        None where the motion does not tell it.
     """
-    tilt = 0.0
-    for step in STEPS_DEG:
-        try:
-            below, middle, above = (_unexplained(y, tilt + k * step, interval, every) for k in (-1, 0, 1))
-        except InputError:
-            return None
-        curvature = below - 2 * middle + above
-        if curvature <= 0:
-            return None
-        tilt += step * float(np.clip((below - above) / (2 * curvature), -3, 3))
-    return tilt
+    found = [_direction(y, interval, every, arm) for arm in (0, 1)]
+    if None in found:
+        return None
+    angles, errors = (np.array([one[k] for one in found]) for k in (0, 1))
+    apart = abs(float(np.angle(np.exp(1j * (angles[0] - angles[1])))))
+    if apart > AGREE * np.hypot(*errors) + np.deg2rad(CERTAIN_DEG):
+        return None
+    weights = 1 / np.maximum(errors, 1e-9) ** 2
+    middle = float(np.angle((weights * np.exp(1j * angles)).sum()))
+    error = float(np.rad2deg(np.sqrt(1 / weights.sum())))
+    return Gravity(float(np.rad2deg(middle)), error) if error < CERTAIN_DEG else None
 
 
-def _unexplained(y: np.ndarray, tilt_deg: float, interval: float, every: int) -> float:
-    turned = y.copy()
-    turned[:, :2] -= np.deg2rad(tilt_deg)
-    return 2 - sum(fit_constants(turned, interval, friction=True, every=every).r2)
+def _direction(y: np.ndarray, interval: float, every: int, arm: int) -> tuple[float, float] | None:
+    """Direction and standard error in rad that one arm's equation implies."""
+    change, integral, cluster = spans(y, interval, every)
+    if len(cluster) <= CLUSTER_POINTS:
+        return None
+    own, other = arm, 1 - arm
+    sign = 1.0 if arm == 0 else -1.0
+    coupling = integral(lambda s: np.sin(s[:, 0] - s[:, 1]) * s[:, 2] * s[:, 3])
+    inertia = -change(lambda s: np.cos(s[:, 0] - s[:, 1]) * s[:, 2 + other]) - sign * coupling
+    columns = [
+        inertia,
+        integral(lambda s: -np.sin(s[:, own])),
+        integral(lambda s: np.cos(s[:, own])),
+        -change(lambda s: s[:, own]),
+        -change(lambda s: s[:, other]),
+    ]
+    design, target = np.stack(columns, axis=1), change(lambda s: s[:, 2 + own])
+    normal = design.T @ design
+    if np.linalg.matrix_rank(normal, hermitian=True) < len(columns):
+        return None
+    x = np.linalg.solve(normal, design.T @ target)
+    _, group = np.unique(cluster, return_inverse=True)
+    scores = np.stack([np.bincount(group, weights=c * (target - design @ x)) for c in columns], axis=1)
+    inverse = np.linalg.inv(normal)
+    covariance = inverse @ (scores.T @ scores) @ inverse
+    down, aside = float(x[1]), float(x[2])
+    strength = float(np.hypot(down, aside))
+    across = np.array([0, -aside, down, 0, 0]) / strength
+    along = np.array([0, down, aside, 0, 0]) / strength
+    if x[0] <= 0 or strength < PULL * float(np.sqrt(along @ covariance @ along)):
+        return None
+    return float(np.arctan2(aside, down)), float(np.sqrt(across @ covariance @ across)) / strength

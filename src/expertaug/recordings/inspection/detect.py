@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.recordings.markers.appearance import SATURATION, STYLES, Appearance, Colour
-from expertaug.recordings.markers.geometry import DIAMETERS, LARGEST, centre_of_circle
+from expertaug.recordings.markers.geometry import DIAMETERS, LARGEST, TWIN, centre_of_circle
 from expertaug.recordings.markers.plain_disks import fitter, mask_of
 from expertaug.recordings.markers.quadrant_disks import Disks
 
@@ -19,10 +19,11 @@ MIN_LEVEL, RIM_TOLERANCE = 24.0, 0.6  # of the fitters, the second at 25 px of d
 MIN_SHARE = 0.6  # of a rim
 MIN_PRESENCE = 0.5  # of the frames in which a marker's colour is seen
 SMALL_SIDE = 640  # px to which an image's longer side is reduced to look for colours
+INK = 9  # px of that image: lines and rings as thick that are burnt into a marker are filled
 HUE_STEP, HUE_REACH = 15, 22  # degrees: bands of hue in which parts of one colour are looked for
 STRENGTHS = (SATURATION[0], 0.5)  # saturations from which on: the second where the background is of a marker's hue
 HUE_GAP = 14.0  # degrees without any sighting between two markers' hues
-MAX_SPREAD = 0.04  # of an arm's length between frames, for markers to be its ends
+MAX_SPREAD = 0.08  # of an arm's length between frames, for markers to be its ends or a little off
 MAX_SWAY = 0.1  # of the first arm's length by which a pivot may move
 MIN_ARM = 0.8  # of a marker's diameter: nothing swings on a shorter arm
 MIN_FRAMES = 5
@@ -49,13 +50,11 @@ class Pendulum:
         style: the markers' style.
         spots: sightings of pivot, joint and tip, by frame; None for a pivot that bears none.
         spread: how constant the arms are, as a share of their lengths.
-        hang: mean of (x, y) from pivot to joint, in lengths of that arm.
     """
 
     style: str
     spots: tuple[dict[int, Spot] | None, dict[int, Spot], dict[int, Spot]]
     spread: float
-    hang: tuple[float, float]
 
 
 def find_spots(frames: Sequence[np.ndarray], style: str) -> list[Spot]:
@@ -73,17 +72,46 @@ def find_spots(frames: Sequence[np.ndarray], style: str) -> list[Spot]:
 
 def find_pendulum(spots: Sequence[Spot], style: str, frames: int) -> Pendulum | None:
     """The three markers, or two with an unmarked pivot, that keep their distances while they move; None for none."""
-    groups = [g for g in by_hue(spots) if len(g) >= max(MIN_FRAMES, MIN_PRESENCE * frames)]
-    groups = sorted(groups, key=len, reverse=True)[:7]
-    found = [_as_pendulum(style, *three) for three in itertools.permutations(groups, 3)]
-    found = [p for p in found if p is not None] or [
-        p for two in itertools.permutations(groups, 2) if (p := _as_pendulum(style, None, *two)) is not None
-    ]
+    least = max(MIN_FRAMES, MIN_PRESENCE * frames)
+    groups = [(hue, g) for hue, own in enumerate(by_hue(spots)) for g in _apart(own, least) if len(g) >= least]
+    groups = sorted(groups, key=lambda one: len(one[1]), reverse=True)[:9]
+
+    def chosen(count: int) -> Iterator[list[dict[int, Spot]]]:
+        for several in itertools.permutations(groups, count):
+            if len({hue for hue, _ in several}) == count:
+                yield [g for _, g in several]
+
+    found = [p for three in chosen(3) if (p := _as_pendulum(style, *three)) is not None]
+    found = found or [p for two in chosen(2) if (p := _as_pendulum(style, None, *two)) is not None]
     return min(found, key=lambda p: p.spread, default=None)
 
 
-def by_hue(spots: Sequence[Spot]) -> list[dict[int, Spot]]:
-    """Spots of one hue, the cleanest one of each frame, for each hue that is there."""
+def _apart(spots: Sequence[Spot], least: float) -> list[dict[int, Spot]]:
+    """By frame, the spots of one hue at each place at which there is one in enough frames, and the cleanest of those
+    that are nowhere at rest."""
+    places: list[tuple[float, float]] = []
+    groups: list[dict[int, Spot]] = []
+    for spot in spots:
+        reach = TWIN * spot.diameter
+        if all(np.hypot(*np.subtract(spot.centre, place)) > 2 * reach for place in places):
+            there = [s for s in spots if np.hypot(*np.subtract(s.centre, spot.centre)) < reach]
+            if len(there) >= least:
+                places.append(spot.centre)
+                groups.append(_cleanest(there))
+    moving = [s for s in spots if all(np.hypot(*np.subtract(s.centre, place)) > TWIN * s.diameter for place in places)]
+    return [*groups, _cleanest(moving)] + ([_cleanest(spots)] if len(places) == 1 and moving else [])
+
+
+def _cleanest(spots: Sequence[Spot]) -> dict[int, Spot]:
+    best: dict[int, Spot] = {}
+    for spot in spots:
+        if spot.frame not in best or spot.share > best[spot.frame].share:
+            best[spot.frame] = spot
+    return best
+
+
+def by_hue(spots: Sequence[Spot]) -> list[list[Spot]]:
+    """Spots of one hue, for each hue that is there."""
     if not spots:
         return []
     ordered = sorted(spots, key=lambda s: s.colour[0])
@@ -92,14 +120,7 @@ def by_hue(spots: Sequence[Spot]) -> list[dict[int, Spot]]:
     first = int(gaps.argmax()) + 1  # the circle is cut at its widest gap
     ordered, gaps = ordered[first:] + ordered[:first], np.roll(gaps, -first)
     cuts = np.flatnonzero(gaps[:-1] > HUE_GAP) + 1
-    groups = []
-    for part in np.split(np.arange(len(ordered)), cuts):
-        best: dict[int, Spot] = {}
-        for spot in (ordered[k] for k in part):
-            if spot.frame not in best or spot.share > best[spot.frame].share:
-                best[spot.frame] = spot
-        groups.append(best)
-    return groups
+    return [[ordered[k] for k in part] for part in np.split(np.arange(len(ordered)), cuts)]
 
 
 def _quadrants(number: int, frame: np.ndarray) -> list[Spot]:
@@ -128,15 +149,23 @@ def _plain(number: int, frame: np.ndarray) -> list[Spot]:
         mask = mask_of(picture, colour)
         if cv2.countNonZero(mask) < smallest:
             continue
-        mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel)
-        _, _, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
-        for (_, _, width, height, area), place in zip(stats[1:], centres[1:], strict=True):
+        for width, height, area, place in _parts(mask, kernel):
             diameter = float(np.sqrt(4 * area / np.pi) * scales.mean())
             round_enough = 0.75 < width / height < 1.34 and 0.6 < area / (width * height) < 0.92
             if round_enough and DIAMETERS[0] <= diameter <= LARGEST * min(frame.shape[:2]):
                 finder = fitter(diameter, MIN_LEVEL, _tolerance(diameter), Appearance("disk", *THIRDS))
                 spots += _spots(number, finder.fit(frame, ((place + 0.5) * scales - 0.5)[None]), diameter)
     return spots
+
+
+def _parts(mask: np.ndarray, kernel: np.ndarray) -> Iterator[tuple[int, int, int, np.ndarray]]:
+    """Width, height, area and middle of the parts of a mask, and of those parts with what is burnt in filled."""
+    inked = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (INK, INK))
+    for one in (mask, cv2.morphologyEx(mask, cv2.MORPH_CLOSE, inked)):
+        opened = cv2.morphologyEx(one, cv2.MORPH_OPEN, kernel)
+        _, _, stats, centres = cv2.connectedComponentsWithStats(opened, connectivity=8)
+        for (_, _, width, height, area), place in zip(stats[1:], centres[1:], strict=True):
+            yield int(width), int(height), int(area), place
 
 
 def _tolerance(diameter: float) -> float:
@@ -183,8 +212,7 @@ def _as_pendulum(
     moves = np.hypot(*still.T) / middle[0]
     if spread > MAX_SPREAD or moves[0] > MAX_SWAY or moves[1] < 2 * MAX_SWAY or moves[2] < 2 * MAX_SWAY:
         return None
-    hang = np.mean(place[:, 1] - place[:, 0], axis=0) / middle[0]
-    return Pendulum(style, (pivot, joint, tip), spread, tuple(hang.tolist()))
+    return Pendulum(style, (pivot, joint, tip), spread)
 
 
 def look_for_pendulum(frames: Sequence[np.ndarray]) -> tuple[Pendulum | None, dict[str, list[Spot]]]:

@@ -14,8 +14,10 @@ import yaml
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug.recordings.angles.tilt import Gravity
 from expertaug.recordings.inspection import proposal
 from expertaug.recordings.inspection.detect import Spot, look_for_pendulum
+from expertaug.recordings.inspection.gravity import gravity_in
 from expertaug.recordings.markers.appearance import ROLES
 from expertaug.recordings.markers.geometry import Geometry, best, estimate_geometry
 from expertaug.recordings.markers.plain_disks import fitter
@@ -76,13 +78,15 @@ def inspect(video: str | Path, sheet: str | Path, base: Mapping | None = None, r
         raise InputError(video, _missing(spots, len(footage.frames)), f"{sheet} shows what was seen")
     proposed, geometry, counts = _best_proposal(footage.frames, proposal.tracking(found))
     settings = TrackSettings.from_mapping(proposed)
+    tracked = geometry is not None and counts["all"] >= MIN_SHARE * counts["frames"]
+    gravity = gravity_in(footage.path, rate_hz, geometry, settings) if tracked else None
     caption = _caption(settings, geometry)
-    _write_sheet(sheet, footage, [_with_pendulum(f, settings, geometry) for f in footage.frames], caption)
-    if geometry is None or counts["all"] < MIN_SHARE * counts["frames"]:
+    _write_sheet(sheet, footage, [_with_pendulum(f, settings, geometry, gravity) for f in footage.frames], caption)
+    if not tracked:
         raise InputError(
             video, f"its markers are all found in {counts['all']} of {counts['frames']} frames only", f"see {sheet}"
         )
-    return _yaml(footage, proposed, proposal.rotation(found), counts, caption, base, rate_hz)
+    return _yaml(footage, proposed, gravity, counts, caption, base, rate_hz)
 
 
 def _read(path: Path, rate_hz: float | None) -> Footage:
@@ -135,7 +139,7 @@ def _caption(settings: TrackSettings, geometry: Geometry | None) -> str:
 def _yaml(
     footage: Footage,
     tracking: Mapping,
-    rotation: float,
+    gravity: Gravity | None,
     counts: Counter,
     caption: str,
     base: Mapping | None,
@@ -150,8 +154,13 @@ def _yaml(
         "arms_m": None,
         "videos": videos,
         "tracking": dict(tracking),
-        "angles": {"rotation_deg": rotation},
     }
+    directions = "0 down, 90 right, -90 left, 180 up"
+    if gravity is not None:
+        recordings["angles"] = {"rotation_deg": round(gravity.degrees, 1) + 0.0}
+        known = f"by the motion, to about {max(gravity.error_deg, 0.1):.1f} deg; {directions}"
+    else:
+        known = f"the motion does not tell it, and 0 is taken; {directions}"
     proposed: dict[str, object] = {"recordings": recordings}
     splits = {} if base is None else proposal.splits(base, recordings["analysis_rate_hz"])
     if splits:
@@ -160,23 +169,25 @@ def _yaml(
         f"# {printable(footage.path.name)}: {footage.facts}",
         f"# {caption}; all found in {counts['all']} of {counts['frames']} frames",
         "# arms_m: lengths of the arms in m, if you know them; they give the frame rate that the motion implies",
-        "# rotation_deg: where gravity points in the image: 0 down, 90 right, -90 left, 180 up",
+        f"# recordings.angles.rotation_deg: where gravity points in the image: {known}",
     ]
     return (
         "\n".join(lines) + "\n" + yaml.safe_dump(proposed, sort_keys=False, allow_unicode=True, default_flow_style=None)
     )
 
 
-def _with_pendulum(frame: np.ndarray, settings: TrackSettings, geometry: Geometry | None) -> np.ndarray:
+def _with_pendulum(
+    frame: np.ndarray, settings: TrackSettings, geometry: Geometry | None, gravity: Gravity | None
+) -> np.ndarray:
     image, factor = _small(frame)
     appearance = settings.markers
-    finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance_px, appearance)
+    finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance, appearance)
     places = finder.candidates(frame)
     place = np.full((3, 2), np.nan)
     if len(places):
         disks = finder.fit(frame, places)
         for k in range(appearance.first, 3):
-            chosen = best(disks, k, settings)
+            chosen = best(disks, k, settings, () if geometry is None else geometry.twins[k])
             place[k] = np.nan if chosen is None else disks.centre[chosen]
     if appearance.pivot is None and geometry is not None:
         place[0] = geometry.pivot
@@ -187,6 +198,9 @@ def _with_pendulum(frame: np.ndarray, settings: TrackSettings, geometry: Geometr
             drawing.text(
                 image, role, (min(x, image.shape[1] - 45), min(y, image.shape[0] - 4)), drawing.ROLE_COLOURS[k]
             )
+    if gravity is not None and geometry is not None and np.isfinite(place[0]).all():
+        way = np.deg2rad(gravity.degrees)
+        drawing.arrow(image, place[0] * factor, 0.8 * geometry.arm1 * factor * np.array([np.sin(way), np.cos(way)]))
     missing = [role for k, role in enumerate(ROLES) if np.isnan(place[k, 0])]
     if missing:
         drawing.text(image, f"not seen: {', '.join(missing)}", (6, image.shape[0] - 8), (80, 80, 255))

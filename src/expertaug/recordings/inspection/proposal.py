@@ -8,13 +8,9 @@ import numpy as np
 
 from expertaug.recordings.inspection.detect import Pendulum
 from expertaug.recordings.markers.appearance import COLOURS, ROLES, Colour
-from expertaug.recordings.markers.settings import TrackSettings
 
-PLAIN_DIAMETER = 25.0  # px for which the tracker's tolerances are made
 RANGE_DEG = 25.0  # half a proposed range of hues, or less where markers are nearer to each other
 RANGE_STRENGTH = 0.5  # share of a marker's saturation and value below which a colour is not taken for its
-MIN_HANG = 0.25  # of the first arm's length: a joint nearer to the pivot on average swings round it
-TOLERANCES = ("arm_tolerance_px", "arm_search_px", "diameter_tolerance_px", "rim_tolerance_px", "max_residual_px")
 
 
 def tracking(found: Pendulum) -> list[dict[str, object]]:
@@ -24,9 +20,6 @@ def tracking(found: Pendulum) -> list[dict[str, object]]:
     tints = [None if g is None else np.array([s.colour for s in g]) for g in groups]
     diameter = float(np.median([s.diameter for g in groups if g is not None for s in g]))
     settings: dict[str, object] = {"marker_diameter_px": round(diameter, 1)}
-    if diameter > 1.25 * PLAIN_DIAMETER:
-        for name in TOLERANCES:
-            settings[name] = float(f"{getattr(TrackSettings(), name) * diameter / PLAIN_DIAMETER:.2g}")
     kinds = [kind for kind in (_names(tints), _ranges(tints)) if kind is not None]
     return [{"markers": {"style": found.style, **dict(zip(ROLES, kind, strict=True))}} | settings for kind in kinds]
 
@@ -84,14 +77,6 @@ def _range(tint: np.ndarray, hue: float, others: Sequence[float]) -> dict[str, l
         "saturation": [round(low[0], 2), 1.0],
         "value": [round(low[1], 2), 1.0],
     }
-
-
-def rotation(found: Pendulum) -> float:
-    """Direction of gravity in degrees to a quarter of a turn: where the joint hangs on average; 0 if it hardly does."""
-    hang = found.hang
-    if np.hypot(*hang) < MIN_HANG:
-        return 0.0
-    return float({270: -90, -180: 180}.get(turned := 90 * round(float(np.rad2deg(np.arctan2(*hang))) / 90), turned))
 
 
 def splits(base: Mapping, rate: float) -> dict[str, dict[str, float]]:

@@ -18,8 +18,12 @@ COLOUR_WEIGHT = 0.01
 METRIC = np.outer(LUMA, LUMA) + np.float32(COLOUR_WEIGHT) * np.eye(3, dtype=np.float32)
 MIN_CONTRAST = 6.0  # grey levels, in this metric, between the disk and beyond: below, a ray tells nothing
 FULL = 200.0  # level of the disk's colour; what lies beyond has 0
-VALID = (0.6, 1.4)  # of the disk's level: a ray whose inside is outside of it crosses something else
-MIDDLE = slice(2, 6)  # samples inside that a hub and a blurred rim leave alone
+VALID = (0.6, 1.4)  # of the disk's level: what is outside of it is something else
+UNEVEN = (0.4, 0.25)  # off the plane of light, relative to all of the disk: samples further off do not tell it
+RIDGE = 4 * np.eye(3, dtype=np.float32)  # samples' worth of an even light
+LIGHT = (0.3, 3.0)  # of the light, at the least and at the most
+ENOUGH = 2  # samples of a ray that are of the disk's level: the others may be burnt in
+MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone; of what a ring or a rim spoils the median is free
 
 
 class PlainFitter(DiskFitter):
@@ -35,6 +39,10 @@ class PlainFitter(DiskFitter):
         dx, dy = self._dx[:, :INNER].ravel(), self._dy[:, :INNER].ravel()
         area = np.hypot(dx, dy)  # of a polar grid's cells
         self._moments = np.stack((area, area * dx, area * dy), 1)
+        # of a plane over the disk, for every sample and for those that tell it
+        self._plane = np.stack((np.ones_like(self._dx), self._dx / self.radius, self._dy / self.radius), 2)
+        self._known = np.ascontiguousarray(self._plane[:, MIDDLE].reshape(-1, 3))
+        self._products = np.einsum("si,sj->sij", self._known, self._known).reshape(-1, 9)
 
     def _level(self, values: np.ndarray) -> np.ndarray:
         """Share (m, rays, radii) of the disk's colour in a sample, from what lies beyond the ray's end: 0 to FULL."""
@@ -45,11 +53,26 @@ class PlainFitter(DiskFitter):
         axis = step @ METRIC
         contrast = (step * axis).sum(-1)
         step = axis * np.where(contrast > MIN_CONTRAST**2, FULL / np.maximum(contrast, 1), 0)[..., None]
-        return np.einsum("mrkc,mrc->mrk", values, step) - np.einsum("mrc,mrc->mr", beyond, step)[..., None]
+        level = np.einsum("mrkc,mrc->mrk", values, step) - np.einsum("mrc,mrc->mr", beyond, step)[..., None]
+        return level / self._light(level)
+
+    def _light(self, level: np.ndarray) -> np.ndarray:
+        """How bright the disk is at each sample, relative to all of it, (m, rays, radii): a plane, as light from one
+        side makes it.  What is burnt in or covers a part is left out."""
+        inner = level[:, :, MIDDLE].reshape(len(level), -1) / np.float32(FULL)
+        plane = np.zeros((len(level), 3), np.float32)
+        plane[:, 0] = 1
+        for reach in UNEVEN:
+            used = (np.abs(inner - plane @ self._known.T) < reach).astype(np.float32)
+            normal = (used @ self._products).reshape(-1, 3, 3) + RIDGE
+            off = (used * (inner - 1)) @ self._known
+            plane = np.linalg.solve(normal, off[..., None])[..., 0]
+            plane[:, 0] += 1
+        return np.clip(np.einsum("rki,mi->mrk", self._plane, plane), *LIGHT)
 
     def _inside(self, inner: np.ndarray) -> np.ndarray:
-        level = inner[:, :, MIDDLE].mean(2)
-        return np.where((level > VALID[0] * FULL) & (level < VALID[1] * FULL), np.float32(FULL), np.float32(0))
+        sound = (inner[:, :, MIDDLE] > VALID[0] * FULL) & (inner[:, :, MIDDLE] < VALID[1] * FULL)
+        return np.where(sound.sum(2) >= ENOUGH, np.float32(FULL), np.float32(0))
 
     def _apart(self, inner: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """Centre of gravity (m, 2) in px of the disk's colour inside the rim: off where something covers a part."""

@@ -48,13 +48,29 @@ class TrackKeys(Settings):
         None, "pivot to joint; null = estimated from the recording", "px"
     )
     arm2_px: Annotated[float, Field(ge=1)] | None = key(None, "joint to tip; null = estimated from the recording", "px")
-    arm_tolerance_px: Positive = key(2.0, "an arm further than this from its length makes the frame unusable", "px")
-    arm_search_px: Positive = key(10.0, "half width of the ring in which a marker is searched", "px")
-    diameter_tolerance_px: Positive = key(4.0, "by how much a fitted disk may differ in diameter", "px")
-    rim_tolerance_px: Positive = key(0.6, "a rim point this near the fitted circle counts as on it", "px")
+    arm_tolerance_px: Positive | None = key(
+        None,
+        "an arm further than this from its length makes the frame unusable; null = by the recording's own spread, so "
+        "that a marker off its hinge is none the worse",
+        "px",
+    )
+    arm_search_px: Positive | None = key(
+        None, "half width of the ring in which a marker is searched; null = by diameter and spread", "px"
+    )
+    diameter_tolerance_px: Positive | None = key(
+        None, "by how much a fitted disk may differ in diameter; null = 4, or .16 of a diameter over 25", "px"
+    )
+    rim_tolerance_px: Positive | None = key(
+        None,
+        "a rim point this near the fitted circle counts as on it; null = .6, or .024 of a diameter over 25",
+        "px",
+    )
     min_rim_share: Share = key(0.5, "share of rim points on the circle below which there is no marker")
-    max_residual_px: Positive = key(
-        0.6, "distance between the centres of a marker's rim and of its inside above which a frame is unusable", "px"
+    max_residual_px: Positive | None = key(
+        None,
+        "distance between the centres of a marker's rim and of its inside above which a frame is unusable; null = by "
+        "the recording's own, so that what is burnt into a disk does no harm",
+        "px",
     )
     min_level: float = key(
         24.0, "luma that the darkest sector of a quadrant disk exceeds and the background does not", ge=1, le=254
@@ -67,9 +83,27 @@ def _appearance(value: object) -> object:
     return value if isinstance(value, Appearance) else Appearance.from_mapping(value)  # type: ignore[arg-type]
 
 
+PLAIN_DIAMETER = 25.0  # px, up to which the tolerances in px are the same; then they grow with it
+# px of a plain diameter, where nothing is given
+ARM, SEARCH, DIAMETER, RIM, RESIDUAL = 2.0, 10.0, 4.0, 0.6, 0.6
+
+
 class TrackSettings(TrackKeys):
-    """The same with the appearance that the keys mean."""
+    """The same with the appearance that the keys mean, and the tolerances in px that they leave open."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
     markers: Annotated[Appearance, BeforeValidator(_appearance)] = Appearance()  # type: ignore[assignment]
+
+    @property
+    def scale(self) -> float:
+        """By how much markers are larger than a plain diameter; 1 where they are not."""
+        return max(1.0, (self.marker_diameter_px or PLAIN_DIAMETER) / PLAIN_DIAMETER)
+
+    @property
+    def diameter_tolerance(self) -> float:
+        return self.diameter_tolerance_px or DIAMETER * self.scale
+
+    @property
+    def rim_tolerance(self) -> float:
+        return self.rim_tolerance_px or RIM * self.scale

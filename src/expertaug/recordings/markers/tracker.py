@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from expertaug.recordings.markers.geometry import Geometry, best, sound
+from expertaug.recordings.markers.geometry import WIDE, Geometry, best, sound
 from expertaug.recordings.markers.plain_disks import fitter
 from expertaug.recordings.markers.quadrant_disks import Disks
-from expertaug.recordings.markers.settings import TrackSettings
+from expertaug.recordings.markers.settings import ARM, RESIDUAL, SEARCH, TrackSettings
 
 PIVOT, JOINT, TIP = range(3)
 STIFFNESS = 5.0  # once the diameter is known: a disk covered by a quarter is then .3 px off instead of 2 px
+MOST_RESIDUAL = 1.2  # px of quadrants of a plain diameter
 UNUSABLE = 0.0
 
 
@@ -60,9 +61,16 @@ class Tracker:
         self.arms = (geometry.arm1, geometry.arm2)
         self.settings = settings
         self.appearance = settings.markers
-        self.fitter = fitter(
-            geometry.diameter, settings.min_level, settings.rim_tolerance_px, self.appearance, STIFFNESS
-        )
+        self.fitter = fitter(geometry.diameter, settings.min_level, settings.rim_tolerance, self.appearance, STIFFNESS)
+        scale = settings.scale
+        spread = [WIDE * one for one in geometry.spread]
+        self.arm_tolerance = [settings.arm_tolerance_px or max(ARM * scale, one) for one in spread]
+        self.arm_search = settings.arm_search_px or max(SEARCH * scale, *spread)
+        # Nothing is burnt into quadrants: what their insides are off is error, more of it after strong compression.
+        most = MOST_RESIDUAL * scale if self.appearance.style == "quadrant" else math.inf
+        usual = [settings.max_residual_px or min(max(RESIDUAL * scale, one), most) for one in geometry.residual]
+        self.residual = np.array(usual)
+        self.twins = geometry.twins
         self.pivot = None if geometry.pivot is None else np.array(geometry.pivot)
         self.angles: tuple[list[float], list[float]] = ([], [])  # of both arms in the last frames without a gap
 
@@ -101,25 +109,25 @@ class Tracker:
         """Whether marker k at this place is one arm away from its parent, if that was found."""
         if k == PIVOT or math.isnan(centre[k - 1, 0]):
             return True
-        return abs(math.dist(place, centre[k - 1]) - self.arms[k - 1]) < self.settings.arm_tolerance_px
+        return abs(math.dist(place, centre[k - 1]) - self.arms[k - 1]) < self.arm_tolerance[k - 1]
 
     def _search(self, frame: np.ndarray, k: int, centre: np.ndarray) -> tuple[Disks | None, int | None]:
         """Look for marker k where its arm allows it, or everywhere if its parent is missing."""
         window, origin, ring = frame, np.zeros(2), None
         if k != PIVOT and not math.isnan(centre[k - 1, 0]):
             ring = self.arms[k - 1]
-            reach = ring + self.settings.arm_search_px + self.fitter.radius + 2
+            reach = ring + self.arm_search + self.fitter.radius + 2
             low = np.maximum(np.floor(centre[k - 1] - reach), 0).astype(int)
             high = np.maximum(np.ceil(centre[k - 1] + reach).astype(int) + 1, 0)
             window, origin = frame[low[1] : high[1], low[0] : high[0]], low
         places = self.fitter.candidates(window) + origin
         if ring is not None:
             distance = np.hypot(*(places - centre[k - 1]).T)
-            places = places[np.abs(distance - ring) < self.settings.arm_search_px]
+            places = places[np.abs(distance - ring) < self.arm_search]
         if not len(places):
             return None, None
         disks = self.fitter.fit(frame, places)
-        return disks, best(disks, k, self.settings)
+        return disks, best(disks, k, self.settings, self.twins[k])
 
     def _remember(self, centre: np.ndarray) -> None:
         if not math.isnan(centre[PIVOT, 0]):
@@ -141,12 +149,14 @@ class Tracker:
     ) -> tuple[float, str]:
         """Quality and reason of a frame."""
         lost = [name for name, x in zip(self.appearance.names, centre[:, 0], strict=True) if math.isnan(x)]
-        if lost:
+        if np.isnan(centre[JOINT:]).any():
             return UNUSABLE, "lost:" + "+".join(lost)
         if not all(self._fits_arm(k, centre[k], centre) for k in (JOINT, TIP)):
             return UNUSABLE, "arm_length"
-        if residual.max() > self.settings.max_residual_px:
+        if (residual > self.residual).any():
             return UNUSABLE, "residual"
+        if lost:  # the pivot alone, whose neighbours tell where it is: the others must be sound for that
+            return UNUSABLE, "lost:" + "+".join(lost)
         first = self.appearance.first
         quality = float(share[first:].min())
         height, width = frame.shape[:2]

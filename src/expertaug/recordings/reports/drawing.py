@@ -37,6 +37,16 @@ def ring(image: np.ndarray, centre: Sequence[float], radius: float, colour: Sequ
         line(image, ends, ARM, shade=False)
 
 
+def arrow(image: np.ndarray, start: np.ndarray, way: np.ndarray, colour: Sequence[int] = (80, 255, 255)) -> None:
+    """A dashed arrow from ``start`` along ``way`` (x, y) in px: where gravity points."""
+    for share in np.arange(0, 1, 0.2):
+        line(image, np.stack((start + share * way, start + (share + 0.1) * way)), colour)
+    across = np.array([-way[1], way[0]])
+    head = np.stack((start + 0.85 * way + 0.08 * across, start + way, start + 0.85 * way - 0.08 * across))
+    line(image, head, colour)
+    text(image, "gravity", tuple(start + way + (4, 4)), colour)
+
+
 def text(
     image: np.ndarray, words: str, at: tuple[float, float], colour: Sequence[int] = ARM, size: float = 0.45
 ) -> None:

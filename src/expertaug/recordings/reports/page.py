@@ -19,6 +19,8 @@ from expertaug.recordings.angles.summary import RecordingSummary
 from expertaug.recordings.columns import PLACES
 from expertaug.recordings.tables import read_table
 
+STATE = ("theta1", "theta2", "omega1", "omega2")
+COLUMNS = ("t", *STATE, "energy", "quality", "theta1_raw", "theta2_raw", *(f"{name}_std" for name in STATE))
 WRONG = "#B00020"
 FIRST, SECOND = "#0072B2", "#D55E00"  # of the two arms
 STATES = ((MEASURED, "measured", "#009E73"), (INTERPOLATED, "not used", "#E69F00"), (UNUSABLE, "unusable", WRONG))
@@ -28,8 +30,9 @@ WIDTH, LINE = 112, 0.165  # of text: characters in a line, and its height in inc
 def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path, output: str | Path) -> None:
     """Draw a recording's page.
 
-    Panels over time: each arm's length against its median, both angles, the energy and which frames are used; below,
-    how many frames have which reason.  Frames that are not used have lighter dots.
+    Panels over time: each arm's length against its median, both angles, by how much they are smoothed with the band of
+    their standard uncertainty, the same band of the speeds, the energy and which frames are used; below, how many
+    frames have which reason.  Frames that are not used have lighter dots.
 
     Arguments:
         markers, angles, summary: what :func:`expertaug.recordings.angles.measure.measure_angles` read and wrote.
@@ -38,7 +41,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
     Raises:
         InputError: a file is missing or lacks a column or a value.
     """
-    points, table = read_table(markers, PLACES), read_table(angles, ("t", "theta1", "theta2", "energy", "quality"))
+    points, table = read_table(markers, PLACES), read_table(angles, COLUMNS)
     found = RecordingSummary.load(summary)
     if len(points) != len(table):
         raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
@@ -46,7 +49,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
     warned = "\n".join(textwrap.fill(f"Warning: {text}.", WIDTH - 14) for text in found.warnings)
     lines, warned_lines = heading.count("\n") + 1, warned.count("\n") + 1 if warned else 0
     above = 0.35 + LINE * (lines + 1.3 * warned_lines)  # inches
-    heights = [0.75, 0.75, 1.5, 1.2, 0.2, 0.1 + 0.2 * max(1, len(reasons))]
+    heights = [0.75, 0.75, 1.5, 0.75, 0.75, 0.75, 1.2, 0.2, 0.1 + 0.2 * max(1, len(reasons))]
     with plotting.styled():
         height = above + sum(heights) + 1.6
         figure = plotting.new_figure(height)
@@ -60,9 +63,11 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         write(0.35, heading)
         write(0.35 + LINE * (lines + 0.2), warned, color=WRONG, fontweight="bold")
         t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
-        _lengths(over_time[:2], t, points.to_numpy(float), quality, (found.arm1_px, found.arm2_px))
+        _lengths(over_time[:2], t, points.to_numpy(float), quality)
         _angles(over_time[2], t, table, quality)
-        _energy(over_time[3], t, table["energy"].to_numpy(float), quality)
+        _smoothed(over_time[3:5], t, table, quality)
+        _speeds(over_time[5], t, table)
+        _energy(over_time[6], t, table["energy"].to_numpy(float), quality)
         _used(band, t, quality)
         _reasons(bars, reasons, len(t))
         for axis in over_time:
@@ -97,10 +102,29 @@ def _heading(found: RecordingSummary) -> str:
         f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
         f"Frame rate: stated {found.rate_hz:g} Hz ({found.rate_provenance}); {rate}; {turned}",
         f"Arms {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px and {found.arm2_px:.2f} ±"
-        f" {found.arm2_std_px:.2f} px; angle noise {found.noise1_deg:.3f}° and {found.noise2_deg:.3f}°",
+        f" {found.arm2_std_px:.2f} px; noise of the measured angles {found.noise1_deg:.3f}° and"
+        f" {found.noise2_deg:.3f}°, of the smoothed ones {found.uncertainty1_deg:.3f}° and"
+        f" {found.uncertainty2_deg:.3f}°, of the speeds {found.uncertainty1_rad_s:.2g} and"
+        f" {found.uncertainty2_rad_s:.2g} rad/s",
+        _pivot(found) + _offsets(found),
         f"Constants {constants} (G in s⁻²); R² {found.r2_1:.4f} and {found.r2_2:.4f}",
     ]
     return "\n".join(textwrap.fill(line, WIDTH) for line in lines)
+
+
+def _pivot(found: RecordingSummary) -> str:
+    seconds = found.pivot_window_s
+    if seconds is None:
+        return "The pivot is at rest"
+    return "The pivot is followed from frame to frame" if seconds == 0 else f"The pivot is averaged over {seconds:g} s"
+
+
+def _offsets(found: RecordingSummary) -> str:
+    """Markers that are not on their hinges, by which the angles were corrected."""
+    words = {"pivot": "the pivot's marker", "tip": "the second arm's", "joint_arm1": "the joint's on the first arm"}
+    words["joint_arm2"] = "the joint's on the second arm"
+    named = [f"{words[name]} by {size:.2f} px" for name, size in found.offsets_px.items()]
+    return f"; markers off their hinges, modelled: {', '.join(named)}" if named else "; no marker is off its hinge"
 
 
 def _dots(axis: Axes, t: np.ndarray, values: np.ndarray, quality: np.ndarray, colour: str, label: str) -> None:
@@ -109,11 +133,10 @@ def _dots(axis: Axes, t: np.ndarray, values: np.ndarray, quality: np.ndarray, co
     axis.plot(t[used], values[used], ".", color=colour, markersize=1.3, label=label, rasterized=True)
 
 
-def _lengths(
-    axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, quality: np.ndarray, arms: Sequence[float]
-) -> None:
+def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, quality: np.ndarray) -> None:
+    """Distances between the markers, off their medians."""
     length = np.linalg.norm(np.diff(points.reshape(-1, 3, 2), axis=1), axis=2)
-    off = length - arms
+    off = length - np.nanmedian(length, axis=0)
     reach = 1.3 * float(np.nanquantile(np.abs(off), 0.999)) + 0.05
     for k, (axis, colour) in enumerate(zip(axes, (FIRST, SECOND), strict=True)):
         _dots(axis, t, off[:, k], quality, colour, "")
@@ -130,6 +153,30 @@ def _angles(axis: Axes, t: np.ndarray, table: pd.DataFrame, quality: np.ndarray)
     axis.set_yticks([-180, -90, 0, 90, 180])
     axis.set_ylabel("angles [°]")
     axis.legend(loc="upper right", ncols=2, markerscale=6)
+
+
+def _smoothed(axes: Sequence[Axes], t: np.ndarray, table: pd.DataFrame, quality: np.ndarray) -> None:
+    """What smoothing took from each angle, and how uncertain what it left is."""
+    for axis, name, colour, label in zip(axes, STATE, (FIRST, SECOND), (r"$\theta_1$", r"$\theta_2$"), strict=False):
+        taken, band = (np.rad2deg(v) for v in (table[f"{name}_raw"] - table[name], table[f"{name}_std"]))
+        _dots(axis, t, taken.to_numpy(float), quality, "0.7", "")
+        axis.fill_between(t, -band, band, color=colour, alpha=0.5, linewidth=0, rasterized=True)
+        reach = 4 * float(np.nanquantile(band, 0.9)) if band.notna().any() else 1.0
+        axis.set_ylim(-reach, reach)
+        axis.set_ylabel(f"{label} ± std,\nmeasured [°]")
+
+
+def _speeds(axis: Axes, t: np.ndarray, table: pd.DataFrame) -> None:
+    """How uncertain the speeds are."""
+    largest = 0.0
+    for name, colour, label in zip(STATE[2:], (FIRST, SECOND), (r"$\dot\theta_1$", r"$\dot\theta_2$"), strict=True):
+        band = table[f"{name}_std"].to_numpy(float)
+        axis.fill_between(t, -band, band, color=colour, alpha=0.5, linewidth=0, label=label, rasterized=True)
+        largest = max(largest, float(np.nanquantile(band, 0.98)) if np.isfinite(band).any() else 0.0)
+    reach = 1.5 * largest + 1e-3
+    axis.set_ylim(-reach, reach)
+    axis.set_ylabel("speeds ± std\n[rad/s]")
+    axis.legend(loc="upper right", ncols=2)
 
 
 def _energy(axis: Axes, t: np.ndarray, energy: np.ndarray, quality: np.ndarray) -> None:

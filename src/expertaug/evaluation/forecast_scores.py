@@ -1,0 +1,158 @@
+"""What a version's distribution over forecasts is worth: CRPS, energy score, and whether its bands hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from expertaug.inference.coverage import inside
+from expertaug.inference.posterior_draws import LEVELS, joint_draws
+from expertaug.inference.predictive import forecasts
+from expertaug.inference.predictive_scores import crps, energy_score
+from expertaug.inference.ranks import ranks
+from expertaug.learning.bound import Stopping
+from expertaug.learning.noise import Noise
+from expertaug.models.estimates import Estimates
+from expertaug.models.measurement_noise import NoiseLike, is_some, shaped
+from expertaug.models.prediction import Predictor
+from expertaug.systems import System
+from expertaug.systems.inputs import inputs_of, states_of
+from expertaug.systems.solver import Solver
+
+DRAWN = 4  # of the keys of random numbers: a flow's end in 3
+BYTES = 2**25  # of the forecasts that are scored at a time
+BAND = (0.05, 0.95)  # of a figure's
+
+
+@dataclass(frozen=True)
+class DrawnScores:
+    """Scores of the forecasts from draws, of M windows each, averaged over times and observed quantities; NaN of a
+    window of which nothing was measured then.
+
+    Attributes:
+        crps: (S, M), in the mixed unit of the observed quantities.
+        energy: (S, M), of their vector at each time.
+        inside: shares of times and quantities at which the truth lies in the central intervals, (S, M, L).
+    """
+
+    crps: np.ndarray
+    energy: np.ndarray
+    inside: np.ndarray
+
+    @staticmethod
+    def joined(parts: Sequence[DrawnScores]) -> DrawnScores | None:
+        """Those of parts of a set, one after the other; None of none."""
+        if not parts:
+            return None
+        names = ("crps", "energy", "inside")
+        return DrawnScores(*(np.concatenate([getattr(one, name) for one in parts], axis=1) for name in names))
+
+    def metrics(self) -> dict[str, Tensor]:
+        """Metric → (S,); coverage in %."""
+        told, each = ~np.isnan(self.crps).any(0), (self.crps, self.energy, self.inside)
+        means, energy, held = each if told.all() else (one[:, told] for one in each)
+        found = {"crps": means.mean(1), "energy_score": energy.mean(1)}
+        for k, level in enumerate(LEVELS):
+            found[f"forecast_coverage_{round(100 * level)}"] = 100 * held[..., k].mean(1)
+        return {name: torch.from_numpy(value) for name, value in found.items()}
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How forecasts are drawn.
+
+    Attributes:
+        count: K, draws of each window.
+        noise: standard deviation of the data's noise, which drawn forecasts get too: they are compared with data.
+        seeds: of the group.
+        t: times in s, (T,).
+        begin: the first point that is scored.
+        observed: points of the observed window.
+        start: y0 or y_t1 (:meth:`Predictor.predicted`).
+        solver: of the forecasts.
+    """
+
+    count: int
+    noise: NoiseLike
+    seeds: Sequence[int]
+    t: Tensor
+    begin: int
+    observed: int
+    start: str
+    solver: Solver
+
+    def states(
+        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise
+    ) -> Tensor | None:
+        """Forecasts (K, T', S, B, *state) from draws, from the point ``begin`` on; None of a version without any.
+
+        Arguments:
+            found: the model's estimates of the windows.
+            y: (T, S, B, *observed), of which the observed points are used, and all known inputs.
+            bound: (C,) or (B, C), how far they may go.
+        """
+        drawn = joint_draws(model, found, y[: self.observed], self.count, random)
+        if drawn is None:
+            return None
+        z_e, z_a, y0 = drawn
+        system, first = model.system, 0  # type: ignore[attr-defined]
+        seen, u = states_of(system, y), inputs_of(system, y)
+        if self.start != "y0" and not torch.isnan(seen[: self.observed]).any():  # as Predictor.predicted
+            first = min(self.observed - 1, self.begin)
+        if first:
+            y0 = seen[first].expand_as(y0)
+        solver = self.solver if bound is None else Stopping(self.solver, bound)
+        decoder = model.decoder  # type: ignore[attr-defined]
+        later = None if u is None else u[first:]
+        return forecasts(decoder, y0, z_e, z_a, self.t[first:], solver, bound, later)[:, self.begin - first :]
+
+    def scores(
+        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise
+    ) -> DrawnScores | None:
+        """Scores of the windows y (T, S, B, *observed), a part of them at a time; arguments as of :meth:`states`."""
+        each = self.count * len(self.t) * y[0, 0, 0].numel() * y.element_size()
+        size, parts, system = max(BYTES // each, 1), [], model.system  # type: ignore[attr-defined]
+        for k in range(0, y.shape[2], size):
+            part = slice(k, k + size)
+            limit = bound if bound is None or bound.dim() == 1 else bound[part]
+            states = self.states(model, found.part(part), y[:, :, part], limit, random)
+            if states is None:
+                return None
+            if is_some(self.noise):  # (S, K, T', B, *state): a seed's numbers do not depend on the seeds beside it
+                shape = (states.shape[0], states.shape[1], *states.shape[3:])
+                states = states + shaped(self.noise, states, system) * random.normal(*shape).movedim(0, 2).to(states)
+            parts.append(self._scored(system, states, states_of(system, y[self.begin :, :, part])))
+        return DrawnScores.joined(parts)
+
+    def _scored(self, system: System, states: Tensor, y: Tensor) -> DrawnScores:
+        drawn = system.observe(states).flatten(4).movedim(1, 3).double().cpu().numpy()  # (K, S, B, T', D)
+        true = system.observe(y).flatten(3).movedim(0, 2).double().cpu().numpy()  # (S, B, T', D)
+        known = ~np.isnan(true)
+        if not known.all():  # where draws and truth are alike, a vector's distance is that of its other components
+            drawn, true = np.where(known, drawn, 0.0), np.where(known, true, 0.0)
+        each = ([], [], [])
+        for k, told in enumerate(known):
+            held = inside(ranks(drawn[:, k], true[k]), self.count, LEVELS)
+            each[0].append(_mean_where(told, crps(drawn[:, k], true[k]), (1, 2)))
+            each[1].append(_mean_where(told.any(-1), energy_score(drawn[:, k], true[k]), 1))
+            each[2].append(_mean_where(np.broadcast_to(told, held.shape), held, (2, 3)).T)
+        return DrawnScores(*(np.stack(one) for one in each))
+
+    def band(self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise) -> Tensor | None:
+        """The ends of the 90 % band of each state, without noise, (2, T', S, B, *state)."""
+        states = self.states(model, found, y, bound, random)
+        if states is None:
+            return None
+        return torch.quantile(states, torch.tensor(BAND).to(states), dim=0)
+
+
+def _mean_where(known: np.ndarray, values: np.ndarray, axes: int | tuple[int, ...]) -> np.ndarray:
+    """Mean over axes of what was measured; NaN where nothing was."""
+    if known.all():
+        return values.mean(axes)
+    count = known.sum(axes)
+    return np.where(known, values, 0.0).sum(axes) / np.where(count > 0, count, np.nan)

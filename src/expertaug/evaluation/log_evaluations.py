@@ -1,0 +1,43 @@
+"""The stage log-evaluations: the own figures of an experiment's evaluations, and their logs in the tracking store.
+
+One job for all of them: matplotlib and MLflow cost more to import and to start than an evaluation does.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from expertaug import files
+from expertaug.evaluation import figures, traces
+from expertaug.evaluation.evaluation_log import FIGURES, NAME
+from expertaug.tracking.log_file import read_log
+from expertaug.tracking.store_link import store
+
+logger = logging.getLogger(__name__)
+
+
+def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Mapping | None) -> None:
+    """Draw forecasts.png and parameters.png beside each forecasts.npz, and store the evaluation's log with them.
+
+    Arguments:
+        forecasts: forecasts.npz of all versions and groups of seeds, each with its evaluation.jsonl.
+        output: JSON that says of each log whether the store has it.
+        tracking: see :class:`expertaug.tracking.runlog.RunLog`; None: figures alone.
+
+    Raises:
+        InputError: a file is broken.
+    """
+    stored: dict[str, bool] = {}
+    for path in map(Path, forecasts):
+        log = path.with_name(NAME)
+        header = read_log(log).header
+        names = {"labels": [[header["method"], header["label"]]]}
+        drawn = [path.with_name(name) for name in FIGURES]
+        traces.forecasts({header["method"]: path}, drawn[0], names)
+        figures.parameters({header["method"]: path}, drawn[1], names)
+        logger.info("%s: drawn", path.parent)
+        reached = tracking is not None and all(stored.values())  # a store that fails is not asked again for each log
+        stored[str(log)] = reached and store(log, tracking)
+    files.write_json(output, {"stored": stored})

@@ -1,0 +1,175 @@
+"""The stage validity: does F_a hold where z_e has moved (the paper's assumption A1)?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from expertaug import plotting
+from expertaug.errors import InputError
+from expertaug.evaluation.evaluate import spread
+from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
+from expertaug.evaluation.summary import experiment_title
+from expertaug.inference import store
+from expertaug.inference.refit import Refit, refit
+from expertaug.inference.settings import ValiditySettings
+from expertaug.inference.validity import Validity, along
+from expertaug.learning.sets import StackedSet
+from expertaug.models.device import device_of
+from expertaug.trajectories import Trajectories
+
+SETS = ("train", "iid", "validation", "test")  # of the two in the middle the first that there is
+CAPTION = (
+    "Windows are fitted by least squares with each trained model, and then F_a is fitted on to them, from what it is. "
+    "Explained: share of windows whose χ² per degree of freedom is below the 95 % quantile of the training windows'. "
+    "‖ΔF_a‖/‖F_a‖: change of F_a along the windows; where F_a is valid it has no more to learn than on its own "
+    "training windows, which are the yardstick. Error of F_a: ‖F_a − truth‖/‖truth‖ on the windows' own states, "
+    "median, of simulated data. Holds: range around the training's in which three quarters of windows are explained."
+)
+COLUMNS = {
+    "explained": "explained [%]",
+    "chi2": "χ²/n, median",
+    "change": "‖ΔF_a‖/‖F_a‖ [%]",
+    "wrong": "error of F_a [%]",
+}
+
+
+def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], settings: Mapping) -> None:
+    """Write the table of an experiment's check of A1 and draw it along the first expert parameter.
+
+    Arguments:
+        models: files of trained models with an interaction model, one of each version.
+        data: folder of the sets; of the test set only the observed windows are used, but for the errors of simulated
+            data.
+        outputs: any of .csv, .md, .tex, .png and .pdf.
+        settings: {versions, validity, title, all_methods, device, classes}; ``versions`` has, in the files' order, a
+            version, its printed label, and how its windows are fitted ({settings, noise, prior}).
+
+    Raises:
+        InputError: a file is no such model.
+    """
+    how = ValiditySettings.from_mapping(settings["validity"])
+    sets = {name: path for name in SETS if (path := Path(data) / f"{name}.npz").is_file()}
+    if "iid" in sets:
+        sets.pop("validation", None)
+    known = {name: spread(Trajectories.load(path), how.samples) for name, path in sets.items()}
+    rows, found, says = [], {}, []
+    for path, (version, label, fitting) in zip(models, settings["versions"], strict=True):
+        stored = store.load(path, device_of(settings["device"]), settings.get("classes", ()))
+        fitting = stored.description.get("refinement") or fitting  # of kind alternating
+        fits = {name: _refit(stored, one, fitting, how) for name, one in known.items()}
+        names = [p.name for p in stored.model.system.expert_parameters]
+        each = {name: _along(name, k, fits) for k, name in enumerate(names)}
+        found[version] = (label, fits, each)
+        says += [f"{label}: {one.says}." for one in each.values()]
+        for name, one in fits.items():
+            limit = next(iter(each.values())).limit
+            rows.append({"method": version, "label": label, "set": name, **_numbers(one, limit)})
+    if not rows:
+        raise InputError("models", "none", "give a model file with an interaction model")
+    long = pd.DataFrame(rows)
+    title = f"{experiment_title(settings['experiment'], settings)}: does F_a hold where z_e has moved?"
+    header = ["method", "windows", *COLUMNS.values()]
+    cells = [[r["label"], r["set"], *(_text(r[key]) for key in COLUMNS)] for r in rows]
+    told = [f"- {escape(line)}" for line in says]
+    lines = [f"## {title}", "", CAPTION, "", *grid(header, [[escape(c) for c in r] for r in cells], 2), "", *told]
+    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
+    write_tables(
+        [path for path in map(Path, outputs) if path not in drawn],
+        {
+            ".csv": lambda _: long.to_csv(index=False),
+            ".md": lambda _: "\n".join(lines) + "\n",
+            ".tex": lambda _: booktabs(header, cells, 2, CAPTION, "validity", title),
+        },
+    )
+    if drawn:
+        _draw(found, drawn, settings, title)
+
+
+def _refit(stored: store.StoredModel, data: Trajectories, fitting: Mapping, how: ValiditySettings) -> Refit:
+    observed = stored.description["observed"]
+    windows = StackedSet.of(data, torch.device("cpu")).windows(observed)[:, 0]
+    simulated = data.z_a.shape[1] > 0
+    truth = (torch.from_numpy(data.z_e), torch.from_numpy(data.z_a)) if simulated else None
+    return refit(stored, windows, fitting["noise"], fitting["prior"], fitting["settings"], how, truth)
+
+
+def _along(name: str, k: int, fits: Mapping[str, Refit]) -> Validity:
+    """Of all windows but the training's, by their estimates; those of all seeds count."""
+    others = [one for key, one in fits.items() if key != "train"]
+    z_e, chi2 = (torch.cat(parts).numpy() for parts in zip(*(_flat(one, k) for one in others), strict=True))
+    known = [part.numpy() for part in _flat(fits["train"], k)]
+    return along(name, z_e, chi2, *known)
+
+
+def _flat(one: Refit, k: int) -> tuple[Tensor, Tensor]:
+    return one.z_e[..., k].flatten(), one.chi2.flatten().nan_to_num(1e30, 1e30)
+
+
+def _numbers(one: Refit, limit: float) -> dict[str, float]:
+    """Means over seeds; percent where they are shares."""
+    wrong = np.nan if one.wrong is None else 100 * float(one.wrong[0].median(1).values.mean())
+    return {
+        "explained": 100 * float((one.chi2 <= limit).double().mean()),
+        "chi2": float(one.chi2.median(1).values.mean()),
+        "chi2_after": float(one.chi2_after.median(1).values.mean()),
+        "change": 100 * float(one.change().mean()),
+        "wrong": wrong,
+        "wrong_after": np.nan if one.wrong is None else 100 * float(one.wrong[1].median(1).values.mean()),
+        "windows": one.chi2.shape[1],
+    }
+
+
+def _draw(found: Mapping, outputs: Sequence[Path], settings: Mapping, title: str) -> None:
+    """χ²/n, and the change of F_a with its error, along the first parameter: a line a version."""
+    colours = plotting.colours(list(found), settings["all_methods"])
+    with plotting.styled():
+        figure = plotting.new_figure(3.2)
+        left, right = figure.subplots(1, 2)
+        for version, (label, fits, each) in found.items():
+            name, one = next(iter(each.items()))
+            middle = 0.5 * (one.edges[1:] + one.edges[:-1])
+            look = {"color": colours[version], "linestyle": plotting.dash(version), "linewidth": 1.2}
+            good = np.isfinite(one.chi2)
+            left.plot(middle[good], one.chi2[good], marker="o", markersize=3, label=plotting.text(label), **look)
+            left.axhline(one.limit, color=colours[version], linewidth=0.7, linestyle=":")
+            change = _binned(fits, one.edges)
+            good = np.isfinite(change)
+            right.plot(middle[good], 100 * change[good], marker="o", markersize=3, **look)
+            right.axhline(
+                100 * float(fits["train"].change().mean()), color=colours[version], linewidth=0.7, linestyle=":"
+            )
+            for axis in (left, right):
+                axis.axvspan(*one.trained, color="0.92", linewidth=0, zorder=0)
+                axis.set_xlabel(plotting.symbol(name))
+                axis.grid(alpha=0.4)
+        left.set(yscale="log", ylabel="χ²/n of windows, median (dotted: limit)")
+        right.set(yscale="log", ylabel="change of F_a [%] (dotted: training)")
+        plotting.heading(figure, plotting.text(title))
+        plotting.legend(figure, left.get_legend_handles_labels()[0])
+        plotting.save(figure, outputs)
+
+
+def _binned(fits: Mapping[str, Refit], edges: np.ndarray) -> np.ndarray:
+    """‖ΔF_a‖/‖F_a‖ of the windows of each bin of the first parameter; NaN of an empty one."""
+    others = [one for key, one in fits.items() if key != "train"]
+    z_e = torch.cat([one.z_e[..., 0].flatten() for one in others]).numpy()
+    squares, changes = (
+        torch.cat([getattr(o, key).flatten() for o in others]).numpy() for key in ("squares", "changes")
+    )
+    place = np.clip(np.searchsorted(edges, z_e, side="right") - 1, 0, len(edges) - 2)
+    found = np.full(len(edges) - 1, np.nan)
+    for k in np.unique(place):
+        found[k] = np.sqrt(changes[place == k].sum() / max(squares[place == k].sum(), 1e-300))
+    return found
+
+
+def _text(value: float) -> str:
+    if not np.isfinite(value):
+        return DASH
+    return f"{value:.3g}" if value < 100 else f"{value:.0f}"

@@ -1,0 +1,106 @@
+"""Windows that a model itself has made over p⁺: the only ones on which a right posterior must be calibrated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+import torch
+from torch import Tensor, nn
+
+from expertaug.inference.draws import FLOW, LATENTS, Simulator
+from expertaug.inference.flow import FlowEstimator
+from expertaug.inference.least_squares import LeastSquares
+from expertaug.inference.settings import FlowSettings
+from expertaug.inference.unknowns import Unknowns
+from expertaug.learning.augmentation import latent, ranges_of
+from expertaug.learning.bound import Stopping, stored_bound
+from expertaug.learning.noise import Noise
+from expertaug.learning.task import Task
+from expertaug.models.hybrid import HybridNet
+from expertaug.models.measurement_noise import noise_of
+from expertaug.models.prediction import Predictor
+from expertaug.models.stacking import stack
+from expertaug.models.store import StoredModel
+from expertaug.systems.inputs import inputs_of, states_of
+from expertaug.systems.solver import Solver
+
+OWN = 4  # what the random numbers are for (expertaug.inference.draws)
+
+
+@torch.no_grad()
+def latents_of(model: Predictor | nn.Module, description: Mapping, windows: Tensor, z_a_from: str) -> Tensor:
+    """z_a (S, N, Q) as a model's own windows have them: draws of the encoder's posterior of the training windows; of a
+    model without an encoder draws of the Gaussian that its fits take z_a from.
+
+    Arguments:
+        model: stacked over the seeds.
+        windows: observed windows of the training, (T1, 1, N, *observed).
+        z_a_from: as of :func:`expertaug.learning.augmentation.latent`.
+    """
+    seeds = description["seeds"]
+    random = Noise(seeds, LATENTS, FLOW, device=windows.device)
+    if isinstance(model, FlowEstimator):
+        model = model.base
+    if not isinstance(model, HybridNet):
+        found = description.get("latent") or {"mean": [[]], "std": [[]]}
+        mean, std = (torch.tensor(found[key]).float().to(windows.device).unsqueeze(1) for key in ("mean", "std"))
+        return mean + std * random.normal(windows.shape[2], mean.shape[-1])
+    parts = []
+    for part in windows.split(1024, dim=2):
+        posterior = model.encode(part.expand(-1, len(seeds), *part.shape[2:]))
+        parts.append(latent(posterior, z_a_from, partial(random.normal, part.shape[2])))
+    return torch.cat(parts, dim=1)
+
+
+@torch.no_grad()
+def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int) -> tuple[Tensor, Tensor]:
+    """Trajectories that a model makes with z_e of p⁺, z_a and first points of the training windows, and with noise.
+
+    Arguments:
+        stored: any estimator with an expert.
+        train: trajectories of the training, (T, N, *observed).
+        settings: {prior, noise, resample_x, z_a_from}.
+        count: of each seed.
+
+    Returns:
+        y (T, S, M, *observed) and z_e (S, M, P); those that run away are left out, of all seeds alike.
+    """
+    model, description, seeds = stored.model, stored.description, stored.seeds
+    first = model
+    if isinstance(model, LeastSquares) and model.__dict__["first"] is not None:
+        first = model.__dict__["first"]
+    decoder, system, device = model.decoder, model.system, train.device
+    windows, states = train[: description["observed"]].unsqueeze(1), states_of(system, train)
+    latents = latents_of(first, description, windows, settings["z_a_from"])
+    low, high = (end.to(device) for end in ranges_of(system, settings["prior"]))
+    noise, ranges = noise_of(settings["noise"], system, description), description.get("start")
+    if isinstance(first, FlowEstimator):
+        unknowns = first.head.unknowns
+    else:
+        width = latents.shape[-1]
+        own = [Unknowns(system, low.cpu(), high.cpu(), one, width, noise, ranges) for one in latents.cpu()]
+        unknowns = stack(own).to(device)
+    t = torch.tensor(description["t"], dtype=torch.float32, device=device)
+    bound = stored_bound(description, device)
+    solver: Solver | Stopping = stored.solver if bound is None else Stopping(stored.solver, bound)
+    simulator = Simulator(
+        decoder=decoder,
+        unknowns=unknowns,
+        context=nn.Identity(),
+        scores=unknowns.scores(latents),
+        starts=states[0],
+        inputs=inputs_of(system, train),
+        gaps=None if ranges is None else torch.isnan(states),
+        ranges=ranges,
+        low=low,
+        high=high,
+        noise=noise,
+        jitter=FlowSettings().jitter,
+        resample_x=bool(settings["resample_x"]),
+        task=Task(t, description["observed"], len(t), solver, bound=bound),  # type: ignore[arg-type]
+        seeds=seeds,
+    )
+    found = simulator.simulated(count, Noise(seeds, OWN, FLOW, device=device))
+    good = found.good.all(0)
+    return found.y[:, :, good], found.z_e[:, good]

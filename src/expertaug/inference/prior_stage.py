@@ -1,0 +1,100 @@
+"""The stage own-prior: ranges of p⁺ of a model, or of an experiment before anything is trained, as a file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from expertaug import systems
+from expertaug.errors import InputError
+from expertaug.files import write_text
+from expertaug.inference import store
+from expertaug.inference.own_prior import OwnPrior, box, own_prior_without_windows, searching
+from expertaug.inference.own_prior import own_prior as grown
+from expertaug.learning.sets import StackedSet
+from expertaug.learning.train import constants_of, described_by, expert_alone
+from expertaug.models.device import device_of
+from expertaug.trajectories import Trajectories
+
+OWN = "own"  # in the place of ranges
+SAMPLES = 200  # windows of each set that are fitted, at most, evenly spread
+
+
+def own_prior(
+    model: Path | None, data: Path, output: Path, settings: Mapping, calibration: Path | None = None
+) -> OwnPrior:
+    """Stage: find the ranges of p⁺ and write them.
+
+    Arguments:
+        model: file of a trained model; None: the expert alone, before anything is trained.
+        data: folder of the sets; of those that ``windows`` names only the observed part is used.
+        output: JSON {ranges, training, explained, limit, rounds, windows, says}.
+        settings: {windows, budget, noise, refinement}; for the expert alone also those of
+            :func:`expertaug.learning.train.expert_alone`; for a model ``device`` and ``classes``.
+        calibration: JSON whose ``constants`` complete the system's settings.
+    """
+    train = Trajectories.load(Path(data) / "train.npz")
+    if model is None:
+        described = described_by(settings, None if calibration is None else constants_of(calibration))
+        system = systems.load(described["system"])
+        stored, first = expert_alone(system, train, {**settings, "refinement": None}, described), box(system)
+    else:
+        stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
+        first = box(stored.model.system)  # beside the model's own estimates, which may be wrong
+    noise, known = settings["noise"], _trajectories(train)
+    how = settings["refinement"] if model is not None else searching(settings["refinement"])
+    if settings["windows"]:
+        observed = stored.description["observed"]
+        sets = [_trajectories(Trajectories.load(Path(data) / f"{name}.npz")) for name in settings["windows"]]
+        found = grown(stored, known[:observed], torch.cat([one[:observed] for one in sets], dim=1), noise, first, how)
+    else:
+        found = own_prior_without_windows(stored, known, noise, float(settings["budget"]), first, how)
+    write_text(Path(output), json.dumps({**asdict(found), "says": found.says}, indent=2) + "\n")
+    return found
+
+
+def read_ranges(path: Path) -> dict[str, list[float]]:
+    """The ranges that the stage has written.
+
+    Raises:
+        InputError: no such file, or another one.
+    """
+    try:
+        found = json.loads(Path(path).read_text(encoding="utf-8"))["ranges"]
+        return {str(name): [float(low), float(high)] for name, (low, high) in found.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(path, f"holds no ranges of p⁺ ({error})", "make it again with own-prior") from error
+
+
+def _trajectories(data: Trajectories) -> Tensor:
+    """At most so many trajectories, (T, N, *observed)."""
+    index = np.linspace(0, len(data) - 1, min(SAMPLES, len(data))).astype(int)
+    return StackedSet.of(data.subset(index), torch.device("cpu")).windows(len(data.t))[:, 0]
+
+
+def with_ranges(settings: Mapping, ranges: Mapping | None) -> dict:
+    """Settings of a stage in which p⁺'s ranges stand where ``prior`` is to find them itself.
+
+    Raises:
+        InputError: they are needed and not given.
+    """
+
+    def replaced(value: object) -> object:
+        if not isinstance(value, Mapping):
+            return value
+        found = {key: replaced(one) for key, one in value.items()}
+        if found.get("prior") == OWN:
+            if ranges is None:
+                raise InputError("--prior", "missing", "p⁺ is to find its own ranges: give what own-prior wrote")
+            found["prior"] = dict(ranges)
+        return found
+
+    found = replaced(settings)
+    assert isinstance(found, dict)
+    return found

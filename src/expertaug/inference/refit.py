@@ -1,0 +1,162 @@
+"""Does F_a change when it is fitted to other windows?  The second half of a check of the paper's assumption A1.
+
+An F_a that is valid where z_e has moved has nothing to learn there: fitted on to windows of that place, from where the
+training left it, it stays what it was.  What the same fit changes on the training's own windows is the yardstick.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from expertaug.errors import InputError
+from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, trial
+from expertaug.inference.settings import RefinementSettings, ValiditySettings
+from expertaug.inference.validity import error_of_interaction
+from expertaug.inference.window_fit import WindowFit
+from expertaug.learning.gradients import clip_each_seed
+from expertaug.models.measurement_noise import GivenNoise
+from expertaug.models.store import StoredModel
+from expertaug.systems.inputs import inputs_of, states_of
+
+CLIP, THRESHOLD = 5.0, 5.0  # as in a training by alternation
+LAST = 3  # steps of the estimates with the new F_a
+
+
+@dataclass(frozen=True)
+class Refit:
+    """What a fit of F_a to N windows changed.
+
+    Attributes:
+        z_e: of the windows by least squares with F_a as it was, (S, N, P).
+        chi2: per degree of freedom, of each window with F_a as it was, (S, N).
+        chi2_after: after the fit of F_a.
+        squares: sum over the window's times of F_a² along its own trajectory, (S, N).
+        changes: the same of the change of F_a.
+        wrong: ‖F_a − truth‖ / ‖truth‖ on the window's own states, (S, N), before and after, where the truth is known.
+    """
+
+    z_e: Tensor
+    chi2: Tensor
+    chi2_after: Tensor
+    squares: Tensor
+    changes: Tensor
+    wrong: tuple[Tensor, Tensor] | None = None
+
+    def change(self, windows: Tensor | None = None) -> Tensor:
+        """‖ΔF_a‖ / ‖F_a‖ (S,) over all windows, or those of a mask (N,)."""
+        chosen = slice(None) if windows is None else windows
+        return (self.changes[:, chosen].sum(1) / self.squares[:, chosen].sum(1).clamp_min(1e-300)).sqrt()
+
+
+def refit(
+    stored: StoredModel,
+    windows: Tensor,
+    noise: GivenNoise,
+    prior: Mapping[str, tuple[float, float]] | None,
+    settings: Mapping | RefinementSettings | None = None,
+    how: ValiditySettings | None = None,
+    truth: tuple[Tensor, Tensor] | None = None,
+) -> Refit:
+    """Fit F_a on to windows by gradient steps, from what it is, with the windows' estimates improved in turns.
+
+    Arguments:
+        stored: trained, with an interaction model; it stays as it is.
+        windows: observed, (T1, N, *observed).
+        noise, prior, settings: of the least squares (:func:`estimator_of`).
+        how: number and size of the steps.
+        truth: z_e (N, P) and z_a (N, Q) of simulated windows.
+
+    Raises:
+        InputError: a model without an interaction model.
+    """
+    if getattr(stored.model, "interaction", None) is None:
+        raise InputError("model", "has no interaction model", "give a hybrid one, or one of kind alternating")
+    how, seeds = how or ValiditySettings(), len(stored.seeds)
+    estimator = estimator_of(stored, settings, noise, prior)
+    y = windows.unsqueeze(1).expand(-1, seeds, *windows.shape[1:])
+    found = estimator.estimate(y)
+    assert found.z_e is not None and found.z_a is not None and found.chi2 is not None
+    fit, y = estimator.fit, y.cpu().double()
+    x = fit.coordinates(found.to(y), fit.first(y))
+    new, x_new = _fitted(fit, x, y, how)
+    squares, changes = _difference(fit, new, x, x_new, y)
+    chi2_after = _chi2(new, x_new, y)
+    wrong = None
+    if truth is not None:
+        z_e, z_a = (value.double() for value in truth)
+        t = fit.t.tolist()
+        parts = [(one.parts(at, fit.first(y))) for one, at in ((fit, x), (new, x_new))]
+        states, u = states_of(fit.system, y[:, 0]), inputs_of(fit.system, y[:, 0])
+        each = [
+            error_of_interaction(one.decoder, t, states, z_e, z_a, part[0], part[1], u)
+            for one, part in zip((fit, new), parts, strict=True)
+        ]
+        wrong = each[0], each[1]
+    return Refit(found.z_e.cpu().double(), _chi2(fit, x, y), chi2_after, squares, changes, wrong)
+
+
+def _fitted(fit: WindowFit, x: Tensor, y: Tensor, how: ValiditySettings) -> tuple[WindowFit, Tensor]:
+    """The fit with an F_a that has taken gradient steps on windows y (T1, S, N, *observed), and the estimates by it."""
+    new = copy.copy(fit)
+    new.decoder = copy.deepcopy(fit.decoder).requires_grad_(True)
+    assert new.decoder.interaction is not None
+    parameters = list(new.decoder.interaction.parameters())
+    optimiser = torch.optim.Adam(parameters, lr=how.learning_rate)
+    damping = torch.full(x.shape[:2], DAMPING, dtype=torch.float64)
+    x, limit = x.clone(), THRESHOLD**2
+
+    def residuals(candidates: Tensor, columns: Tensor) -> Tensor:
+        return new.residuals(candidates, y[:, :, columns])
+
+    for _ in range(how.steps):
+        moved, cost = trial(residuals, x, damping, new.longest)
+        data = new.differences(new.states(moved, y), y)
+        better = cost_of(torch.cat((data.detach(), new.pull(moved)), -1)) < cost
+        x, damping = torch.where(better[..., None], moved, x), adapted(damping, better)
+        each = (limit * torch.log1p(data.nan_to_num(0.0, 0.0, 0.0).square() / limit)).mean(-1)
+        loss = torch.where(better, each, torch.zeros_like(each)).sum(-1) / better.sum(-1).clamp_min(1)
+        if not loss.requires_grad:
+            break
+        optimiser.zero_grad(set_to_none=True)
+        loss.sum().backward()
+        clip_each_seed(parameters, CLIP, torch.ones(x.shape[0], dtype=torch.bool))
+        optimiser.step()
+    new.decoder.requires_grad_(False)
+    for _ in range(LAST):
+        moved, cost = trial(residuals, x, damping, new.longest)
+        with torch.no_grad():
+            better = cost_of(residuals(moved.unsqueeze(0), torch.arange(x.shape[1]))[0]) < cost
+        x, damping = torch.where(better[..., None], moved, x), adapted(damping, better)
+    return new, x
+
+
+@torch.no_grad()
+def _chi2(fit: WindowFit, x: Tensor, y: Tensor) -> Tensor:
+    """χ² per degree of freedom (S, N)."""
+    data = fit.differences(fit.states(x, y), y).square().sum(-1)
+    return data / (fit.observations - fit.missing(y) - fit.sizes[0] - fit.sizes[2]).clamp_min(1)
+
+
+@torch.no_grad()
+def _difference(one: WindowFit, other: WindowFit, x: Tensor, x_other: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+    """Sums over time of F_a² and of its change (S, N), along the windows as the first fit explains them."""
+    states, u = one.states(x, y), inputs_of(one.system, y)
+    rates = [_rates(fit, fit.parts(at, fit.first(y)), states, u) for fit, at in ((one, x), (other, x_other))]
+    first, change = rates[0], rates[1] - rates[0]
+    return tuple(rate.square().flatten(3).sum((0, -1)) for rate in (first, change))  # type: ignore[return-value]
+
+
+def _rates(fit: WindowFit, parts: tuple[Tensor, Tensor, Tensor], states: Tensor, u: Tensor | None) -> Tensor:
+    """F_a (T, S, N, *state) at states, with known inputs u (T, S, N, U) where there are some."""
+    decoder = fit.decoder
+    assert decoder.interaction is not None
+    context = decoder.interaction.context(parts[1], parts[0])
+    known = [None] * len(states) if u is None else u
+    at = zip(fit.t, states, known, strict=True)
+    return torch.stack([decoder.interaction_rate(state, context, s, given) for s, state, given in at])

@@ -1,0 +1,78 @@
+"""How badly a model explains observed windows: what needs no truth, and tells which forecasts to distrust."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from expertaug.errors import SolveError
+from expertaug.learning.bound import FALLBACK, Stopping, bounded, stored_bound
+from expertaug.learning.objectives import differences
+from expertaug.models.prediction import Predictor
+from expertaug.models.store import StoredModel
+from expertaug.systems import System
+from expertaug.systems.inputs import inputs_of, states_of
+from expertaug.systems.solver import Solver
+
+MOST = 500  # validation windows whose misfits a model file keeps, evenly spread
+PART = 256  # windows at a time
+
+
+def squared_errors(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
+    """Squared error of every sample, summed over the observed dimensions and averaged over time: (S, N), float64.
+
+    Where nothing was measured (a truth of NaN) nothing counts: each dimension's error is the mean over the times that
+    have one; a sample without any is NaN.
+
+    Arguments:
+        prediction, truth: states (T, S, N, *state).
+    """
+    difference, known = differences(system, prediction, truth)
+    error = difference.double().square()
+    if known is not None:
+        counts = known.sum(0)
+        sums = (error.sum(0) / counts.clamp_min(1)).flatten(2).sum(-1)
+        return sums.masked_fill(counts.flatten(2).sum(-1) == 0, torch.nan)
+    return error.flatten(3).sum(-1).mean(0)
+
+
+def misfit_of(system: System, states: Tensor, windows: Tensor) -> Tensor:
+    """The misfit (S, N) of forecasts (T, S, N, *state) of windows (T1, S, N, *state): their squared error over the
+    observed points after the first."""
+    return squared_errors(system, states[1 : len(windows)], windows[1:])
+
+
+@torch.no_grad()
+def misfits(stored: StoredModel, windows: Tensor) -> Tensor:
+    """The misfit (S, N) of windows (T1, 1, N, *observed) by a model's own estimates."""
+    model: Predictor = stored.model
+    system: System = model.system  # type: ignore[attr-defined]
+    t = torch.tensor(stored.description["t"][: len(windows)], dtype=torch.float32, device=windows.device)
+    bound, parts = stored_bound(stored.description, windows.device), []
+    for part in windows.split(PART, dim=2):
+        y = part.expand(-1, len(stored.seeds), *part.shape[2:])
+        found = model.estimate(y)  # type: ignore[attr-defined]
+
+        def predicted(solver: Solver, found: object = found, y: Tensor = y) -> Tensor:
+            stopping = solver if bound is None else Stopping(solver, bound)
+            return model.predicted(found, y, t, stopping, u=inputs_of(system, y))  # type: ignore[arg-type]
+
+        try:
+            states = predicted(stored.solver)
+        except SolveError:
+            states = predicted(FALLBACK)
+        parts.append(misfit_of(system, bounded(states, bound), states_of(system, y)))
+    return torch.cat(parts, dim=1)
+
+
+def recorded(stored: StoredModel, windows: Tensor) -> Mapping[str, list[list[float]]]:
+    """What a model file says of validation windows (T1, 1, N, *observed): their misfits, a list a seed.  A window of
+    which nothing was measured after its first point has none."""
+    system: System = stored.model.system  # type: ignore[assignment]
+    unseen = torch.isnan(system.observe(states_of(system, windows)[1:])).movedim(2, 0).flatten(1).all(1)
+    windows = windows[:, :, ~unseen] if unseen.any() else windows
+    index = torch.linspace(0, windows.shape[2] - 1, min(MOST, windows.shape[2])).long()
+    found = misfits(stored, windows[:, :, index.to(windows.device)]).nan_to_num(1e30, 1e30)
+    return {"validation": [[float(f"{value:.6g}") for value in seed] for seed in found.tolist()]}

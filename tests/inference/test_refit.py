@@ -1,0 +1,94 @@
+"""A fit of F_a to other windows: it changes where it was wrong, and hardly where it was right."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+import torch
+from test_least_squares import NOISE, OBSERVED, PRIOR, T, expert_alone, pendulum
+from torch import nn
+
+from expertaug import systems
+from expertaug.errors import InputError
+from expertaug.evaluation import validity_study
+from expertaug.inference.refit import refit
+from expertaug.inference.settings import ValiditySettings
+from expertaug.models.decoder import Decoder
+from expertaug.models.store import StoredModel
+from expertaug.systems.solver import Solver
+
+HOW = ValiditySettings(samples=20, steps=25, learning_rate=0.01)
+
+
+class Friction(nn.Module):
+    """−z_a θ' − drag θ' |θ'| of two seeds, of which the training found the first part alone."""
+
+    def __init__(self, drag: float = 0.0) -> None:
+        super().__init__()
+        self.drag = nn.Parameter(torch.full((2, 1, 1), drag))
+
+    def context(self, z_a, z_e):
+        return z_a
+
+    def forward(self, y, context):
+        speed = y[..., 1:]
+        return torch.cat((torch.zeros_like(speed), -context * speed - self.drag * speed * speed.abs()), -1)
+
+
+def stored(decoder, data):
+    description = expert_alone("pendulum", data).description
+    latent = {"mean": [[0.3]] * 2, "std": [[0.17]] * 2}
+    return StoredModel(decoder, {**description, "kind": "alternating", "latent": latent})
+
+
+def made(drag, z_e, n=16):
+    """Windows (T1, N, 2) of a pendulum with the drag, and their truths."""
+    system = systems.load({"name": "pendulum"})
+    data = pendulum(z_e, damping=(0.2, 0.5), n=n)
+    y0, true, z_a = (torch.from_numpy(value) for value in (data.y[:, 0], data.z_e, data.z_a))
+    with torch.no_grad():
+        one = [value.expand(2, *value.shape) for value in (y0, true, z_a)]
+        y = Decoder(system, Friction(drag)).forecast(*one, torch.from_numpy(T).float(), Solver("rk4"))[:OBSERVED, 0]
+    noise = NOISE * torch.randn(y.shape, generator=torch.Generator().manual_seed(1))
+    return y + noise, (true, z_a), data
+
+
+def test_f_a_changes_where_it_lacks_something():
+    right, truth, data = made(0.0, (1.5, 3.1))
+    lacking, _, _ = made(0.3, (0.8, 1.5))
+    model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), data)
+    told = {"starts": 16, "tries": 2, "steps": 15}
+    own = refit(model, right, NOISE, PRIOR, told, HOW, truth)
+    other = refit(model, lacking, NOISE, PRIOR, told, HOW)
+    assert own.z_e.shape == (2, 16, 1) and own.chi2.shape == own.squares.shape == (2, 16) and other.wrong is None
+    assert own.change().max() < 0.1 and other.change().min() > 3 * own.change().max()
+    assert other.chi2_after.mean() < 0.9 * other.chi2.mean() and 0.7 < own.chi2.median() < 1.3
+    assert own.wrong[0].median() < 0.1, "z_a is found from noisy windows"
+    mask = torch.arange(16) < 4
+    assert other.change(mask).shape == (2,)
+    torch.testing.assert_close(model.model.interaction.drag, torch.zeros(2, 1, 1)), "the model stays as it is"
+
+
+def test_a_model_without_f_a_has_nothing_to_fit():
+    _, _, data = made(0.0, (1.5, 3.1), n=2)
+    with pytest.raises(InputError, match="has no interaction model"):
+        refit(expert_alone("pendulum", data), torch.zeros(OBSERVED, 2, 2), NOISE, PRIOR)
+
+
+def test_the_study_has_a_sentence_a_version(tmp_path, monkeypatch):
+    for name, z_e in (("train", (1.5, 3.1)), ("validation", (1.5, 3.1)), ("test", (0.6, 1.5))):
+        pendulum(z_e, damping=(0.2, 0.5), n=12).save(tmp_path / f"{name}.npz")
+    model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), pendulum((1.5, 3.1), n=3))
+    monkeypatch.setattr(validity_study.store, "load", lambda *_: model)
+    fit = {"settings": {"starts": 8, "tries": 1, "steps": 10}, "noise": NOISE, "prior": PRIOR}
+    told = {"experiment": "pendulum", "versions": [["aphynity", "APHYNITY", fit]], "all_methods": ["aphynity"]}
+    told |= {"validity": {"samples": 10, "steps": 2}, "device": "cpu", "title": None}
+    outputs = [tmp_path / f"validity.{end}" for end in ("csv", "md", "tex", "png")]
+    validity_study.validity([tmp_path / "m"], tmp_path, outputs, told)
+    table = pd.read_csv(outputs[0]).set_index("set")
+    assert list(table.index) == ["train", "validation", "test"] and table.loc["test", "windows"] == 10
+    assert table.loc["test", "wrong"] < 30 and table.loc["test", "explained"] > 50
+    text = outputs[1].read_text(encoding="utf-8")
+    assert (
+        "- APHYNITY: F_a learned on omega0 in [1." in text and "holds in" in text and outputs[3].stat().st_size > 5000
+    )

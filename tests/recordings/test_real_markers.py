@@ -1,0 +1,112 @@
+"""Markers as laboratories have them: burnt-in marks, off their hinge, lit from one side, a twin on the wall."""
+
+import numpy as np
+import pytest
+import yaml
+from drawn import ARMS, MARKS, PAINT, PIVOT, RATE, SIZE, _disk, compressed, draw, markers_of, swinging, write_video
+
+from expertaug.recordings.inspection.detect import look_for_pendulum
+from expertaug.recordings.inspection.inspect import inspect
+from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
+from expertaug.recordings.markers.settings import TrackSettings
+from expertaug.recordings.markers.tracker import Tracker, track_frames
+from expertaug.recordings.rendering.render import render_recording
+
+NAMES = ("red", "green", "blue")
+COLOURS = [PAINT[name] for name in NAMES]
+DARK = (35, 32, 30)
+
+
+@pytest.fixture(scope="module")
+def centres():
+    return markers_of(swinging(60)[:, :2], PIVOT, ARMS, 10.0)
+
+
+def tracked(frames, diameter=24.0):
+    markers = {"style": "disk", **dict(zip(("pivot", "joint", "tip"), NAMES, strict=True))}
+    settings = TrackSettings.from_mapping({"markers": markers, "marker_diameter_px": diameter})
+    geometry, found = estimate_geometry(frames[::3], settings)
+    return track_frames(frames, geometry, settings), geometry, found
+
+
+def errors(track, centres):
+    good = track.quality > 0
+    return np.linalg.norm(track.position - centres, axis=2)[good], good.mean()
+
+
+@pytest.mark.parametrize("mark", list(MARKS))
+def test_what_is_burnt_in_does_no_harm(mark, centres, tmp_path):
+    frames = compressed(draw(centres, SIZE, COLOURS, background=DARK, mark=mark), tmp_path / "clip.mp4", RATE)
+    error, used = errors(tracked(frames)[0], centres)
+    assert used > 0.95 and np.median(error) < 0.08 and error.max() < 0.4
+
+
+@pytest.mark.parametrize("mark", ["ring", "line"])
+def test_large_disks_with_something_burnt_in_are_seen_whole(mark):
+    large = markers_of(swinging(120)[::10, :2], (300.0, 280.0), (140.0, 95.0))
+    frames = draw(large, (600, 560), COLOURS, 50.0, background=(190, 190, 190), mark=mark)
+    found, _ = look_for_pendulum(list(frames))
+    assert found is not None
+    for spots in found.spots:
+        assert np.median([spot.diameter for spot in spots.values()]) == pytest.approx(50, abs=1)
+
+
+def test_light_from_one_side_does_not_shift_the_centre(centres, tmp_path):
+    frames = compressed(draw(centres, SIZE, COLOURS, background=DARK, light=0.4), tmp_path / "clip.mp4", RATE)
+    track, *_ = tracked(frames)
+    error, used = errors(track, centres)
+    assert used > 0.95 and np.median(error) < 0.12
+    assert np.abs(np.mean(track.position - centres, axis=(0, 1))).max() < 0.1
+
+
+def test_a_joint_off_its_hinge_costs_no_frame(centres):
+    theta = swinging(60)[:, 0] + np.deg2rad(10.0)
+    off = centres.copy()
+    off[:, 1] += 6.0 * np.stack([np.sin(theta), np.cos(theta)], axis=1)
+    frames = draw(off, SIZE, COLOURS, background=DARK)
+    track, geometry, _ = tracked(frames)
+    assert set(track.reason) == {""} and geometry.spread[1] > 1.0
+    assert np.linalg.norm(track.position - off, axis=2).max() < 0.4
+    found, _ = look_for_pendulum(list(frames[::4]))
+    assert found is not None
+
+
+@pytest.mark.parametrize("k", [0, 1, 2])
+def test_a_twin_at_rest_is_not_taken_for_a_marker(k, centres):
+    frames = draw(centres, SIZE, COLOURS, background=DARK)
+    for frame in frames:
+        _disk(frame, np.array([560.0, 280.0]), 12.0, COLOURS[k], "disk", 0.0)
+    track, geometry, _ = tracked(frames)
+    assert geometry.twins[k] == (pytest.approx((560, 280), abs=0.5),)
+    error, used = errors(track, centres)
+    assert used > 0.97 and error.max() < 0.4
+    found, _ = look_for_pendulum(list(frames[::4]))
+    for role, spots in enumerate(found.spots):
+        seen = np.array([spot.centre for spot in spots.values()])
+        true = np.array([centres[4 * number, role] for number in spots])
+        assert np.abs(seen - true).max() < 1
+
+
+def test_gravity_is_told_by_the_motion_not_by_where_the_joint_hangs(tmp_path):
+    """The first rendered recording goes over the top: its joint is above the pivot on average."""
+    render_recording(0, tmp_path / "clip.mp4", tmp_path / "truth.csv", {"rate_hz": 100.0, "duration_s": 3.0})
+    proposed = yaml.safe_load(inspect(tmp_path / "clip.mp4", tmp_path / "contact.png"))
+    assert proposed["recordings"]["angles"]["rotation_deg"] == pytest.approx(0, abs=0.5)
+
+
+def test_where_the_motion_does_not_tell_gravity_no_direction_is_written(tmp_path):
+    turning = np.linspace(0, 4, 80)  # both arms turn evenly, as if nothing pulled
+    frames = draw(markers_of(np.stack((turning, 2 * turning), axis=1), PIVOT, ARMS), SIZE, COLOURS)
+    text = inspect(write_video(frames, tmp_path / "clip.mp4", 100), tmp_path / "contact.png")
+    assert "angles" not in yaml.safe_load(text)["recordings"]
+    assert "rotation_deg: where gravity points in the image: the motion does not tell it, and 0 is taken" in text
+
+
+def test_a_lost_pivot_does_not_excuse_a_covered_tip():
+    """The frame is used where the pivot alone is lost: the others must be sound."""
+    settings = TrackSettings()
+    tracker = Tracker(Geometry(90.0, 60.0, 25.0), settings)
+    frame, centre = np.zeros((480, 480, 3), np.uint8), np.array([[np.nan, np.nan], [240.0, 240.0], [240.0, 300.0]])
+    share = np.array([0.0, 1.0, 1.0])
+    assert tracker._judge(frame, centre, share, np.zeros(3)) == (0.0, "lost:red")
+    assert tracker._judge(frame, centre, share, np.array([0.0, 0.0, 2.0])) == (0.0, "residual")
