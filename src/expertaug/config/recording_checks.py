@@ -11,7 +11,7 @@ from expertaug.config.checks import is_multiple
 from expertaug.config.names import unknown, unknown_one
 from expertaug.errors import InputError
 from expertaug.recordings.markers.appearance import Appearance
-from expertaug.recordings.names import by_name
+from expertaug.recordings.names import by_name, is_series
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
 CHECKSUM = re.compile(r"([0-9a-fA-F]{64}) [ *](.+)")
@@ -138,16 +138,19 @@ def _uses_recordings(config: Mapping) -> bool:
 
 
 def list_videos(path: str) -> dict[str, Path]:
-    """Videos by name (the file's stem): of a folder, of a glob, or one file.
+    """Videos by name (the file's stem): of a folder, of a glob, or one file; folders of pictures likewise.
 
     Raises:
         InputError: there is none, there are two of one name, or one is called what no recording can be.
     """
     where = "recordings.videos.path"
     if Path(path).is_dir():
-        found = [p for p in Path(path).iterdir() if p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES]
+        inside = sorted(Path(path).iterdir())
+        found = [p for p in inside if (p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES) or is_series(p)]
+        found = found or [p for p in (Path(path),) if is_series(p)]
     else:
-        found = [Path(p) for p in sorted(glob.glob(path, recursive=True)) if Path(p).is_file()]  # noqa: PTH207
+        matched = [Path(p) for p in sorted(glob.glob(path, recursive=True))]  # noqa: PTH207
+        found = [p for p in matched if p.is_file() or is_series(p)]
     if not found:
         raise InputError(where, f"no video at '{path}'", f"relative paths start at {Path.cwd()}")
     return by_name(where, found)

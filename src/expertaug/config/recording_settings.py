@@ -17,7 +17,7 @@ def extract_frames(config: Mapping) -> dict:
     recordings = config["recordings"]
     rate = {"analysis_rate_hz": recordings["analysis_rate_hz"]}
     if recordings["source"] == "videos":
-        return rate | {k: recordings["videos"][k] for k in ("rate_hz", "rate_provenance", "image_size_px")}
+        return rate | {k: v for k, v in recordings["videos"].items() if k != "path"}
     rendered = recordings["rendered"]
     return rate | {
         "rate_hz": rendered["rate_hz"],
@@ -41,7 +41,8 @@ def import_markers(config: Mapping) -> dict:
 
 def measure_angles(config: Mapping) -> dict:
     recordings = config["recordings"]
-    own = {"arm1_m": _arms(recordings)[0], "rate_provenance": _rate(recordings)[1]}
+    rate, provenance = _rate(recordings)
+    own = {"arm1_m": _arms(recordings)[0], "rate_provenance": provenance, "rate_hz": rate}
     return recordings["angles"] | own
 
 
@@ -49,7 +50,7 @@ def overlay(config: Mapping) -> dict:
     """What is shown, and the rate by which the video's frames are told."""
     shown = {k: v for k, v in config["recordings"]["overlay"].items() if k not in ("experiment", "variants")}
     rates = extract_frames(config)
-    return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance")}
+    return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance", "times", "time_unit_s") if k in rates}
 
 
 def overlaid(config: Mapping) -> tuple[str, list[str]] | None:

@@ -9,14 +9,16 @@ from expertaug.recordings.imports.settings import MarkerSettings, Sha256
 from expertaug.recordings.markers.settings import TrackKeys
 from expertaug.recordings.rendering.settings import Rendered
 from expertaug.recordings.reports.settings import OverlayKeys
-from expertaug.recordings.video.settings import SizePair
+from expertaug.recordings.video.settings import SizePair, TimeKeys
 from expertaug.settings import Positive, PositivePair, Settings, key
 
 
-class VideoKeys(Settings):
-    """Your own videos, in any usual container that FFmpeg reads."""
+class VideoKeys(TimeKeys):
+    """Your own videos, in any usual container that FFmpeg reads, or folders of pictures."""
 
-    path: str | None = key(None, "a folder, a file or a glob; each file is one recording, named by its stem")
+    path: str | None = key(
+        None, "a folder, a file or a glob; each video, and each folder of pictures, is one recording of its name"
+    )
     rate_hz: Positive | None = key(None, "frames per second; null = as the file says", "Hz")
     rate_provenance: str | None = key(
         None, "where that rate is known from, kept in the reports; null = the file, or this configuration"
@@ -38,7 +40,9 @@ class RecordingKeys(Settings):
         "rendered", "rendered = simulated and drawn; videos = your files; markers = marker positions"
     )
     analysis_rate_hz: Positive = key(
-        400.0, "frames per second that are extracted and tracked; the video's rate is a multiple of it", "Hz"
+        400.0,
+        "frames per second that are analysed; angles of a video of another or a variable rate are resampled to it",
+        "Hz",
     )
     on_bad_recording: Literal["stop", "skip"] = key(
         "stop",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from expertaug.recordings.angles.noise import Noise, marker_noise, measure_noise
 from expertaug.recordings.angles.quality import MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
 from expertaug.recordings.angles.settings import AngleSettings
 from expertaug.recordings.angles.smoothing import Motion, Smoothing, smooth_motion, window_frames
-from expertaug.recordings.angles.summary import RecordingSummary
+from expertaug.recordings.angles.summary import RecordingSummary, TimingSummary
 from expertaug.recordings.angles.windows import longest_window
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import energy
@@ -71,20 +71,21 @@ def measure_angles(
     stretch, of so many frames as help (:mod:`.windows`).
 
     Arguments:
-        markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame, evenly timed.
+        markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame in order of time.
         output: CSV of frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2 (rad/s),
             energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason; theta1_raw,
             theta2_raw (rad) as the markers alone have them; theta1_std ... omega2_std, the standard uncertainties, and
-            pivot_std, joint_std, tip_std (px), those of the markers' coordinates.
+            pivot_std, joint_std, tip_std (px), those of the markers' coordinates; source, the row of ``markers`` that
+            is nearest in time.
         summary: JSON of :class:`expertaug.recordings.angles.summary.RecordingSummary`.
         settings: see :class:`AngleSettings`.
 
     Raises:
-        InputError: a missing column, uneven times, too few usable frames, or motion that is no pendulum's.
+        InputError: a missing column, times that do not grow, too few usable frames, or motion that is no pendulum's.
     """
     options = read_settings(AngleSettings, settings, "angles")
     path = Path(markers)
-    angles = _measure(path, read_markers(path), options)
+    angles = _measure(path, read_markers(path, options.rate_hz), options)
     found = _summarise(Path(output).parent.name, angles, options)
     _write(output, angles)
     for text in found.warnings:
@@ -144,7 +145,7 @@ def _write(output: str | Path, angles: Angles) -> None:
     columns |= {f"{name}_raw": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
     columns |= {f"{name}_std": angles.motion.std[:, k] for k, name in enumerate(STATE)}
     columns |= {f"{name}_std": std for name, std in zip(("pivot", "joint", "tip"), angles.marker_std, strict=True)}
-    table = pd.DataFrame(columns)
+    table = pd.DataFrame({**columns, "source": angles.markers.source})
     with atomic(output) as temporary:
         table.to_csv(temporary, index=False, float_format="%.9g")
 
@@ -183,6 +184,7 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
         rejected_arm_length=int((angles.tracked & ~angles.fitting).sum()),
         rejected_outlier=int((angles.reason == "outlier").sum()),
         reasons=dict(sorted(Counter(text for text in angles.reason if text).items())),
+        timing=TimingSummary(**asdict(angles.markers.timing)),
         rate_hz=rate,
         rate_provenance=options.rate_provenance,
         implied_rate_hz=angles.implied.rate_hz,
@@ -191,6 +193,7 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
         warnings=[
             *contradictions(angles.implied, rate, options.rate_provenance, options.arm1_m, rotation),
             *_doubts(angles, uncertain, options),
+            *angles.markers.timing.doubts(len(angles.markers)),
         ],
         constants=fit.constants.to_dict(),
         friction=fit.friction,

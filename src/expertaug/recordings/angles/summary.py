@@ -15,6 +15,18 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 
 
+class TimingSummary(BaseModel):
+    """What was found of a recording's times (:class:`expertaug.recordings.angles.marker_table.Timing`)."""
+
+    model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
+
+    repeated: Count = 0
+    dropped: Count = 0
+    uneven_ms: float = 0.0
+    frames_hz: Positive | None = None
+    error_deg: tuple[float, float] | None = None
+
+
 class RecordingSummary(BaseModel):
     """What :func:`expertaug.recordings.angles.measure.measure_angles` says of one recording.
 
@@ -34,6 +46,7 @@ class RecordingSummary(BaseModel):
         gaps, longest_gap_frames: runs of frames without angles.
         interpolated, rejected_arm_length, rejected_outlier: frames.
         reasons: frames by reason.
+        timing: frames repeated and missing, and what resampling cost.
         rate_hz, rate_provenance: stated frame rate and where it is known from.
         implied_rate_hz: by the motion; None where the first arm's length is not known.
         rotation_deg: stated direction of gravity in the image: 0 down, 90 right.
@@ -72,6 +85,7 @@ class RecordingSummary(BaseModel):
     rejected_arm_length: Count
     rejected_outlier: Count
     reasons: dict[str, Count]
+    timing: TimingSummary = TimingSummary()
     rate_hz: Positive
     rate_provenance: str
     implied_rate_hz: Positive | None
