@@ -45,7 +45,7 @@ rule extract_frames_of_recording:
         on_bad_recording=ON_BAD_RECORDING,
     params:
         versions=versions("extract_frames"),
-        settings=lambda w: settings("extract_frames"),
+        settings=lambda w: settings("extract_frames", w.recording),
         checksum=lambda w: checksum_of(w.recording),
         retry=lambda w: to_retry(w.recording, "frames.b2frame"),
     message:
@@ -78,8 +78,8 @@ if SOURCE != "markers":
             on_bad_recording=ON_BAD_RECORDING,
         params:
             versions=versions("track_markers"),
-            settings=lambda w: settings("track_markers"),
-            extraction=lambda w: [settings("extract_frames"), checksum_of(w.recording)],
+            settings=lambda w: settings("track_markers", w.recording),
+            extraction=lambda w: [settings("extract_frames", w.recording), checksum_of(w.recording)],
             retry=lambda w: to_retry(w.recording, "markers.csv"),
         message:
             "track the markers of {wildcards.recording}"
@@ -158,7 +158,7 @@ rule measure_angles_of_recording:
         on_bad_recording=ON_BAD_RECORDING,
     params:
         versions=versions("measure_angles"),
-        settings=lambda w: settings("measure_angles"),
+        settings=lambda w: settings("measure_angles", w.recording),
         retry=lambda w: to_retry(w.recording, "angles.csv"),
     message:
         "measure the angles of {wildcards.recording}"
@@ -244,7 +244,7 @@ rule overlay_video:
         mem_mb=1500,
     params:
         versions=versions("overlay"),
-        settings=lambda w: settings("overlay"),
+        settings=lambda w: settings("overlay", w.recording),
         # No inputs: an overlay draws what is there, it does not start a training.
         forecasts=lambda w: [f"{label}={path}" for label, path in forecasts_to_draw().items()],
         drawn=lambda w: [sha256(path) for path in forecasts_to_draw().values()],

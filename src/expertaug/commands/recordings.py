@@ -57,13 +57,14 @@ def add_to(commands: Commands) -> None:
     add_paths(p, output="video, .mp4")
     p.add_argument("--forecasts", nargs="*", default=[], metavar="LABEL=PATH", help="forecasts.npz to draw")
 
-    p = commands.add("inspect", _inspect, "show what a video shows and propose its configuration", settings=False)
-    p.add_argument("video", type=Path)
+    p = commands.add("inspect", _inspect, "show what videos show and propose their configuration", settings=False)
+    p.add_argument("videos", type=Path, nargs="+", metavar="VIDEO", help="video file, or folder of pictures")
     text = "contact sheet, .png or .jpg"
     p.add_argument("--output", type=Path, default=Path("contact.png"), metavar="PATH", help=text)
-    p.add_argument("--rate", type=float, metavar="HZ", help="frame rate (default: the video's own)")
-    text = "YAML files to which the proposal is to be added (default: config/config.yaml where it is)"
-    p.add_argument("--config", type=Path, nargs="+", metavar="YAML", help=text)
+    p.add_argument("--rate", type=float, metavar="HZ", help="frame rate (default: the videos' own)")
+    text = "times of pictures: a CSV in their folder with the columns file and t, or names"
+    p.add_argument("--times", metavar="CSV", help=text)
+    p.add_argument("--time-unit", type=float, metavar="S", help="seconds of a unit of these times (default: 1)")
 
     p = commands.add("split-chunks", _split_chunks, "cut recordings into chunks and split them")
     p.add_argument("angles", type=Path, nargs="+", help="angles.csv of each recording")
@@ -164,13 +165,10 @@ def _overlay(a: argparse.Namespace) -> None:
 
 
 def _inspect(a: argparse.Namespace) -> None:
-    from expertaug.config import load as config
     from expertaug.recordings.inspection.inspect import inspect
 
-    default = Path("config", "config.yaml")
-    files = a.config or ([default] if default.is_file() else [])
-    base = config.validate(config.load(files)) if files else None
-    text = inspect(a.video, a.output, base, a.rate)
+    stated = {"rate_hz": a.rate, "times": a.times, "time_unit_s": a.time_unit}
+    text = inspect(a.videos, a.output, {k: v for k, v in stated.items() if v is not None})
     logger.info("%s: contact sheet", a.output)
     print(text, end="")
 

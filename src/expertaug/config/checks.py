@@ -224,11 +224,15 @@ def _chunks(where: str, one: Mapping, recordings: Mapping) -> Iterator[InputErro
     end = (split["length"] - 1) / split["rate_hz"]
     if one["data"]["t1_s"] > end:
         yield InputError(f"{where}.data.t1_s", f"found {one['data']['t1_s']:g}", f"a chunk ends at {end:g} s")
-    key = "markers.rate_hz" if recordings["source"] == "markers" else "analysis_rate_hz"
-    rate = recordings["markers"]["rate_hz"] if recordings["source"] == "markers" else recordings["analysis_rate_hz"]
+    key, rate = "markers.rate_hz" if recordings["source"] == "markers" else "analysis_rate_hz", analysed_hz(recordings)
     if not is_multiple(rate, split["rate_hz"]):
-        remedy = f"recordings.{key}, {rate:g}, must be a multiple of it"
+        remedy = f"recordings.{key}, {rate:g}, must be a multiple of it; null chooses one"
         yield InputError(f"{where}.data.split.rate_hz", f"found {split['rate_hz']:g}", remedy)
+
+
+def analysed_hz(recordings: Mapping) -> float:
+    """Frames per second of the recordings' angles."""
+    return recordings["markers"]["rate_hz"] if recordings["source"] == "markers" else recordings["analysis_rate_hz"]
 
 
 def is_multiple(value: float, step: float) -> bool:

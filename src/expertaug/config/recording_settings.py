@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from expertaug.config import jobs
+from expertaug.config.layers import merge
 from expertaug.recordings.provenance import RENDERED
 
 
@@ -13,8 +14,13 @@ def render_video(config: Mapping) -> dict:
     return {k: v for k, v in config["recordings"]["rendered"].items() if k != "count"}
 
 
-def extract_frames(config: Mapping) -> dict:
-    recordings = config["recordings"]
+def of_recording(recordings: Mapping, name: str | None) -> Mapping:
+    """The block of recordings with what one of them has of its own."""
+    return merge(recordings, recordings["by_recording"].get(name, {})) if name is not None else recordings
+
+
+def extract_frames(config: Mapping, recording: str | None = None) -> dict:
+    recordings = of_recording(config["recordings"], recording)
     rate = {"analysis_rate_hz": recordings["analysis_rate_hz"]}
     if recordings["source"] == "videos":
         return rate | {k: v for k, v in recordings["videos"].items() if k != "path"}
@@ -27,8 +33,8 @@ def extract_frames(config: Mapping) -> dict:
     }
 
 
-def track_markers(config: Mapping) -> dict:
-    return dict(config["recordings"]["tracking"])
+def track_markers(config: Mapping, recording: str | None = None) -> dict:
+    return dict(of_recording(config["recordings"], recording)["tracking"])
 
 
 def unpack_markers(config: Mapping) -> dict:
@@ -39,17 +45,17 @@ def import_markers(config: Mapping) -> dict:
     return {k: v for k, v in config["recordings"]["markers"].items() if k not in ("path", "sha256")}
 
 
-def measure_angles(config: Mapping) -> dict:
-    recordings = config["recordings"]
+def measure_angles(config: Mapping, recording: str | None = None) -> dict:
+    recordings = of_recording(config["recordings"], recording)
     rate, provenance = _rate(recordings)
     own = {"arm1_m": _arms(recordings)[0], "rate_provenance": provenance, "rate_hz": rate}
     return recordings["angles"] | own
 
 
-def overlay(config: Mapping) -> dict:
+def overlay(config: Mapping, recording: str | None = None) -> dict:
     """What is shown, and the rate by which the video's frames are told."""
     shown = {k: v for k, v in config["recordings"]["overlay"].items() if k not in ("experiment", "variants")}
-    rates = extract_frames(config)
+    rates = extract_frames(config, recording)
     return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance", "times", "time_unit_s") if k in rates}
 
 

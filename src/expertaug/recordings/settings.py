@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 from expertaug.recordings.angles.settings import AngleKeys
 from expertaug.recordings.imports.settings import MarkerSettings, Sha256
@@ -10,14 +10,16 @@ from expertaug.recordings.markers.settings import TrackKeys
 from expertaug.recordings.rendering.settings import Rendered
 from expertaug.recordings.reports.settings import OverlayKeys
 from expertaug.recordings.video.settings import SizePair, TimeKeys
-from expertaug.settings import Positive, PositivePair, Settings, key
+from expertaug.settings import LEFT_OUT, LIST, ONE, Positive, PositivePair, Settings, by_shape, key
 
 
 class VideoKeys(TimeKeys):
     """Your own videos, in any usual container that FFmpeg reads, or folders of pictures."""
 
-    path: str | None = key(
-        None, "a folder, a file or a glob; each video, and each folder of pictures, is one recording of its name"
+    path: Annotated[Annotated[str, ONE] | Annotated[list[str], LIST], by_shape] | None = key(
+        None,
+        "a folder, a file or a glob, or a list of them; each video, and each folder of pictures, is a recording of its "
+        "name",
     )
     rate_hz: Positive | None = key(None, "frames per second; null = as the file says", "Hz")
     rate_provenance: str | None = key(
@@ -31,6 +33,14 @@ class MarkerKeys(MarkerSettings):
 
     path: str | None = key(None, "a folder of CSVs, or its .tar.gz or .zip")
     sha256: Sha256 | None = key(None, "SHA-256 of the archive; null = not checked")
+
+
+class OwnKeys(Settings):
+    """What differs in one recording from the blocks of these names."""
+
+    tracking: dict[str, Any] = key(LEFT_OUT, "keys of recordings.tracking")
+    angles: dict[str, Any] = key(LEFT_OUT, "keys of recordings.angles")
+    videos: dict[str, Any] = key(LEFT_OUT, "keys of recordings.videos, but for path")
 
 
 class RecordingKeys(Settings):
@@ -62,6 +72,9 @@ class RecordingKeys(Settings):
     markers: MarkerKeys = key(MarkerKeys, "marker CSVs in the layout of IBM's Double Pendulum Chaotic dataset")
     tracking: TrackKeys = key(TrackKeys, "of the marker tracker; lengths in px")
     angles: AngleKeys = key(AngleKeys, "from marker positions to arm angles")
+    by_recording: dict[str, OwnKeys] = key(
+        dict, "what differs by recording, by its name: expertaug inspect proposes it"
+    )
     overlay: OverlayKeys = key(
         OverlayKeys,
         "videos with markers, arms, angles and forecasts drawn over the frames (the target overlay makes them)",

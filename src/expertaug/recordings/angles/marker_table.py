@@ -110,11 +110,17 @@ def read_markers(path: Path, rate_hz: float | None = None) -> MarkerTable:
     even = bool((np.abs(interval * mean - 1) < EVEN).all())
     own = float(round(mean, 6)) if even else 1 / float(np.median(interval))
     pivot, joint, tip = table[list(PLACES)].to_numpy(float).reshape(-1, 3, 2).swapaxes(0, 1)
-    return _on_time(MarkerTable(frame, t, own, pivot, joint, tip, quality, reason, np.arange(len(t))), even, rate_hz)
+    return on_time(MarkerTable(frame, t, own, pivot, joint, tip, quality, reason, np.arange(len(t))), even, rate_hz)
 
 
-def _on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable:
-    """The same at even times, without frames that show another time than theirs."""
+def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable:
+    """The same at even times, without frames that show another time than theirs.
+
+    Arguments:
+        seen: at times of their own.
+        even: whether these are even.
+        rate_hz: frames per second that are wanted; None takes their own.
+    """
     place, t, reason, quality = seen.places, seen.t, seen.reason, seen.quality
     good = np.isfinite(place).all((1, 2)) & (quality > 0) & (reason == "")
     vector = np.diff(place, axis=1)
