@@ -65,7 +65,7 @@ class ChunkKeys(Settings):
     max_chunks: Annotated[Annotated[Count, ONE] | Annotated[ChunkLimits, KEYS], by_shape] | None = key(
         None, "at most so many chunks, evenly spread; null = all; one value, or one for each set"
     )
-    min_chunks: Count = key(100, "a set with fewer is refused")
+    min_chunks: Count = key(30, "a set with fewer is refused")
     horizons_s: list[Positive] = key(
         list,
         "lengths of further sets of validation and test chunks, from the same frames, which are evaluated alone: 1.0 "
