@@ -57,6 +57,20 @@ def add_to(commands: Commands) -> None:
     add_paths(p, output="video, .mp4")
     p.add_argument("--forecasts", nargs="*", default=[], metavar="LABEL=PATH", help="forecasts.npz to draw")
 
+    p = commands.add("review-recording", _review_recording, "draw a recording's worst frames")
+    p.add_argument("video", type=Path)
+    add_paths(p, markers="CSV of the marker positions", angles="CSV of the angles", summary="JSON of the calibration")
+    add_paths(p, output="sheet, .jpg or .png", rows="CSV of these frames, to be corrected")
+
+    p = commands.add("review", _review, "make the page of all recordings' worst frames", settings=False)
+    p.add_argument("summaries", type=Path, nargs="+", help="angles.json of each recording, with its review beside it")
+    add_paths(p, output="page, .html")
+
+    p = commands.add(
+        "export-recording", _export_recording, "write a recording in formats of other programs", settings=False
+    )
+    add_paths(p, markers="CSV of the marker positions", angles="CSV of the angles", output="folder")
+
     p = commands.add("inspect", _inspect, "show what videos show and propose their configuration", settings=False)
     p.add_argument("videos", type=Path, nargs="+", metavar="VIDEO", help="video file, or folder of pictures")
     text = "contact sheet, .png or .jpg"
@@ -162,6 +176,39 @@ def _overlay(a: argparse.Namespace) -> None:
         overlay(a.video, a.markers, a.angles, a.summary, a.output, read_settings(a.settings), forecasts)
     else:
         note(f"left out: {reason}", a.output)
+
+
+def _review_recording(a: argparse.Namespace) -> None:
+    from expertaug.files import write_text
+    from expertaug.recordings.intake import refusal
+    from expertaug.recordings.reports.review import review_recording
+
+    if (reason := refusal(a.angles)) is None:
+        files = (a.video, a.markers, a.angles, a.summary, a.output, a.rows)
+        review_recording(*files, read_settings(a.settings))
+    else:
+        write_text(a.output, reason)
+        write_text(a.rows, reason)
+
+
+def _review(a: argparse.Namespace) -> None:
+    from expertaug.recordings.intake import divide
+    from expertaug.recordings.reports.review import review
+
+    kept, refused = divide(a.summaries)
+    review(kept, a.output, refused)
+
+
+def _export_recording(a: argparse.Namespace) -> None:
+    from expertaug.files import write_text
+    from expertaug.recordings.exports import FILES, export_recording
+    from expertaug.recordings.intake import refusal
+
+    if (reason := refusal(a.angles)) is None:
+        export_recording(a.markers, a.angles, a.output)
+    else:
+        for name in FILES:
+            write_text(a.output / name, f"left out: {reason}\n")
 
 
 def _inspect(a: argparse.Namespace) -> None:

@@ -14,7 +14,7 @@ from expertaug.wording import number_in
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
-TARGETS = (*stage_code.STAGES, "recordings", "studies", "report", "all", "everything")
+TARGETS = (*stage_code.STAGES, "export", "recordings", "studies", "report", "all", "everything")
 # Files of an experiment are called after it and one of these.
 ENDINGS = (
     "long",

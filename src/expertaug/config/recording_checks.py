@@ -11,6 +11,7 @@ from expertaug.config.checks import is_multiple
 from expertaug.config.layers import merge
 from expertaug.config.names import unknown, unknown_one
 from expertaug.errors import InputError
+from expertaug.recordings.corrections import read_corrections
 from expertaug.recordings.markers.appearance import Appearance
 from expertaug.recordings.names import by_name, is_series
 from expertaug.recordings.settings import RecordingKeys
@@ -26,7 +27,7 @@ def check(config: Mapping) -> list[InputError]:
         return []
     errors = list(_overlay(config))
     errors += _by_recording(config["recordings"])
-    for look in (_appearance, _source):
+    for look in (_appearance, _source, _corrections):
         try:
             look(config["recordings"])
         except InputError as error:
@@ -96,6 +97,25 @@ def _source(recordings: Mapping) -> None:
         _checksums(recordings)
 
 
+def _corrections(recordings: Mapping) -> None:
+    where, path = "recordings.corrections", recordings["corrections"]
+    if path is None:
+        return
+    if recordings["source"] == "rendered":
+        names: list[str] | None = rendered_names(recordings)
+    else:
+        names = None if (files := _files(recordings)) is None else list(files)
+    for name in read_corrections(path):
+        if names is not None:
+            for error in unknown_one(name, names, where, "recording"):
+                raise error
+
+
+def rendered_names(recordings: Mapping) -> list[str]:
+    """Names of the recordings that are rendered."""
+    return [f"rendered_{k:02d}" for k in range(recordings["rendered"]["count"])]
+
+
 def _checksums(recordings: Mapping) -> None:
     where, path = "recordings.checksums", recordings["checksums"]
     files = _files(recordings)
@@ -142,7 +162,7 @@ def list_recordings(config: Mapping) -> dict[str, str | int] | None:
     if not _uses_recordings(config):
         return {}
     if source == "rendered":
-        return {f"rendered_{k:02d}": k for k in range(recordings["rendered"]["count"])}
+        return {name: k for k, name in enumerate(rendered_names(recordings))}
     files = _files(recordings)
     return None if files is None else {name: str(path) for name, path in files.items()}
 

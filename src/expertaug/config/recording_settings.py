@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from expertaug.config import jobs
 from expertaug.config.layers import merge
+from expertaug.recordings.corrections import read_corrections
 from expertaug.recordings.provenance import RENDERED
 
 
@@ -49,7 +50,14 @@ def measure_angles(config: Mapping, recording: str | None = None) -> dict:
     recordings = of_recording(config["recordings"], recording)
     rate, provenance = _rate(recordings)
     own = {"arm1_m": _arms(recordings)[0], "rate_provenance": provenance, "rate_hz": rate}
+    own |= {"corrections": corrections(recordings).get(recording, []) if recording is not None else []}
     return recordings["angles"] | own
+
+
+def corrections(recordings: Mapping) -> dict[str, list]:
+    """What was placed by hand, by recording."""
+    path = recordings["corrections"]
+    return {} if path is None else read_corrections(path)
 
 
 def overlay(config: Mapping, recording: str | None = None) -> dict:

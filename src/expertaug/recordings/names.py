@@ -15,7 +15,14 @@ MOST = 10_000  # recordings of a run
 MEANT_OTHERWISE = "{}<>"  # by Snakemake, in any path
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 FEWEST = 2  # pictures of a series: one is a contact sheet
-TAKEN = ("archive", "summary.csv", "summary.md", ".", "..")  # files and folders beside the recordings' in the results
+TAKEN = (
+    "archive",
+    "summary.csv",
+    "summary.md",
+    "review.html",
+    ".",
+    "..",
+)  # files and folders beside the recordings' in the results
 
 
 def by_name(where: object, paths: Iterable[P]) -> dict[str, P]:

@@ -62,6 +62,10 @@ class RecordingKeys(Settings):
     checksums: str | None = key(
         None, "file of SHA-256 checksums of the videos or marker CSVs, as sha256sum writes it; null = not checked"
     )
+    corrections: str | None = key(
+        None,
+        "CSV of markers placed by hand: recording, frame, marker (pivot, joint, tip; all = do not use it), x, y",
+    )
     arms_m: PositivePair | None = key(
         (0.091, 0.070),
         "lengths of the two arms, which give the frame rate that the motion implies; null = not known",

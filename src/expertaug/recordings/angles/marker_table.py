@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from expertaug.errors import InputError
+from expertaug.recordings.angles.corrected import correct
 from expertaug.recordings.angles.resampling import resample
 from expertaug.recordings.angles.timing import find_dropped, find_repeated
 from expertaug.recordings.columns import MARKERS, PLACES
+from expertaug.recordings.corrections import Correction
 from expertaug.recordings.tables import read_table
 
 FEWEST = 10  # frames of a recording
 EVEN = 0.01  # of an interval by which intervals may differ
 MANY_REPEATED = 0.01  # of the frames
-REPEATED, DROPPED = "repeated", "dropped"  # reasons
+REPEATED, DROPPED, DISMISSED = "repeated", "dropped", "dismissed"  # reasons
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ class MarkerTable:
         quality: (n,), 0 where a frame is unusable.
         reason: (n,) texts: why, or empty.
         source: (n,), rows of the file that are nearest to them.
+        corrected: (n,), frames in which a marker was placed by hand.
         timing: what was found of their times.
     """
 
@@ -76,6 +80,7 @@ class MarkerTable:
     quality: np.ndarray
     reason: np.ndarray
     source: np.ndarray
+    corrected: np.ndarray
     timing: Timing = field(default_factory=Timing)
 
     def __len__(self) -> int:
@@ -87,11 +92,12 @@ class MarkerTable:
         return np.stack((self.pivot, self.joint, self.tip), axis=1)
 
 
-def read_markers(path: Path, rate_hz: float | None = None) -> MarkerTable:
+def read_markers(path: Path, rate_hz: float | None = None, corrections: Sequence[Correction] = ()) -> MarkerTable:
     """Read a markers.csv; frames that are repeated or missing are found, uneven ones resampled.
 
     Arguments:
         rate_hz: frames per second that are wanted; None takes the file's own.
+        corrections: markers that were placed by hand, and frames that are not to be used.
 
     Raises:
         InputError: the file is missing or no such table (:func:`expertaug.recordings.tables.read_table`), has too few
@@ -109,8 +115,16 @@ def read_markers(path: Path, rate_hz: float | None = None) -> MarkerTable:
     mean = (len(t) - 1) / (t[-1] - t[0])
     even = bool((np.abs(interval * mean - 1) < EVEN).all())
     own = float(round(mean, 6)) if even else 1 / float(np.median(interval))
-    pivot, joint, tip = table[list(PLACES)].to_numpy(float).reshape(-1, 3, 2).swapaxes(0, 1)
-    return on_time(MarkerTable(frame, t, own, pivot, joint, tip, quality, reason, np.arange(len(t))), even, rate_hz)
+    place, corrected, dismissed = correct(
+        path, frame, table[list(PLACES)].to_numpy(float).reshape(-1, 3, 2), corrections
+    )
+    whole = corrected & np.isfinite(place).all((1, 2))
+    quality[whole], reason[whole] = 1.0, ""
+    lost = (corrected & ~whole) | dismissed
+    quality[lost], reason[lost] = 0.0, np.where(dismissed[lost], DISMISSED, "lost")
+    pivot, joint, tip = place.swapaxes(0, 1)
+    rows = np.arange(len(t))
+    return on_time(MarkerTable(frame, t, own, pivot, joint, tip, quality, reason, rows, whole), even, rate_hz)
 
 
 def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable:
@@ -144,7 +158,8 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     pivot, joint, tip = made.place.swapaxes(0, 1)
     level = np.where(lost, 0.0, quality[made.source])
     number = np.arange(len(made.t))
-    return MarkerTable(number, made.t, wanted, pivot, joint, tip, level, why, made.source, timing)
+    by_hand = seen.corrected[made.source] & made.kept
+    return MarkerTable(number, made.t, wanted, pivot, joint, tip, level, why, made.source, by_hand, timing)
 
 
 def _off_even_ms(t: np.ndarray) -> float:

@@ -17,7 +17,7 @@ from expertaug.recordings.angles.arms import STILL_S, Arms, find_arms
 from expertaug.recordings.angles.implied import Implied, contradictions, explain
 from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, read_markers
 from expertaug.recordings.angles.noise import Noise, marker_noise, measure_noise
-from expertaug.recordings.angles.quality import MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
+from expertaug.recordings.angles.quality import CORRECTED, MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
 from expertaug.recordings.angles.settings import AngleSettings
 from expertaug.recordings.angles.smoothing import Motion, Smoothing, smooth_motion, window_frames
 from expertaug.recordings.angles.summary import RecordingSummary, TimingSummary
@@ -85,7 +85,7 @@ def measure_angles(
     """
     options = read_settings(AngleSettings, settings, "angles")
     path = Path(markers)
-    angles = _measure(path, read_markers(path, options.rate_hz), options)
+    angles = _measure(path, read_markers(path, options.rate_hz, options.corrections), options)
     found = _summarise(Path(output).parent.name, angles, options)
     _write(output, angles)
     for text in found.warnings:
@@ -119,6 +119,7 @@ def _measure(path: Path, markers: MarkerTable, options: AngleSettings) -> Angles
     motion = smooth_motion(theta, rate, noise, how)
     quality, reason = judge(motion, fitting, reason, arms.borrowed)
     good = quality == MEASURED
+    reason[good & markers.corrected] = CORRECTED
     _require(path, good, rate, options)
     try:
         implied = explain(np.where(good[:, None], motion.y, np.nan), rate, options.arm1_m, options.rotation_deg)
