@@ -9,6 +9,7 @@ from running import copy_project, snakemake
 
 sys.path.append(str(Path(__file__).parents[1] / "recordings"))
 from test_rates import filmed
+from test_single import SWING, clip
 
 from expertaug.recordings.inspection.inspect import inspect
 
@@ -47,3 +48,19 @@ def test_from_inspect_to_tables(tmp_path, rate):
     assert review.returncode == 0, review.stdout + review.stderr
     made = project / "results" / "mine" / "recordings"
     assert "clip" in (made / "review.html").read_text() and (made / "clip" / "export" / "tracker.csv").exists()
+
+
+def test_a_single_pendulum_from_inspect_to_tables(tmp_path):
+    project = copy_project(tmp_path / "project")
+    (project / "my").mkdir()
+    clip(project / "my" / "swing.mp4", ("red", "green"))
+    (project / "my.yaml").write_text(inspect(project / "my" / "swing.mp4", project / "contact.png"))
+    (project / "swing.yaml").write_text(yaml.safe_dump(SWING | {"results": "results/mine", "seeds": [0]}))
+    files = ["--configfile", "my.yaml", "swing.yaml"]
+    done = snakemake(project, *files)
+    assert done.returncode == 0, done.stdout + done.stderr
+    made = project / "results" / "mine"
+    assert "APHYNITY" in (made / "tables" / "swing.md").read_text()
+    more = snakemake(project, "review", "export", "overlay", *files)
+    assert more.returncode == 0, more.stdout + more.stderr
+    assert (made / "recordings" / "swing" / "overlay.mp4").stat().st_size > 10_000

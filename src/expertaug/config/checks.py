@@ -220,6 +220,14 @@ def _chunks(where: str, one: Mapping, recordings: Mapping) -> Iterator[InputErro
         remedy = "give split (chunks of the recordings and their division into sets)"
         yield InputError(f"{where}.data.split", "missing", remedy)
         return
+    single = recordings["source"] == "videos" and recordings["tracking"]["markers"]["tip"] is None
+    other = {"pendulum": not single, "double_pendulum": single}.get(one["system"]["name"], False)
+    if other or (single and one["data"]["calibrate"]):
+        found = "the recordings are of a single pendulum (tracking.markers.tip is null)" if single else "they are not"
+        remedy = (
+            "give the system pendulum, without calibrate" if single else "set recordings.tracking.markers.tip to null"
+        )
+        yield InputError(f"{where}.system.name", f"found {one['system']['name']}; {found}", remedy)
     split = one["data"]["split"]
     end = (split["length"] - 1) / split["rate_hz"]
     if one["data"]["t1_s"] > end:

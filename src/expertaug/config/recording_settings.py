@@ -50,7 +50,9 @@ def measure_angles(config: Mapping, recording: str | None = None) -> dict:
     recordings = of_recording(config["recordings"], recording)
     rate, provenance = _rate(recordings)
     own = {"arm1_m": _arms(recordings)[0], "rate_provenance": provenance, "rate_hz": rate}
-    own |= {"corrections": corrections(recordings).get(recording, []) if recording is not None else []}
+    own |= {"single": _single(recordings)} | {
+        "corrections": corrections(recordings).get(recording, []) if recording is not None else []
+    }
     return recordings["angles"] | own
 
 
@@ -78,7 +80,8 @@ def overlaid(config: Mapping) -> tuple[str, list[str]] | None:
 
 
 def split_chunks(config: Mapping, experiment: str) -> dict:
-    return {k: v for k, v in config["experiments"][experiment]["data"]["split"].items() if k != "horizons_s"}
+    split = {k: v for k, v in config["experiments"][experiment]["data"]["split"].items() if k != "horizons_s"}
+    return split | ({"single": True} if _single(config["recordings"]) else {})
 
 
 def cut_horizon(config: Mapping, experiment: str, name: str) -> dict:
@@ -96,6 +99,11 @@ def calibrate(config: Mapping, experiment: str) -> dict:
         "nominal_rate_hz": rate,
         "rate_provenance": provenance,
     }
+
+
+def _single(recordings: Mapping) -> bool:
+    """Whether the recordings are of a single pendulum: its tip is said to be none."""
+    return recordings["source"] == "videos" and recordings["tracking"]["markers"]["tip"] is None
 
 
 def _arms(recordings: Mapping) -> list[float | None]:

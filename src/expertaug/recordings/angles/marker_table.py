@@ -92,11 +92,14 @@ class MarkerTable:
         return np.stack((self.pivot, self.joint, self.tip), axis=1)
 
 
-def read_markers(path: Path, rate_hz: float | None = None, corrections: Sequence[Correction] = ()) -> MarkerTable:
+def read_markers(
+    path: Path, rate_hz: float | None = None, corrections: Sequence[Correction] = (), single: bool = False
+) -> MarkerTable:
     """Read a markers.csv; frames that are repeated or missing are found, uneven ones resampled.
 
     Arguments:
         rate_hz: frames per second that are wanted; None takes the file's own.
+        single: the pendulum has no tip; it gets one that lies straight beyond its bob, so that both angles are one.
         corrections: markers that were placed by hand, and frames that are not to be used.
 
     Raises:
@@ -118,6 +121,8 @@ def read_markers(path: Path, rate_hz: float | None = None, corrections: Sequence
     place, corrected, dismissed = correct(
         path, frame, table[list(PLACES)].to_numpy(float).reshape(-1, 3, 2), corrections
     )
+    if single:
+        place = with_twin(place)
     whole = corrected & np.isfinite(place).all((1, 2))
     quality[whole], reason[whole] = 1.0, ""
     lost = (corrected & ~whole) | dismissed
@@ -125,6 +130,13 @@ def read_markers(path: Path, rate_hz: float | None = None, corrections: Sequence
     pivot, joint, tip = place.swapaxes(0, 1)
     rows = np.arange(len(t))
     return on_time(MarkerTable(frame, t, own, pivot, joint, tip, quality, reason, rows, whole), even, rate_hz)
+
+
+def with_twin(place: np.ndarray) -> np.ndarray:
+    """Places (n, 3, 2) of a single pendulum with a tip that lies straight beyond its bob."""
+    place = place.copy()
+    place[:, 2] = 2 * place[:, 1] - np.where(np.isfinite(place[:, 0]), place[:, 0], np.nanmedian(place[:, 0], axis=0))
+    return place
 
 
 def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable:

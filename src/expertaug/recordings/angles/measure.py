@@ -19,6 +19,7 @@ from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, read_m
 from expertaug.recordings.angles.noise import Noise, marker_noise, measure_noise
 from expertaug.recordings.angles.quality import CORRECTED, MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
 from expertaug.recordings.angles.settings import AngleSettings
+from expertaug.recordings.angles.single import explain_single, single_energy
 from expertaug.recordings.angles.smoothing import Motion, Smoothing, smooth_motion, window_frames
 from expertaug.recordings.angles.summary import RecordingSummary, TimingSummary
 from expertaug.recordings.angles.windows import longest_window
@@ -26,6 +27,7 @@ from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import energy
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
+SECOND = ("theta2", "omega2", "tip")  # columns that a single pendulum has nothing for begin so
 MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
 MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
 logger = logging.getLogger(__name__)
@@ -85,9 +87,11 @@ def measure_angles(
     """
     options = read_settings(AngleSettings, settings, "angles")
     path = Path(markers)
-    angles = _measure(path, read_markers(path, options.rate_hz, options.corrections), options)
+    if options.single:
+        options = options.model_copy(update={"model_offsets": False})
+    angles = _measure(path, read_markers(path, options.rate_hz, options.corrections, options.single), options)
     found = _summarise(Path(output).parent.name, angles, options)
-    _write(output, angles)
+    _write(output, angles, options.single)
     for text in found.warnings:
         logger.warning("%s: %s", found.recording, text)
     found.save(summary)
@@ -122,10 +126,15 @@ def _measure(path: Path, markers: MarkerTable, options: AngleSettings) -> Angles
     reason[good & markers.corrected] = CORRECTED
     _require(path, good, rate, options)
     try:
-        implied = explain(np.where(good[:, None], motion.y, np.nan), rate, options.arm1_m, options.rotation_deg)
+        known = np.where(good[:, None], motion.y, np.nan)
+        if options.single:
+            implied = explain_single(known[:, [0, 2]], rate)
+        else:
+            implied = explain(known, rate, options.arm1_m, options.rotation_deg)
     except InputError as error:
         raise InputError(path, str(error)) from error
-    level = energy(motion.y, implied.fit.constants)
+    of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if options.single else None
+    level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
     return Angles(
         markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level
     )
@@ -139,13 +148,15 @@ def _require(path: Path, usable: np.ndarray, rate: float, options: AngleSettings
         raise InputError(path, f"{int(usable.sum())} of {len(usable)} frames are usable", remedy)
 
 
-def _write(output: str | Path, angles: Angles) -> None:
+def _write(output: str | Path, angles: Angles, single: bool) -> None:
     columns = {"frame": angles.markers.frame, "t": angles.markers.t}
     columns |= {name: angles.motion.y[:, k] for k, name in enumerate(STATE)}
     columns |= {"energy": angles.energy, "quality": angles.quality, "reason": angles.reason}
     columns |= {f"{name}_raw": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
     columns |= {f"{name}_std": angles.motion.std[:, k] for k, name in enumerate(STATE)}
     columns |= {f"{name}_std": std for name, std in zip(("pivot", "joint", "tip"), angles.marker_std, strict=True)}
+    if single:
+        columns |= {name: np.full(len(angles.quality), np.nan) for name in columns if name.startswith(SECOND)}
     table = pd.DataFrame({**columns, "source": angles.markers.source})
     with atomic(output) as temporary:
         table.to_csv(temporary, index=False, float_format="%.9g")
@@ -160,6 +171,7 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
     second = max(1, round(rate))
     return RecordingSummary(
         recording=name,
+        pendulum="single" if options.single else "double",
         frames=len(good),
         duration_s=len(good) / rate,
         tracked_share=float(angles.tracked.mean()),

@@ -32,6 +32,7 @@ class RecordingSummary(BaseModel):
 
     Attributes:
         recording: its name.
+        pendulum: of a single one what belongs to a second arm repeats the first's; G1 is its ω0².
         frames, duration_s: how many, and over how many seconds.
         tracked_share, usable_share: shares of the frames that the tracker found and that are measured.
         arm1_px, arm1_std_px, arm2_px, arm2_std_px: median lengths of the arms and their spread.
@@ -60,6 +61,7 @@ class RecordingSummary(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
 
     recording: str
+    pendulum: Literal["double", "single"] = "double"
     frames: Annotated[int, Field(gt=0)]
     duration_s: Positive
     tracked_share: Share

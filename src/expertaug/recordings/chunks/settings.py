@@ -130,6 +130,7 @@ class ChunkKeys(Settings):
 class ChunkSettings(ChunkKeys):
     """The same with a rate."""
 
+    single: bool = key(False, "whether the recordings are of a single pendulum")
     rate_hz: Positive = key(NOMINAL_HZ, "points per second; the recordings' rate is a multiple of it", "Hz")  # type: ignore[assignment]
 
 

@@ -11,10 +11,11 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug.recordings.angles.arms import find_arms
 from expertaug.recordings.angles.implied import SPAN_S
-from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, on_time
+from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, on_time, with_twin
 from expertaug.recordings.angles.noise import measure_noise
 from expertaug.recordings.angles.quality import trust_tracker
 from expertaug.recordings.angles.settings import AngleKeys
+from expertaug.recordings.angles.single import fit_single
 from expertaug.recordings.angles.smoothing import Smoothing, smooth_motion
 from expertaug.recordings.angles.tilt import Gravity, find_gravity
 from expertaug.recordings.angles.windows import longest_window
@@ -50,11 +51,15 @@ def gravity_in(
         track = track_frames(images, geometry, settings)
     frames = np.arange(count)
     t = frames / rate if times is None else times[first : first + count]
-    places, none = track.position.swapaxes(0, 1), np.zeros(count, bool)
+    single = settings.markers.tip is None
+    if not np.isfinite(track.position[:, 0]).any():
+        return None
+    places = (with_twin(track.position) if single else track.position).swapaxes(0, 1)
+    none = np.zeros(count, bool)
     reason = np.array(track.reason, object)
     markers = on_time(MarkerTable(frames, t, rate, *places, track.quality, reason, frames, none), times is None, rate)
     usable, _ = trust_tracker(markers)
-    options = AngleKeys()
+    options = AngleKeys(model_offsets=not single)
     if usable.sum() < FEWEST or not np.isfinite(markers.pivot).any():
         return None
     arms = find_arms(markers, usable, options)
@@ -65,8 +70,11 @@ def gravity_in(
     noise, _ = measure_noise(arms.lengths, fitting, longest_window(order, rate))
     how = Smoothing(order, None, 0, options.outlier_sigmas, float(np.deg2rad(options.outlier_floor_deg)))
     motion = smooth_motion(np.where(fitting[:, None], arms.angles(0.0), np.nan), rate, noise, how)
+    known = np.where(motion.margin[:, None], np.nan, motion.y)
     every = max(1, round(rate * SPAN_S))
     try:
-        return find_gravity(np.where(motion.margin[:, None], np.nan, motion.y), every / rate, every)
+        if single:
+            return fit_single(known[:, [0, 2]], rate)[1]
+        return find_gravity(known, every / rate, every)
     except InputError:
         return None

@@ -96,8 +96,10 @@ def _caption(look: Look) -> str:
     named = [f"{role} {name}" if name != role else role for role, name in zip(ROLES, appearance.names, strict=True)]
     if appearance.pivot is None:
         named[0] = "pivot unmarked"
-    lengths = "" if geometry is None else f"; arms {geometry.arm1:.1f} and {geometry.arm2:.1f} px"
-    return f"{appearance.style}s of {settings.marker_diameter_px:g} px: {', '.join(named)}{lengths}"
+    kind, named = ("", named) if appearance.tip is not None else ("single pendulum, ", named[:2])
+    lengths = [] if geometry is None else [f"{arm:.1f}" for arm in (geometry.arm1, geometry.arm2)[: len(named) - 1]]
+    arms = f"; arm{'s' * (len(lengths) - 1)} {' and '.join(lengths)} px" if lengths else ""
+    return f"{kind}{appearance.style}s of {settings.marker_diameter_px:g} px: {', '.join(named)}{arms}"
 
 
 def _with_pendulum(frame: np.ndarray, width: int, look: Look) -> np.ndarray:
@@ -109,7 +111,7 @@ def _with_pendulum(frame: np.ndarray, width: int, look: Look) -> np.ndarray:
     place = np.full((3, 2), np.nan)
     if len(places):
         disks = finder.fit(frame, places)
-        for k in range(appearance.first, 3):
+        for k in range(appearance.first, appearance.last):
             chosen = best(disks, k, settings, () if geometry is None else geometry.twins[k])
             place[k] = np.nan if chosen is None else disks.centre[chosen]
     if appearance.pivot is None and geometry is not None:
@@ -124,7 +126,7 @@ def _with_pendulum(frame: np.ndarray, width: int, look: Look) -> np.ndarray:
     if gravity is not None and geometry is not None and np.isfinite(place[0]).all():
         way = np.deg2rad(gravity.degrees)
         drawing.arrow(image, place[0] * factor, 0.8 * geometry.arm1 * factor * np.array([np.sin(way), np.cos(way)]))
-    missing = [role for k, role in enumerate(ROLES) if np.isnan(place[k, 0])]
+    missing = [role for k, role in enumerate(ROLES[: appearance.last]) if np.isnan(place[k, 0])]
     if missing:
         drawing.text(image, f"not seen: {', '.join(missing)}", (6, image.shape[0] - 8), (80, 80, 255))
     return image

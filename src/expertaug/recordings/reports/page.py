@@ -101,6 +101,8 @@ def _heading(found: RecordingSummary) -> str:
     turned += "; the motion implies none" if tilt is None else f", implied at {tilt:.1f}°"
     constants = ", ".join(f"{name} {value:.4g}" for name, value in found.constants.items())
     gaps = f"{found.gaps} gaps, the longest of {found.longest_gap_frames} frames" if found.gaps else "no gaps"
+    if found.pendulum == "single":
+        return "\n".join(textwrap.fill(line, WIDTH) for line in _single(found, gaps, turned))
     lines = [
         f"{found.frames} frames, {found.duration_s:.1f} s; tracked {found.tracked_share:.2%}, used"
         f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
@@ -130,6 +132,20 @@ def _offsets(found: RecordingSummary) -> str:
     words["joint_arm2"] = "the joint's on the second arm"
     named = [f"{words[name]} by {size:.2f} px" for name, size in found.offsets_px.items()]
     return f"; markers off their hinges, modelled: {', '.join(named)}" if named else "; no marker is off its hinge"
+
+
+def _single(found: RecordingSummary, gaps: str, turned: str) -> list[str]:
+    """The heading of a single pendulum."""
+    omega0, alpha = found.constants["G1"] ** 0.5, found.friction[0]
+    return [
+        f"{found.frames} frames, {found.duration_s:.1f} s; tracked {found.tracked_share:.2%}, used"
+        f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
+        f"Single pendulum; frame rate stated {found.rate_hz:g} Hz ({found.rate_provenance}); {turned}",
+        *_times(found),
+        f"Arm {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px; noise of the measured angle {found.noise1_deg:.3f}°, of"
+        f" the smoothed one {found.uncertainty1_deg:.3f}°, of the speed {found.uncertainty1_rad_s:.2g} rad/s",
+        f"ω0 {omega0:.4g} rad/s, α {alpha:.3g} s⁻¹; R² {found.r2_1:.4f}",
+    ]
 
 
 def _times(found: RecordingSummary) -> list[str]:

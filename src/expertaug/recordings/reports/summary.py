@@ -68,7 +68,16 @@ def summarise(
             "r2": f"{row['r2_1']:.4f}, {row['r2_2']:.4f}",
             "energy": f"{row['energy_start']:.0f} → {row['energy_end']:.1f}",
         }
-        lines.append("| " + " | ".join(form.format(cells[key]) for key, (_, form) in HEADINGS.items()) + " |")
+        if row["pendulum"] == "single":
+            cells |= dict.fromkeys(("arm2", "B1", "B2", "G2"), "–")
+            cells |= {"noise": f"{row['noise1_deg']:.3f}", "r2": f"{row['r2_1']:.4f}"}
+        lines.append(
+            "| "
+            + " | ".join(
+                (cells[key] if cells[key] == "–" else form.format(cells[key])) for key, (_, form) in HEADINGS.items()
+            )
+            + " |"
+        )
     if refused:
         lines += ["", "Left out (recordings.on_bad_recording is skip):", ""]
         lines += [f"- {name}: {refused[name]}" for name in sorted(refused, key=natural_key)]
