@@ -36,7 +36,7 @@ experiments:
       source: recordings
       t1_s: 1.0
       noise: 0.01
-      split: {length: 200, stride: 10, evaluation_stride: 50, min_chunks: 5}
+      split: {length: 200, stride: 10, evaluation_stride: 10}
     model:
       encoder: {kind: window, windows: {theta: [0.0, 1.0], omega: [0.0, 1.0]}, layers: [64, 64], latent: 1}
       interaction: {kind: damping, components: [omega]}

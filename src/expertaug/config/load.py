@@ -156,7 +156,7 @@ def _experiment(name: str, one: dict, complete: Mapping) -> tuple[dict, list[Inp
             chunks = ChunkKeys.from_mapping(split).at(checks.analysed_hz(complete["recordings"]), f"{where}.data.split")
         except InputError as error:
             return filled, [error]
-        filled["data"]["split"] = chunks.model_dump(mode="json")
+        filled["data"]["split"] = chunks.model_dump(mode="json", exclude={"single"})
     filled["choices"] = presets.resolve(complete["preset"], filled["choices"])
     return filled, list(checks.experiment(where, filled, complete))
 

@@ -149,7 +149,10 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     """
     place, t, reason, quality = seen.places, seen.t, seen.reason, seen.quality
     good = np.isfinite(place).all((1, 2)) & (quality > 0) & (reason == "")
-    vector = np.diff(place, axis=1)
+    if not good.any():
+        return seen
+    # About the pivot's median: a single frame in which another thing is taken for it must not look like motion.
+    vector = np.stack((place[:, 1] - np.median(place[good, 0], axis=0), place[:, 2] - place[:, 1]), axis=1)
     theta = np.where(good[:, None], np.arctan2(vector[..., 0], vector[..., 1]), np.nan)
     repeated = find_repeated(theta)
     reason[repeated], quality[repeated] = REPEATED, 0.0

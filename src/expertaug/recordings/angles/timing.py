@@ -8,8 +8,11 @@ STILL = 0.1  # of the motion between the neighbours, below which a frame repeats
 MOVING = np.deg2rad(1.0)  # per frame: slower motion does not tell
 HALF, ORDER = 3, 3  # frames on either side of a jump, and order of the polynomial through them
 MISSING = (2.0, 3.0, 4.0)  # steps that a jump may take
-STRANGE, NOISE = 6.0, np.deg2rad(0.3)  # a jump's misfit, in medians of all and at least
-BETTER = 0.25  # of that misfit at most, where frames are missing
+STRANGE, NOISE = 6.0, np.deg2rad(0.3)  # a jump's misfit, in medians of all, and at least
+BETTER, STILL_BETTER = (
+    0.25,
+    0.5,
+)  # of that misfit at most, where frames are missing; without the frames next to the jump
 
 
 def turns(theta: np.ndarray) -> np.ndarray:
@@ -38,32 +41,55 @@ def find_repeated(theta: np.ndarray) -> np.ndarray:
 def find_dropped(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Frames (n,) that are missing before each row: the motion jumps as if so much more time had passed.
 
+    It must do so also without the frame before the jump and without that after it: a wrong marker in one of them does
+    not.
+
     Arguments:
         theta: angles (n, k) in rad of consecutive frames; NaN where they are not known.
         t: times (n,) in steps.
     """
     missing = np.zeros(len(theta), dtype=int)
-    count = len(theta) - 2 * HALF + 1
+    first = HALF + 1
+    count = len(theta) - 2 * first + 1
     if count < 1:
         return missing
-    rows = np.arange(count)[:, None] + np.arange(2 * HALF)
-    window = np.concatenate((np.zeros((count, 1, theta.shape[1])), np.cumsum(turns(theta)[rows[:, :-1]], axis=1)), 1)
-    time = t[rows] - t[rows[:, HALF - 1 : HALF]]
-    usable = np.isfinite(window).all((1, 2)) & (time[:, -1] - time[:, 0] < 2 * HALF + 1)
-    fit = np.full((1 + len(MISSING), count), np.nan)
-    for k, steps in enumerate((1.0, *MISSING)):
-        late = time + (steps - 1) * (np.arange(2 * HALF) >= HALF)
-        fit[k, usable] = _misfit(late[usable], window[usable])
-    if not usable.any():
+    rows = first + np.arange(count)
+    near, before, after = (_misfits(theta, t, rows, *skipped) for skipped in ((0, 0), (1, 0), (0, 1)))
+    if not np.isfinite(near).any():
         return missing
-    as_it_is, best = fit[0], np.min(fit[1:], axis=0)
+    best, chosen = np.min(near[1:], axis=0), np.argmin(near[1:], axis=0)[None]
     with np.errstate(invalid="ignore"):
-        strange = (as_it_is > max(STRANGE * float(np.nanmedian(as_it_is)), NOISE)) & (best < BETTER * as_it_is)
-    for first in np.flatnonzero(strange):
-        near = slice(max(0, first - HALF), first + HALF + 1)
-        if best[first] <= np.nanmin(best[near][strange[near]]):
-            missing[first + HALF] = int(MISSING[int(np.argmin(fit[1:, first]))]) - 1
+        strange = (near[0] > max(STRANGE * float(np.nanmedian(near[0])), NOISE)) & (best < BETTER * near[0])
+        for other in (before, after):
+            strange &= np.take_along_axis(other[1:], chosen, axis=0)[0] < STILL_BETTER * other[0]
+    for k in np.flatnonzero(strange):
+        around = slice(max(0, k - HALF), k + HALF + 1)
+        if best[k] <= np.nanmin(best[around][strange[around]]):
+            missing[first + k] = int(MISSING[int(np.argmin(near[1:, k]))]) - 1
     return missing
+
+
+def _misfits(theta: np.ndarray, t: np.ndarray, rows: np.ndarray, before: int, after: int) -> np.ndarray:
+    """What is left of windows before and from each of the rows (m,) on by a polynomial through both, (1 + k, m): as the
+    times have it, and where each of the k numbers of frames in MISSING passes at the row.
+
+    Arguments:
+        before, after: frames that are left out before the row, and from it on.
+    """
+    offsets = np.concatenate((np.arange(-HALF, 0) - before, np.arange(HALF) + after))
+    through = np.arange(offsets[0], offsets[-1] + 1)
+    every = rows[:, None] + through
+    turned = np.concatenate(
+        (np.zeros((len(rows), 1, theta.shape[1])), np.cumsum(turns(theta)[every[:, :-1]], axis=1)), 1
+    )
+    inside = np.isin(through, offsets)
+    window, time = turned[:, inside], t[every[:, inside]] - t[rows - 1][:, None]
+    usable = np.isfinite(turned).all((1, 2)) & (time[:, -1] - time[:, 0] < 2 * HALF + 1 + before + after)
+    out = np.full((1 + len(MISSING), len(rows)), np.nan)
+    for k, steps in enumerate((1.0, *MISSING)):
+        late = time + (steps - 1) * (offsets >= 0)
+        out[k, usable] = _misfit(late[usable], window[usable])
+    return out
 
 
 def _misfit(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
