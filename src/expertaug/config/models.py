@@ -15,7 +15,7 @@ from expertaug.config.study_models import SomeNames, Studies
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings, ValiditySettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
-from expertaug.recordings.chunks.settings import ChunkSettings
+from expertaug.recordings.chunks.settings import ChunkKeys
 from expertaug.recordings.settings import RecordingKeys
 from expertaug.settings import LEFT_OUT, Count, Name, NotNegative, Positive, Range, Seed, Settings, Share, key, wrong
 from expertaug.systems.settings import SolverSettings
@@ -88,7 +88,7 @@ class Data(Settings):
     sets: dict[Name, SimulatedSet] = key(
         LEFT_OUT, "the simulated sets: train, validation, test; iid, with validation's ranges, is an IID test set"
     )
-    split: ChunkSettings = key(LEFT_OUT, "chunks of the recordings and their division into sets")
+    split: ChunkKeys = key(LEFT_OUT, "chunks of the recordings and their division into sets")
     calibrate: bool = key(False, "whether the expert's constants are fitted on the training chunks")
     calibration: CalibrationKeys = key(CalibrationKeys, "how the constants of the compound expert are fitted")
 
