@@ -18,7 +18,7 @@ experiments:
     augmentations: {narrow: null, wide: null}
     overrides:
       variational:
-        model: {encoder: {kind: two_step, latent: 2}, interaction: {kind: mlp, layers: [64, 64]}}
+        model: {encoder: {kind: two_step, latent: 2}, interaction: {kind: damping}}
         training: {objective: {alpha: 0.5}}
 """
 
@@ -39,7 +39,7 @@ def settings(base, method, more="{}"):
 def test_another_kind_brings_its_own_arguments(base):
     model = settings(base, "variational")["model"]
     assert model["encoder"] == {"kind": "two_step", "latent": 2}
-    assert model["interaction"] == {"kind": "mlp", "layers": [64, 64]}
+    assert model["interaction"] == {"kind": "damping"}
 
 
 def test_each_method_gets_the_options_of_its_objective(base):

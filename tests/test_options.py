@@ -62,7 +62,6 @@ def refused(base: dict, text: str) -> list[str]:
         ("system: {name: os.path}", "system.name: os.path defines no System"),
         ("system: {name: 3}", "system.name: found 3"),
         ("system: {name: pendulum, mass: 3}", "system.mass: unknown key"),
-        ("model: {interaction: {kind: conv}}", "interaction.kind: 'conv' is for states that are fields"),
     ],
 )
 def test_a_wrong_option_is_one_line_before_any_job(base, over, expected):
@@ -76,7 +75,8 @@ def test_a_wrong_option_is_one_line_before_any_job(base, over, expected):
     [
         ("rlc: {system: {equations: x}}", "rlc.system.equations: found 'x'; known: kirchhoff, additive, code"),
         ("reaction_diffusion: {system: {reaction: true}}", "system.reaction: found true; known: false, without_k"),
-        ("reaction_diffusion: {model: {interaction: {degree: 99}}}", "interaction.degree: found 99; give 12 or less"),
+        ("pendulum: {model: {interaction: {kind: conv}}}", "interaction.kind: 'conv' is for states that are fields"),
+        ("reaction_diffusion: {model: {interaction: {kernels: [0]}}}", "kernels[0]: found 0; give 1 or more"),
         ("double_pendulum: {data: {source: simulation}}", "system.name: 'double_pendulum' has no simulation"),
     ],
 )

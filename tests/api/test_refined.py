@@ -33,7 +33,7 @@ def test_least_squares_forecasts_like_a_trained_model(clean, fitted):
     table = fitted.evaluate(clean).set_index("metric")["value"]
     assert table["log_mse_sum"] < -7 and table["relative_error"] < 2
     columns = found.table().columns
-    assert list(columns[-3:]) == ["z_e omega0 [rad/s]", "z_e omega0 std [rad/s]", "chi2"]
+    assert list(columns[-4:]) == ["z_e omega0 [rad/s]", "z_e omega0 std [rad/s]", "chi2", "misfit"]
 
 
 def test_a_file_knows_how_it_is_fitted(clean, fitted, tmp_path, capsys):

@@ -14,8 +14,9 @@ def completed(**pendulum):
 
 
 def test_a_flow_follows_its_augmented_version_and_may_be_refined():
-    config = completed(flows=["aphynity", "hvae"], augmented=["aphynity"], refined=["aphynity+~flow"], controls=[])
-    found = [v for v in jobs.variants(config, "pendulum") if v.startswith(("aphynity", "hvae"))]
+    over = {"augmented": ["aphynity"], "refined": ["aphynity+~flow"], "controls": []}
+    config = completed(methods=["aphynity", "hvae"], flows=["aphynity", "hvae"], **over)
+    found = jobs.variants(config, "pendulum")
     assert found == ["aphynity", "aphynity+", "aphynity+~flow", "aphynity+~flow~refined", "hvae", "hvae+~flow"]
 
 
