@@ -6,7 +6,8 @@ Named cases first (benchmarks/damaged), then random mutations until their number
 in a worker process of limited memory, so that a crash or a hang is seen and counted, and the work goes on.  OUTPUT
 gets cases.csv (what became of each named case), failures.csv and summary.json; exit status 1 where anything failed.
 
-Outcomes: ``refused`` in one line; ``read`` as the sound file; ``altered``: read, but not as it was, and nothing in the
+Outcomes: ``refused`` in one line; ``read`` as the sound file; ``timed``: read, with the uneven times of its frames, in
+which a missing one is a gap; ``altered``: read, but not as it was, and nothing in the
 file tells: only its SHA-256 does (recordings.checksums).  Anything else is a failure.
 """
 
@@ -57,7 +58,7 @@ def read_file(case: Case, folder: Path) -> object:
     if case.kind == "video":
         extract_frames(path, folder / "frames.b2frame", {"rate_hz": 400.0} if case.suffix == ".h264" else {})
         store = FrameStore(folder / "frames.b2frame")
-        return store.read(0, len(store)), store.rate_hz
+        return store.read(0, len(store)), store.rate_hz, store.t
     if case.kind == "markers":
         import_markers(path, folder / "markers.csv")
         return (folder / "markers.csv").read_bytes()
@@ -66,7 +67,7 @@ def read_file(case: Case, folder: Path) -> object:
 
 def same(one: object, other: object) -> bool:
     if isinstance(one, tuple):
-        return np.array_equal(one[0], other[0]) and one[1] == other[1]
+        return np.array_equal(one[0], other[0]) and one[1] == other[1] and np.allclose(one[2], other[2])
     return one == other
 
 
@@ -84,6 +85,8 @@ def judge(case: Case, truth: dict[str, object], folder: Path) -> tuple[str, str]
         return "traceback", traceback.format_exc(limit=-3)
     if case.base and same(found, truth[case.base]):
         return "read", ""
+    if case.kind == "video" and np.ptp(np.diff(found[2])) > 0.1 / found[1]:
+        return "timed", _difference(found, truth[case.base])
     if case.expected == "refused" or not case.base:
         return "accepted", _difference(found, truth.get(case.base))
     return "altered", _difference(found, truth[case.base])
@@ -92,7 +95,7 @@ def judge(case: Case, truth: dict[str, object], folder: Path) -> tuple[str, str]
 def _difference(found: object, truth: object) -> str:
     if not isinstance(found, tuple) or truth is None:
         return "other content"
-    (images, rate), (expected, expected_rate) = found, truth
+    (images, rate, _), (expected, expected_rate, _) = found, truth
     if images.shape != expected.shape or rate != expected_rate:
         return f"{len(images)} frames of {images.shape[2]}x{images.shape[1]} px at {rate:g} Hz"
     off = np.abs(images.astype(int) - expected).max(axis=(1, 2, 3))

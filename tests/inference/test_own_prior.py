@@ -7,11 +7,11 @@ import torch
 from test_least_squares import NOISE, OBSERVED, expert_alone, pendulum
 
 from expertaug import systems
+from expertaug.commands.prior_file import read_ranges, with_ranges
 from expertaug.errors import InputError
 from expertaug.evaluation.own_priors import own_priors
 from expertaug.inference.own_prior import box, own_prior, own_prior_without_windows, searching
 from expertaug.inference.prior_stage import own_prior as stage
-from expertaug.inference.prior_stage import read_ranges, with_ranges
 from tiny import SETTINGS
 
 SEEN = {"omega0": (1.5, 3.1)}

@@ -155,7 +155,7 @@ def bad_table(kind):
         table["joint_y"] = table["joint_y"].astype(object)
         table.loc[4, "joint_y"] = "here"
     elif kind == "uneven":
-        table.loc[50:, "t"] += 0.1
+        table.loc[50, "t"] -= 0.1
     elif kind == "lost":
         table[["tip_x", "tip_y"]] = np.nan
     elif kind == "upside down":
@@ -174,7 +174,7 @@ def bad_table(kind):
         ("header", "0 frames; a recording needs at least 10"),
         ("no pivot", "no frame has a pivot"),
         ("text", "row 6, column joint_y: 'here' is no number"),
-        ("uneven", "times are uneven"),
+        ("uneven", "times do not grow"),
         ("lost", "0 of 2000 frames are usable"),
         ("upside down", "is no pendulum"),
         ("still", "do not determine"),

@@ -28,7 +28,7 @@ def test_an_unmarked_pivot_is_called_by_its_role():
         ({"style": "square"}, r"markers\.style: is 'square'; it must be quadrant or disk"),
         ({"tip": "yelow"}, r"markers\.tip: 'yelow' is no known colour; did you mean yellow"),
         ({"tip": "grey"}, r"markers\.tip: 'grey' is no known colour"),
-        ({"tip": None}, r"markers\.tip: is None"),
+        ({"joint": None}, r"markers\.joint: is None"),
         ({"tip": "red"}, r"markers\.tip: has the colour of the pivot, red"),
         ({"tip": {"saturation": [0, 1]}}, r"markers\.tip\.hue: missing"),
         ({"tip": {"hue": [10, 400]}}, r"markers\.tip\.hue: is \[10, 400\]"),

@@ -196,8 +196,8 @@ def test_figure(tmp_path):
     chunks.unlink()
     with pytest.raises(InputError, match="no such file"):
         plot_splits(tmp_path / "data", figure)
-    Trajectories(np.arange(3) / 10, np.zeros((4, 3, 2)), np.zeros((4, 2))).save(tmp_path / "data" / "test.npz")
-    with pytest.raises(InputError, match=r"test\.npz: y has shape \(4, 3, 2\); chunks of a double pendulum"):
+    Trajectories(np.arange(3) / 10, np.zeros((4, 3, 3)), np.zeros((4, 2))).save(tmp_path / "data" / "test.npz")
+    with pytest.raises(InputError, match=r"test\.npz: y has shape \(4, 3, 3\); chunks are \(N, T, 4\)"):
         plot_splits(tmp_path / "data", figure)
     assert not figure.exists()
 

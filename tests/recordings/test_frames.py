@@ -77,11 +77,17 @@ def test_configured_rate_stretches_time(video, tmp_path):
     assert (len(frames), frames.rate_hz, frames.source["rate_provenance"]) == (10, 100, "motion")
 
 
-@pytest.mark.parametrize("rate", [150, 390, 800])
-def test_analysis_rate_must_divide(video, tmp_path, rate):
-    with pytest.raises(InputError, match=f"{rate} Hz does not divide the frame rate of 400 Hz evenly"):
-        extract_frames(video, tmp_path / "s.b2frame", {"analysis_rate_hz": rate})
-    assert not any(tmp_path.iterdir())
+def test_of_a_rate_that_does_not_divide_the_frames_are_kept_for_resampling(video, decoded, tmp_path):
+    extract_frames(video, tmp_path / "s.b2frame", {"analysis_rate_hz": 150})
+    frames = FrameStore(tmp_path / "s.b2frame")
+    assert frames.rate_hz == 200
+    np.testing.assert_array_equal(frames.read(0, FRAMES), decoded[::2])
+
+
+def test_the_analysis_rate_is_at_most_the_video_s(video, tmp_path):
+    with pytest.raises(InputError, match=r"analysis rate of 800 Hz is above the frame rate of 400 Hz; set .* 400 or"):
+        extract_frames(video, tmp_path / "s.b2frame", {"analysis_rate_hz": 800})
+    assert not (tmp_path / "s.b2frame").exists()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """What inspect proposes for videos of several looks tracks them, and is a valid configuration."""
 
 import glob
+import re
 from pathlib import Path
 
 import cv2
@@ -40,7 +41,7 @@ def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monke
         centres, SIZE, [PAINT[n] if marked or k else None for k, n in enumerate(names)], 24, style, background
     )
     video = write_video(frames, tmp_path / "clip.mp4", RATE / 2)
-    text = inspect(video, tmp_path / "contact.png", base)
+    text = inspect(video, tmp_path / "contact.png")
     block = yaml.safe_load(text)
     found = config.validate(config.merge(config.load(FILES), block))
     markers = block["recordings"]["tracking"]["markers"]
@@ -112,3 +113,55 @@ def test_the_command_prints_yaml_and_refuses_in_one_line(tmp_path, monkeypatch, 
     assert yaml.safe_load(capsys.readouterr().out)["recordings"]["videos"]["rate_hz"] == 500
     assert cli.main(["inspect", "none.mp4"]) == 2
     assert capsys.readouterr().err == "expertaug inspect: none.mp4: no such file; give a video file\n"
+
+
+def clip(path, colours, launch=(1.2, 0.5, 0.0, 0.0), rate=60, diameter=24, tilt=0.0, count=150):
+    """A small clip at a rate, in true time."""
+    centres = markers_of(swinging(240 // rate * count, launch)[:: 240 // rate, :2], PIVOT, ARMS, tilt)
+    return write_video(draw(centres, SIZE, [PAINT[n] for n in colours], diameter), path, rate)
+
+
+def test_many_videos_share_one_configuration_with_what_differs_by_file(tmp_path):
+    clip(tmp_path / "one.mp4", ("red", "green", "blue"))
+    clip(tmp_path / "two.mp4", ("red", "green", "blue"), (0.9, 0.8, 0.0, 0.0), rate=120)
+    clip(tmp_path / "other.mp4", ("cyan", "magenta", "yellow"), tilt=90.0)
+    write_video(np.stack([wall()] * 12), tmp_path / "empty.mp4", 60)
+    files = [tmp_path / f"{name}.mp4" for name in ("one", "empty", "two", "other")]
+    text = inspect(files, tmp_path / "contact.png")
+    block = yaml.safe_load(text)
+    recordings = block["recordings"]
+    assert list(block) == ["recordings"] and recordings["analysis_rate_hz"] == 60
+    assert [Path(p).stem for p in recordings["videos"]["path"]] == ["one", "two", "other"]
+    assert recordings["tracking"]["markers"] == {"style": "disk", "pivot": "red", "joint": "green", "tip": "blue"}
+    own = recordings["by_recording"]
+    assert list(own) == ["other"] and own["other"]["angles"] == {"rotation_deg": 90}
+    assert own["other"]["tracking"]["markers"]["joint"] == "magenta"
+    assert "# left out: " in text and "no round coloured markers" in text
+    found = config.validate(config.merge(config.load(FILES), block))
+    assert stage_settings.track_markers(found, "two") == stage_settings.track_markers(found)
+    assert stage_settings.track_markers(found, "other")["markers"]["tip"] == "yellow"
+    assert stage_settings.measure_angles(found, "other")["rotation_deg"] == 90
+    assert stage_settings.measure_angles(found, "one")["rotation_deg"] == 0
+    sheet = cv2.imread(str(tmp_path / "contact.png"))
+    assert sheet.shape[0] > 4 * 150  # a row of each
+
+
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        (
+            "{twp: {angles: {rotation_deg: 3}}}",
+            "recordings.by_recording.twp: 'twp' is no recording; did you mean 'two'",
+        ),
+        ("{two: {angles: {rotation: 3}}}", "recordings.by_recording.two.angles.rotation: unknown key"),
+        ("{two: {videos: {path: x}}}", "recordings.by_recording.two.videos.path: is of all recordings"),
+        ("{two: {tracking: {markers: {joint: mauve}}}}", "mauve"),
+        ("{two: {arms_m: [1, 2]}}", "recordings.by_recording.two.arms_m: unknown key"),
+    ],
+)
+def test_what_differs_is_checked(tmp_path, own, message):
+    (tmp_path / "two.mp4").write_text("")
+    block = f"run: [double_pendulum]\nrecordings: {{source: videos, videos: {{path: {tmp_path}}}, by_recording: {own}}}"
+    (tmp_path / "my.yaml").write_text(block)
+    with pytest.raises(InputError, match=re.escape(message)):
+        config.validate(config.load([*FILES, tmp_path / "my.yaml"]))

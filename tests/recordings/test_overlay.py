@@ -32,7 +32,9 @@ def recording(tmp_path_factory):
     table.assign(**places, quality=quality, reason=reason).to_csv(folder / "markers.csv", index=False)
     theta = np.where(quality[:, None] > 0, y, np.nan)
     states = dict(zip(("theta1", "theta2", "omega1", "omega2"), theta.T, strict=True))
-    table.assign(**states, energy=1.0, quality=quality, reason=reason).to_csv(folder / "angles.csv", index=False)
+    table.assign(**states, energy=1.0, quality=quality, reason=reason, source=table["frame"]).to_csv(
+        folder / "angles.csv", index=False
+    )
     summary("r0", COUNT, RATE, ARMS, PIVOT).save(folder / "angles.json")
     return folder
 

@@ -45,7 +45,7 @@ rule extract_frames_of_recording:
         on_bad_recording=ON_BAD_RECORDING,
     params:
         versions=versions("extract_frames"),
-        settings=lambda w: settings("extract_frames"),
+        settings=lambda w: settings("extract_frames", w.recording),
         checksum=lambda w: checksum_of(w.recording),
         retry=lambda w: to_retry(w.recording, "frames.b2frame"),
     message:
@@ -78,8 +78,8 @@ if SOURCE != "markers":
             on_bad_recording=ON_BAD_RECORDING,
         params:
             versions=versions("track_markers"),
-            settings=lambda w: settings("track_markers"),
-            extraction=lambda w: [settings("extract_frames"), checksum_of(w.recording)],
+            settings=lambda w: settings("track_markers", w.recording),
+            extraction=lambda w: [settings("extract_frames", w.recording), checksum_of(w.recording)],
             retry=lambda w: to_retry(w.recording, "markers.csv"),
         message:
             "track the markers of {wildcards.recording}"
@@ -158,7 +158,7 @@ rule measure_angles_of_recording:
         on_bad_recording=ON_BAD_RECORDING,
     params:
         versions=versions("measure_angles"),
-        settings=lambda w: settings("measure_angles"),
+        settings=lambda w: settings("measure_angles", w.recording),
         retry=lambda w: to_retry(w.recording, "angles.csv"),
     message:
         "measure the angles of {wildcards.recording}"
@@ -244,7 +244,7 @@ rule overlay_video:
         mem_mb=1500,
     params:
         versions=versions("overlay"),
-        settings=lambda w: settings("overlay"),
+        settings=lambda w: settings("overlay", w.recording),
         # No inputs: an overlay draws what is there, it does not start a training.
         forecasts=lambda w: [f"{label}={path}" for label, path in forecasts_to_draw().items()],
         drawn=lambda w: [sha256(path) for path in forecasts_to_draw().values()],
@@ -254,6 +254,81 @@ rule overlay_video:
         "expertaug overlay {input.video:q} --markers {input.markers:q} --angles {input.angles:q}"
         " --summary {input.summary:q} --output {output:q} --forecasts {params.forecasts:q}"
         " --settings {params.settings:q} --log {log:q}"
+
+
+rule review_frames_of_recording:
+    input:
+        video=lambda w: video_of(w.recording),
+        markers=results("recordings/{recording}/markers.csv"),
+        angles=results("recordings/{recording}/angles.csv"),
+        summary=results("recordings/{recording}/angles.json"),
+        code=code("review_recording"),
+    output:
+        sheet=results("recordings/{recording}/review.jpg"),
+        rows=results("recordings/{recording}/review.csv"),
+    log:
+        results("logs/review_recording/{recording}.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        versions=versions("review_recording"),
+        settings=lambda w: settings("overlay", w.recording),
+    message:
+        "look for the worst frames of {wildcards.recording}"
+    shell:
+        "expertaug review-recording {input.video:q} --markers {input.markers:q} --angles {input.angles:q}"
+        " --summary {input.summary:q} --output {output.sheet:q} --rows {output.rows:q}"
+        " --settings {params.settings:q} --log {log:q}"
+
+
+rule review_all_recordings:
+    input:
+        summaries=lambda w: of_recordings("angles.json"),
+        sheets=lambda w: of_recordings("review.jpg"),
+        rows=lambda w: of_recordings("review.csv"),
+        code=code("review"),
+    output:
+        results("recordings/review.html"),
+    log:
+        results("logs/review.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        versions=versions("review"),
+    message:
+        "put the worst frames of all recordings on a page"
+    shell:
+        "expertaug review {input.summaries:q} --output {output:q} --log {log:q}"
+
+
+rule export_recording:
+    input:
+        markers=results("recordings/{recording}/markers.csv"),
+        angles=results("recordings/{recording}/angles.csv"),
+        code=code("export_recording"),
+    output:
+        expand(results("recordings/{{recording}}/export/{name}"), name=["units.csv", "tracker.csv", "deeplabcut.csv"]),
+    log:
+        results("logs/export_recording/{recording}.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        versions=versions("export_recording"),
+        folder=lambda w: results(f"recordings/{w.recording}/export"),
+    message:
+        "export {wildcards.recording}"
+    shell:
+        "expertaug export-recording --markers {input.markers:q} --angles {input.angles:q} --output {params.folder:q}"
+        " --log {log:q}"
 
 
 rule split_chunks_of_experiment:
@@ -401,6 +476,16 @@ rule plot_recording:
 rule overlay:
     input:
         and_before(of_recordings("overlay.mp4") if SOURCE != "markers" and RECORDED else []),
+
+
+rule review:
+    input:
+        and_before([results("recordings/review.html")] if SOURCE != "markers" and RECORDED else []),
+
+
+rule export:
+    input:
+        and_before(of_all("export/units.csv")),
 
 
 rule recordings:

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from expertaug.commands.prior_file import read_ranges, with_ranges
 from expertaug.errors import InputError, SolveError
 
 
@@ -70,8 +71,6 @@ def add_prior(parser: argparse.ArgumentParser) -> None:
 
 def settings_of(a: argparse.Namespace) -> dict:
     """A stage's settings, with the ranges of ``--prior`` where p⁺ finds its own."""
-    from expertaug.inference.prior_stage import read_ranges, with_ranges
-
     return with_ranges(read_settings(a.settings), None if a.prior is None else read_ranges(a.prior))
 
 

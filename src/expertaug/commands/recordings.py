@@ -57,13 +57,28 @@ def add_to(commands: Commands) -> None:
     add_paths(p, output="video, .mp4")
     p.add_argument("--forecasts", nargs="*", default=[], metavar="LABEL=PATH", help="forecasts.npz to draw")
 
-    p = commands.add("inspect", _inspect, "show what a video shows and propose its configuration", settings=False)
+    p = commands.add("review-recording", _review_recording, "draw a recording's worst frames")
     p.add_argument("video", type=Path)
+    add_paths(p, markers="CSV of the marker positions", angles="CSV of the angles", summary="JSON of the calibration")
+    add_paths(p, output="sheet, .jpg or .png", rows="CSV of these frames, to be corrected")
+
+    p = commands.add("review", _review, "make the page of all recordings' worst frames", settings=False)
+    p.add_argument("summaries", type=Path, nargs="+", help="angles.json of each recording, with its review beside it")
+    add_paths(p, output="page, .html")
+
+    p = commands.add(
+        "export-recording", _export_recording, "write a recording in formats of other programs", settings=False
+    )
+    add_paths(p, markers="CSV of the marker positions", angles="CSV of the angles", output="folder")
+
+    p = commands.add("inspect", _inspect, "show what videos show and propose their configuration", settings=False)
+    p.add_argument("videos", type=Path, nargs="+", metavar="VIDEO", help="video file, or folder of pictures")
     text = "contact sheet, .png or .jpg"
     p.add_argument("--output", type=Path, default=Path("contact.png"), metavar="PATH", help=text)
-    p.add_argument("--rate", type=float, metavar="HZ", help="frame rate (default: the video's own)")
-    text = "YAML files to which the proposal is to be added (default: config/config.yaml where it is)"
-    p.add_argument("--config", type=Path, nargs="+", metavar="YAML", help=text)
+    p.add_argument("--rate", type=float, metavar="HZ", help="frame rate (default: the videos' own)")
+    text = "times of pictures: a CSV in their folder with the columns file and t, or names"
+    p.add_argument("--times", metavar="CSV", help=text)
+    p.add_argument("--time-unit", type=float, metavar="S", help="seconds of a unit of these times (default: 1)")
 
     p = commands.add("split-chunks", _split_chunks, "cut recordings into chunks and split them")
     p.add_argument("angles", type=Path, nargs="+", help="angles.csv of each recording")
@@ -163,14 +178,44 @@ def _overlay(a: argparse.Namespace) -> None:
         note(f"left out: {reason}", a.output)
 
 
+def _review_recording(a: argparse.Namespace) -> None:
+    from expertaug.files import write_text
+    from expertaug.recordings.intake import refusal
+    from expertaug.recordings.reports.review import review_recording
+
+    if (reason := refusal(a.angles)) is None:
+        files = (a.video, a.markers, a.angles, a.summary, a.output, a.rows)
+        review_recording(*files, read_settings(a.settings))
+    else:
+        write_text(a.output, reason)
+        write_text(a.rows, reason)
+
+
+def _review(a: argparse.Namespace) -> None:
+    from expertaug.recordings.intake import divide
+    from expertaug.recordings.reports.review import review
+
+    kept, refused = divide(a.summaries)
+    review(kept, a.output, refused)
+
+
+def _export_recording(a: argparse.Namespace) -> None:
+    from expertaug.files import write_text
+    from expertaug.recordings.exports import FILES, export_recording
+    from expertaug.recordings.intake import refusal
+
+    if (reason := refusal(a.angles)) is None:
+        export_recording(a.markers, a.angles, a.output)
+    else:
+        for name in FILES:
+            write_text(a.output / name, f"left out: {reason}\n")
+
+
 def _inspect(a: argparse.Namespace) -> None:
-    from expertaug.config import load as config
     from expertaug.recordings.inspection.inspect import inspect
 
-    default = Path("config", "config.yaml")
-    files = a.config or ([default] if default.is_file() else [])
-    base = config.validate(config.load(files)) if files else None
-    text = inspect(a.video, a.output, base, a.rate)
+    stated = {"rate_hz": a.rate, "times": a.times, "time_unit_s": a.time_unit}
+    text = inspect(a.videos, a.output, {k: v for k, v in stated.items() if v is not None})
     logger.info("%s: contact sheet", a.output)
     print(text, end="")
 

@@ -14,7 +14,7 @@ from expertaug.wording import number_in, show
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
-TARGETS = (*stage_code.STAGES, "recordings", "studies", "report", "all", "everything")
+TARGETS = (*stage_code.STAGES, "export", "recordings", "studies", "report", "all", "everything")
 # Files of an experiment are called after it and one of these.
 ENDINGS = (
     "long",
@@ -236,15 +236,27 @@ def _chunks(where: str, one: Mapping, recordings: Mapping) -> Iterator[InputErro
         remedy = "give split (chunks of the recordings and their division into sets)"
         yield InputError(f"{where}.data.split", "missing", remedy)
         return
+    single = recordings["source"] == "videos" and recordings["tracking"]["markers"]["tip"] is None
+    other = {"pendulum": not single, "double_pendulum": single}.get(one["system"]["name"], False)
+    if other or (single and one["data"]["calibrate"]):
+        found = "the recordings are of a single pendulum (tracking.markers.tip is null)" if single else "they are not"
+        remedy = (
+            "give the system pendulum, without calibrate" if single else "set recordings.tracking.markers.tip to null"
+        )
+        yield InputError(f"{where}.system.name", f"found {one['system']['name']}; {found}", remedy)
     split = one["data"]["split"]
     end = (split["length"] - 1) / split["rate_hz"]
     if one["data"]["t1_s"] > end:
         yield InputError(f"{where}.data.t1_s", f"found {one['data']['t1_s']:g}", f"a chunk ends at {end:g} s")
-    key = "markers.rate_hz" if recordings["source"] == "markers" else "analysis_rate_hz"
-    rate = recordings["markers"]["rate_hz"] if recordings["source"] == "markers" else recordings["analysis_rate_hz"]
+    key, rate = "markers.rate_hz" if recordings["source"] == "markers" else "analysis_rate_hz", analysed_hz(recordings)
     if not is_multiple(rate, split["rate_hz"]):
-        remedy = f"recordings.{key}, {rate:g}, must be a multiple of it"
+        remedy = f"recordings.{key}, {rate:g}, must be a multiple of it; null chooses one"
         yield InputError(f"{where}.data.split.rate_hz", f"found {split['rate_hz']:g}", remedy)
+
+
+def analysed_hz(recordings: Mapping) -> float:
+    """Frames per second of the recordings' angles."""
+    return recordings["markers"]["rate_hz"] if recordings["source"] == "markers" else recordings["analysis_rate_hz"]
 
 
 def is_multiple(value: float, step: float) -> bool:

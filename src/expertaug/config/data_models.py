@@ -8,7 +8,7 @@ from pydantic import Field
 
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.recordings.angles.settings import CalibrationKeys
-from expertaug.recordings.chunks.settings import ChunkSettings
+from expertaug.recordings.chunks.settings import ChunkKeys
 from expertaug.settings import KEYS, LEFT_OUT, ONE, Name, NotNegative, Positive, Range, Settings, by_shape, key
 
 Noise = Annotated[
@@ -46,7 +46,7 @@ class Data(Settings):
     sets: dict[Name, SimulatedSet] = key(
         LEFT_OUT, "the simulated sets: train, validation, test; iid, with validation's ranges, is an IID test set"
     )
-    split: ChunkSettings = key(LEFT_OUT, "chunks of the recordings and their division into sets")
+    split: ChunkKeys = key(LEFT_OUT, "chunks of the recordings and their division into sets")
     files: MeasurementSettings = key(LEFT_OUT, "measurements of your own: tables, chunks of them and their sets")
     start: dict[str, Range] = key(
         dict,

@@ -15,6 +15,7 @@ from expertaug.config.models import Common, Configuration, Experiment
 from expertaug.config.names import unknown
 from expertaug.config.yaml_file import Located, read
 from expertaug.errors import InputError, InputErrors
+from expertaug.recordings.chunks.settings import ChunkKeys
 from expertaug.settings import check
 from expertaug.wording import show
 
@@ -150,6 +151,12 @@ def _experiment(name: str, one: dict, complete: Mapping) -> tuple[dict, list[Inp
     if errors:
         return one, errors
     filled = Experiment.model_validate(one).model_dump(mode="json")
+    if (split := filled["data"].get("split")) is not None:
+        try:
+            chunks = ChunkKeys.from_mapping(split).at(checks.analysed_hz(complete["recordings"]), f"{where}.data.split")
+        except InputError as error:
+            return filled, [error]
+        filled["data"]["split"] = chunks.model_dump(mode="json", exclude={"single"})
     filled["choices"] = presets.resolve(complete["preset"], filled["choices"])
     return filled, list(checks.experiment(where, filled, complete))
 

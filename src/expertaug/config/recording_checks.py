@@ -7,11 +7,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from expertaug.config.checks import is_multiple
+from expertaug.config.layers import merge
 from expertaug.config.names import unknown, unknown_one
 from expertaug.errors import InputError
 from expertaug.measurements.paths import read_checksums
+from expertaug.recordings.corrections import read_corrections
 from expertaug.recordings.markers.appearance import Appearance
-from expertaug.recordings.names import by_name
+from expertaug.recordings.names import by_name, is_series
+from expertaug.recordings.settings import RecordingKeys
+from expertaug.settings import check as check_settings
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
 
@@ -21,12 +25,32 @@ def check(config: Mapping) -> list[InputError]:
     if not _uses_recordings(config):
         return []
     errors = list(_overlay(config))
-    for look in (_appearance, _source):
+    errors += _by_recording(config["recordings"])
+    for look in (_appearance, _source, _corrections):
         try:
             look(config["recordings"])
         except InputError as error:
             errors.append(error)
     return errors
+
+
+def _by_recording(recordings: Mapping) -> Iterator[InputError]:
+    """What one recording has of its own must fit the whole block as the others' does."""
+    own, where = recordings["by_recording"], "recordings.by_recording"
+    if own and recordings["source"] != "videos":
+        yield InputError(where, f"recordings.source is {recordings['source']}", "only videos have keys of their own")
+        return
+    for name, block in own.items():
+        if "path" in block.get("videos", {}):
+            yield InputError(f"{where}.{name}.videos.path", "is of all recordings", "set recordings.videos.path")
+        merged = merge(recordings, block)
+        wrong = check_settings(RecordingKeys, {k: merged[k] for k in block}, f"{where}.{name}", whole=False)
+        yield from wrong
+        if not wrong:
+            try:
+                _appearance(merged)
+            except InputError as error:
+                yield error
 
 
 def _overlay(config: Mapping) -> Iterator[InputError]:
@@ -62,11 +86,33 @@ def _source(recordings: Mapping) -> None:
         remedy += f"--config recordings='{{{source}: {{path: FOLDER}}}}'"
         raise InputError(where, "missing", remedy)
     if source == "videos":
-        list_videos(path)
+        names = list(list_videos(path))
+        for name in recordings["by_recording"]:
+            for error in unknown_one(name, names, f"recordings.by_recording.{name}", "recording"):
+                raise error
     elif not Path(path).exists():
         raise InputError(where, f"'{path}' does not exist", f"relative paths start at {Path.cwd()}")
     if recordings["checksums"] is not None:
         _checksums(recordings)
+
+
+def _corrections(recordings: Mapping) -> None:
+    where, path = "recordings.corrections", recordings["corrections"]
+    if path is None:
+        return
+    if recordings["source"] == "rendered":
+        names: list[str] | None = rendered_names(recordings)
+    else:
+        names = None if (files := _files(recordings)) is None else list(files)
+    for name in read_corrections(path):
+        if names is not None:
+            for error in unknown_one(name, names, where, "recording"):
+                raise error
+
+
+def rendered_names(recordings: Mapping) -> list[str]:
+    """Names of the recordings that are rendered."""
+    return [f"rendered_{k:02d}" for k in range(recordings["rendered"]["count"])]
 
 
 def _checksums(recordings: Mapping) -> None:
@@ -95,7 +141,7 @@ def list_recordings(config: Mapping) -> dict[str, str | int] | None:
     if not _uses_recordings(config):
         return {}
     if source == "rendered":
-        return {f"rendered_{k:02d}": k for k in range(recordings["rendered"]["count"])}
+        return {name: k for k, name in enumerate(rendered_names(recordings))}
     files = _files(recordings)
     return None if files is None else {name: str(path) for name, path in files.items()}
 
@@ -116,17 +162,25 @@ def _uses_recordings(config: Mapping) -> bool:
     return any(config["experiments"][name]["data"]["source"] == "recordings" for name in config["run"])
 
 
-def list_videos(path: str) -> dict[str, Path]:
-    """Videos by name (the file's stem): of a folder, of a glob, or one file.
+def list_videos(path: str | list[str]) -> dict[str, Path]:
+    """Videos by name (the file's stem): of a folder, of a glob, or one file, or of some; folders of pictures likewise.
 
     Raises:
         InputError: there is none, there are two of one name, or one is called what no recording can be.
     """
-    where = "recordings.videos.path"
-    if Path(path).is_dir():
-        found = [p for p in Path(path).iterdir() if p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES]
-    else:
-        found = [Path(p) for p in sorted(glob.glob(path, recursive=True)) if Path(p).is_file()]  # noqa: PTH207
-    if not found:
-        raise InputError(where, f"no video at '{path}'", f"relative paths start at {Path.cwd()}")
-    return by_name(where, found)
+    where, found = "recordings.videos.path", []
+    for one in [path] if isinstance(path, str) else path:
+        new = _videos_at(one)
+        if not new:
+            raise InputError(where, f"no video at '{one}'", f"relative paths start at {Path.cwd()}")
+        found += new
+    return by_name(where, dict.fromkeys(found))
+
+
+def _videos_at(path: str) -> list[Path]:
+    if not Path(path).is_dir():
+        matched = [Path(p) for p in sorted(glob.glob(path, recursive=True))]  # noqa: PTH207
+        return [p for p in matched if p.is_file() or is_series(p)]
+    inside = sorted(Path(path).iterdir())
+    found = [p for p in inside if (p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES) or is_series(p)]
+    return found or [p for p in (Path(path),) if is_series(p)]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from expertaug.config import jobs
+from expertaug.config.layers import merge
+from expertaug.recordings.corrections import read_corrections
 from expertaug.recordings.provenance import RENDERED
 
 
@@ -13,11 +15,16 @@ def render_video(config: Mapping) -> dict:
     return {k: v for k, v in config["recordings"]["rendered"].items() if k != "count"}
 
 
-def extract_frames(config: Mapping) -> dict:
-    recordings = config["recordings"]
+def of_recording(recordings: Mapping, name: str | None) -> Mapping:
+    """The block of recordings with what one of them has of its own."""
+    return merge(recordings, recordings["by_recording"].get(name, {})) if name is not None else recordings
+
+
+def extract_frames(config: Mapping, recording: str | None = None) -> dict:
+    recordings = of_recording(config["recordings"], recording)
     rate = {"analysis_rate_hz": recordings["analysis_rate_hz"]}
     if recordings["source"] == "videos":
-        return rate | {k: recordings["videos"][k] for k in ("rate_hz", "rate_provenance", "image_size_px")}
+        return rate | {k: v for k, v in recordings["videos"].items() if k != "path"}
     rendered = recordings["rendered"]
     return rate | {
         "rate_hz": rendered["rate_hz"],
@@ -27,8 +34,8 @@ def extract_frames(config: Mapping) -> dict:
     }
 
 
-def track_markers(config: Mapping) -> dict:
-    return dict(config["recordings"]["tracking"])
+def track_markers(config: Mapping, recording: str | None = None) -> dict:
+    return dict(of_recording(config["recordings"], recording)["tracking"])
 
 
 def unpack_markers(config: Mapping) -> dict:
@@ -39,17 +46,27 @@ def import_markers(config: Mapping) -> dict:
     return {k: v for k, v in config["recordings"]["markers"].items() if k not in ("path", "sha256")}
 
 
-def measure_angles(config: Mapping) -> dict:
-    recordings = config["recordings"]
-    own = {"arm1_m": _arms(recordings)[0], "rate_provenance": _rate(recordings)[1]}
+def measure_angles(config: Mapping, recording: str | None = None) -> dict:
+    recordings = of_recording(config["recordings"], recording)
+    rate, provenance = _rate(recordings)
+    own = {"arm1_m": _arms(recordings)[0], "rate_provenance": provenance, "rate_hz": rate}
+    own |= {"single": _single(recordings)} | {
+        "corrections": corrections(recordings).get(recording, []) if recording is not None else []
+    }
     return recordings["angles"] | own
 
 
-def overlay(config: Mapping) -> dict:
+def corrections(recordings: Mapping) -> dict[str, list]:
+    """What was placed by hand, by recording."""
+    path = recordings["corrections"]
+    return {} if path is None else read_corrections(path)
+
+
+def overlay(config: Mapping, recording: str | None = None) -> dict:
     """What is shown, and the rate by which the video's frames are told."""
     shown = {k: v for k, v in config["recordings"]["overlay"].items() if k not in ("experiment", "variants")}
-    rates = extract_frames(config)
-    return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance")}
+    rates = extract_frames(config, recording)
+    return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance", "times", "time_unit_s") if k in rates}
 
 
 def overlaid(config: Mapping) -> tuple[str, list[str]] | None:
@@ -69,7 +86,8 @@ def cut_measurements(config: Mapping, experiment: str) -> dict:
 
 
 def split_chunks(config: Mapping, experiment: str) -> dict:
-    return {k: v for k, v in config["experiments"][experiment]["data"]["split"].items() if k != "horizons_s"}
+    split = {k: v for k, v in config["experiments"][experiment]["data"]["split"].items() if k != "horizons_s"}
+    return split | ({"single": True} if _single(config["recordings"]) else {})
 
 
 def cut_horizon(config: Mapping, experiment: str, name: str) -> dict:
@@ -87,6 +105,11 @@ def calibrate(config: Mapping, experiment: str) -> dict:
         "nominal_rate_hz": rate,
         "rate_provenance": provenance,
     }
+
+
+def _single(recordings: Mapping) -> bool:
+    """Whether the recordings are of a single pendulum: its tip is said to be none."""
+    return recordings["source"] == "videos" and recordings["tracking"]["markers"]["tip"] is None
 
 
 def _arms(recordings: Mapping) -> list[float | None]:

@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from expertaug import systems
-from expertaug.errors import InputError
 from expertaug.files import write_text
 from expertaug.inference import store
 from expertaug.inference.own_prior import OwnPrior, box, own_prior_without_windows, searching
@@ -22,7 +21,6 @@ from expertaug.learning.train import constants_of, described_by, expert_alone
 from expertaug.models.device import device_of
 from expertaug.trajectories import Trajectories
 
-OWN = "own"  # in the place of ranges
 SAMPLES = 200  # windows of each set that are fitted, at most, evenly spread
 
 
@@ -59,42 +57,7 @@ def own_prior(
     return found
 
 
-def read_ranges(path: Path) -> dict[str, list[float]]:
-    """The ranges that the stage has written.
-
-    Raises:
-        InputError: no such file, or another one.
-    """
-    try:
-        found = json.loads(Path(path).read_text(encoding="utf-8"))["ranges"]
-        return {str(name): [float(low), float(high)] for name, (low, high) in found.items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(path, f"holds no ranges of p⁺ ({error})", "make it again with own-prior") from error
-
-
 def _trajectories(data: Trajectories) -> Tensor:
     """At most so many trajectories, (T, N, *observed)."""
     index = np.linspace(0, len(data) - 1, min(SAMPLES, len(data))).astype(int)
     return StackedSet.of(data.subset(index), torch.device("cpu")).windows(len(data.t))[:, 0]
-
-
-def with_ranges(settings: Mapping, ranges: Mapping | None) -> dict:
-    """Settings of a stage in which p⁺'s ranges stand where ``prior`` is to find them itself.
-
-    Raises:
-        InputError: they are needed and not given.
-    """
-
-    def replaced(value: object) -> object:
-        if not isinstance(value, Mapping):
-            return value
-        found = {key: replaced(one) for key, one in value.items()}
-        if found.get("prior") == OWN:
-            if ranges is None:
-                raise InputError("--prior", "missing", "p⁺ is to find its own ranges: give what own-prior wrote")
-            found["prior"] = dict(ranges)
-        return found
-
-    found = replaced(settings)
-    assert isinstance(found, dict)
-    return found

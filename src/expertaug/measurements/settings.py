@@ -47,7 +47,7 @@ class Cutting(Settings):
     max_chunks: Annotated[Annotated[Count, ONE] | Annotated[ChunkLimits, KEYS], by_shape] | None = key(
         None, "at most so many chunks, evenly spread; null = all; one value, or one for each set"
     )
-    min_chunks: Count = key(100, "a set with fewer is refused")
+    min_chunks: Count = key(30, "a set with fewer is refused")
 
     @model_validator(mode="after")
     def _strides_fit(self) -> Self:

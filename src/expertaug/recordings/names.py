@@ -1,9 +1,10 @@
-"""Names of recordings: that of a file without its suffix, as it stands in results, tables and figures."""
+"""Names of recordings: that of a file without its suffix, or of a folder of pictures, as it stands in results, tables
+and figures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import TypeVar
 
 from expertaug.errors import InputError
@@ -12,7 +13,16 @@ from expertaug.measurements.paths import natural_key
 P = TypeVar("P", bound=PurePath)
 MOST = 10_000  # recordings of a run
 MEANT_OTHERWISE = "{}<>"  # by Snakemake, in any path
-TAKEN = ("archive", "summary.csv", "summary.md", ".", "..")  # files and folders beside the recordings' in the results
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+FEWEST = 2  # pictures of a series: one is a contact sheet
+TAKEN = (
+    "archive",
+    "summary.csv",
+    "summary.md",
+    "review.html",
+    ".",
+    "..",
+)  # files and folders beside the recordings' in the results
 
 
 def by_name(where: object, paths: Iterable[P]) -> dict[str, P]:
@@ -49,6 +59,17 @@ def check_name(where: object, path: PurePath) -> None:
         better = f"recording_{better}".rstrip("_") if better in (*TAKEN, "") else better
         remedy = f"a recording is called after its file: rename it, to {better + path.suffix!r} for instance"
         raise InputError(where, f"a file is called {path.name!r}", remedy)
+
+
+def list_pictures(folder: Path) -> list[Path]:
+    """Pictures of a folder in the natural order of their names."""
+    found = (p for p in folder.iterdir() if p.suffix.lower() in PICTURES and p.is_file())
+    return sorted(found, key=lambda p: natural_key(p.name))
+
+
+def is_series(folder: Path) -> bool:
+    """Whether a folder holds a series of pictures."""
+    return folder.is_dir() and len(list_pictures(folder)) >= FEWEST
 
 
 def printable(text: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +17,17 @@ from expertaug.recordings.angles.arms import STILL_S, Arms, find_arms
 from expertaug.recordings.angles.implied import Implied, contradictions, explain
 from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, read_markers
 from expertaug.recordings.angles.noise import Noise, marker_noise, measure_noise
-from expertaug.recordings.angles.quality import MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
+from expertaug.recordings.angles.quality import CORRECTED, MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
 from expertaug.recordings.angles.settings import AngleSettings
+from expertaug.recordings.angles.single import explain_single, single_energy
 from expertaug.recordings.angles.smoothing import Motion, Smoothing, smooth_motion, window_frames
-from expertaug.recordings.angles.summary import RecordingSummary
+from expertaug.recordings.angles.summary import RecordingSummary, TimingSummary
 from expertaug.recordings.angles.windows import longest_window
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import energy
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
+SECOND = ("theta2", "omega2", "tip")  # columns that a single pendulum has nothing for begin so
 MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
 MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
 logger = logging.getLogger(__name__)
@@ -71,22 +73,25 @@ def measure_angles(
     stretch, of so many frames as help (:mod:`.windows`).
 
     Arguments:
-        markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame, evenly timed.
+        markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame in order of time.
         output: CSV of frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2 (rad/s),
             energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason; theta1_raw,
             theta2_raw (rad) as the markers alone have them; theta1_std ... omega2_std, the standard uncertainties, and
-            pivot_std, joint_std, tip_std (px), those of the markers' coordinates.
+            pivot_std, joint_std, tip_std (px), those of the markers' coordinates; source, the row of ``markers`` that
+            is nearest in time.
         summary: JSON of :class:`expertaug.recordings.angles.summary.RecordingSummary`.
         settings: see :class:`AngleSettings`.
 
     Raises:
-        InputError: a missing column, uneven times, too few usable frames, or motion that is no pendulum's.
+        InputError: a missing column, times that do not grow, too few usable frames, or motion that is no pendulum's.
     """
     options = read_settings(AngleSettings, settings, "angles")
     path = Path(markers)
-    angles = _measure(path, read_markers(path), options)
+    if options.single:
+        options = options.model_copy(update={"model_offsets": False})
+    angles = _measure(path, read_markers(path, options.rate_hz, options.corrections, options.single), options)
     found = _summarise(Path(output).parent.name, angles, options)
-    _write(output, angles)
+    _write(output, angles, options.single)
     for text in found.warnings:
         logger.warning("%s: %s", found.recording, text)
     found.save(summary)
@@ -118,12 +123,18 @@ def _measure(path: Path, markers: MarkerTable, options: AngleSettings) -> Angles
     motion = smooth_motion(theta, rate, noise, how)
     quality, reason = judge(motion, fitting, reason, arms.borrowed)
     good = quality == MEASURED
+    reason[good & markers.corrected] = CORRECTED
     _require(path, good, rate, options)
     try:
-        implied = explain(np.where(good[:, None], motion.y, np.nan), rate, options.arm1_m, options.rotation_deg)
+        known = np.where(good[:, None], motion.y, np.nan)
+        if options.single:
+            implied = explain_single(known[:, [0, 2]], rate)
+        else:
+            implied = explain(known, rate, options.arm1_m, options.rotation_deg)
     except InputError as error:
         raise InputError(path, str(error)) from error
-    level = energy(motion.y, implied.fit.constants)
+    of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if options.single else None
+    level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
     return Angles(
         markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level
     )
@@ -137,14 +148,16 @@ def _require(path: Path, usable: np.ndarray, rate: float, options: AngleSettings
         raise InputError(path, f"{int(usable.sum())} of {len(usable)} frames are usable", remedy)
 
 
-def _write(output: str | Path, angles: Angles) -> None:
+def _write(output: str | Path, angles: Angles, single: bool) -> None:
     columns = {"frame": angles.markers.frame, "t": angles.markers.t}
     columns |= {name: angles.motion.y[:, k] for k, name in enumerate(STATE)}
     columns |= {"energy": angles.energy, "quality": angles.quality, "reason": angles.reason}
     columns |= {f"{name}_raw": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
     columns |= {f"{name}_std": angles.motion.std[:, k] for k, name in enumerate(STATE)}
     columns |= {f"{name}_std": std for name, std in zip(("pivot", "joint", "tip"), angles.marker_std, strict=True)}
-    table = pd.DataFrame(columns)
+    if single:
+        columns |= {name: np.full(len(angles.quality), np.nan) for name in columns if name.startswith(SECOND)}
+    table = pd.DataFrame({**columns, "source": angles.markers.source})
     with atomic(output) as temporary:
         table.to_csv(temporary, index=False, float_format="%.9g")
 
@@ -158,6 +171,7 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
     second = max(1, round(rate))
     return RecordingSummary(
         recording=name,
+        pendulum="single" if options.single else "double",
         frames=len(good),
         duration_s=len(good) / rate,
         tracked_share=float(angles.tracked.mean()),
@@ -183,6 +197,7 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
         rejected_arm_length=int((angles.tracked & ~angles.fitting).sum()),
         rejected_outlier=int((angles.reason == "outlier").sum()),
         reasons=dict(sorted(Counter(text for text in angles.reason if text).items())),
+        timing=TimingSummary(**asdict(angles.markers.timing)),
         rate_hz=rate,
         rate_provenance=options.rate_provenance,
         implied_rate_hz=angles.implied.rate_hz,
@@ -191,6 +206,7 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
         warnings=[
             *contradictions(angles.implied, rate, options.rate_provenance, options.arm1_m, rotation),
             *_doubts(angles, uncertain, options),
+            *angles.markers.timing.doubts(len(angles.markers)),
         ],
         constants=fit.constants.to_dict(),
         friction=fit.friction,

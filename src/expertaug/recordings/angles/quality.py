@@ -11,6 +11,8 @@ from expertaug.recordings.angles.smoothing import Motion
 MEASURED, INTERPOLATED, UNUSABLE = 1.0, 0.5, 0.0  # qualities of a frame's angles
 NO_PIVOT = "pivot_interpolated"  # reason of a measured frame whose pivot comes from its neighbours
 
+CORRECTED = "corrected"  # and of one in which a marker was placed by hand
+
 
 def trust_tracker(markers: MarkerTable) -> tuple[np.ndarray, np.ndarray]:
     """Frames (n,) that can be used by what the tracker says of them, and its reasons (n,) where they cannot.

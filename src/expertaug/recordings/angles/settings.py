@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from expertaug.recordings.corrections import Correction
 from expertaug.settings import MANY, NotNegative, Positive, Settings, Share, key
 
 
@@ -56,6 +57,9 @@ class AngleSettings(AngleKeys):
 
     arm1_m: Positive | None = key(0.091, "length of the first arm, for the implied frame rate; null = not known", "m")
     rate_provenance: str = key("not stated", "where the frame rate comes from")
+    rate_hz: Positive | None = key(None, "frames per second to which others are resampled; null = the file's", "Hz")
+    single: bool = key(False, "whether it is a single pendulum, without a tip")
+    corrections: list[Correction] = key(list, "markers that were placed by hand")
 
 
 class CalibrationKeys(Settings):

@@ -15,11 +15,24 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 
 
+class TimingSummary(BaseModel):
+    """What was found of a recording's times (:class:`expertaug.recordings.angles.marker_table.Timing`)."""
+
+    model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
+
+    repeated: Count = 0
+    dropped: Count = 0
+    uneven_ms: float = 0.0
+    frames_hz: Positive | None = None
+    error_deg: tuple[float, float] | None = None
+
+
 class RecordingSummary(BaseModel):
     """What :func:`expertaug.recordings.angles.measure.measure_angles` says of one recording.
 
     Attributes:
         recording: its name.
+        pendulum: of a single one what belongs to a second arm repeats the first's; G1 is its ω0².
         frames, duration_s: how many, and over how many seconds.
         tracked_share, usable_share: shares of the frames that the tracker found and that are measured.
         arm1_px, arm1_std_px, arm2_px, arm2_std_px: median lengths of the arms and their spread.
@@ -34,6 +47,7 @@ class RecordingSummary(BaseModel):
         gaps, longest_gap_frames: runs of frames without angles.
         interpolated, rejected_arm_length, rejected_outlier: frames.
         reasons: frames by reason.
+        timing: frames repeated and missing, and what resampling cost.
         rate_hz, rate_provenance: stated frame rate and where it is known from.
         implied_rate_hz: by the motion; None where the first arm's length is not known.
         rotation_deg: stated direction of gravity in the image: 0 down, 90 right.
@@ -47,6 +61,7 @@ class RecordingSummary(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
 
     recording: str
+    pendulum: Literal["double", "single"] = "double"
     frames: Annotated[int, Field(gt=0)]
     duration_s: Positive
     tracked_share: Share
@@ -72,6 +87,7 @@ class RecordingSummary(BaseModel):
     rejected_arm_length: Count
     rejected_outlier: Count
     reasons: dict[str, Count]
+    timing: TimingSummary = TimingSummary()
     rate_hz: Positive
     rate_provenance: str
     implied_rate_hz: Positive | None

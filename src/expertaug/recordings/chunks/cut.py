@@ -16,6 +16,7 @@ from expertaug.measurements.paths import natural_key
 from expertaug.measurements.splitting import SPLITS, keep_apart, label_by_level, label_by_time
 from expertaug.recordings.angles.pendulum_fit import Fit, fit_constants
 from expertaug.recordings.angles.quality import MEASURED
+from expertaug.recordings.angles.single import fit_single, single_energy
 from expertaug.recordings.chunks.settings import ChunkSettings
 from expertaug.recordings.options import read_settings
 from expertaug.recordings.tables import read_table
@@ -23,6 +24,7 @@ from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
+SINGLE = ("theta1", "omega1")  # of a single pendulum
 
 
 @dataclass(frozen=True)
@@ -86,13 +88,19 @@ def divide(angles: Sequence[str | Path], output: Path, options: ChunkSettings) -
     Raises:
         InputError: as :func:`split_chunks`.
     """
-    recordings = sorted((_read_angles(Path(path)) for path in angles), key=lambda r: natural_key(r.name))
+    recordings = sorted(
+        (_read_angles(Path(path), SINGLE if options.single else STATE) for path in angles),
+        key=lambda r: natural_key(r.name),
+    )
     names = [r.name for r in recordings]
     if not recordings or len(set(names)) < len(names):
         raise InputError(output, f"recordings are {names}", "give the angles of recordings with different names")
     steps = [_step(r, options) for r in recordings]
     fit = _pooled_fit(recordings, steps, options)
-    energies = [energy(r.y, fit.constants) for r in recordings]
+    if options.single:
+        energies = [single_energy(*r.y.T, fit.constants.G1) for r in recordings]
+    else:
+        energies = [energy(r.y, fit.constants) for r in recordings]
     measured = [r.measured for r in recordings]
     if options.by == "time":
         labels, thresholds = [label_by_time(m, options.shares) for m in measured], None
@@ -116,9 +124,11 @@ def _pooled_fit(recordings: list[Recording], steps: list[int], options: ChunkSet
     series = [np.where(r.measured[:, None], r.y, np.nan) for r in recordings]
     # Each phase of each recording is a series at the chunks' rate; they are padded with NaN to one length.
     phases = [y[k::step] for y, step in zip(series, steps, strict=True) for k in range(step)]
-    padded = np.full((len(phases), max(len(p) for p in phases), 4), np.nan)
+    padded = np.full((len(phases), max(len(p) for p in phases), series[0].shape[1]), np.nan)
     for row, phase in zip(padded, phases, strict=True):
         row[: len(phase)] = phase
+    if options.single:
+        return fit_single(padded, options.rate_hz)[0]
     return fit_constants(padded, 1 / options.rate_hz, friction=True)
 
 
@@ -130,9 +140,9 @@ def _step(recording: Recording, options: ChunkSettings) -> int:
     return round(step)
 
 
-def _read_angles(path: Path) -> Recording:
-    table = read_table(path, ("frame", "t", *STATE, "quality"))
-    t, y, quality = table["t"].to_numpy(), table[list(STATE)].to_numpy(), table["quality"].to_numpy()
+def _read_angles(path: Path, state: Sequence[str]) -> Recording:
+    table = read_table(path, ("frame", "t", *state, "quality"))
+    t, y, quality = table["t"].to_numpy(), table[list(state)].to_numpy(), table["quality"].to_numpy()
     if len(t) < 10 or not t[-1] > t[0]:
         raise InputError(path, f"{len(t)} frames", "run measure_angles again")
     rate = (len(t) - 1) / (t[-1] - t[0])
@@ -141,7 +151,10 @@ def _read_angles(path: Path) -> Recording:
 
 
 def trajectories_of(division: Division, rows: np.ndarray, options: ChunkSettings) -> Trajectories:
-    """The chunks (N, 2) of :func:`rows_of`, with the first angles in (−π, π]."""
+    """The chunks (N, 2) of :func:`rows_of`, with the first angles in (−π, π].
+
+    Their z_e are the initial speeds; of a single pendulum the ω0 that a fit of its whole recording finds.
+    """
     y, identity = [], []
     for (index, first), points in zip(rows, _points(division, rows, options), strict=True):
         recording = division.recordings[index]
@@ -149,9 +162,14 @@ def trajectories_of(division: Division, rows: np.ndarray, options: ChunkSettings
         identity.append(f"{recording.name}/{recording.frame[first]}")
     states = np.stack(y)
     # Whole turns before the chunk are of no interest, and single precision would lose digits to them.
-    states[..., :2] -= 2 * np.pi * np.round(states[:, :1, :2] / (2 * np.pi))
+    angles = states.shape[2] // 2
+    states[..., :angles] -= 2 * np.pi * np.round(states[:, :1, :angles] / (2 * np.pi))
     times = np.arange(options.length) / options.rate_hz
-    return Trajectories(times, states, states[:, 0, 2:], id=np.array(identity))
+    z_e = states[:, 0, angles:]
+    if options.single:
+        fits = [fit_single(np.where(r.measured[:, None], r.y, np.nan), r.rate_hz)[0] for r in division.recordings]
+        z_e = np.sqrt([fits[index].constants.G1 for index in rows[:, 0]])[:, None]
+    return Trajectories(times, states, z_e, id=np.array(identity))
 
 
 def _points(division: Division, rows: np.ndarray, options: ChunkSettings) -> np.ndarray:
@@ -168,7 +186,7 @@ def _write(output_dir: Path, division: Division, chosen: dict[str, np.ndarray], 
         points = _points(division, rows, options)
         level = [division.energies[index][own].mean() for index, own in zip(rows[:, 0], points, strict=True)]
         counts[name] = {r.name: int((rows[:, 0] == k).sum()) for k, r in enumerate(recordings)}
-        speeds[name] = np.quantile(np.abs(chunks.y[:, 0, 2:]), 0.99, axis=0).round(3).tolist()
+        speeds[name] = np.quantile(np.abs(chunks.y[:, 0, chunks.y.shape[2] // 2 :]), 0.99, axis=0).round(3).tolist()
         tables.append(
             pd.DataFrame(
                 {

@@ -48,12 +48,13 @@ class Pendulum:
 
     Attributes:
         style: the markers' style.
-        spots: sightings of pivot, joint and tip, by frame; None for a pivot that bears none.
+        spots: sightings of pivot, joint and tip, by frame; None for a pivot that bears none, and for a single
+            pendulum's tip.
         spread: how constant the arms are, as a share of their lengths.
     """
 
     style: str
-    spots: tuple[dict[int, Spot] | None, dict[int, Spot], dict[int, Spot]]
+    spots: tuple[dict[int, Spot] | None, dict[int, Spot], dict[int, Spot] | None]
     spread: float
 
 
@@ -71,7 +72,8 @@ def find_spots(frames: Sequence[np.ndarray], style: str) -> list[Spot]:
 
 
 def find_pendulum(spots: Sequence[Spot], style: str, frames: int) -> Pendulum | None:
-    """The three markers, or two with an unmarked pivot, that keep their distances while they move; None for none."""
+    """The three markers, or two with an unmarked pivot, that keep their distances while they move; else those of a
+    single pendulum, with or without its pivot's; None for none."""
     least = max(MIN_FRAMES, MIN_PRESENCE * frames)
     groups = [(hue, g) for hue, own in enumerate(by_hue(spots)) for g in _apart(own, least) if len(g) >= least]
     groups = sorted(groups, key=lambda one: len(one[1]), reverse=True)[:9]
@@ -83,6 +85,8 @@ def find_pendulum(spots: Sequence[Spot], style: str, frames: int) -> Pendulum | 
 
     found = [p for three in chosen(3) if (p := _as_pendulum(style, *three)) is not None]
     found = found or [p for two in chosen(2) if (p := _as_pendulum(style, None, *two)) is not None]
+    found = found or [p for two in chosen(2) if (p := _as_single(style, *two)) is not None]
+    found = found or [p for (one,) in chosen(1) if (p := _as_single(style, None, one)) is not None]
     return min(found, key=lambda p: p.spread, default=None)
 
 
@@ -195,13 +199,9 @@ def _as_pendulum(
     if len(common) < MIN_FRAMES:
         return None
     centre = np.array([[g[k].centre for g in (joint, tip)] for k in common])
-    if pivot is None:
-        try:
-            origin = np.broadcast_to(centre_of_circle(centre[:, 0]), (len(common), 2))
-        except InputError:
-            return None
-    else:
-        origin = np.array([pivot[k].centre for k in common])
+    origin = _origin(pivot, centre[:, 0], common)
+    if origin is None:
+        return None
     place = np.concatenate((origin[:, None], centre), axis=1)
     length = np.linalg.norm(np.diff(place, axis=1), axis=2)
     middle = np.median(length, axis=0)
@@ -215,8 +215,45 @@ def _as_pendulum(
     return Pendulum(style, (pivot, joint, tip), spread)
 
 
+def _as_single(style: str, pivot: dict[int, Spot] | None, bob: dict[int, Spot]) -> Pendulum | None:
+    """A bob that swings about a pivot, where it moves like that."""
+    common = sorted(set(bob) & set(bob if pivot is None else pivot))
+    if len(common) < MIN_FRAMES:
+        return None
+    centre = np.array([bob[k].centre for k in common])
+    origin = _origin(pivot, centre, common)
+    if origin is None:
+        return None
+    length = np.linalg.norm(centre - origin, axis=1)
+    middle = float(np.median(length))
+    spread = float(1.4826 * np.median(np.abs(length - middle)) / middle)
+    sway, swing = (
+        float(np.hypot(*np.ptp(np.quantile(p, (0.1, 0.9), axis=0), axis=0))) / middle for p in (origin, centre)
+    )
+    least = MIN_ARM * float(np.median([bob[k].diameter for k in common]))
+    if middle < least or spread > MAX_SPREAD or sway > MAX_SWAY or swing < 2 * MAX_SWAY:
+        return None
+    return Pendulum(style, (pivot, bob, None), spread)
+
+
+def _origin(pivot: dict[int, Spot] | None, joint: np.ndarray, frames: Sequence[int]) -> np.ndarray | None:
+    """The pivot's place (n, 2) in these frames; of one without a marker the centre of the joint's circle (n, 2)."""
+    if pivot is not None:
+        return np.array([pivot[k].centre for k in frames])
+    try:
+        return np.broadcast_to(centre_of_circle(joint), joint.shape)
+    except InputError:
+        return None
+
+
 def look_for_pendulum(frames: Sequence[np.ndarray]) -> tuple[Pendulum | None, dict[str, list[Spot]]]:
     """The pendulum of frames spread over a video, and by style all round coloured things in them."""
     spots = {style: find_spots(frames, style) for style in STYLES}
     found = [p for style, seen in spots.items() if (p := find_pendulum(seen, style, len(frames))) is not None]
-    return max(found, key=lambda p: len(set(p.spots[1]) & set(p.spots[2])), default=None), spots
+    return max(found, key=_seen, default=None), spots
+
+
+def _seen(found: Pendulum) -> tuple[int, int]:
+    """Markers that there are, and frames that show those that move."""
+    moving = [set(spots) for spots in found.spots[1:] if spots is not None]
+    return len(moving), len(set.intersection(*moving))

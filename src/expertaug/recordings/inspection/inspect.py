@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import glob
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -14,179 +11,107 @@ import yaml
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.recordings.angles.tilt import Gravity
-from expertaug.recordings.inspection import proposal
-from expertaug.recordings.inspection.detect import Spot, look_for_pendulum
-from expertaug.recordings.inspection.gravity import gravity_in
+from expertaug.recordings.inspection.detect import Spot
+from expertaug.recordings.inspection.look import SHOWN, Look, look_at
+from expertaug.recordings.inspection.several import combine, rates_differ
 from expertaug.recordings.markers.appearance import ROLES
-from expertaug.recordings.markers.geometry import Geometry, best, estimate_geometry
+from expertaug.recordings.markers.geometry import best
 from expertaug.recordings.markers.plain_disks import fitter
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.names import printable
 from expertaug.recordings.reports import drawing
-from expertaug.recordings.video.reader import Video
 
-FRAMES, MEMORY = 24, 2**28  # frames that are looked at, and bytes that they may take
-SHOWN, SHOWN_WIDTH = 6, 480  # frames on the contact sheet, and their width in px
-MIN_SHARE = 0.5  # of the frames in which the tracker must find all markers with what is proposed
+DIRECTIONS = "0 down, 90 right, -90 left, 180 up"
+SHOWN_WIDTH, SMALL_WIDTH = 480, 240  # px of a frame on the contact sheet of one video, and of several
 
 
-@dataclass(frozen=True)
-class Footage:
-    """Frames (H, W, 3) spread over a video with their numbers, and what the file says of itself."""
-
-    path: Path
-    frames: list[np.ndarray]
-    numbers: list[int]
-    rate_hz: float
-    count: int
-
-    @property
-    def facts(self) -> str:
-        height, width = self.frames[0].shape[:2]
-        seconds = self.count / self.rate_hz
-        return f"{width}x{height} px, {self.rate_hz:.6g} Hz, {self.count} frames, {seconds:.2f} s"
-
-
-def inspect(video: str | Path, sheet: str | Path, base: Mapping | None = None, rate_hz: float | None = None) -> str:
-    """Look for a pendulum's markers in a video and propose the configuration that tracks them.
+def inspect(
+    videos: str | Path | Sequence[str | Path], sheet: str | Path, stated: Mapping[str, object] | None = None
+) -> str:
+    """Look for a pendulum's markers in videos and propose the configuration that tracks them.
 
     Arguments:
-        video: a file as :class:`~expertaug.recordings.video.reader.Video` takes.
-        sheet: contact sheet to write, .png or .jpg: some frames with what was seen on them.
-        base: configuration to which the proposal will be added (completed): the chunks of its
-            experiments on recordings are fitted to the video's rate; None leaves them out.
-        rate_hz: frame rate of the video; None takes the file's own.
+        videos: files or folders as :func:`~expertaug.recordings.video.source.open_frames` takes.
+        sheet: contact sheet to write, .png or .jpg: some frames of each with what was seen on them.
+        stated: what the files do not say: keys of recordings.videos (rate_hz, times, time_unit_s).
 
     Returns:
-        YAML text.
+        YAML text.  Of several videos those of which nothing can be proposed are left out, and a comment says why.
 
     Raises:
-        InputError: the video cannot be used, shows no markers or none that move like a pendulum's; the contact sheet is
+        InputError: no video can be used, shows markers or some that move like a pendulum's; the contact sheet is
             written all the same where there are frames.
     """
     cv2.setNumThreads(1)
     if Path(sheet).suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise InputError(sheet, f"suffix '{Path(sheet).suffix}'", "a contact sheet is .png or .jpg")
-    footage = _read(Path(video), rate_hz)
-    found, spots = look_for_pendulum(footage.frames)
-    if found is None:
-        seen = max(spots.values(), key=len)
-        _write_sheet(
-            sheet, footage, [_with_spots(f, k, seen) for k, f in enumerate(footage.frames)], "no pendulum seen"
-        )
-        raise InputError(video, _missing(spots, len(footage.frames)), f"{sheet} shows what was seen")
-    proposed, geometry, counts = _best_proposal(footage.frames, proposal.tracking(found))
-    settings = TrackSettings.from_mapping(proposed)
-    tracked = geometry is not None and counts["all"] >= MIN_SHARE * counts["frames"]
-    gravity = gravity_in(footage.path, rate_hz, geometry, settings) if tracked else None
-    caption = _caption(settings, geometry)
-    _write_sheet(sheet, footage, [_with_pendulum(f, settings, geometry, gravity) for f in footage.frames], caption)
-    if not tracked:
-        raise InputError(
-            video, f"its markers are all found in {counts['all']} of {counts['frames']} frames only", f"see {sheet}"
-        )
-    return _yaml(footage, proposed, gravity, counts, caption, base, rate_hz)
-
-
-def _read(path: Path, rate_hz: float | None) -> Footage:
-    """All of the video is decoded, since only that tells whether it is sound and evenly timed."""
-    with Video(path, rate_hz) as video:
-        wanted = max(SHOWN, min(FRAMES, MEMORY // (video.width * video.height * 3)))
-        step = max(1, video.count // wanted)
-        kept = [(number, image.copy()) for number, image in video.frames(step)][:wanted]
-        if not kept:
-            raise InputError(path, "has no frames", "copy the recording again")
-        return Footage(path, [f for _, f in kept], [n for n, _ in kept], video.rate_hz, video.count)
-
-
-def _best_proposal(
-    frames: Sequence[np.ndarray], proposals: Sequence[Mapping]
-) -> tuple[Mapping, Geometry | None, Counter]:
-    """The settings with which the tracker finds all markers in the most frames, the first of equals."""
-    tried = []
-    for one in proposals:
+    paths = [Path(videos)] if isinstance(videos, str | Path) else [Path(video) for video in videos]
+    looks, refused = [], []
+    for path in paths:
         try:
-            tried.append((one, *estimate_geometry(frames, TrackSettings.from_mapping(one))))
-        except InputError:  # the tracker sees too little of the joint to find the pivot
-            tried.append((one, None, Counter(frames=len(frames))))
-    return max(tried, key=lambda one: one[2]["all"])
-
-
-def _missing(spots: Mapping[str, Sequence[Spot]], frames: int) -> str:
-    """Why no pendulum was found."""
-    many = Counter({style: len({s.frame for s in seen}) for style, seen in spots.items()})
-    style, seen = many.most_common(1)[0]
-    if not seen:
-        return f"no round coloured markers in {frames} frames"
-    hues = sorted({round(s.colour[0] / 20) * 20 % 360 for s in spots[style]})
-    listed = ", ".join(f"{hue}°" for hue in hues[:8])
-    return (
-        f"round {style}s of hues near {listed} in {seen} of {frames} frames, but no two or three of different colours"
-        " that keep their distances while they swing about a fixed point"
-    )
-
-
-def _caption(settings: TrackSettings, geometry: Geometry | None) -> str:
-    appearance = settings.markers
-    named = [f"{role} {name}" if name != role else role for role, name in zip(ROLES, appearance.names, strict=True)]
-    if appearance.pivot is None:
-        named[0] = "pivot unmarked"
-    lengths = "" if geometry is None else f"; arms {geometry.arm1:.1f} and {geometry.arm2:.1f} px"
-    return f"{appearance.style}s of {settings.marker_diameter_px:g} px: {', '.join(named)}{lengths}"
-
-
-def _yaml(
-    footage: Footage,
-    tracking: Mapping,
-    gravity: Gravity | None,
-    counts: Counter,
-    caption: str,
-    base: Mapping | None,
-    rate_hz: float | None,
-) -> str:
-    videos: dict[str, object] = {"path": glob.escape(str(footage.path))}
-    if rate_hz is not None:
-        videos |= {"rate_hz": float(rate_hz)}
-    recordings = {
-        "source": "videos",
-        "analysis_rate_hz": float(f"{footage.rate_hz:.9g}"),
-        "arms_m": None,
-        "videos": videos,
-        "tracking": dict(tracking),
-    }
-    directions = "0 down, 90 right, -90 left, 180 up"
-    if gravity is not None:
-        recordings["angles"] = {"rotation_deg": round(gravity.degrees, 1) + 0.0}
-        known = f"by the motion, to about {max(gravity.error_deg, 0.1):.1f} deg; {directions}"
-    else:
-        known = f"the motion does not tell it, and 0 is taken; {directions}"
-    proposed: dict[str, object] = {"recordings": recordings}
-    splits = {} if base is None else proposal.splits(base, recordings["analysis_rate_hz"])
-    if splits:
-        proposed["experiments"] = {name: {"data": {"split": split}} for name, split in splits.items()}
-    lines = [
-        f"# {printable(footage.path.name)}: {footage.facts}",
-        f"# {caption}; all found in {counts['all']} of {counts['frames']} frames",
-        "# arms_m: lengths of the arms in m, if you know them; they give the frame rate that the motion implies",
-        f"# recordings.angles.rotation_deg: where gravity points in the image: {known}",
+            looks.append(look_at(path, stated or {}))
+        except InputError as error:
+            refused.append(error)
+    if looks:
+        _write_sheet(sheet, looks)
+    refused += [
+        InputError(look.footage.path, look.refusal, f"{sheet} shows what was seen") for look in looks if look.refusal
     ]
+    used = [look for look in looks if not look.refusal]
+    if not used:
+        raise refused[0]
+    return _yaml(used, refused)
+
+
+def _yaml(looks: Sequence[Look], refused: Sequence[InputError]) -> str:
+    lines = []
+    for look in looks:
+        lines += [
+            f"# {printable(look.footage.path.name)}: {look.footage.facts}",
+            f"# {_caption(look)}; all found in {look.counts['all']} of {look.counts['frames']} frames",
+        ]
+    lines += [f"# left out: {printable(str(error))}" for error in refused]
+    if rates_differ(looks):
+        lines.append("# analysis_rate_hz: angles of the other and of variable rates are resampled to it")
+    if any(look.gravity is not None for look in looks):
+        error = max(look.gravity.error_deg for look in looks if look.gravity is not None)
+        known = f"by the motion, to about {max(error, 0.1):.1f} deg"
+    else:
+        known = "the motion does not tell it, and 0 is taken"
+    lines += [
+        "# arms_m: lengths of the arms in m, if you know them; they give the frame rate that the motion implies",
+        f"# recordings.angles.rotation_deg: where gravity points in the image: {known}; {DIRECTIONS}",
+    ]
+    proposed = {"recordings": combine(looks)}
     return (
         "\n".join(lines) + "\n" + yaml.safe_dump(proposed, sort_keys=False, allow_unicode=True, default_flow_style=None)
     )
 
 
-def _with_pendulum(
-    frame: np.ndarray, settings: TrackSettings, geometry: Geometry | None, gravity: Gravity | None
-) -> np.ndarray:
-    image, factor = _small(frame)
+def _caption(look: Look) -> str:
+    if look.found is None:
+        return "no pendulum seen"
+    settings = TrackSettings.from_mapping(look.tracking)
+    appearance, geometry = settings.markers, look.geometry
+    named = [f"{role} {name}" if name != role else role for role, name in zip(ROLES, appearance.names, strict=True)]
+    if appearance.pivot is None:
+        named[0] = "pivot unmarked"
+    kind, named = ("", named) if appearance.tip is not None else ("single pendulum, ", named[:2])
+    lengths = [] if geometry is None else [f"{arm:.1f}" for arm in (geometry.arm1, geometry.arm2)[: len(named) - 1]]
+    arms = f"; arm{'s' * (len(lengths) - 1)} {' and '.join(lengths)} px" if lengths else ""
+    return f"{kind}{appearance.style}s of {settings.marker_diameter_px:g} px: {', '.join(named)}{arms}"
+
+
+def _with_pendulum(frame: np.ndarray, width: int, look: Look) -> np.ndarray:
+    image, factor = _small(frame, width)
+    settings, geometry, gravity = TrackSettings.from_mapping(look.tracking), look.geometry, look.gravity
     appearance = settings.markers
     finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance, appearance)
     places = finder.candidates(frame)
     place = np.full((3, 2), np.nan)
     if len(places):
         disks = finder.fit(frame, places)
-        for k in range(appearance.first, 3):
+        for k in range(appearance.first, appearance.last):
             chosen = best(disks, k, settings, () if geometry is None else geometry.twins[k])
             place[k] = np.nan if chosen is None else disks.centre[chosen]
     if appearance.pivot is None and geometry is not None:
@@ -201,14 +126,14 @@ def _with_pendulum(
     if gravity is not None and geometry is not None and np.isfinite(place[0]).all():
         way = np.deg2rad(gravity.degrees)
         drawing.arrow(image, place[0] * factor, 0.8 * geometry.arm1 * factor * np.array([np.sin(way), np.cos(way)]))
-    missing = [role for k, role in enumerate(ROLES) if np.isnan(place[k, 0])]
+    missing = [role for k, role in enumerate(ROLES[: appearance.last]) if np.isnan(place[k, 0])]
     if missing:
         drawing.text(image, f"not seen: {', '.join(missing)}", (6, image.shape[0] - 8), (80, 80, 255))
     return image
 
 
-def _with_spots(frame: np.ndarray, number: int, spots: Sequence[Spot]) -> np.ndarray:
-    image, factor = _small(frame)
+def _with_spots(frame: np.ndarray, width: int, number: int, spots: Sequence[Spot]) -> np.ndarray:
+    image, factor = _small(frame, width)
     for spot in spots:
         if spot.frame == number:
             place = np.array(spot.centre) * factor
@@ -217,24 +142,38 @@ def _with_spots(frame: np.ndarray, number: int, spots: Sequence[Spot]) -> np.nda
     return image
 
 
-def _small(frame: np.ndarray) -> tuple[np.ndarray, float]:
-    factor = SHOWN_WIDTH / frame.shape[1]
+def _small(frame: np.ndarray, width: int) -> tuple[np.ndarray, float]:
+    factor = width / frame.shape[1]
     return drawing.scaled(frame, factor), factor
 
 
-def _write_sheet(sheet: str | Path, footage: Footage, images: Sequence[np.ndarray], caption: str) -> None:
-    chosen = np.unique(np.linspace(0, len(images) - 1, SHOWN).round().astype(int))
+def _write_sheet(sheet: str | Path, looks: Sequence[Look]) -> None:
+    rows = [row for look in looks for row in _rows(look, SHOWN_WIDTH if len(looks) == 1 else SMALL_WIDTH)]
+    width = max(row.shape[1] for row in rows)
+    grey = (40, 40, 40)
+    rows = [cv2.copyMakeBorder(r, 0, 0, 0, width - r.shape[1], cv2.BORDER_CONSTANT, value=grey) for r in rows]
+    with atomic(sheet) as temporary:
+        if not cv2.imwrite(str(temporary), np.concatenate(rows)):
+            raise InputError(sheet, "cannot be written as an image", "name it .png")
+
+
+def _rows(look: Look, width: int) -> list[np.ndarray]:
+    """A heading and rows of some of a video's frames with what was seen on them."""
+    footage = look.footage
     tiles = []
-    for k in chosen:
-        tile = cv2.copyMakeBorder(images[k], 0, 6, 0, 6, cv2.BORDER_CONSTANT, value=(40, 40, 40))
+    for k in np.unique(np.linspace(0, len(footage.frames) - 1, SHOWN).round().astype(int)):
+        if look.found is None:
+            seen = max(look.spots.values(), key=len)
+            image = _with_spots(footage.frames[k], width, int(k), seen)
+        else:
+            image = _with_pendulum(footage.frames[k], width, look)
+        tile = cv2.copyMakeBorder(image, 0, 6, 0, 6, cv2.BORDER_CONSTANT, value=(40, 40, 40))
         drawing.text(tile, f"frame {footage.numbers[k]}", (6, 16))
         tiles.append(tile)
-    columns = 3 if len(tiles) > 4 else max(1, len(tiles))
+    columns = 3 if len(tiles) > 4 and width == SHOWN_WIDTH else len(tiles)
     tiles += [np.full_like(tiles[0], 40)] * (-len(tiles) % columns)
     rows = [np.concatenate(tiles[k : k + columns], axis=1) for k in range(0, len(tiles), columns)]
     picture = cv2.copyMakeBorder(np.concatenate(rows), 52, 0, 6, 0, cv2.BORDER_CONSTANT, value=(40, 40, 40))
-    for line, y in ((f"{printable(footage.path.name)}: {footage.facts}", 20), (caption, 42)):
+    for line, y in ((f"{printable(footage.path.name)}: {footage.facts}", 20), (_caption(look), 42)):
         drawing.text(picture, line.replace("°", " deg").encode("ascii", "replace").decode(), (8, y), size=0.5)
-    with atomic(sheet) as temporary:
-        if not cv2.imwrite(str(temporary), picture):
-            raise InputError(sheet, "cannot be written as an image", "name it .png")
+    return [picture]

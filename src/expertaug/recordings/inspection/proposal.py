@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -77,22 +77,3 @@ def _range(tint: np.ndarray, hue: float, others: Sequence[float]) -> dict[str, l
         "saturation": [round(low[0], 2), 1.0],
         "value": [round(low[1], 2), 1.0],
     }
-
-
-def splits(base: Mapping, rate: float) -> dict[str, dict[str, float]]:
-    """By experiment on recordings, a rate of its chunks that divides the video's, where its own does not; its chunks
-    keep their duration."""
-    found = {}
-    for name, one in base["experiments"].items():
-        split = one["data"].get("split")
-        if (
-            one["data"]["source"] != "recordings"
-            or abs(rate / split["rate_hz"] - round(rate / split["rate_hz"])) < 1e-6
-        ):
-            continue
-        new = rate / max(1, int(np.ceil(rate / split["rate_hz"] - 1e-6)))
-        ratio = new / split["rate_hz"]
-        length = max(7, int(np.ceil((split["length"] - 1) * ratio - 1e-6)) + 1)  # 7: what calibrating needs
-        strides = {key: min(length, max(1, round(split[key] * ratio))) for key in ("stride", "evaluation_stride")}
-        found[name] = {"rate_hz": float(f"{new:.9g}"), "length": length, **strides}
-    return found

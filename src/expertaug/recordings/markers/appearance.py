@@ -57,18 +57,19 @@ class Appearance:
 
     Attributes:
         style: ``quadrant`` (two coloured and two white sectors) or ``disk`` (one colour).
-        pivot, joint, tip: colours; a pivot of None bears no marker and does not move.
+        pivot, joint, tip: colours; a pivot of None bears no marker and does not move; with a tip of None the pendulum
+            is a single one, and the joint is its bob.
         pivot_px: (x, y) of an unmarked pivot; None: the centre of the circle on which the joint moves.
     """
 
     style: str = "quadrant"
     pivot: Colour | None = Colour("red", COLOURS["red"])
     joint: Colour = Colour("green", COLOURS["green"])
-    tip: Colour = Colour("blue", COLOURS["blue"])
+    tip: Colour | None = Colour("blue", COLOURS["blue"])
     pivot_px: tuple[float, float] | None = None
 
     @property
-    def colours(self) -> tuple[Colour | None, Colour, Colour]:
+    def colours(self) -> tuple[Colour | None, Colour, Colour | None]:
         return self.pivot, self.joint, self.tip
 
     @property
@@ -77,9 +78,19 @@ class Appearance:
         return tuple(role if c is None else c.name for role, c in zip(ROLES, self.colours, strict=True))
 
     @property
+    def seen(self) -> tuple[str, ...]:
+        """Names of the markers that there are."""
+        return self.names[self.first : self.last]
+
+    @property
     def first(self) -> int:
         """Number of the first marker that can be seen: 0, or 1 where the pivot bears none."""
         return 0 if self.pivot is not None else 1
+
+    @property
+    def last(self) -> int:
+        """Number after that of the last marker: 3, or 2 of a single pendulum."""
+        return 3 if self.tip is not None else 2
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, object] | None) -> Appearance:
@@ -96,7 +107,7 @@ class Appearance:
         if given.get("style", "quadrant") not in STYLES:
             raise InputError(f"{WHERE}.style", f"is {given['style']!r}", f"it must be {' or '.join(STYLES)}")
         for role in ROLES:
-            if role in given and not (role == "pivot" and given[role] is None):
+            if role in given and not (role != "joint" and given[role] is None):
                 given[role] = _colour(role, given[role])
         appearance = cls(**given)
         if appearance.pivot_px is not None:

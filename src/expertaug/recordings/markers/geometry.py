@@ -27,6 +27,7 @@ class Geometry:
     """Lengths of one recording's pendulum in px: pivot to joint, joint to tip, diameter of a marker; and the place
     (x, y) of a pivot that bears no marker.
 
+    Of a single pendulum the second arm is like the first.
     ``spread`` is by how much the two arms' lengths vary, and ``residual`` how far the centres of the three markers'
     rims and insides are apart at most where nothing covers them: more than little where something is burnt in.
     ``twins`` are for each marker the places (x, y) of things at rest that look like it.
@@ -58,17 +59,15 @@ def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackSettings) -> 
     appearance = settings.markers
     finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance, appearance)
     seen = [finder.fit(frame, places) if len(places := finder.candidates(frame)) else None for frame in frames]
-    twins = [(), *(_twins(seen, k, settings) for k in (1, 2))]
+    twins = [(), *(_twins(seen, k, settings) if k < appearance.last else () for k in (1, 2))]
     if appearance.first == 0:
         twins[0] = _other_pivots(seen, settings, twins[1])
     centres, diameters, residuals, found = [], [], [], Counter(frames=len(seen))
     for disks in seen:
         if disks is None:
             continue
-        chosen = [best(disks, k, settings, twins[k]) for k in range(appearance.first, 3)]
-        found.update(
-            name for name, place in zip(appearance.names[appearance.first :], chosen, strict=True) if place is not None
-        )
+        chosen = [best(disks, k, settings, twins[k]) for k in range(appearance.first, appearance.last)]
+        found.update(name for name, place in zip(appearance.seen, chosen, strict=True) if place is not None)
         if None not in chosen:
             found["all"] += 1
             centres.append(disks.centre[chosen])
@@ -82,10 +81,11 @@ def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackSettings) -> 
         pivot = appearance.pivot_px or centre_of_circle(centre[:, 0])
         centre = np.concatenate((np.broadcast_to(pivot, (len(centre), 1, 2)), centre), axis=1)
     length = np.linalg.norm(np.diff(centre, axis=1), axis=2)
-    (arm1, arm2), spread = np.median(length, axis=0).tolist(), _spread(length)
+    arms, spread = (np.resize(of, 2).tolist() for of in (np.median(length, axis=0), _spread(length)))
     residual = np.array(residuals)
-    usual = [0.0] * appearance.first + (np.median(residual, axis=0) + WIDE * np.array(_spread(residual))).tolist()
-    return Geometry(arm1, arm2, float(np.median(diameters)), pivot, tuple(spread), tuple(usual), tuple(twins)), found
+    before, after = [0.0] * appearance.first, [0.0] * (3 - appearance.last)
+    usual = before + (np.median(residual, axis=0) + WIDE * np.array(_spread(residual))).tolist() + after
+    return Geometry(*arms, float(np.median(diameters)), pivot, tuple(spread), tuple(usual), tuple(twins)), found
 
 
 def _spread(values: np.ndarray) -> list[float]:
@@ -154,7 +154,11 @@ def measure_diameter(frames: Sequence[np.ndarray], settings: TrackSettings) -> f
         for frame in frames:
             places = finder.candidates(frame)
             disks = finder.fit(frame, places) if len(places) else None
-            chosen = [best(disks, k, tried) for k in range(settings.markers.first, 3)] if disks else [None]
+            chosen = (
+                [best(disks, k, tried) for k in range(settings.markers.first, settings.markers.last)]
+                if disks
+                else [None]
+            )
             chosen = [k for k in chosen if k is not None]
             score += sum(disks.share[k] for k in chosen)
             radii += [disks.radius[k] for k in chosen]

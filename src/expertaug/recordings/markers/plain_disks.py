@@ -93,7 +93,7 @@ class PlainFitter(DiskFitter):
         picture = cv2.cvtColor(small, cv2.COLOR_BGR2HSV)
         largest = (self.radius * self._shrink * 3) ** 2
         parts = []
-        for colour in self.appearance.colours[self.appearance.first :]:
+        for colour in filter(None, self.appearance.colours):
             whole = cv2.morphologyEx(
                 mask_of(picture, colour), cv2.MORPH_CLOSE, self._kernel
             )  # a hub or a screw is filled

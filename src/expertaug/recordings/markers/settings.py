@@ -29,7 +29,9 @@ class AppearanceKeys(Settings):
     )
     pivot: Colour | None = key("red", "colour of the fixed point's marker; null = it bears none")
     joint: Colour = key("green", "colour of the marker between the arms")
-    tip: Colour = key("blue", "colour of the marker at the end of the second arm")
+    tip: Colour | None = key(
+        "blue", "colour of the marker at the end of the second arm; null = a single pendulum, whose bob is the joint"
+    )
     pivot_px: Pair | None = key(
         None, "x and y of a pivot without a marker; null = the centre of the circle on which the joint moves", "px"
     )

@@ -64,9 +64,10 @@ def _calibrate(store: str | Path, frames: FrameStore, settings: TrackSettings) -
         raise InputError(store, str(error)) from error
     if geometry is None:
         appearance = settings.markers
-        seen = ", ".join(f"{name} in {found[name]}" for name in appearance.names[appearance.first :])
-        whole = f"of {found['frames']} frames looked at, {found['all']} show all {3 - appearance.first} ({seen})"
-        raise _no_markers(store, whole.replace("all 3", "all three").replace("all 2", "both"), settings)
+        seen = ", ".join(f"{name} in {found[name]}" for name in appearance.seen)
+        wanted = {1: "it", 2: "both", 3: "all three"}[len(appearance.seen)]
+        whole = f"of {found['frames']} frames looked at, {found['all']} show {wanted} ({seen})"
+        raise _no_markers(store, whole, settings)
     given = (settings.arm1_px, settings.arm2_px)
     arms = [own if own is not None else seen for own, seen in zip(given, (geometry.arm1, geometry.arm2), strict=True)]
     return settings, replace(geometry, arm1=arms[0], arm2=arms[1])
@@ -79,7 +80,7 @@ def _spread(count: int, wanted: float) -> np.ndarray:
 def _no_markers(store: str | Path, found: str, settings: TrackSettings) -> InputError:
     appearance = settings.markers
     size = "" if settings.marker_diameter_px is None else f" of {settings.marker_diameter_px:g} px (marker_diameter_px)"
-    colours = ", ".join(appearance.names[appearance.first : -1]) + " and " + appearance.names[-1]
+    colours = " and ".join(filter(None, (", ".join(appearance.seen[:-1]), appearance.seen[-1])))
     kind = "quadrant disks" if appearance.style == "quadrant" else "disks"
     remedy = f"show {colours} {kind}{size}, or say how yours look (recordings.tracking.markers; expertaug inspect)"
     return InputError(store, f"no markers: {found}", remedy)

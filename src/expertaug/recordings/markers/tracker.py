@@ -81,10 +81,10 @@ class Tracker:
         if first:
             centre[PIVOT] = self.pivot
         share, residual = np.zeros(3), np.zeros(3)
-        predicted = self._predict()[first:]
+        predicted = self._predict()[first : self.appearance.last]
         disks = self.fitter.fit(frame, np.array(predicted)) if predicted else None
         there = sound(disks, self.settings) & (disks.identity - first == range(len(predicted))) if predicted else ()
-        for k in range(first, 3):
+        for k in range(first, self.appearance.last):
             index = k - first
             if index < len(predicted) and there[index] and self._fits_arm(k, disks.centre[index], centre):
                 found = disks
@@ -148,19 +148,19 @@ class Tracker:
         self, frame: np.ndarray, centre: np.ndarray, share: np.ndarray, residual: np.ndarray
     ) -> tuple[float, str]:
         """Quality and reason of a frame."""
-        lost = [name for name, x in zip(self.appearance.names, centre[:, 0], strict=True) if math.isnan(x)]
-        if np.isnan(centre[JOINT:]).any():
+        first, last = self.appearance.first, self.appearance.last
+        lost = [name for name, x in zip(self.appearance.names[:last], centre[:last, 0], strict=True) if math.isnan(x)]
+        if np.isnan(centre[JOINT:last]).any():
             return UNUSABLE, "lost:" + "+".join(lost)
-        if not all(self._fits_arm(k, centre[k], centre) for k in (JOINT, TIP)):
+        if not all(self._fits_arm(k, centre[k], centre) for k in range(JOINT, last)):
             return UNUSABLE, "arm_length"
         if (residual > self.residual).any():
             return UNUSABLE, "residual"
         if lost:  # the pivot alone, whose neighbours tell where it is: the others must be sound for that
             return UNUSABLE, "lost:" + "+".join(lost)
-        first = self.appearance.first
-        quality = float(share[first:].min())
+        quality = float(share[first:last].min())
         height, width = frame.shape[:2]
-        margin, seen = self.fitter.radius, centre[first:]
+        margin, seen = self.fitter.radius, centre[first:last]
         if seen.min() < margin or (seen.max(axis=0) > (width - 1 - margin, height - 1 - margin)).any():
             return quality / 2, "edge"
         return quality, ""

@@ -21,7 +21,7 @@ from expertaug.recordings.reports import drawing
 from expertaug.recordings.reports.forecasts import Forecast, read_forecasts
 from expertaug.recordings.reports.settings import OverlaySettings
 from expertaug.recordings.tables import read_table
-from expertaug.recordings.video.reader import Video
+from expertaug.recordings.video.source import open_frames
 from expertaug.recordings.video.writer import encode
 
 HEIGHTS = (480, 1080)  # px of the frames in the overlay: smaller ones are enlarged, larger ones reduced
@@ -38,11 +38,12 @@ GHOSTS = ((255, 90, 255), (90, 255, 255), (90, 255, 90), (255, 255, 90))
 
 @dataclass(frozen=True)
 class Measured:
-    """One recording: its summary, frame numbers (n,), times (n,), marker places (n, 3, 2) px, angles (n, 2) rad,
-    quality (n,) and reasons (n,)."""
+    """One recording: its summary, frame numbers (n,), rows of the markers' table (n,), times (n,), marker places
+    (n, 3, 2) px, angles (n, 2) rad, quality (n,) and reasons (n,)."""
 
     summary: RecordingSummary
     frame: np.ndarray
+    source: np.ndarray
     t: np.ndarray
     place: np.ndarray
     theta: np.ndarray
@@ -87,20 +88,22 @@ def overlay(
     if not len(rows):
         found = f"{options.start_s:g} s is after its end at {seen.t[-1]:.2f} s"
         raise InputError("recordings.overlay.start_s", found, "choose an earlier part")
-    with Video(video, options.rate_hz, options.rate_provenance) as source:
-        step = round(source.rate_hz / rate)
-        if step < 1 or abs(step * rate / source.rate_hz - 1) > 1e-3 or (len(seen.t) - 1) * step >= source.count:
+    with open_frames(video, options.of_frames) as source:
+        step = max(1, math.floor(source.rate_hz / rate + 1e-3))
+        other = seen.summary.timing.frames_hz is None and abs(step * rate / source.rate_hz - 1) > 1e-3
+        if other or int(seen.source.max()) * step >= source.count:
             found = f"{source.count} frames at {source.rate_hz:g} Hz"
             raise InputError(video, found, f"{markers} has {len(seen.t)} at {rate:g} Hz: give the video that it is of")
         painter = Painter(seen, predicted, (source.width, source.height))
-        wanted = {int(row) * step for row in rows}
+        wanted: dict[int, list[int]] = {}
+        for row in rows:
+            wanted.setdefault(int(seen.source[row]) * step, []).append(int(row))
 
         def painted() -> Iterator[np.ndarray]:
             for number, frame in source.frames(step):
                 if number > max(wanted):
                     return
-                if number in wanted:
-                    row = number // step
+                for row in wanted.get(number, ()):
                     image = painter.paint(frame, row)
                     yield image
                     if any(0 <= row - f.rows[-1] < stride for f in predicted):
@@ -122,16 +125,19 @@ def note(words: str, output: str | Path) -> None:
 
 def _read(markers: str | Path, angles: str | Path, summary: str | Path) -> Measured:
     points = read_table(markers, ("frame", *PLACES), made_by="track_markers")
-    table = read_table(angles, ("frame", "t", "theta1", "theta2", "quality"), ("reason",))
+    table = read_table(angles, ("frame", "t", "theta1", "theta2", "quality", "source"), ("reason",))
     found = RecordingSummary.load(summary)
-    if not len(points) == len(table) == found.frames or (points["frame"] != table["frame"]).any():
+    resampled = found.timing.frames_hz is not None
+    same = resampled or (len(points) == len(table) and (points["frame"] == table["frame"]).all())
+    source = table["source"].to_numpy()
+    if not (same and len(table) == found.frames and ((source >= 0) & (source < len(points))).all()):
         counts = f"{len(points)} frames, {angles} has {len(table)}, {summary} has {found.frames}"
         raise InputError(markers, counts, "they are not of one measurement: run measure_angles again")
     if not table["quality"].isin(list(SHADES)).all():
         raise InputError(angles, "a frame without a quality of 0, .5 or 1", "run measure_angles again")
-    place = points[list(PLACES)].to_numpy().reshape(-1, 3, 2)
+    place = points[list(PLACES)].to_numpy().reshape(-1, 3, 2)[source.astype(int)]
     frame, t, quality, reason = (table[name].to_numpy() for name in ("frame", "t", "quality", "reason"))
-    return Measured(found, frame, t, place, table[["theta1", "theta2"]].to_numpy(), quality, reason)
+    return Measured(found, frame, source.astype(int), t, place, table[["theta1", "theta2"]].to_numpy(), quality, reason)
 
 
 def _rows(seen: Measured, predicted: Sequence[Forecast], options: OverlaySettings, stride: int) -> np.ndarray:

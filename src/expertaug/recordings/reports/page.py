@@ -17,10 +17,11 @@ from expertaug.errors import InputError
 from expertaug.recordings.angles.quality import INTERPOLATED, MEASURED, UNUSABLE
 from expertaug.recordings.angles.summary import RecordingSummary
 from expertaug.recordings.columns import PLACES
+from expertaug.recordings.provenance import RENDERED
 from expertaug.recordings.tables import read_table
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
-COLUMNS = ("t", *STATE, "energy", "quality", "theta1_raw", "theta2_raw", *(f"{name}_std" for name in STATE))
+COLUMNS = ("t", *STATE, "energy", "quality", "source", "theta1_raw", "theta2_raw", *(f"{name}_std" for name in STATE))
 WRONG = "#B00020"
 FIRST, SECOND = "#0072B2", "#D55E00"  # of the two arms
 STATES = ((MEASURED, "measured", "#009E73"), (INTERPOLATED, "not used", "#E69F00"), (UNUSABLE, "unusable", WRONG))
@@ -43,7 +44,8 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
     """
     points, table = read_table(markers, PLACES), read_table(angles, COLUMNS)
     found = RecordingSummary.load(summary)
-    if len(points) != len(table):
+    source = table["source"].to_numpy(int)
+    if len(table) != found.frames or not ((source >= 0) & (source < len(points))).all():
         raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
     heading, reasons = _heading(found), found.reasons
     warned = "\n".join(textwrap.fill(f"Warning: {text}.", WIDTH - 14) for text in found.warnings)
@@ -63,7 +65,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         write(0.35, heading)
         write(0.35 + LINE * (lines + 0.2), warned, color=WRONG, fontweight="bold")
         t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
-        _lengths(over_time[:2], t, points.to_numpy(float), quality)
+        _lengths(over_time[:2], t, points.to_numpy(float)[source], quality)
         _angles(over_time[2], t, table, quality)
         _smoothed(over_time[3:5], t, table, quality)
         _speeds(over_time[5], t, table)
@@ -91,16 +93,21 @@ def plot_refused(name: str, reason: str, output: str | Path) -> None:
 def _heading(found: RecordingSummary) -> str:
     implied = found.implied_rate_hz
     rate = "the motion implies none: recordings.arms_m is not known"
-    if implied is not None:
+    if found.rate_provenance == RENDERED:
+        rate = "the real recordings' constants in their nominal time"
+    elif implied is not None:
         rate = f"the motion implies {implied:.1f} Hz ({implied / found.rate_hz - 1:+.1%})"
     tilt, turned = found.implied_rotation_deg, f"gravity stated at {found.rotation_deg:g}°"
     turned += "; the motion implies none" if tilt is None else f", implied at {tilt:.1f}°"
     constants = ", ".join(f"{name} {value:.4g}" for name, value in found.constants.items())
     gaps = f"{found.gaps} gaps, the longest of {found.longest_gap_frames} frames" if found.gaps else "no gaps"
+    if found.pendulum == "single":
+        return "\n".join(textwrap.fill(line, WIDTH) for line in _single(found, gaps, turned))
     lines = [
         f"{found.frames} frames, {found.duration_s:.1f} s; tracked {found.tracked_share:.2%}, used"
         f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
         f"Frame rate: stated {found.rate_hz:g} Hz ({found.rate_provenance}); {rate}; {turned}",
+        *_times(found),
         f"Arms {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px and {found.arm2_px:.2f} ±"
         f" {found.arm2_std_px:.2f} px; noise of the measured angles {found.noise1_deg:.3f}° and"
         f" {found.noise2_deg:.3f}°, of the smoothed ones {found.uncertainty1_deg:.3f}° and"
@@ -125,6 +132,34 @@ def _offsets(found: RecordingSummary) -> str:
     words["joint_arm2"] = "the joint's on the second arm"
     named = [f"{words[name]} by {size:.2f} px" for name, size in found.offsets_px.items()]
     return f"; markers off their hinges, modelled: {', '.join(named)}" if named else "; no marker is off its hinge"
+
+
+def _single(found: RecordingSummary, gaps: str, turned: str) -> list[str]:
+    """The heading of a single pendulum."""
+    omega0, alpha = found.constants["G1"] ** 0.5, found.friction[0]
+    return [
+        f"{found.frames} frames, {found.duration_s:.1f} s; tracked {found.tracked_share:.2%}, used"
+        f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
+        f"Single pendulum; frame rate stated {found.rate_hz:g} Hz ({found.rate_provenance}); {turned}",
+        *_times(found),
+        f"Arm {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px; noise of the measured angle {found.noise1_deg:.3f}°, of"
+        f" the smoothed one {found.uncertainty1_deg:.3f}°, of the speed {found.uncertainty1_rad_s:.2g} rad/s",
+        f"ω0 {omega0:.4g} rad/s, α {alpha:.3g} s⁻¹; R² {found.r2_1:.4f}",
+    ]
+
+
+def _times(found: RecordingSummary) -> list[str]:
+    """What was found of the frames' times, where anything was."""
+    timing, said = found.timing, []
+    if timing.uneven_ms:
+        said.append(f"off even ones by up to {timing.uneven_ms:.1f} ms")
+    if timing.frames_hz is not None:
+        said.append(f"angles resampled from {timing.frames_hz:.4g} frames/s")
+    if timing.error_deg is not None:
+        said.append("estimated to cost {:.2g}° (median), {:.2g}° (99 %)".format(*timing.error_deg))
+    if timing.repeated or timing.dropped:
+        said.append(f"{timing.repeated} frames repeated, {timing.dropped} missing")
+    return [f"Times: {'; '.join(said)}"] if said else []
 
 
 def _dots(axis: Axes, t: np.ndarray, values: np.ndarray, quality: np.ndarray, colour: str, label: str) -> None:

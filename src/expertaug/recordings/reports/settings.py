@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from expertaug.recordings.video.settings import TimeKeys
 from expertaug.settings import NotNegative, Positive, Settings, key
 
 
@@ -20,11 +21,16 @@ class OverlayView(Settings):
     )
 
 
-class OverlaySettings(OverlayView):
-    """The same with the video's rate, as for extracting its frames."""
+class OverlaySettings(OverlayView, TimeKeys):
+    """The same with the video's rate and times, as for extracting its frames."""
 
     rate_hz: Positive | None = key(None, "frame rate of the video; null = the one in its metadata", "Hz")
     rate_provenance: str | None = key(None, "where that rate is known from")
+
+    @property
+    def of_frames(self) -> dict[str, object]:
+        """What opening the video takes (:func:`expertaug.recordings.video.source.open_frames`)."""
+        return self.model_dump(include={"rate_hz", "rate_provenance", "times", "time_unit_s"})
 
 
 class OverlayKeys(OverlayView):

@@ -18,6 +18,9 @@ COLOURS = {"train": "#0072B2", "validation": "#E69F00", "test": "#D55E00"}  # to
 PANELS = (r"$\theta_1$ [rad]", r"$\theta_2$ [rad]", r"$\dot\theta_1$ [rad/s]", r"$\dot\theta_2$ [rad/s]")
 
 
+SINGLE = (r"$\theta$ [rad]", r"$\dot\theta$ [rad/s]")  # of a single pendulum
+
+
 def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path) -> None:
     """Draw how the initial angles, speeds and energies of train, validation and test chunks are distributed.
 
@@ -34,10 +37,13 @@ def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path
     with plotting.styled():
         figure = plotting.new_figure(3.9)
         axes = figure.subplots(2, 3)
-        places = (axes[0, 0], axes[0, 1], axes[1, 0], axes[1, 1])
-        for k, (axis, label) in enumerate(zip(places, PANELS, strict=True)):
+        single = next(iter(first.values())).shape[1] == len(SINGLE)
+        places = (axes[0, 0], axes[1, 0]) if single else (axes[0, 0], axes[0, 1], axes[1, 0], axes[1, 1])
+        for unused in (axes[0, 1], axes[1, 1]) if single else ():
+            unused.axis("off")
+        for k, (axis, label) in enumerate(zip(places, SINGLE if single else PANELS, strict=True)):
             values = {name: y[:, k] for name, y in first.items()}
-            if k < 2:
+            if k < len(places) // 2:
                 values = {name: np.angle(np.exp(1j * v)) for name, v in values.items()}
                 _histogram(axis, values, (-np.pi, np.pi), label)
                 axis.set_xticks([-np.pi, 0, np.pi], [r"$-\pi$", "0", r"$\pi$"])
@@ -56,8 +62,10 @@ def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path
 def _initial_states(path: Path) -> np.ndarray:
     """First states (N, 4) of a set's chunks."""
     y = Trajectories.load(path).y
-    if y.ndim != 3 or y.shape[2] != len(PANELS) or not len(y):
-        raise InputError(path, f"y has shape {y.shape}", "chunks of a double pendulum are (N, T, 4): run split_chunks")
+    if y.ndim != 3 or y.shape[2] not in (len(PANELS), len(SINGLE)) or not len(y):
+        raise InputError(
+            path, f"y has shape {y.shape}", "chunks are (N, T, 4), of a single pendulum (N, T, 2): run split_chunks"
+        )
     return y[:, 0]
 
 

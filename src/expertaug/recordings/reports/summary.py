@@ -11,6 +11,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic, write_text
 from expertaug.measurements.paths import natural_key
 from expertaug.recordings.angles.summary import RecordingSummary
+from expertaug.recordings.provenance import RENDERED
 
 # Columns of the table: key in a recording's summary → heading and format of the Markdown table.
 HEADINGS = {
@@ -63,11 +64,20 @@ def summarise(
             "arm1": f"{row['arm1_px']:.2f} ± {row['arm1_std_px']:.2f}",
             "arm2": f"{row['arm2_px']:.2f} ± {row['arm2_std_px']:.2f}",
             "noise": f"{row['noise1_deg']:.3f}, {row['noise2_deg']:.3f}",
-            "implied": "–" if row["implied_rate_hz"] is None else f"{row['implied_rate_hz']:.1f}",
+            "implied": _implied(row),
             "r2": f"{row['r2_1']:.4f}, {row['r2_2']:.4f}",
             "energy": f"{row['energy_start']:.0f} → {row['energy_end']:.1f}",
         }
-        lines.append("| " + " | ".join(form.format(cells[key]) for key, (_, form) in HEADINGS.items()) + " |")
+        if row["pendulum"] == "single":
+            cells |= dict.fromkeys(("arm2", "B1", "B2", "G2"), "–")
+            cells |= {"noise": f"{row['noise1_deg']:.3f}", "r2": f"{row['r2_1']:.4f}"}
+        lines.append(
+            "| "
+            + " | ".join(
+                (cells[key] if cells[key] == "–" else form.format(cells[key])) for key, (_, form) in HEADINGS.items()
+            )
+            + " |"
+        )
     if refused:
         lines += ["", "Left out (recordings.on_bad_recording is skip):", ""]
         lines += [f"- {name}: {refused[name]}" for name in sorted(refused, key=natural_key)]
@@ -78,9 +88,17 @@ def summarise(
     write_text(markdown, "\n".join(lines))
 
 
+def _implied(row: Mapping) -> str:
+    """What was rendered moves by the real recordings' constants in their nominal time: that is no finding."""
+    known = row["implied_rate_hz"] is not None and row["rate_provenance"] != RENDERED
+    return f"{row['implied_rate_hz']:.1f}" if known else "–"
+
+
 def _row(path: Path) -> dict[str, object]:
     found = RecordingSummary.load(path).model_dump()
-    row = {key: value for key, value in found.items() if key not in ("constants", "friction")} | found["constants"]
+    apart = ("constants", "friction", "timing")
+    row = {key: value for key, value in found.items() if key not in apart} | found["constants"] | found["timing"]
+    row["error_deg"] = "; ".join(f"{value:.3g}" for value in found["timing"]["error_deg"] or ())
     row["reasons"] = "; ".join(f"{reason} {count}" for reason, count in found["reasons"].items())
     row["warnings"] = "; ".join(found["warnings"])
     return row

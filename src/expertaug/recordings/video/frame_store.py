@@ -8,6 +8,7 @@ them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -20,8 +21,8 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.recordings.video.pixel_layout import Layout
-from expertaug.recordings.video.reader import Video
 from expertaug.recordings.video.settings import ExtractSettings
+from expertaug.recordings.video.source import Frames, open_frames
 
 FORMAT = "expertaug frames 2"
 CHUNK_BYTES = 16 * 480 * 480 * 3  # memory that writing needs, and what a sequential reader unpacks at once
@@ -35,8 +36,8 @@ class FrameStore:
         path: the file's path.
         shape: (n, height, width, 3) of the images, uint8 BGR.
         layout: how the kept frames' bytes are laid out.
-        rate_hz: stored frames per second.
-        t: nominal times of the frames in s from the first, (n,) float64.
+        rate_hz: stored frames per second; of uneven times the nominal one.
+        t: times of the frames in s from the first, (n,) float64: those of the source, or even ones.
         source: what the frames were taken from: file name, its frame rate and where that is known from.
     """
 
@@ -60,6 +61,7 @@ class FrameStore:
         self.shape = (meta["count"], *self.layout.image_shape)
         self.rate_hz = float(meta["rate_hz"])
         self.source = dict(meta["source"])
+        self._times = None if meta.get("times") is None else np.frombuffer(meta["times"], np.float64)
         if self._chunks.nbytes != self.shape[0] * self.layout.frame_bytes:
             raise InputError(
                 path, f"holds {self._chunks.nbytes} bytes for {self.shape[0]} frames", "run extract_frames again"
@@ -70,7 +72,7 @@ class FrameStore:
 
     @property
     def t(self) -> np.ndarray:
-        return np.arange(len(self)) / self.rate_hz
+        return np.arange(len(self)) / self.rate_hz if self._times is None else self._times
 
     def __getitem__(self, index: int) -> np.ndarray:
         """One frame, (height, width, 3); a negative index counts from the end."""
@@ -116,9 +118,16 @@ def _frames_per_chunk(layout: Layout) -> int:
 
 
 class FrameWriter:
-    """Appends frames to a new store; made by :func:`writing`."""
+    """Appends frames to a new store; made by :func:`writing`.
+
+    Attributes:
+        count: frames that were appended.
+        times, rate_hz: to be set where the frames turn out to be uneven: their times in s, (n,), and nominal rate.
+    """
 
     def __init__(self, path: Path, layout: Layout) -> None:
+        self.times: np.ndarray | None = None
+        self.rate_hz: float | None = None
         self._layout = layout
         self._buffer = np.empty((_frames_per_chunk(layout), layout.frame_bytes), np.uint8)
         self._filled = 0
@@ -151,7 +160,7 @@ class FrameWriter:
             self._chunks.append_data(self._buffer[: self._filled])
             self._filled = 0
 
-    def finish(self, rate_hz: float, source: Mapping) -> None:
+    def finish(self, rate_hz: float, source: Mapping, times: np.ndarray | None) -> None:
         self._flush()
         meta = {
             "format": FORMAT,
@@ -159,6 +168,7 @@ class FrameWriter:
             "layout": asdict(self._layout),
             "rate_hz": rate_hz,
             "source": dict(source),
+            "times": None if times is None else times.astype(np.float64).tobytes(),
         }
         for key, value in meta.items():
             self._chunks.vlmeta[key] = value
@@ -180,7 +190,7 @@ def writing(path: str | Path, layout: Layout, rate_hz: float, source: Mapping) -
         try:
             writer = FrameWriter(temporary, layout)
             yield writer
-            writer.finish(rate_hz, source)
+            writer.finish(writer.rate_hz or rate_hz, source, writer.times)
             FrameStore(temporary)
         except RuntimeError as error:
             raise InputError(
@@ -192,16 +202,18 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
     """Decode a video into a frame store at the analysis rate; memory does not grow with the length.
 
     Arguments:
-        video: a file as :class:`~expertaug.recordings.video.reader.Video` takes.
-        store: file to write.
+        video: a file as :class:`~expertaug.recordings.video.reader.Video` takes, or a folder of pictures
+            (:class:`~expertaug.recordings.video.pictures.Pictures`).
+        store: file to write.  It has every n-th frame, as many as the analysis rate takes; where that does not divide
+            the rate, and where times are uneven, the angles are resampled later.
         settings: see :class:`ExtractSettings`.
 
     Raises:
         InputError: the video or a setting cannot be used, or the store cannot be written.
     """
     s = settings if isinstance(settings, ExtractSettings) else ExtractSettings.from_mapping(settings)
-    with Video(video, s.rate_hz, s.rate_provenance, s.expected_frames, s.image_size_px) as source:
-        step = _step(source, s.analysis_rate_hz)
+    with open_frames(video, s) as source:
+        step = 1 if s.analysis_rate_hz is None else max(1, math.floor(source.rate_hz / s.analysis_rate_hz + 1e-3))
         described = {
             "video": Path(video).name,
             "rate_hz": source.rate_hz,
@@ -212,17 +224,17 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
         with writing(store, source.layout, source.rate_hz / step, described) as out:
             for _, picture in source.pictures(step):
                 out.append(picture)
+            if source.times is not None:
+                out.times, out.rate_hz = source.times[::step], source.rate_hz / step
+            _refuse_slow(source, s.analysis_rate_hz)
 
 
-def _step(video: Video, analysis_rate_hz: float | None) -> int:
-    if analysis_rate_hz is None:
-        return 1
-    rate_hz = video.rate_hz
-    step = round(rate_hz / analysis_rate_hz)
-    if step < 1 or abs(step * analysis_rate_hz - rate_hz) > 1e-3 * rate_hz:
+def _refuse_slow(source: Frames, analysis_rate_hz: float | None) -> None:
+    """Frames between those that were taken cannot be made."""
+    slack = 1e-3 if source.times is None else 0.05
+    if analysis_rate_hz is not None and source.rate_hz < (1 - slack) * analysis_rate_hz:
         raise InputError(
-            video.path,
-            f"the analysis rate of {analysis_rate_hz:g} Hz does not divide the frame rate of {rate_hz:g} Hz evenly",
-            f"set recordings.analysis_rate_hz to {rate_hz:g}, {rate_hz / 2:g}, {rate_hz / 4:g} …",
+            source.path,
+            f"the analysis rate of {analysis_rate_hz:g} Hz is above the frame rate of {source.rate_hz:g} Hz",
+            f"set recordings.analysis_rate_hz to {source.rate_hz:g} or less",
         )
-    return step

@@ -17,11 +17,11 @@ import av
 import numpy as np
 
 from expertaug.errors import InputError
+from expertaug.recordings.video import timestamps
 from expertaug.recordings.video.pixel_layout import Layout
 
 RATES_HZ = (1.0, 20_000.0)  # outside, a declared frame rate is taken for a missing one
 MIN_SIDE_PX, MAX_PX = 16, 2**25  # of an image: 8K video has 2^24.98 px, a forged header millions of millions
-ROUNDING_MS = 0.5  # where timestamps are whole milliseconds, as in Matroska
 # Playlists, picture sequences and the like are not read: they name other files.
 CONTAINERS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,ivf,asf,flv,ogg,nut,mxf,yuv4mpegpipe"
 OPTIONS = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
@@ -34,7 +34,9 @@ class Video:
     Attributes:
         path: the file's path.
         count: frames that it must have.
-        rate_hz: frames per second, and ``rate_provenance`` where that number comes from.
+        rate_hz: frames per second, and ``rate_provenance`` where that number comes from; of a variable rate the nominal
+            one (of the median interval), once all frames are read.
+        times: of its frames in s from the first, (n,), once all are read; None where they are even.
         layout: how its frames are kept.
         width, height: size of its upright images in px.
     """
@@ -60,6 +62,7 @@ class Video:
             InputError: the file is missing, empty or no video, or its metadata are missing or not as expected.
         """
         self.path = Path(path)
+        self.times: np.ndarray | None = None
         if not self.path.is_file():
             raise InputError(path, "no such file", "give a video file")
         if self.path.stat().st_size == 0:
@@ -116,7 +119,7 @@ class Video:
     def _check_metadata(self, stream, rate_hz, rate_provenance, expected_frames) -> None:
         declared_rate = float(stream.average_rate or stream.guessed_rate or 0)
         length_s = (self._container.duration or 0) / av.time_base
-        declared_count = stream.frames or math.floor(length_s * declared_rate + 0.5)
+        declared_count = self._shown(stream) or stream.frames or math.floor(length_s * declared_rate + 0.5)
         # A bare stream has neither a count nor a rate; the rate that FFmpeg then reports is its own guess.
         counted = 0 < declared_count < 2**40
         self._declared_rate = declared_rate if counted and RATES_HZ[0] <= declared_rate <= RATES_HZ[1] else None
@@ -130,7 +133,8 @@ class Video:
             raise InputError(
                 "recordings.videos.rate_hz", f"is {self.rate_hz:g} Hz", f"give {RATES_HZ[0]:g} to {RATES_HZ[1]:g}"
             )
-        self.rate_provenance = (rate_provenance or "configured") if rate_hz is not None else "video metadata"
+        self._is_configured = rate_hz is not None
+        self.rate_provenance = (rate_provenance or "configured") if self._is_configured else "video metadata"
         if expected_frames is None and not counted:
             raise InputError(self.path, "no frame count in its metadata", "convert it to mp4, which keeps it")
         self.count = int(expected_frames if expected_frames is not None else declared_count)
@@ -139,6 +143,16 @@ class Video:
             raise InputError(
                 self.path, f"declares {declared_count} frames", f"{expected_frames} expected (expected_frames)"
             )
+
+    def _shown(self, stream: av.VideoStream) -> int:
+        """Frames that a player shows of a clip that was trimmed by an edit list, as phones do it; 0 of any other.
+
+        Its header counts what was filmed; packets that only serve to decode others are to be discarded.
+        """
+        kept = (
+            sum(not entry.is_discard for entry in stream.index_entries) if "mov" in self._container.format.name else 0
+        )
+        return kept if 0 < kept < stream.frames else 0
 
     def frames(self, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:
         """Images of :meth:`pictures`: index from 0 and upright image, uint8 BGR (height, width, 3)."""
@@ -155,8 +169,8 @@ class Video:
             Index from 0 and the decoder's frame, of :attr:`layout`.
 
         Raises:
-            InputError: the file ends early or late, changes its size, its timestamps are uneven or its decoder
-                reported spoiled frames.
+            InputError: the file ends early or late, changes its size, has timestamps that run backwards or none, or its
+                decoder reported spoiled frames.
         """
         times = array("d")  # 8 bytes a frame: all that grows with the length
         picture, self._first = self._first, None
@@ -231,25 +245,18 @@ class Video:
                 "copy the recording again, or convert what there is to mp4",
             )
         self._check_heard(len(times) - 1)
-        if len(times) < 3:
-            return
-        rounding = ROUNDING_MS if (times == np.round(times)).all() else 0.0
-        number = np.arange(len(times)) - (len(times) - 1) / 2
-        step = float(number @ times / (number @ number))  # of least squares: a missing frame is half a step off it
-        if not step > 0:
-            raise InputError(
-                self.path, "its frames have no timestamps", "convert it to a container that keeps them, such as mp4"
-            )
-        uneven = float(np.abs(times - times.mean() - step * number).max())
-        if uneven > 0.25 * step + rounding:
-            jump = int(np.abs(np.diff(times) - step).argmax())
-            raise InputError(
-                self.path,
-                f"variable frame rate: times are up to {uneven:.1f} ms off even steps of {step:.3f} ms; frame"
-                f" {jump + 1} comes {times[jump + 1] - times[jump]:.3f} ms after the one before",
-                "convert it to a constant frame rate, or copy the recording again if frames are missing",
-            )
-        if self.rate_provenance == "video metadata" and abs(step * self.rate_hz / 1000 - 1) > 0.01:
+        if len(times) > 2:
+            self._judge_times(times)
+
+    def _judge_times(self, times: np.ndarray) -> None:
+        """Even times are those of the rate; others are kept, in the time of the configured rate."""
+        if not np.diff(times).any():
+            remedy = "convert it to a container that keeps them, such as mp4"
+            raise InputError(self.path, "its frames have no timestamps", remedy)
+        step, even = timestamps.judge(self.path, times, self._tick_ms)
+        if not even:
+            self.rate_hz, self.times = timestamps.in_seconds(times, self.rate_hz if self._is_configured else None)
+        elif not self._is_configured and abs(step * self.rate_hz / 1000 - 1) > 0.01:
             raise InputError(
                 self.path,
                 f"declares {self.rate_hz:g} Hz but its timestamps step as {1000 / step:.4g} Hz",

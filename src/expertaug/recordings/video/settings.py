@@ -12,13 +12,24 @@ Size = Annotated[int, Field(ge=16, le=2**16)]
 SizePair = Annotated[tuple[Size, Size], Field(strict=False)]
 
 
-class ExtractSettings(Settings):
+class TimeKeys(Settings):
+    """When the pictures of a series were taken."""
+
+    times: str | None = key(
+        None,
+        "of a folder of pictures - a CSV in it with the columns file and t; names = the last number in each file's "
+        "name; null = even, at rate_hz",
+    )
+    time_unit_s: Positive = key(1.0, "seconds of a unit of these times: 0.001 for milliseconds", "s")
+
+
+class ExtractSettings(TimeKeys):
     """How frames are taken from a video."""
 
     WHERE: ClassVar[str] = "recordings"
 
     analysis_rate_hz: Positive | None = key(
-        None, "frames kept per second, which must divide the video's rate evenly; null = all", "Hz"
+        None, "frames per second that are analysed, at most the video's; null = all", "Hz"
     )
     rate_hz: Positive | None = key(
         None, "frame rate at which the video was taken; null = the one in its metadata", "Hz"

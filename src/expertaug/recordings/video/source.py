@@ -1,0 +1,28 @@
+"""Where frames come from: a video, or a folder of pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from expertaug.recordings.video.pictures import Pictures
+from expertaug.recordings.video.reader import Video
+from expertaug.recordings.video.settings import ExtractSettings
+
+Frames = Video | Pictures
+
+
+def open_frames(path: str | Path, settings: Mapping[str, object] | ExtractSettings | None = None) -> Frames:
+    """Open and check a recording.
+
+    Arguments:
+        path: a video file, or a folder of pictures.
+        settings: see :class:`ExtractSettings`; the analysis rate is not used.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    s = ExtractSettings.from_mapping(settings)
+    if Path(path).is_dir():
+        return Pictures(path, s.rate_hz, s.rate_provenance, s.expected_frames, s.image_size_px, s.times, s.time_unit_s)
+    return Video(path, s.rate_hz, s.rate_provenance, s.expected_frames, s.image_size_px)

@@ -1,0 +1,146 @@
+"""Times as they were: uneven frames are resampled, repeated and missing ones found, and what that costs is said."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from pendulum_motion import markers, real_recordings, truth
+from scipy.interpolate import CubicSpline
+
+from expertaug.errors import InputError
+from expertaug.recordings.angles.marker_table import read_markers
+from expertaug.recordings.angles.measure import measure_angles
+from expertaug.recordings.imports.ibm import import_markers, list_marker_files
+from expertaug.recordings.reports.page import _heading, plot_recording
+from expertaug.recordings.reports.summary import RecordingSummary, summarise
+
+
+def true_angles(t):
+    return CubicSpline(np.arange(16000) / 400, truth()[0])(t)[:, :2]
+
+
+def table_at(t, noise=0.0):
+    """markers.csv of frames at times t (n,) in s."""
+    y = np.concatenate((true_angles(t), np.zeros((len(t), 2))), axis=1)
+    return markers(y, noise=noise).assign(t=t)
+
+
+def errors_deg(seen, to=true_angles):
+    """Of the worse angle of each usable row against the truth at its time."""
+    vector = np.diff(seen.places, axis=1)
+    off = np.abs(np.angle(np.exp(1j * (np.arctan2(vector[..., 0], vector[..., 1]) - to(seen.t))))).max(1)
+    return np.rad2deg(off[np.isfinite(off)])
+
+
+def read(folder, table, rate=None):
+    table.to_csv(folder / "markers.csv", index=False)
+    return read_markers(folder / "markers.csv", rate)
+
+
+@pytest.mark.parametrize("rate", [30, 60, 240])
+def test_uneven_frames_are_resampled_and_the_cost_is_estimated(tmp_path, rate):
+    """Every time is off by up to a fifth of an interval, and some frames are missing: as even ones they would be off by
+    degrees.  The error that is said is within a factor of three of the true one."""
+    rng = np.random.default_rng(0)
+    t = (np.arange(20 * rate) + rng.uniform(-0.2, 0.2, 20 * rate)) / rate
+    gone = rng.choice(np.arange(9, 20 * rate - 9), 12, replace=False)
+    seen = read(tmp_path, table_at(np.delete(t, gone)), float(rate))
+    off = errors_deg(seen)
+    assert seen.rate_hz == rate and np.diff(seen.t) == pytest.approx(1 / rate)
+    assert len(off) > 0.85 * len(t) and (seen.reason == "dropped").sum() >= 12
+    median, most = seen.timing.error_deg
+    assert np.median(off) / 3 < median < 3 * np.median(off)
+    assert np.quantile(off, 0.99) / 3 < most < 3 * np.quantile(off, 0.99)
+    assert np.median(off) < {30: 0.02, 60: 0.002, 240: 1e-4}[rate]
+    assert seen.timing.uneven_ms == pytest.approx(1000 * 0.2 / rate, rel=0.2) or seen.timing.uneven_ms > 200 / rate
+
+
+def test_another_even_rate_is_resampled(tmp_path):
+    seen = read(tmp_path, table_at(np.arange(2400) / 120), 100.0)
+    assert (len(seen), seen.rate_hz, seen.timing.frames_hz) == (2000, 100, 120)
+    assert np.quantile(errors_deg(seen), 0.99) < 0.01
+    assert (np.abs(seen.t[:-1] - seen.source[:-1] / 120) <= 0.5 / 120 + 1e-9).all()
+
+
+def test_even_frames_stay_as_they_are(tmp_path):
+    table = table_at(np.arange(2000) / 100, noise=0.07)
+    seen = read(tmp_path, table, 100.0)
+    np.testing.assert_array_equal(
+        seen.places.reshape(-1, 6), table[["pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y"]]
+    )
+    assert seen.timing.frames_hz is None and seen.timing.repeated == seen.timing.dropped == 0
+    assert (seen.reason == "").all()
+
+
+@pytest.mark.parametrize("rate", [50, 100, 240])
+def test_repeated_and_missing_frames_are_found_from_the_motion(tmp_path, rate):
+    t = np.arange(15 * rate) / rate
+    rng = np.random.default_rng(1)
+    chosen = np.sort(rng.choice(np.arange(20, len(t) - 20, 12), 15, replace=False))
+    whole = table_at(t, noise=0.07)
+    places = ["joint_x", "joint_y", "tip_x", "tip_y"]
+    frozen = whole.copy()
+    frozen.loc[chosen, places] = whole.loc[chosen - 1, places].to_numpy()
+    seen = read(tmp_path, frozen)
+    found = np.flatnonzero(seen.reason == "repeated")
+    assert set(found) <= set(chosen) and len(found) >= 14
+    assert (seen.quality[found] == 0).all() and seen.timing.dropped == 0
+    lacking = whole.drop(index=chosen).assign(t=t[: len(t) - len(chosen)], frame=np.arange(len(t) - len(chosen)))
+    seen = read(tmp_path, lacking)
+    assert 12 <= seen.timing.dropped <= 15
+    at = np.flatnonzero(seen.reason == "dropped")
+    assert np.abs(at[:, None] - chosen).min(axis=1).max() <= 15  # those not found shift the later ones
+    assert np.median(errors_deg(seen, lambda s: true_angles(np.clip(s, 0, 39)))) < 3
+
+
+def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
+    for rate in (400, 240, 100, 50):
+        timing = read(tmp_path, markers(truth()[1, :: 400 // rate] if 400 % rate == 0 else truth()[1], rate)).timing
+        assert (timing.repeated, timing.dropped) == (0, 0), rate
+
+
+def test_nothing_is_found_in_the_real_recordings(tmp_path):
+    files = list_marker_files(real_recordings())
+    for name in list(files)[::6]:
+        import_markers(files[name], tmp_path / "markers.csv", {})
+        timing = read_markers(tmp_path / "markers.csv").timing
+        assert (timing.repeated, timing.dropped) == (0, 0), name
+
+
+def test_times_that_do_not_grow_are_refused(tmp_path):
+    table = table_at(np.arange(40) / 100)
+    table.loc[20, "t"] = table.loc[19, "t"]
+    with pytest.raises(InputError, match=r"times do not grow: 0.19 s, then 0.19 s"):
+        read(tmp_path, table)
+
+
+def test_the_page_the_table_and_the_summary_say_what_resampling_cost(tmp_path):
+    rng = np.random.default_rng(0)
+    t = (np.arange(3000) + rng.uniform(-0.1, 0.1, 3000)) / 120
+    folder = tmp_path / "phone"
+    folder.mkdir()
+    files = [folder / name for name in ("markers.csv", "angles.csv", "angles.json")]
+    table_at(t, noise=0.05).to_csv(files[0], index=False)
+    measure_angles(*files, {"rate_hz": 100.0, "rate_provenance": "rendered at this rate"})
+    angles, summary = pd.read_csv(files[1]), json.loads(files[2].read_text())
+    assert summary["timing"]["frames_hz"] == pytest.approx(120, rel=0.01) and summary["rate_hz"] == 100
+    assert summary["usable_share"] > 0.9 and len(angles) == summary["frames"]
+    assert np.abs(t[angles["source"]] - t[0] - (angles["t"] - t[0])).max() < 0.006
+    heading = _heading(RecordingSummary.load(files[2]))
+    assert "Times: off even ones by up to" in heading and "resampled from 12" in heading
+    assert "implies" not in heading.split("gravity")[0]  # rendered: its constants belong to a nominal time
+    plot_recording(*files, folder / "page.png")
+    summarise([files[2]], tmp_path / "s.csv", tmp_path / "s.md")
+    row = pd.read_csv(tmp_path / "s.csv").iloc[0]
+    assert row["uneven_ms"] > 0 and ";" in row["error_deg"]
+
+
+def test_many_repeated_frames_are_a_warning(tmp_path):
+    """24 frames/s brought to 30 by showing every fourth twice."""
+    shown = np.floor(np.arange(900) * 24 / 30).astype(int)
+    table = table_at(np.arange(900) / 60).iloc[shown].reset_index(drop=True)
+    table = table.assign(frame=np.arange(900), t=np.arange(900) / 60)
+    seen = read(tmp_path, table)
+    assert seen.timing.repeated > 150
+    assert "repeat the one before" in seen.timing.doubts(900)[0]

@@ -1,0 +1,66 @@
+"""A user's own clip, from what inspect prints to the tables."""
+
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from running import copy_project, snakemake
+
+sys.path.append(str(Path(__file__).parents[1] / "recordings"))
+from test_rates import filmed
+from test_single import SWING, clip
+
+from expertaug.recordings.inspection.inspect import inspect
+
+LITTLE = {
+    "run": ["double_pendulum"],
+    "results": "results/mine",
+    "seeds": [0],
+    "experiments": {
+        "double_pendulum": {
+            "methods": ["mean", "expert_only"],
+            "augmented": [],
+            "controls": [],
+            "flows": [],
+            "refined": [],
+            "studies": {"during_training": None},
+            "evaluation": {"samples": 1},
+            "training": {"epochs": 1},
+        }
+    },
+}
+
+
+@pytest.mark.parametrize("rate", [38])
+def test_from_inspect_to_tables(tmp_path, rate):
+    project = copy_project(tmp_path / "project")
+    (project / "my").mkdir()
+    filmed(project / "my", rate)
+    text = inspect(project / "my" / "clip.mp4", project / "contact.png")
+    (project / "my.yaml").write_text(text)
+    (project / "little.yaml").write_text(yaml.safe_dump(LITTLE))
+    done = snakemake(project, "--configfile", "my.yaml", "little.yaml")
+    assert done.returncode == 0, done.stdout + done.stderr
+    tables = project / "results" / "mine" / "tables"
+    assert "Expert only" in (tables / "double_pendulum.md").read_text()
+    review = snakemake(project, "review", "export", "--configfile", "my.yaml", "little.yaml")
+    assert review.returncode == 0, review.stdout + review.stderr
+    made = project / "results" / "mine" / "recordings"
+    assert "clip" in (made / "review.html").read_text() and (made / "clip" / "export" / "tracker.csv").exists()
+
+
+def test_a_single_pendulum_from_inspect_to_tables(tmp_path):
+    project = copy_project(tmp_path / "project")
+    (project / "my").mkdir()
+    clip(project / "my" / "swing.mp4", ("red", "green"))
+    (project / "my.yaml").write_text(inspect(project / "my" / "swing.mp4", project / "contact.png"))
+    (project / "swing.yaml").write_text(yaml.safe_dump(SWING | {"results": "results/mine", "seeds": [0]}))
+    files = ["--configfile", "my.yaml", "swing.yaml"]
+    done = snakemake(project, *files)
+    assert done.returncode == 0, done.stdout + done.stderr
+    made = project / "results" / "mine"
+    assert "APHYNITY" in (made / "tables" / "swing.md").read_text()
+    more = snakemake(project, "review", "export", "overlay", *files)
+    assert more.returncode == 0, more.stdout + more.stderr
+    assert (made / "recordings" / "swing" / "overlay.mp4").stat().st_size > 10_000
