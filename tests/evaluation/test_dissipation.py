@@ -21,7 +21,9 @@ from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.recordings.rendering.motion import simulate
-from expertaug.systems.double_pendulum import DoublePendulum, accelerations, energy, energy_gradient
+from expertaug.systems.double_pendulum import DoublePendulum, accelerations
+from expertaug.systems.pendulum import DampedPendulum
+from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import Trajectories
 
 T = np.arange(20) / 100
@@ -55,24 +57,44 @@ def pendulum(**arguments):
     return DoublePendulum("compound", CONSTANTS.to_dict(), **arguments)
 
 
-def test_gradient_of_energy():
+def loss(chunks):
+    """Of the true pendulum, (N,)."""
+    y = torch.from_numpy(chunks.y).movedim(1, 0)
+    return measured_loss(pendulum(), torch.from_numpy(chunks.t), y, torch.zeros(len(chunks), 2)).numpy()
+
+
+CONSERVED = {
+    "pendulum": (DampedPendulum(), torch.tensor([1.7], dtype=torch.float64)),
+    "double_pendulum": (pendulum(), torch.zeros(2, dtype=torch.float64)),
+}
+
+
+@pytest.mark.parametrize("name", CONSERVING)
+def test_the_expert_conserves_the_energy(name):
     torch.manual_seed(0)
-    y = 3 * torch.randn(50, 4, dtype=torch.float64)
-    gradient = energy_gradient(y, CONSTANTS)
-    for k in range(4):
-        step = torch.zeros(4, dtype=torch.float64)
-        step[k] = 1e-5
-        difference = (energy((y + step).numpy(), CONSTANTS) - energy((y - step).numpy(), CONSTANTS)) / 2e-5
-        np.testing.assert_allclose(gradient[:, k], difference, rtol=1e-6, atol=1e-6)
-    rates = torch.cat((y[:, 2:], accelerations(y, CONSTANTS)), -1)
+    system, z_e = CONSERVED[name]
+    y = 3 * torch.randn(50, len(system.state), dtype=torch.float64, requires_grad=True)
+    (gradient,) = torch.autograd.grad(system.energy(y, z_e).sum(), y)
+    rates = system.expert(torch.zeros(()), y, z_e)
     size = (gradient * rates).abs().sum(-1)
-    assert ((gradient * rates).sum(-1).abs() < 1e-12 * size).all(), "the expert conserves energy"
+    assert (size > 0).all() and ((gradient * rates).sum(-1).abs() < 1e-12 * size).all()
+
+
+def test_states_that_nobody_measured_are_left_out():
+    y = torch.from_numpy(motion(6).y).double().movedim(1, 0)
+    whole = measured_loss(pendulum(), torch.from_numpy(T), y, torch.zeros(6, 2))
+    y[3, :, 1] = torch.nan
+    y[:, 2] = torch.nan
+    found = measured_loss(pendulum(), torch.from_numpy(T), y, torch.zeros(6, 2))
+    assert found[2].isnan() and torch.allclose(found[[0, 1, 3, 4, 5]], whole[[0, 1, 3, 4, 5]], rtol=0.1, atol=0.1)
+    power = dissipated_power(Decoder(pendulum(friction=FRICTION)), y.float().unsqueeze(1), None)
+    assert power[0, 2].isnan() and power[0, [0, 1]].isfinite().all()
 
 
 def test_a_known_friction_dissipates_what_is_lost():
     """To 1 %: the median of slopes between points .19 s apart at most is not quite the mean rate."""
     chunks = motion()
-    measured = measured_loss(chunks, CONSTANTS)
+    measured = loss(chunks)
     states = torch.from_numpy(chunks.y).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
     one = torch.ones(2, len(chunks), 1)
     one[1] = 0.5
@@ -93,7 +115,7 @@ def test_slopes_hardly_feel_one_bad_point():
     y = chunks.y.copy()
     y[:, 7, 2] += 5.0
     bad = Trajectories(chunks.t, y, chunks.z_e)
-    np.testing.assert_allclose(measured_loss(bad, CONSTANTS), measured_loss(chunks, CONSTANTS), rtol=0.2, atol=0.1)
+    np.testing.assert_allclose(loss(bad), loss(chunks), rtol=0.2, atol=0.1)
 
 
 def save(path, method, seeds=(0, 1), friction=None, name="double_pendulum"):

@@ -429,7 +429,7 @@ rule calibrate_experiment:
     benchmark:
         results("benchmarks/calibrate/{experiment}.tsv")
     wildcard_constraints:
-        experiment=one_of(RECORDED),
+        experiment=one_of(RECORDED + list(MEASURED)),
     conda:
         "../envs/expertaug.yaml"
     threads: 1
@@ -505,4 +505,4 @@ rule split_chunks:
 
 rule calibrate:
     input:
-        and_before([calibration_of(experiment) for experiment in RECORDED]),
+        and_before([calibration_of(experiment) for experiment in [*RECORDED, *MEASURED]]),

@@ -8,6 +8,7 @@ from expertaug import labels as naming
 from expertaug.config import grid as grids
 from expertaug.config import options, study_checks
 from expertaug.config.methods import FITTED, build_of, experiment_of, objective_of
+from expertaug.systems.settings import CONSERVING
 
 
 def seed_groups(config: Mapping, experiment: str | None = None) -> dict[str, list[int]]:
@@ -117,10 +118,13 @@ def horizons(config: Mapping, experiment: str) -> dict[str, tuple[str, float]]:
 
 
 def dissipating(config: Mapping, experiment: str) -> list[str]:
-    """Methods of an experiment on the double pendulum that have an expert and what makes it lose energy: F_a, or a
+    """Methods of an experiment on measured pendulums that have an expert and what makes it lose energy: F_a, or a
     friction that it knows; with their refined versions.  All other versions have their method's F_a."""
     one = config["experiments"][experiment]
-    if one["system"]["name"] != "double_pendulum":
+    name, data = one["system"]["name"], one["data"]
+    if name not in CONSERVING or data["source"] == "simulation":
+        return []
+    if data["source"] == "files" and len(data["files"]["columns"]) < CONSERVING[name]:
         return []
     own = [v for v in variants(config, experiment) if not naming.parse(v).step and not naming.is_flow(v)]
     return [v for v in own if _dissipates(config, experiment, naming.base(v))]

@@ -20,9 +20,10 @@ def check(where: str, one: Mapping, known: KnownSystem | None) -> Iterator[Input
     if "files" not in data:
         yield InputError(here, "missing", "give files (paths, time and columns of your measurements, and their chunks)")
         return
-    if data["calibrate"]:
-        yield InputError(f"{where}.data.calibrate", "found true", "only recordings of the double pendulum calibrate it")
     settings = MeasurementSettings.from_mapping(data["files"])
+    if data["calibrate"] and (one["system"]["name"] != "double_pendulum" or len(settings.columns) < 4):
+        remedy = "only a double pendulum of which all four components were measured is calibrated"
+        yield InputError(f"{where}.data.calibrate", "found true", remedy)
     state, parameters = (None, None) if known is None else (known.state, known.expert)
     wrong = [
         *_named(settings.columns, state, f"{here}.columns", "component of the state"),

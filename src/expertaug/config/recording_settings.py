@@ -97,9 +97,12 @@ def cut_horizon(config: Mapping, experiment: str, name: str) -> dict:
 
 
 def calibrate(config: Mapping, experiment: str) -> dict:
-    recordings = config["recordings"]
+    recordings, data = config["recordings"], config["experiments"][experiment]["data"]
+    if data["source"] == "files":
+        unknown = dict.fromkeys(("arm1_m", "arm2_m", "nominal_rate_hz"))
+        return data["calibration"] | unknown | {"rate_provenance": "the measurements' own times"}
     rate, provenance = _rate(recordings)
-    return config["experiments"][experiment]["data"]["calibration"] | {
+    return data["calibration"] | {
         "arm1_m": _arms(recordings)[0],
         "arm2_m": _arms(recordings)[1],
         "nominal_rate_hz": rate,

@@ -1,4 +1,4 @@
-"""The stage dissipation: the power that models of the double pendulum dissipate, beside the measured loss of energy."""
+"""The stage dissipation: the power that models of a pendulum dissipate, beside the measured loss of energy."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from expertaug.evaluation.evaluate import spread
 from expertaug.evaluation.formats import DRAWN, write_tables
 from expertaug.inference.least_squares import estimator_of
 from expertaug.labels import MAIN_SETS, trained
+from expertaug.learning.sets import StackedSet
 from expertaug.models import store
 from expertaug.models.device import device_of
+from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import Trajectories
 
 CHUNKS = 1000  # of each set, evenly spread
@@ -66,8 +68,10 @@ def _by_method(models: Sequence[Path], settings: Mapping) -> dict[str, list[Path
     files: dict[str, list[Path]] = {name: [] for name in wanted}
     for path in map(Path, models):
         description = store.read_tensors(path)[0]
-        if description["system"]["name"] != "double_pendulum":
-            raise InputError(path, f"a model of {description['system']['name']}", "give models of the double pendulum")
+        if description["system"]["name"] not in CONSERVING:
+            raise InputError(
+                path, f"a model of {description['system']['name']}", f"give one of {', '.join(CONSERVING)}"
+            )
         if description["method"] not in files:
             raise InputError(path, f"a model of '{description['method']}'", f"give those of {', '.join(wanted)}")
         files[description["method"]].append(path)
@@ -88,26 +92,29 @@ def _losses(
         estimator = estimator_of(stored, **refinement)
     observed, rows = stored.description["observed"], []
     for name, chunks in sets.items():
-        measured = measured_loss(chunks, decoder.system.constants)
-        y = torch.from_numpy(chunks.y).float().to(device).movedim(1, 0).unsqueeze(1)
-        states = y.expand(-1, len(stored.seeds), *y.shape[2:])
+        windows = StackedSet.of(chunks, device).windows(len(chunks.t))
+        windows = windows.expand(-1, len(stored.seeds), *windows.shape[2:])
         with torch.no_grad():
-            found = None if decoder.interaction is None else estimator.estimate(states[:observed])
-        power = dissipated_power(decoder, states, found).cpu().numpy()
+            found = None if decoder.interaction is None else estimator.estimate(windows[:observed])
+        power = dissipated_power(decoder, windows, found).cpu().numpy()
+        z_e = windows.new_zeros(len(stored.seeds), len(chunks), 1) if found is None else found.z_e
+        assert z_e is not None
+        measured = measured_loss(decoder.system, torch.from_numpy(chunks.t).to(device), windows, z_e).cpu().numpy()
         own = recordings_of(chunks)
         for recording in dict.fromkeys(own):
             inside = own == recording
-            for seed, of_seed in zip(stored.seeds, power, strict=True):
+            for seed, of_seed, lost in zip(stored.seeds, power[:, inside], measured[:, inside], strict=True):
+                known = np.isfinite(lost)
                 rows.append(
                     {
                         "seed": seed,
-                        "expert": stored.description["system"].get("expert", "compound"),
+                        "expert": stored.description["system"].get("expert", ""),
                         "set": name,
                         "recording": recording,
-                        "chunks": int(inside.sum()),
-                        "measured": measured[inside].mean(),
-                        "measured_se": measured[inside].std() / np.sqrt(inside.sum()),
-                        "dissipated": np.nan if seed in stored.failed else of_seed[inside].mean(),
+                        "chunks": int(known.sum()),
+                        "measured": lost[known].mean(),
+                        "measured_se": lost[known].std() / np.sqrt(known.sum()),
+                        "dissipated": np.nan if seed in stored.failed else of_seed[known].mean(),
                     }
                 )
     return pd.DataFrame(rows)

@@ -1,53 +1,63 @@
-"""Energy that a double pendulum loses: as measured along chunks of its motion, and as a model has it.
+"""Energy that a system loses: as measured along chunks of its motion, and as a model has it.
 
-E is the mechanical energy per inertia of the first arm in s⁻² (:func:`expertaug.systems.double_pendulum.energy`), its
-loss per time is in s⁻³.  An expert without friction conserves E, so along dy/dt = F_e + F_a the loss is −∇E · F_a: the
-power that F_a dissipates.
+E is what the expert conserves (:meth:`expertaug.systems.System.energy`); of the pendulums it is the mechanical energy per
+inertia (of the first arm of two) in s⁻², its loss per time in s⁻³.  Along dy/dt = F_e + F_a of a conserving expert the
+loss is −∇E · F_a: the power that F_a dissipates.
 """
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
-from expertaug.systems.double_pendulum import Constants, DoublePendulum, energy, energy_gradient
-from expertaug.trajectories import Trajectories
+from expertaug.systems import System
 
 
-def measured_loss(chunks: Trajectories, constants: Constants) -> np.ndarray:
-    """−dE/dt of measured states (N, T, 4): (N,), the median of the slopes between any two points (Theil and Sen)."""
-    level = energy(chunks.y, constants)
-    first, second = np.triu_indices(len(chunks.t), k=1)
-    slopes = (level[:, second] - level[:, first]) / (chunks.t[second] - chunks.t[first])
-    return -np.median(slopes, axis=1)
+def measured_loss(system: System, t: Tensor, states: Tensor, z_e: Tensor) -> Tensor:
+    """−dE/dt of measured states: the median of the slopes between any two points (Theil and Sen).
+
+    Arguments:
+        t: times in s, (T,).
+        states: (T, …, *state); NaN where nothing was measured: those points are left out.
+        z_e: expert parameters (…, P) with which E is computed.
+
+    Returns:
+        (…,), NaN where fewer than two points were measured.
+    """
+    level = system.energy(states.double(), z_e.double())
+    first, second = torch.triu_indices(len(t), len(t), offset=1)
+    span = (t[second] - t[first]).view(-1, *[1] * (level.ndim - 1))
+    return -((level[second] - level[first]) / span).nanmedian(0).values
 
 
-@torch.no_grad()
 def dissipated_power(decoder: Decoder, states: Tensor, found: Estimates | None) -> Tensor:
     """−∇E · (F_e + F_a), the mean over given states, with the constants of the decoder's own expert.
 
     Arguments:
-        decoder: of a double pendulum, stacked over S seeds, or without parameters.
-        states: (T, S, B, 4); nothing is forecast.
-        found: z_e and z_a (S, B, …) with which F_a is asked; not needed where there is no F_a.
+        decoder: of a system with an energy, stacked over S seeds, or without parameters.
+        states: (T, S, B, *state); nothing is forecast; NaN where nothing was measured.
+        found: z_e and z_a (S, B, …) with which E, F_e and F_a are asked; not needed where there is no F_a and neither
+            E nor F_e asks for z_e.
 
     Returns:
-        (S, B) in s⁻³.
+        (S, B) in E's unit per second.
     """
     system = decoder.system
-    assert isinstance(system, DoublePendulum)
+    z_e = states.new_zeros(*states.shape[1:3], len(system.expert_parameters)) if found is None else found.z_e
+    assert z_e is not None
     context = None
     if decoder.interaction is not None:
-        assert found is not None and found.z_e is not None
-        context = decoder.interaction.context(found.z_a, found.z_e)
-    z_e, time = states[0, ..., 2:], states.new_zeros(())
-    total = states.new_zeros(states.shape[1:3], dtype=torch.float64)
+        assert found is not None
+        context = decoder.interaction.context(found.z_a, z_e)
+    powers = []
     for y in states:
-        rate = system.expert(time, y, z_e)
-        if context is not None:
-            rate = rate + decoder.interaction(y, context)  # type: ignore[misc]
-        total -= (energy_gradient(y.double(), system.constants) * rate.double()).sum(-1)
-    return total / len(states)
+        with torch.no_grad():
+            rate = system.expert(states.new_zeros(()), y, z_e)
+            if context is not None:
+                rate = rate + decoder.interaction(y, context)  # type: ignore[misc]
+        exact = y.double().requires_grad_()
+        (gradient,) = torch.autograd.grad(system.energy(exact, z_e.double()).sum(), exact)
+        powers.append(-(gradient * rate.double()).sum(-1))
+    return torch.stack(powers).nanmean(0)

@@ -132,6 +132,10 @@ class System(ABC):
             raise NotImplementedError(f"{type(self).__name__} draws no inputs: give them, u (n, T, {len(self.known)})")
         return parameters.new_zeros(len(parameters), len(t), 0)
 
+    def energy(self, y: Tensor, z_e: Tensor) -> Tensor:
+        """What the expert conserves, (…,), of states (…, *state): a study compares its loss with what F_a dissipates."""
+        raise NotImplementedError(f"{type(self).__name__} has no energy")
+
     def kinematics(self, y: Tensor) -> Tensor:
         """What stays of the right-hand side when the expert is taken away, (…, *state): nothing, unless overridden."""
         return torch.zeros_like(y)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -21,6 +22,8 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
+
+Array = TypeVar("Array", np.ndarray, Tensor)
 
 GRAVITY = 9.81  # m/s²
 
@@ -75,39 +78,21 @@ def accelerations(y: Tensor, constants: Constants, friction: tuple[float, float]
     return torch.stack((first, second), dim=-1)
 
 
-def energy(y: np.ndarray, constants: Constants) -> np.ndarray:
+def energy(y: Array, constants: Constants) -> Array:
     """Mechanical energy per inertia of the first arm, zero at rest.
 
     Arguments:
-        y: states (..., 4).
+        y: states (..., 4), an array or a tensor.
 
     Returns:
-        (...,) in s⁻²; conserved by :func:`accelerations` without friction.
+        (...,) in s⁻², double precision; conserved by :func:`accelerations` without friction.
     """
-    c = constants
-    theta1, theta2, omega1, omega2 = np.moveaxis(np.asarray(y, dtype=np.float64), -1, 0)
+    c, cos = constants, torch.cos if isinstance(y, Tensor) else np.cos
+    y = y.double() if isinstance(y, Tensor) else np.asarray(y, dtype=np.float64)
+    theta1, theta2, omega1, omega2 = (y[..., k] for k in range(4))
     ratio = c.B1 / c.B2
-    kinetic = omega1**2 / 2 + ratio * omega2**2 / 2 + c.B1 * np.cos(theta1 - theta2) * omega1 * omega2
-    return kinetic + c.G1 * (1 - np.cos(theta1)) + ratio * c.G2 * (1 - np.cos(theta2))
-
-
-def energy_gradient(y: Tensor, constants: Constants) -> Tensor:
-    """Gradient of :func:`energy` with respect to the state, so that dE/dt = ∇E · dy/dt.
-
-    Arguments:
-        y: states (..., 4).
-
-    Returns:
-        (..., 4) in s⁻² per unit of each component.
-    """
-    c = constants
-    theta1, theta2, omega1, omega2 = y.unbind(-1)
-    ratio = c.B1 / c.B2
-    sin, cos = torch.sin(theta1 - theta2), torch.cos(theta1 - theta2)
-    coupled = c.B1 * sin * omega1 * omega2
-    by_angles = c.G1 * torch.sin(theta1) - coupled, ratio * c.G2 * torch.sin(theta2) + coupled
-    by_speeds = omega1 + c.B1 * cos * omega2, ratio * omega2 + c.B1 * cos * omega1
-    return torch.stack((*by_angles, *by_speeds), dim=-1)
+    kinetic = omega1**2 / 2 + ratio * omega2**2 / 2 + c.B1 * cos(theta1 - theta2) * omega1 * omega2
+    return kinetic + c.G1 * (1 - cos(theta1)) + ratio * c.G2 * (1 - cos(theta2))
 
 
 class DoublePendulum(System):
@@ -156,6 +141,10 @@ class DoublePendulum(System):
 
     def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
         return torch.cat((y[..., 2:], accelerations(y, self.constants, self.friction)), dim=-1)
+
+    def energy(self, y: Tensor, z_e: Tensor) -> Tensor:
+        """As :func:`energy`; initial speeds change nothing in it."""
+        return energy(y, self.constants)
 
     def kinematics(self, y: Tensor) -> Tensor:
         """θ' = ω holds whatever the forces."""

@@ -21,6 +21,10 @@ class DampedPendulum(System):
         theta, speed = y[..., :1], y[..., 1:]
         return torch.cat((speed, -z_e.square() * torch.sin(theta)), dim=-1)
 
+    def energy(self, y: Tensor, z_e: Tensor) -> Tensor:
+        """θ'² / 2 + ω0² (1 − cos θ), in s⁻²: per moment of inertia."""
+        return y[..., 1].square() / 2 + z_e[..., 0].square() * (1 - torch.cos(y[..., 0]))
+
     def truth(self, t: Tensor, y: Tensor, z_e: Tensor, z_a: Tensor) -> Tensor:
         damping = torch.cat((torch.zeros_like(z_a), -z_a * y[..., 1:]), dim=-1)
         return self.expert(t, y, z_e) + damping

@@ -11,6 +11,10 @@ EVENTS = "rk4"  # the method that stops at events
 FIXED = ("euler", "midpoint", "rk4", "lawson4", "rodas3")
 
 
+# Systems with an energy that their expert conserves, and the number of components that it is of.
+CONSERVING = {"pendulum": 2, "double_pendulum": 4}
+
+
 class SolverSettings(Settings):
     """Of the differential equation."""
 

@@ -64,12 +64,13 @@ def forecast_log_mse(
 ) -> float:
     """Log-MSE of forecasts from each chunk's own first state.
 
-    Natural log of the mean, over chunks, all points (the first included) and both angles, of (Δ sin)² + (Δ cos)².
+    Natural log of the mean, over chunks, all points (the first included) that were measured and both angles, of (Δ sin)² + (Δ cos)².
     """
-    truth = torch.as_tensor(chunks.y, dtype=torch.float64)
+    truth = torch.as_tensor(chunks.seen, dtype=torch.float64)
+    truth = truth[truth[:, 0].isfinite().all(-1)]  # where a forecast can start
     predicted = forecast(truth[:, 0], len(chunks.t), float(chunks.t[1] - chunks.t[0]), constants, friction, step)
     difference = predicted[..., :2] - truth[..., :2]
-    return math.log(float((2 - 2 * torch.cos(difference)).mean()))  # (Δ sin)² + (Δ cos)² = 2 − 2 cos Δ
+    return math.log(float((2 - 2 * torch.cos(difference)).nanmean()))  # (Δ sin)² + (Δ cos)² = 2 − 2 cos Δ
 
 
 def calibrate(train: str | Path, output: str | Path, settings: Mapping[str, object] | None = None) -> None:
@@ -92,14 +93,14 @@ def calibrate(train: str | Path, output: str | Path, settings: Mapping[str, obje
         raise InputError(train, found, "at least 10 chunks of 7 points or more are needed, (N, T, 4)")
     interval = float(chunks.t[1] - chunks.t[0])
     try:
-        plain, rubbed = (fit_constants(chunks.y, interval, friction) for friction in (False, True))
+        plain, rubbed = (fit_constants(chunks.seen, interval, friction) for friction in (False, True))
     except InputError as error:
         raise InputError(train, str(error)) from error
     report = _describe(chunks, plain, options)
     report["with_friction"] = {"friction": list(rubbed.friction)} | _describe(chunks, rubbed, options)
-    known = options.arm1_m is not None
+    rate, arm = options.nominal_rate_hz, options.arm1_m
     report |= {
-        "implied_rate_hz": implied_rate(rubbed.constants, options.nominal_rate_hz, options.arm1_m) if known else None,
+        "implied_rate_hz": None if rate is None or arm is None else implied_rate(rubbed.constants, rate, arm),
         "chunks": len(chunks),
         **{name: value for name, value in options.model_dump().items() if name != "step_s"},
     }

@@ -77,5 +77,7 @@ class CalibrationSettings(CalibrationKeys):
 
     arm1_m: Positive | None = key(0.091, "length of the first arm, for the implied frame rate; null = not known", "m")
     arm2_m: Positive | None = key(0.070, "length of the second arm; null = not known", "m")
-    nominal_rate_hz: Positive = key(400.0, "frame rate by which the data's times were made", "Hz")
+    nominal_rate_hz: Positive | None = key(
+        400.0, "frame rate by which the data's times were made; null = they were not made by one", "Hz"
+    )
     rate_provenance: str = key("nominal rate of the dataset", "where that rate comes from")
