@@ -25,14 +25,15 @@ def read_measurements(
     Arguments:
         paths: files or globs: CSV, Parquet or NPZ; they are never changed.
         system: whose components the columns are.
-        columns: component of the state → its column; components without one are masked.
+        columns: component of the state → its column; components without one are masked.  Of a driven system
+            ``inputs``, among the settings, does so for its known inputs.
         length: points of a chunk.
         settings: time, trajectory, z_e, angles, step_s, uneven, stride …: those of
             :class:`expertaug.measurements.settings.MeasurementSettings` but for ``split``.
 
     Returns:
-        y with a mask of what was measured, z_e (NaN where not known), id (trajectory and row), and the noise as
-        estimated from how rough the columns are.
+        y with a mask of what was measured, known inputs u of a driven system, z_e (NaN where not known), id (trajectory
+        and row), and the noise as estimated from how rough the columns are.
 
     Raises:
         InputError: a file, a column, a time or a setting cannot be used.

@@ -24,10 +24,11 @@ def check(where: str, one: Mapping, known: KnownSystem | None) -> Iterator[Input
     if data["calibrate"] and (one["system"]["name"] != "double_pendulum" or len(settings.columns) < 4):
         remedy = "only a double pendulum of which all four components were measured is calibrated"
         yield InputError(f"{where}.data.calibrate", "found true", remedy)
-    state, parameters = (None, None) if known is None else (known.state, known.expert)
+    state, parameters, inputs = (None, None, None) if known is None else (known.state, known.expert, known.known)
     wrong = [
         *_named(settings.columns, state, f"{here}.columns", "component of the state"),
         *_named(settings.z_e, parameters, f"{here}.z_e", "expert parameter"),
+        *_named(settings.inputs, inputs, f"{here}.inputs", "known input of the system"),
         *_named(settings.angles, list(settings.columns), f"{here}.angles", "component with a column"),
         *_named(data["start"], state, f"{where}.data.start", "component of the state"),
     ]
@@ -44,6 +45,9 @@ def check(where: str, one: Mapping, known: KnownSystem | None) -> Iterator[Input
             wrong.append(
                 InputError(f"{here}.columns.{name}", "missing, nobody measured it", f"name a column, or {remedy}")
             )
+    for name in inputs or ():
+        if name not in settings.inputs:
+            wrong.append(InputError(f"{here}.inputs.{name}", "missing, the system is driven by it", "name its column"))
     if known is not None and known.fields:
         wrong.append(InputError(here, "the system's states are fields", "only states of single numbers are read"))
     yield from wrong
@@ -81,6 +85,7 @@ def _columns(path: Path, settings: MeasurementSettings, where: str) -> None:
     split = settings.split
     used = {f"{where}.time": column_of(settings.time).name}
     used |= {f"{where}.columns.{name}": column_of(named).name for name, named in settings.columns.items()}
+    used |= {f"{where}.inputs.{name}": column_of(named).name for name, named in settings.inputs.items()}
     labels = {name: label_of(named) for name, named in settings.z_e.items()}
     used |= {f"{where}.z_e.{name}": label.name for name, label in labels.items() if label.name is not None}
     used |= {f"{where}.trajectory": settings.trajectory} if settings.trajectory is not None else {}

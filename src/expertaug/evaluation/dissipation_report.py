@@ -15,7 +15,8 @@ from expertaug.evaluation.summary import experiment_title, order_sets, set_title
 from expertaug.labels import is_refined
 
 CAPTION = (
-    "Loss of mechanical energy E per inertia (of the first arm, where there are two), in s⁻³, on measured states. Measured: −dE/dt, the mean "
+    "Loss of mechanical energy E per inertia (of the first arm, where there are two), in s⁻³, on measured states. "
+    "Measured: −dE/dt, the mean "
     "over chunks of the median slope of E (± its standard error, by recording). Dissipated: the mean of "
     "−∇E · (F_e + F_a) on the same states, mean ± standard deviation (n − 1) over seeds; an expert without friction "
     "conserves E, so this is the power that F_a dissipates. E has the constants of each method's own expert. "

@@ -1,6 +1,6 @@
 """Energy that a system loses: as measured along chunks of its motion, and as a model has it.
 
-E is what the expert conserves (:meth:`expertaug.systems.System.energy`); of the pendulums it is the mechanical energy per
+E is what the expert conserves (:meth:`expertaug.systems.System.energy`); of pendulums it is the mechanical energy per
 inertia (of the first arm of two) in s⁻², its loss per time in s⁻³.  Along dy/dt = F_e + F_a of a conserving expert the
 loss is −∇E · F_a: the power that F_a dissipates.
 """

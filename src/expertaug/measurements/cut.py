@@ -171,8 +171,10 @@ def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
         one, points = data.grid.series[index], _points(data, first)
         y, t = one.y[points][:, seen], one.t[points]
         off = np.abs(t - t[0] - h * (points - points[0]))
+        driven = np.isfinite(one.u[points]).all()
         good[k] = (
-            np.isfinite(y[0]).any()
+            driven
+            and np.isfinite(y[0]).any()
             and np.isfinite(y).mean() >= data.settings.min_seen
             and not (off > max(tolerance, 1e-6) * h).any()
         )
@@ -188,11 +190,11 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
     state, settings = list(data.names.state), data.settings
     y = np.full((len(rows), settings.length, len(state)), np.nan)
     z_e = np.full((len(rows), len(data.names.parameters)), np.nan)
-    identity = []
+    u, identity = np.full((len(rows), settings.length, len(data.names.inputs)), np.nan), []
     for k, (index, first) in enumerate(rows):
         one = data.grid.series[index]
         y[k], z_e[k] = one.y[_points(data, first)], one.rows.z_e
-        row = one.row[first]
+        u[k], row = one.u[_points(data, first)], one.row[first]
         identity.append(f"{one.name}/{one.rows.line[row] if row >= 0 else first}")
     for name in settings.angles:
         column = y[..., state.index(name)]
@@ -203,9 +205,14 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
         start = label_of(settings.z_e[parameter]).start if parameter in settings.z_e else None
         if start is not None:
             z_e[:, k] = y[:, 0, state.index(start)]
+    for k, name in enumerate(data.names.inputs):
+        changed = (u[..., k] != u[:, :1, k]).any(1)
+        if name in data.names.constant and changed.any():
+            found = f"{name} changes along {identity[int(changed.argmax())]}"
+            raise InputError(f"{WHERE}.inputs.{name}", found, "a covariate is constant; declare an input")
     times = np.arange(settings.length) * data.grid.step_s
-    noise = np.nan_to_num(data.noise)
-    return Trajectories(times, np.nan_to_num(y), z_e, id=np.array(identity), mask=np.isfinite(y), noise=noise)
+    known = {"id": np.array(identity), "mask": np.isfinite(y), "noise": np.nan_to_num(data.noise)}
+    return Trajectories(times, np.nan_to_num(y), z_e, u=u if data.names.inputs else None, **known)
 
 
 def sets_of(data: Measured) -> tuple[dict[str, Trajectories], dict[str, np.ndarray], dict[str, float] | None]:
@@ -229,6 +236,7 @@ def all_chunks(data: Measured) -> Trajectories:
     labels = [np.where(one.usable, 0, -1) for one in data.grid.series]
     rows = candidates(data, labels)["train"]
     if not len(rows):
-        found = f"no chunk has {data.settings.min_seen:g} of its values measured, and its first point"
+        also = ", its first point and all known inputs" if data.names.inputs else ", and its first point"
+        found = f"no chunk has {data.settings.min_seen:g} of its values measured{also}"
         raise InputError(f"{WHERE}.min_seen", found, "give a smaller one, or shorter chunks")
     return trajectories_of(data, thinned(rows, data.settings.limit("train")))

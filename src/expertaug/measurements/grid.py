@@ -25,6 +25,7 @@ class Series:
         t: measured or interpolated times in s, (n,), NaN of points without a row.
         row: row of each point, (n,), -1 where there is none.
         y: states, (n, K), NaN where nothing was measured.
+        u: known inputs, (n, U), NaN where they are not.
         usable: points that chunks may span, (n,).
         level, label: as of :class:`Rows`, on the grid.
     """
@@ -33,6 +34,7 @@ class Series:
     t: np.ndarray
     row: np.ndarray
     y: np.ndarray
+    u: np.ndarray
     usable: np.ndarray
     level: np.ndarray | None
     label: np.ndarray | None
@@ -148,9 +150,9 @@ def _series(rows: Rows, row: np.ndarray, usable: np.ndarray) -> Series:
         made[there] = values[row[there]]
         return made
 
-    t, y = spread(rows.t), spread(rows.y)
-    assert t is not None and y is not None
-    return Series(rows, t, row, y, usable, spread(rows.level), spread(rows.label))
+    t, y, u = spread(rows.t), spread(rows.y), spread(rows.u)
+    assert t is not None and y is not None and u is not None
+    return Series(rows, t, row, y, u, usable, spread(rows.level), spread(rows.label))
 
 
 def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
@@ -171,7 +173,9 @@ def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, m
         t, y, row = (np.concatenate([part[k] for part in parts]) for k in range(3))
         usable = np.isfinite(t)
         made = _series(rows, row, usable)
-        series.append(Series(rows, t, row, y, usable, made.level, made.label))
+        u = np.full_like(made.u, np.nan)
+        u[usable] = _lines(rows, t[usable], 1.5 * median)
+        series.append(Series(rows, t, row, y, u, usable, made.level, made.label))
     error = np.sqrt(np.asarray(squares) / np.maximum(counts, 1))
     return Grid(series, step_s, 1, 0, error)
 
@@ -201,6 +205,15 @@ def _spline(t: np.ndarray, values: np.ndarray, at: np.ndarray, near: float) -> n
     inside = (at >= t[0] - 1e-9) & (at <= t[-1] + 1e-9) & (t[place] - t[place - 1] <= 2 * near)
     found[inside] = make_interp_spline(t, values, k=min(3, len(t) - 1))(at[inside])
     return found
+
+
+def _lines(rows: Rows, at: np.ndarray, near: float) -> np.ndarray:
+    """Known inputs at times (n, U) on straight lines between the rows, NaN where these lie farther apart than 2
+    ``near``; an empty cell leaves the lines on both of its sides unknown."""
+    place = np.clip(np.searchsorted(rows.t, at, side="right"), 1, len(rows.t) - 1)
+    close = rows.t[place] - rows.t[place - 1] <= 2 * near
+    lines = [np.where(close, np.interp(at, rows.t, values), np.nan) for values in rows.u.T]
+    return np.array(lines).reshape(len(lines), len(at)).T
 
 
 def _left_out(t: np.ndarray, y: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:

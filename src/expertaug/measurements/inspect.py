@@ -32,7 +32,7 @@ class Inspection:
         guess: which column is what.
         settings: that read all of it; what is out of order or double is put up with.
         data: as these settings read it.
-        remarks: what was put up with.
+        remarks: what was put up with, and what the reader has to name.
 
     Raises:
         InputError: a file is no table, or holds no times.
@@ -46,6 +46,9 @@ class Inspection:
         self.guess: Guess = guess(self.table, names, time, trajectory)
         self.names = names or Names(dict.fromkeys(self.guess.columns, ""), {})
         self.remarks: list[str] = []
+        if self.names.inputs:
+            self.remarks.append(f"to be named under inputs, with their columns: {', '.join(self.names.inputs)}")
+            self.names = Names(self.names.state, self.names.parameters)
         if not self.guess.columns:
             raise InputError(self.files[0], "no column of numbers beside the times", "give a table of measurements")
         self.settings, self.data = self._read(list(paths))

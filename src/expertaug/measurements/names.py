@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
 class Names:
-    """Components of the state and expert parameters with their units, in order."""
+    """Components of the state, expert parameters and known inputs with their units, in order.
+
+    Attributes:
+        inputs: inputs, then covariates.
+        constant: the covariates, which are constant along a trajectory.
+        held: whether an input holds its value until the next; else it is linear in between.
+    """
 
     state: Mapping[str, str]
     parameters: Mapping[str, str]
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    constant: frozenset[str] = frozenset()
+    held: bool = False

@@ -176,6 +176,9 @@ class MeasurementSettings(Cutting, TableKeys):
     columns: Annotated[dict[str, Named], Field(min_length=1)] = key(
         ..., "component of the state → its column; components without one are taken as not measured"
     )
+    inputs: dict[str, Named] = key(
+        dict, "known input or covariate of a driven system → its column; a chunk without all their values is left out"
+    )
     z_e: dict[str, Annotated[Annotated[str, ONE] | Annotated[Label, KEYS], by_shape]] = key(
         dict,
         "expert parameter → the column that knows it (cells may be empty), or start: COMPONENT, its value at a chunk's "

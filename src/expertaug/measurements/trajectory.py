@@ -28,6 +28,7 @@ class Rows:
         line: numbers of the rows in the file, (n,).
         t: times in s, (n,), strictly increasing.
         y: states, (n, K), NaN where nothing was measured.
+        u: known inputs, (n, U), NaN where not known; U = 0 of a system without.
         z_e: parameters, (P,), NaN where not known.
         level: the quantity that divides the pieces, (n,), or None.
         label: texts (n,) of the column that divides the pieces, or None.
@@ -39,6 +40,7 @@ class Rows:
     line: np.ndarray
     t: np.ndarray
     y: np.ndarray
+    u: np.ndarray
     z_e: np.ndarray
     level: np.ndarray | None
     label: np.ndarray | None
@@ -73,11 +75,19 @@ def _check_names(settings: MeasurementSettings, names: Names) -> None:
     for where, given, known, what in (
         ("columns", settings.columns, names.state, "component of the state"),
         ("z_e", settings.z_e, names.parameters, "expert parameter"),
+        ("inputs", settings.inputs, names.inputs, "known input"),
         ("angles", settings.angles, settings.columns, "component with a column"),
     ):
         for name in given:
             if name not in known:
-                raise InputError(f"{WHERE}.{where}.{name}", f"'{name}' is no {what}", f"known: {', '.join(known)}")
+                remedy = f"known: {', '.join(known) or 'none'}"
+                raise InputError(f"{WHERE}.{where}.{name}", f"'{name}' is no {what}", remedy)
+    for name in names.inputs:
+        if name not in settings.inputs:
+            raise InputError(f"{WHERE}.inputs.{name}", "missing, the system is driven by it", "name its column")
+    if names.held and settings.uneven == "interpolate":
+        found = "interpolate, the system's inputs hold their values between the rows"
+        raise InputError(f"{WHERE}.uneven", found, "give rows on a grid, with mask")
     for parameter, named in settings.z_e.items():
         start = label_of(named).start
         if start is not None and start not in settings.columns:
@@ -94,6 +104,8 @@ def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Nam
                 column = column_of(settings.columns[component]).name
                 found = f"column {column} holds no number"
                 raise InputError(table.path, found, f"leave {WHERE}.columns.{component} out if nobody measured it")
+    named = ((column_of(settings.inputs[name]), unit, f"inputs.{name}") for name, unit in names.inputs.items())
+    u = np.array([_column(table, *one) for one in named]).reshape(len(names.inputs), len(table)).T
     labels = np.full((len(table), len(names.parameters)), np.nan)
     for k, (parameter, unit) in enumerate(names.parameters.items()):
         label = label_of(settings.z_e[parameter]) if parameter in settings.z_e else None
@@ -108,10 +120,11 @@ def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Nam
         parts = {f"{stem}/{one}": np.flatnonzero(ids == one) for one in dict.fromkeys(ids)}
     each = []
     for name, index in parts.items():
-        kept, repeated, y_of = _in_order(table, t, y, index, settings)
+        kept, repeated, of = _in_order(table, t, np.column_stack((y, u)), index, settings)
+        y_of, u_of = of[:, : y.shape[1]], of[:, y.shape[1] :]
         z_e = np.array([_one_value(table, labels[kept, k], kept, p) for k, p in enumerate(names.parameters)])
         of_level, of_told = (None if v is None else v[kept] for v in (level, told))
-        each.append(Rows(name, table.path, table.line[kept], t[kept], y_of, z_e, of_level, of_told, repeated))
+        each.append(Rows(name, table.path, table.line[kept], t[kept], y_of, u_of, z_e, of_level, of_told, repeated))
     return each
 
 
@@ -151,7 +164,8 @@ def _level(table: Table, y: np.ndarray, settings: MeasurementSettings, names: Na
 def _in_order(
     table: Table, t: np.ndarray, y: np.ndarray, index: np.ndarray, settings: MeasurementSettings
 ) -> tuple[np.ndarray, int, np.ndarray]:
-    """Rows in order of time, each time once: their places in the table, how many others there were, their states."""
+    """Rows in order of time, each time once: their places in the table, how many others there were, their states and
+    inputs, as y has them."""
     back = np.flatnonzero(np.diff(t[index]) < 0)
     if len(back) and settings.unordered == "refuse":
         row, before = index[back[0] + 1], index[back[0]]

@@ -91,7 +91,7 @@ def _class(name: str) -> type[System]:
 
 
 def names(system: System) -> Names:
-    """What a system calls its components and parameters, with their units.
+    """What a system calls its components, parameters and known inputs, with their units.
 
     Raises:
         InputError: its states are fields.
@@ -99,7 +99,11 @@ def names(system: System) -> Names:
     if len(system.state_shape) != 1:
         found = f"states of {type(system).__name__} have the shape {system.state_shape}"
         raise InputError("data.files", found, "only states of single numbers are read from tables")
-    return Names({p.name: p.unit for p in system.state}, {p.name: p.unit for p in system.expert_parameters})
+    state, parameters, inputs = (
+        {p.name: p.unit for p in part} for part in (system.state, system.expert_parameters, system.known)
+    )
+    constant = frozenset(p.name for p in system.covariates)
+    return Names(state, parameters, inputs, constant, bool(system.inputs) and system.interpolation != "linear")
 
 
 def describe(system: System) -> dict[str, object]:

@@ -133,7 +133,7 @@ class System(ABC):
         return parameters.new_zeros(len(parameters), len(t), 0)
 
     def energy(self, y: Tensor, z_e: Tensor) -> Tensor:
-        """What the expert conserves, (…,), of states (…, *state): a study compares its loss with what F_a dissipates."""
+        """What the expert conserves, (…,): a study compares its loss with what F_a dissipates."""
         raise NotImplementedError(f"{type(self).__name__} has no energy")
 
     def kinematics(self, y: Tensor) -> Tensor:

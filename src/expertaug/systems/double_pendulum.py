@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -88,10 +88,10 @@ def energy(y: Array, constants: Constants) -> Array:
         (...,) in s⁻², double precision; conserved by :func:`accelerations` without friction.
     """
     c, cos = constants, torch.cos if isinstance(y, Tensor) else np.cos
-    y = y.double() if isinstance(y, Tensor) else np.asarray(y, dtype=np.float64)
-    theta1, theta2, omega1, omega2 = (y[..., k] for k in range(4))
+    exact: Any = y.double() if isinstance(y, Tensor) else np.asarray(y, dtype=np.float64)
+    theta1, theta2, omega1, omega2 = (exact[..., k] for k in range(4))
     ratio = c.B1 / c.B2
-    kinetic = omega1**2 / 2 + ratio * omega2**2 / 2 + c.B1 * cos(theta1 - theta2) * omega1 * omega2
+    kinetic: Any = omega1**2 / 2 + ratio * omega2**2 / 2 + c.B1 * cos(theta1 - theta2) * omega1 * omega2
     return kinetic + c.G1 * (1 - cos(theta1)) + ratio * c.G2 * (1 - cos(theta2))
 
 

@@ -64,7 +64,7 @@ def forecast_log_mse(
 ) -> float:
     """Log-MSE of forecasts from each chunk's own first state.
 
-    Natural log of the mean, over chunks, all points (the first included) that were measured and both angles, of (Δ sin)² + (Δ cos)².
+    Natural log of the mean, over chunks, measured points (the first included) and both angles, of (Δ sin)² + (Δ cos)².
     """
     truth = torch.as_tensor(chunks.seen, dtype=torch.float64)
     truth = truth[truth[:, 0].isfinite().all(-1)]  # where a forecast can start
