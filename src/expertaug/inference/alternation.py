@@ -25,6 +25,7 @@ from expertaug.inference.smallness import expert_rates, expert_tangents, interac
 from expertaug.inference.window_fit import WindowFit
 from expertaug.learning.adam import Adam
 from expertaug.learning.bound import bounded, solved
+from expertaug.learning.fitting import moments
 from expertaug.learning.gradients import clip_each_seed
 from expertaug.learning.mixture import mixture
 from expertaug.learning.noise import Noise
@@ -229,7 +230,7 @@ class Alternation:
             self.best[key] = _chosen(better, value, self.best[key], 0)
         p, q, _ = self.fit.sizes
         z_a = self.x[..., p : p + q]
-        latent = torch.stack((z_a.mean(1), z_a.std(1, correction=0)))
+        latent = torch.stack(moments(z_a))
         self.best_latent = _chosen(better, latent, self.best_latent, 1)
         return score
 

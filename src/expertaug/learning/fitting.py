@@ -141,7 +141,14 @@ def _latent(model: HybridNet, windows: Tensor, seeds: int) -> dict[str, list[lis
         model.encode(part.expand(-1, seeds, *part.shape[2:])).z_a.mean for part in windows.split(LATENT_PART, dim=2)
     ]
     z_a = torch.cat(parts, dim=1).double().nan_to_num(0.0, 0.0, 0.0)
-    return {"mean": z_a.mean(1).tolist(), "std": z_a.std(1, correction=0).tolist()}
+    mean, std = moments(z_a)
+    return {"mean": mean.tolist(), "std": std.tolist()}
+
+
+def moments(z_a: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and standard deviation of z_a (S, N, Q) over samples."""
+    mean = z_a.mean(1)
+    return mean, z_a.std(1, correction=0) if mean.numel() else mean  # torch warns of the spread of nothing
 
 
 def make_objective(kind: type[Objective], seeds: Sequence[int], settings: Mapping) -> Objective:
