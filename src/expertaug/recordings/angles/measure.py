@@ -198,6 +198,7 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
         rejected_outlier=int((angles.reason == "outlier").sum()),
         reasons=dict(sorted(Counter(text for text in angles.reason if text).items())),
         timing=TimingSummary(**asdict(angles.markers.timing)),
+        span_s=options.span_s,
         rate_hz=rate,
         rate_provenance=options.rate_provenance,
         implied_rate_hz=angles.implied.rate_hz,

@@ -48,6 +48,7 @@ class RecordingSummary(BaseModel):
         interpolated, rejected_arm_length, rejected_outlier: frames.
         reasons: frames by reason.
         timing: frames repeated and missing, and what resampling cost.
+        span_s: first and last second (None: the end) that are used of a longer recording; None where all is.
         rate_hz, rate_provenance: stated frame rate and where it is known from.
         implied_rate_hz: by the motion; None where the first arm's length is not known.
         rotation_deg: stated direction of gravity in the image: 0 down, 90 right.
@@ -88,6 +89,7 @@ class RecordingSummary(BaseModel):
     rejected_outlier: Count
     reasons: dict[str, Count]
     timing: TimingSummary = TimingSummary()
+    span_s: tuple[float, float | None] | None = None
     rate_hz: Positive
     rate_provenance: str
     implied_rate_hz: Positive | None

@@ -151,6 +151,9 @@ def _single(found: RecordingSummary, gaps: str, turned: str) -> list[str]:
 def _times(found: RecordingSummary) -> list[str]:
     """What was found of the frames' times, where anything was."""
     timing, said = found.timing, []
+    if found.span_s is not None:
+        first, last = found.span_s
+        said.append(f"from {first:g} s of the video to {'its end' if last is None else f'{last:g} s'}")
     if timing.uneven_ms:
         said.append(f"off even ones by up to {timing.uneven_ms:.1f} ms")
     if timing.frames_hz is not None:
