@@ -8,6 +8,7 @@ from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, wr
 from test_video import drawn, remux
 
 from expertaug.errors import InputError
+from expertaug.recordings.markers.masks import MaskedFrames
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.markers.track import track_markers
 from expertaug.recordings.video.frame_store import FrameStore, extract_frames
@@ -93,7 +94,7 @@ def test_extraction_keeps_the_span(numbered, tmp_path):
 
 
 def test_nothing_is_found_in_a_mask(tmp_path):
-    """A hand with a green disk in it moves beside the pendulum: it costs frames, in a mask none."""
+    """A hand with a green disk in it moves beside the pendulum: in a mask it costs no frame."""
     theta = swinging(240, (1.2, 0.5, 0.0, 0.0))[:, :2]
     centres = markers_of(theta, PIVOT, ARMS)
     other = np.stack([80 + 60 * np.sin(np.arange(len(theta)) / 9), 60 + 40 * np.cos(np.arange(len(theta)) / 7)], axis=1)
@@ -108,8 +109,9 @@ def test_nothing_is_found_in_a_mask(tmp_path):
         track = track_markers(tmp_path / "s.b2frame", tmp_path / "m.csv", look | masks)
         return np.linalg.norm(track.position - centres, axis=2), track.quality
 
-    assert off()[1].min() == 0
     for mask in ([[0, 0], [200, 200]], [[0, 0], [200, 0], [200, 200], [0, 200]]):
+        seen, plain = MaskedFrames(FrameStore(tmp_path / "s.b2frame"), [mask])[3], FrameStore(tmp_path / "s.b2frame")[3]
+        assert seen[:200, :200].max() == 0 and (seen[202:] == plain[202:]).all() and plain[:200, :200].max() > 100
         error, quality = off(masks=[mask])
         assert np.nanmax(error) < 1 and (quality > 0).all()
     with pytest.raises(InputError, match=r"red in 0, green in \d+"):

@@ -24,6 +24,7 @@ RIDGE = 4 * np.eye(3, dtype=np.float32)  # samples' worth of an even light
 LIGHT = (0.3, 3.0)  # of the light, at the least and at the most
 ENOUGH = 2  # samples of a ray that are of the disk's level: the others may be burnt in
 MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone; of what a ring or a rim spoils the median is free
+OUTER = slice(3, INNER)  # those that a ring at half the radius spoils the least
 
 
 class PlainFitter(DiskFitter):
@@ -49,7 +50,7 @@ class PlainFitter(DiskFitter):
     def _level(self, values: np.ndarray) -> np.ndarray:
         """Share (m, rays, radii) of the disk's colour in a sample, from what lies beyond the ray's end: 0 to FULL."""
         count = len(values)
-        disk = _median(values[:, ::2, MIDDLE].reshape(count, -1, 3))[:, None]
+        disk = _median(values[:, ::2, OUTER].reshape(count, -1, 3))[:, None]
         beyond = np.add.reduce(values[:, :, -OUTSIDE:], 2) * np.float32(1 / OUTSIDE)
         step = disk - beyond
         axis = step @ METRIC
