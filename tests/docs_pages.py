@@ -22,7 +22,7 @@ INDENTED = re.compile(r"(?:^    [^\n]*\n(?:[ ]*\n(?=    ))*)+", re.M)
 SPAN = re.compile(r"`((?:snakemake|expertaug|mlflow|python|pip|pytest)\s[^`]+)`")
 PROGRAMS = ("snakemake", "expertaug", "mlflow", "python", "python3", "pip", "pytest", "pre-commit", "uv", "export")
 # What a reader of a page has, beside the files that the page shows.
-BROUGHT = {"my/clip.mp4": "", "data/double_pendulum_chaotic/0.csv": "", "my.yaml": "run: [pendulum]\n"}
+BROUGHT = {"my/clip.mp4": "", "board.png": "", "data/double_pendulum_chaotic/0.csv": "", "my.yaml": "run: [pendulum]\n"}
 
 
 @dataclass(frozen=True)

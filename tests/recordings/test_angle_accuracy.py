@@ -141,3 +141,27 @@ def test_a_shaking_camera_is_followed(tmp_path):
     assert rms(off[:, 0]) < 0.05
     averaged, *_ = measured(tmp_path, {"pivot_window_s": 0.04})
     assert rms(averaged[:, 0]) > 10 * rms(off[:, 0])
+
+
+@pytest.mark.parametrize("kind", ["drift", "knock"])
+def test_a_camera_that_is_held_or_knocked_is_followed(tmp_path, kind):
+    """Further than a marker may be off its median without being another thing."""
+    y, table = truth()[0, :3200], markers(truth()[0, :3200])
+    t = np.arange(len(y)) / 400
+    way = 25 * np.sin(2 * np.pi * 0.3 * t) if kind == "drift" else np.where(t > 4, 15.0, 0.0)
+    table[["pivot_x", "joint_x", "tip_x"]] += way[:, None]
+    table.to_csv(tmp_path / "markers.csv", index=False)
+    pd.DataFrame(y, columns=STATE).to_csv(tmp_path / "truth.csv", index=False)
+    off, *_, summary = measured(tmp_path)
+    assert summary["usable_share"] > 0.97 and "pivot_interpolated" not in summary["reasons"]
+    assert np.abs(off[:, :2]).max() < 0.5
+
+
+def test_another_thing_that_is_taken_for_the_pivot_is_not_followed(tmp_path):
+    y, table = truth()[0, :2000], markers(truth()[0, :2000])
+    wrong = np.arange(len(y)) % 50 < 5
+    table.loc[wrong, ["pivot_x", "pivot_y"]] += 20
+    table.to_csv(tmp_path / "markers.csv", index=False)
+    pd.DataFrame(y, columns=STATE).to_csv(tmp_path / "truth.csv", index=False)
+    off, *_, summary = measured(tmp_path)
+    assert summary["reasons"]["pivot_interpolated"] > 0.9 * wrong.sum() and np.abs(off[:, :2]).max() < 0.2

@@ -111,8 +111,29 @@ def test_the_command_prints_yaml_and_refuses_in_one_line(tmp_path, monkeypatch, 
     assert Path("contact.png").exists()
     assert cli.main(["inspect", "clip.mp4", "--rate", "500"]) == 0
     assert yaml.safe_load(capsys.readouterr().out)["recordings"]["videos"]["rate_hz"] == 500
+    assert cli.main(["inspect", "clip.mp4", "--from", "0.1", "--to", "0.5"]) == 0
+    text = capsys.readouterr().out
+    assert yaml.safe_load(text)["recordings"]["videos"] == {"path": "clip.mp4", "from_s": 0.1, "to_s": 0.5}
+    assert "41 frames" in text
     assert cli.main(["inspect", "none.mp4"]) == 2
     assert capsys.readouterr().err == "expertaug inspect: none.mp4: no such file; give a video file\n"
+
+
+def test_a_camera_that_looks_askew_is_told_and_undone(tmp_path):
+    """The picture is 6 % narrower than it should be, markers and all."""
+    centres = markers_of(swinging(500)[:, :2], PIVOT, ARMS)
+    frames = draw(centres, SIZE, [PAINT[n] for n in ("red", "green", "blue")])
+    narrow = np.stack([cv2.resize(f, (602, 360), interpolation=cv2.INTER_AREA) for f in frames])
+    text = inspect(write_video(narrow, tmp_path / "clip.mp4", RATE), tmp_path / "contact.png")
+    block = yaml.safe_load(text)
+    assert block["recordings"]["angles"] == {"rotation_deg": pytest.approx(0, abs=0.5), "rectify": {"ellipse": True}}
+    assert re.search(
+        r"# the camera looks askew, a circle is 1.06\d times as long as wide, narrowest along 90 deg", text
+    )
+    found = config.validate(config.merge(config.load(FILES), block))
+    assert stage_settings.measure_angles(found, "clip")["rectify"]["ellipse"]
+    text = inspect(write_video(frames, tmp_path / "faced.mp4", RATE), tmp_path / "contact.png")
+    assert "rectify" not in text
 
 
 def clip(path, colours, launch=(1.2, 0.5, 0.0, 0.0), rate=60, diameter=24, tilt=0.0, count=150):
@@ -156,6 +177,10 @@ def test_many_videos_share_one_configuration_with_what_differs_by_file(tmp_path)
         ("{two: {angles: {rotation: 3}}}", "recordings.by_recording.two.angles.rotation: unknown key"),
         ("{two: {videos: {path: x}}}", "recordings.by_recording.two.videos.path: is of all recordings"),
         ("{two: {tracking: {markers: {joint: mauve}}}}", "mauve"),
+        (
+            "{two: {angles: {rectify: {checkerboard: none.png}}}}",
+            "recordings.by_recording.two.angles.rectify.checkerboard: 'none.png' does not exist",
+        ),
         ("{two: {arms_m: [1, 2]}}", "recordings.by_recording.two.arms_m: unknown key"),
     ],
 )

@@ -4,14 +4,17 @@ import json
 import os
 import re
 import shlex
+from pathlib import Path
 
 from expertaug import labels
 from expertaug.config import jobs
+from expertaug.config import recording_settings
 from expertaug.config import stage_code
 from expertaug.config import stage_settings
 from expertaug.files import sha256
 from expertaug.measurements.paths import read_checksums
 from expertaug.recordings.intake import refusal
+from expertaug.recordings.names import list_pictures
 from expertaug.config.study_checks import PUBLISHED
 from expertaug.labels import MAIN_SETS
 
@@ -205,6 +208,14 @@ def recording_names():
 def video_of(name):
     """The video of a recording: the user's, or the rendered one."""
     return RECORDINGS[name] if SOURCE == "videos" else results(f"recordings/{name}/video.mp4")
+
+
+def board_of(name):
+    """The pictures of a checkerboard that tell a recording's lens, if any."""
+    board = recording_settings.of_recording(CONFIG["recordings"], name)["angles"]["rectify"]["checkerboard"]
+    if board is None:
+        return []
+    return [str(path) for path in list_pictures(Path(board))] if Path(board).is_dir() else [board]
 
 
 def marker_csv(name):

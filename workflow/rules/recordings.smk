@@ -142,6 +142,7 @@ else:
 rule measure_angles_of_recording:
     input:
         markers=results("recordings/{recording}/markers.csv"),
+        board=lambda w: board_of(w.recording),
         code=code("measure_angles"),
     output:
         angles=results("recordings/{recording}/angles.csv"),

@@ -76,6 +76,8 @@ def add_to(commands: Commands) -> None:
     text = "contact sheet, .png or .jpg"
     p.add_argument("--output", type=Path, default=Path("contact.png"), metavar="PATH", help=text)
     p.add_argument("--rate", type=float, metavar="HZ", help="frame rate (default: the videos' own)")
+    for name, text in (("from", "first"), ("to", "last")):
+        p.add_argument(f"--{name}", type=float, metavar="S", dest=f"{name}_s", help=f"{text} second that is used")
     text = "times of pictures: a CSV in their folder with the columns file and t, or names"
     p.add_argument("--times", metavar="CSV", help=text)
     p.add_argument("--time-unit", type=float, metavar="S", help="seconds of a unit of these times (default: 1)")
@@ -215,6 +217,7 @@ def _inspect(a: argparse.Namespace) -> None:
     from expertaug.recordings.inspection.inspect import inspect
 
     stated = {"rate_hz": a.rate, "times": a.times, "time_unit_s": a.time_unit}
+    stated |= {"from_s": a.from_s, "to_s": a.to_s}
     text = inspect(a.videos, a.output, {k: v for k, v in stated.items() if v is not None})
     logger.info("%s: contact sheet", a.output)
     print(text, end="")

@@ -26,7 +26,7 @@ def check(config: Mapping) -> list[InputError]:
         return []
     errors = list(_overlay(config))
     errors += _by_recording(config["recordings"])
-    for look in (_appearance, _source, _corrections):
+    for look in (_appearance, _checkerboard, _source, _corrections):
         try:
             look(config["recordings"])
         except InputError as error:
@@ -49,6 +49,7 @@ def _by_recording(recordings: Mapping) -> Iterator[InputError]:
         if not wrong:
             try:
                 _appearance(merged)
+                _checkerboard(merged, f"{where}.{name}")
             except InputError as error:
                 yield error
 
@@ -68,6 +69,13 @@ def _overlay(config: Mapping) -> Iterator[InputError]:
 def _appearance(recordings: Mapping) -> None:
     if recordings["source"] != "markers":
         Appearance.from_mapping(recordings["tracking"]["markers"])
+
+
+def _checkerboard(recordings: Mapping, where: str = "recordings") -> None:
+    path = recordings["angles"]["rectify"]["checkerboard"]
+    if path is not None and not Path(path).exists():
+        where = f"{where}.angles.rectify.checkerboard"
+        raise InputError(where, f"'{path}' does not exist", f"relative paths start at {Path.cwd()}")
 
 
 def _source(recordings: Mapping) -> None:

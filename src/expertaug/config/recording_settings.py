@@ -8,6 +8,7 @@ from expertaug.config import jobs
 from expertaug.config.layers import merge
 from expertaug.recordings.corrections import read_corrections
 from expertaug.recordings.provenance import RENDERED
+from expertaug.recordings.video.settings import TimeKeys
 
 
 def render_video(config: Mapping) -> dict:
@@ -53,7 +54,7 @@ def measure_angles(config: Mapping, recording: str | None = None) -> dict:
     own |= {"single": _single(recordings)} | {
         "corrections": corrections(recordings).get(recording, []) if recording is not None else []
     }
-    return recordings["angles"] | own
+    return recordings["angles"] | own | {"span_s": _span(recordings)}
 
 
 def corrections(recordings: Mapping) -> dict[str, list]:
@@ -66,7 +67,7 @@ def overlay(config: Mapping, recording: str | None = None) -> dict:
     """What is shown, and the rate by which the video's frames are told."""
     shown = {k: v for k, v in config["recordings"]["overlay"].items() if k not in ("experiment", "variants")}
     rates = extract_frames(config, recording)
-    return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance", "times", "time_unit_s") if k in rates}
+    return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance", *TimeKeys.model_fields) if k in rates}
 
 
 def overlaid(config: Mapping) -> tuple[str, list[str]] | None:
@@ -115,6 +116,14 @@ def calibrate(config: Mapping, experiment: str) -> dict:
 def _single(recordings: Mapping) -> bool:
     """Whether the recordings are of a single pendulum: its tip is said to be none."""
     return recordings["source"] == "videos" and recordings["tracking"]["markers"]["tip"] is None
+
+
+def _span(recordings: Mapping) -> list[float | None] | None:
+    """First and last second of a video that are used, None where all are."""
+    if recordings["source"] != "videos":
+        return None
+    first, last = (recordings["videos"][name] for name in ("from_s", "to_s"))
+    return [first, last] if first > 0 or last is not None else None
 
 
 def _arms(recordings: Mapping) -> list[float | None]:

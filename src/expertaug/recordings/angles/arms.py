@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
 from expertaug.recordings.angles.marker_table import MarkerTable
@@ -16,6 +17,7 @@ STILL_S = 1e6  # a pivot averaged over so long does not move
 WINDOWS_S = (STILL_S, 0.16, 0.08, 0.04, 0.02, 0.01, 0.0)  # over which a pivot may be averaged
 WORTH = 2.0  # over the root of the frames' number: the share by which a shorter average must lower the length's spread
 TOLERANCE = 8.0  # robust standard deviations of an arm's length
+AROUND_S, AROUND = 0.5, 0.25  # s, and share of the arm by which a shaking pivot may be off its median over them
 TOLERANCES = (0.005, 0.1)  # shares of the arm's length, the least and the most that this may be
 
 
@@ -113,12 +115,27 @@ def _pivot(markers: MarkerTable, usable: np.ndarray, tolerance: float) -> tuple[
     On the real recordings the arm's length follows the displacement of the pivot's marker: the stand sways, so a
     constant pivot is wrong; but the labels' own noise (.1 px) need not enter the angle.  Of 200 ms forecasts on the
     fastest parts the log-MSE is -7.99 with a constant pivot, -8.42 with each frame's own and -8.49 averaged over .04 s.
+
+    Where the camera moves, the marker leaves its median with all others, and the first arm keeps its length.
     """
     seen = np.isfinite(markers.pivot).all(1)
     middle = np.median(markers.pivot[seen], axis=0)
     arm = float(np.nanmedian(np.linalg.norm(markers.joint[usable] - middle, axis=1)))
     with np.errstate(invalid="ignore"):
-        seen &= np.linalg.norm(markers.pivot - middle, axis=1) <= tolerance * arm
+        near = np.linalg.norm(markers.pivot - middle, axis=1) <= tolerance * arm
+        if not near[seen].all():
+            near |= _moved_along(markers, usable & seen, arm)
+    seen &= near
     frames = np.arange(len(markers))
     filled = np.stack([np.interp(frames, frames[seen], markers.pivot[seen, k]) for k in range(2)], axis=1)
     return filled, seen
+
+
+def _moved_along(markers: MarkerTable, known: np.ndarray, arm: float) -> np.ndarray:
+    """Frames (n,) whose pivot's marker is near those of its time and one arm from the joint."""
+    length = np.linalg.norm(markers.joint - markers.pivot, axis=1)
+    typical, off = float(np.median(length[known])), float(spread(length[known]))
+    right = np.abs(length - typical) <= np.clip(TOLERANCE * off, *(share * typical for share in TOLERANCES))
+    frames = max(3, round(AROUND_S * markers.rate_hz))
+    around = pd.DataFrame(markers.pivot).rolling(frames, center=True, min_periods=1).median().to_numpy()
+    return right & (np.linalg.norm(markers.pivot - around, axis=1) <= AROUND * arm)

@@ -18,10 +18,11 @@ from expertaug.recordings.angles.implied import Implied, contradictions, explain
 from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, read_markers
 from expertaug.recordings.angles.noise import Noise, marker_noise, measure_noise
 from expertaug.recordings.angles.quality import CORRECTED, MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
+from expertaug.recordings.angles.rectify import Rectified, rectify
 from expertaug.recordings.angles.settings import AngleSettings
 from expertaug.recordings.angles.single import explain_single, single_energy
 from expertaug.recordings.angles.smoothing import Motion, Smoothing, smooth_motion, window_frames
-from expertaug.recordings.angles.summary import RecordingSummary, TimingSummary
+from expertaug.recordings.angles.summary import RecordingSummary, RectifiedSummary, TimingSummary
 from expertaug.recordings.angles.windows import longest_window
 from expertaug.recordings.options import read_settings
 from expertaug.systems.double_pendulum import energy
@@ -89,8 +90,10 @@ def measure_angles(
     path = Path(markers)
     if options.single:
         options = options.model_copy(update={"model_offsets": False})
-    angles = _measure(path, read_markers(path, options.rate_hz, options.corrections, options.single), options)
-    found = _summarise(Path(output).parent.name, angles, options)
+    seen = read_markers(path, options.rate_hz, options.corrections, options.single)
+    markers_in_plane, rectified = rectify(path, seen, options)
+    angles = _measure(path, markers_in_plane, options)
+    found = _summarise(Path(output).parent.name, angles, options, rectified)
     _write(output, angles, options.single)
     for text in found.warnings:
         logger.warning("%s: %s", found.recording, text)
@@ -162,7 +165,7 @@ def _write(output: str | Path, angles: Angles, single: bool) -> None:
         table.to_csv(temporary, index=False, float_format="%.9g")
 
 
-def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSummary:
+def _summarise(name: str, angles: Angles, options: AngleSettings, rectified: Rectified | None) -> RecordingSummary:
     arms, fit, tilt = angles.arms, angles.implied.fit, angles.implied.tilt_deg
     rate, rotation = angles.markers.rate_hz, options.rotation_deg
     good = angles.quality == MEASURED
@@ -198,6 +201,8 @@ def _summarise(name: str, angles: Angles, options: AngleSettings) -> RecordingSu
         rejected_outlier=int((angles.reason == "outlier").sum()),
         reasons=dict(sorted(Counter(text for text in angles.reason if text).items())),
         timing=TimingSummary(**asdict(angles.markers.timing)),
+        span_s=options.span_s,
+        rectified=None if rectified is None else RectifiedSummary(**asdict(rectified)),
         rate_hz=rate,
         rate_provenance=options.rate_provenance,
         implied_rate_hz=angles.implied.rate_hz,

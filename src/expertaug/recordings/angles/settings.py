@@ -9,6 +9,26 @@ from pydantic import Field
 from expertaug.recordings.corrections import Correction
 from expertaug.settings import MANY, NotNegative, Positive, Settings, Share, key
 
+Corners = Annotated[int, Field(ge=3, le=100)]
+
+
+class RectifyKeys(Settings):
+    """From the image to the plane of motion, before angles are measured."""
+
+    ellipse: bool = key(
+        False,
+        "whether the view is told by the arms themselves, which are equally long in every direction; expertaug inspect "
+        "proposes it where it helps",
+    )
+    checkerboard: str | None = key(
+        None,
+        "a picture of a checkerboard taken as the video was, or a folder of them; the first shows it in the plane of "
+        "motion or parallel to it, but with ellipse, where only the lens is told by them",
+    )
+    corners: Annotated[tuple[Corners, Corners], Field(strict=False)] = key(
+        (9, 6), "inner corners of the board, across and down"
+    )
+
 
 class AngleKeys(Settings):
     """From marker positions to arm angles."""
@@ -38,6 +58,7 @@ class AngleKeys(Settings):
     rotation_deg: float = key(
         0.0, "where gravity points in the image; 0 down, 90 right, -90 left, 180 up", "deg", ge=-360, le=360
     )
+    rectify: RectifyKeys = key(RectifyKeys, "lens and oblique view, undone before angles are measured")
     smoothing_window_s: Positive | None = key(
         None,
         "window of the local polynomial that gives angles and speeds; null = for each frame as long as helps, by the "
@@ -58,6 +79,7 @@ class AngleSettings(AngleKeys):
     arm1_m: Positive | None = key(0.091, "length of the first arm, for the implied frame rate; null = not known", "m")
     rate_provenance: str = key("not stated", "where the frame rate comes from")
     rate_hz: Positive | None = key(None, "frames per second to which others are resampled; null = the file's", "Hz")
+    span_s: tuple[float, float | None] | None = key(None, "first and last second that are used of a longer one", "s")
     single: bool = key(False, "whether it is a single pendulum, without a tip")
     corrections: list[Correction] = key(list, "markers that were placed by hand")
 

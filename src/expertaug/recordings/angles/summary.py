@@ -27,6 +27,19 @@ class TimingSummary(BaseModel):
     error_deg: tuple[float, float] | None = None
 
 
+class RectifiedSummary(BaseModel):
+    """What was done to the places of the markers (:class:`expertaug.recordings.angles.rectify.Rectified`)."""
+
+    model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
+
+    by: str
+    stretch: Positive
+    direction_deg: float
+    moved_px: float
+    board_px: float | None
+    arms_before: tuple[float, float]
+
+
 class RecordingSummary(BaseModel):
     """What :func:`expertaug.recordings.angles.measure.measure_angles` says of one recording.
 
@@ -48,6 +61,8 @@ class RecordingSummary(BaseModel):
         interpolated, rejected_arm_length, rejected_outlier: frames.
         reasons: frames by reason.
         timing: frames repeated and missing, and what resampling cost.
+        span_s: first and last second (None: the end) that are used of a longer recording; None where all is.
+        rectified: how lens and view were undone; None where they were not.
         rate_hz, rate_provenance: stated frame rate and where it is known from.
         implied_rate_hz: by the motion; None where the first arm's length is not known.
         rotation_deg: stated direction of gravity in the image: 0 down, 90 right.
@@ -88,6 +103,8 @@ class RecordingSummary(BaseModel):
     rejected_outlier: Count
     reasons: dict[str, Count]
     timing: TimingSummary = TimingSummary()
+    span_s: tuple[float, float | None] | None = None
+    rectified: RectifiedSummary | None = None
     rate_hz: Positive
     rate_provenance: str
     implied_rate_hz: Positive | None

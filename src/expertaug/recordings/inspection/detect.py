@@ -25,6 +25,7 @@ STRENGTHS = (SATURATION[0], 0.5)  # saturations from which on: the second where 
 HUE_GAP = 14.0  # degrees without any sighting between two markers' hues
 MAX_SPREAD = 0.08  # of an arm's length between frames, for markers to be its ends or a little off
 MAX_SWAY = 0.1  # of the first arm's length by which a pivot may move
+SWAY_OF_SWING = 0.25  # of the way of the joint, where that is more
 MIN_ARM = 0.8  # of a marker's diameter: nothing swings on a shorter arm
 MIN_FRAMES = 5
 THIRDS = [Colour("any", (first, (first + 120) % 360)) for first in (0.0, 120.0, 240.0)]
@@ -210,7 +211,7 @@ def _as_pendulum(
     spread = float((1.4826 * np.median(np.abs(length - middle), axis=0) / middle).max())
     still = np.ptp(np.quantile(place, (0.1, 0.9), axis=0), axis=0)  # (3, 2): by how much each moves
     moves = np.hypot(*still.T) / middle[0]
-    if spread > MAX_SPREAD or moves[0] > MAX_SWAY or moves[1] < 2 * MAX_SWAY or moves[2] < 2 * MAX_SWAY:
+    if spread > MAX_SPREAD or moves[0] > _most_sway(moves[1]) or moves[1] < 2 * MAX_SWAY or moves[2] < 2 * MAX_SWAY:
         return None
     return Pendulum(style, (pivot, joint, tip), spread)
 
@@ -231,9 +232,14 @@ def _as_single(style: str, pivot: dict[int, Spot] | None, bob: dict[int, Spot]) 
         float(np.hypot(*np.ptp(np.quantile(p, (0.1, 0.9), axis=0), axis=0))) / middle for p in (origin, centre)
     )
     least = MIN_ARM * float(np.median([bob[k].diameter for k in common]))
-    if middle < least or spread > MAX_SPREAD or sway > MAX_SWAY or swing < 2 * MAX_SWAY:
+    if middle < least or spread > MAX_SPREAD or sway > _most_sway(swing) or swing < 2 * MAX_SWAY:
         return None
     return Pendulum(style, (pivot, bob, None), spread)
+
+
+def _most_sway(swing: float) -> float:
+    """By how much a pivot may move where the joint moves by ``swing``, both as shares of the arm: with the camera."""
+    return max(MAX_SWAY, SWAY_OF_SWING * swing)
 
 
 def _origin(pivot: dict[int, Spot] | None, joint: np.ndarray, frames: Sequence[int]) -> np.ndarray | None:

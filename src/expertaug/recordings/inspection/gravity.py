@@ -1,4 +1,4 @@
-"""Where gravity points in a video, by the accelerations of the pendulum that it shows."""
+"""Where gravity points in a video, and whether its camera looks askew, by the motion of the pendulum that it shows."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.recordings.angles.arms import find_arms
+from expertaug.recordings.angles.ellipse import View
 from expertaug.recordings.angles.implied import SPAN_S
 from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, on_time, with_twin
 from expertaug.recordings.angles.noise import measure_noise
 from expertaug.recordings.angles.quality import trust_tracker
+from expertaug.recordings.angles.rectify import seen_through, worth_it
 from expertaug.recordings.angles.settings import AngleKeys
 from expertaug.recordings.angles.single import fit_single
 from expertaug.recordings.angles.smoothing import Smoothing, smooth_motion
@@ -28,14 +30,15 @@ from expertaug.recordings.video.source import open_frames
 FRAMES, SECONDS = 300, 2.0  # from the middle of a video: so many frames, or seconds where that is more
 
 
-def gravity_in(
+def told_by_motion(
     path: Path,
     stated: Mapping[str, object],
     times: np.ndarray | None,
     geometry: Geometry,
     settings: TrackSettings,
-) -> Gravity | None:
-    """Direction of gravity in the image: 0 down, 90 right; None where the motion does not tell it.
+) -> tuple[Gravity | None, View | None]:
+    """Direction of gravity in the image: 0 down, 90 right; None where the motion does not tell it.  And the view that
+    makes the arms steadier; None where that is not worth it.
 
     Arguments:
         path: of the video.
@@ -53,7 +56,7 @@ def gravity_in(
     t = frames / rate if times is None else times[first : first + count]
     single = settings.markers.tip is None
     if not np.isfinite(track.position[:, 0]).any():
-        return None
+        return None, None
     places = (with_twin(track.position) if single else track.position).swapaxes(0, 1)
     none = np.zeros(count, bool)
     reason = np.array(track.reason, object)
@@ -61,11 +64,14 @@ def gravity_in(
     usable, _ = trust_tracker(markers)
     options = AngleKeys(model_offsets=not single)
     if usable.sum() < FEWEST or not np.isfinite(markers.pivot).any():
-        return None
+        return None, None
+    view = worth_it(markers, usable, options.model_offsets)
+    if view is not None:
+        markers = seen_through(view.matrix, markers)
     arms = find_arms(markers, usable, options)
     fitting = usable & ~arms.off
     if fitting.sum() < FEWEST:
-        return None
+        return None, view
     order = options.smoothing_order
     noise, _ = measure_noise(arms.lengths, fitting, longest_window(order, rate))
     how = Smoothing(order, None, 0, options.outlier_sigmas, float(np.deg2rad(options.outlier_floor_deg)))
@@ -74,7 +80,7 @@ def gravity_in(
     every = max(1, round(rate * SPAN_S))
     try:
         if single:
-            return fit_single(known[:, [0, 2]], rate)[1]
-        return find_gravity(known, every / rate, every)
+            return fit_single(known[:, [0, 2]], rate)[1], view
+        return find_gravity(known, every / rate, every), view
     except InputError:
-        return None
+        return None, view

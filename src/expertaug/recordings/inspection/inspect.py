@@ -11,6 +11,7 @@ import yaml
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug.recordings.angles.rectify import describe
 from expertaug.recordings.inspection.detect import Spot
 from expertaug.recordings.inspection.look import SHOWN, Look, look_at
 from expertaug.recordings.inspection.several import combine, rates_differ
@@ -70,6 +71,11 @@ def _yaml(looks: Sequence[Look], refused: Sequence[InputError]) -> str:
             f"# {printable(look.footage.path.name)}: {look.footage.facts}",
             f"# {_caption(look)}; all found in {look.counts['all']} of {look.counts['frames']} frames",
         ]
+        if look.view is not None:
+            lines.append(
+                f"# the camera looks askew, a circle is {describe(look.view)}: recordings.angles.rectify undoes it"
+                f" (arms {look.view.gain:.1f} times as steady)"
+            )
     lines += [f"# left out: {printable(str(error))}" for error in refused]
     if rates_differ(looks):
         lines.append("# analysis_rate_hz: angles of the other and of variable rates are resampled to it")

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from expertaug.errors import InputError
+from expertaug.recordings.angles.ellipse import View
 from expertaug.recordings.angles.tilt import Gravity
 from expertaug.recordings.inspection import proposal
 from expertaug.recordings.inspection.detect import Pendulum, Spot, look_for_pendulum
-from expertaug.recordings.inspection.gravity import gravity_in
+from expertaug.recordings.inspection.gravity import told_by_motion
 from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.video.settings import ExtractSettings
@@ -55,6 +56,7 @@ class Look:
         found: its pendulum; None where there is none.
         tracking: keys of the configuration that are proposed.
         gravity: its direction in the image; None where the motion does not tell it.
+        view: of a camera that looks askew; None where it is not worth correcting.
         geometry: lengths with these; None where they find too little.
         counts: frames in which each marker and all are found.
         refusal: why nothing can be proposed; empty otherwise.
@@ -68,6 +70,7 @@ class Look:
     geometry: Geometry | None = None
     counts: Counter = field(default_factory=Counter)
     refusal: str = ""
+    view: View | None = None
 
 
 def look_at(video: Path, stated: Mapping[str, object]) -> Look:
@@ -84,8 +87,8 @@ def look_at(video: Path, stated: Mapping[str, object]) -> Look:
     if geometry is None or counts["all"] < MIN_SHARE * counts["frames"]:
         refusal = f"its markers are all found in {counts['all']} of {counts['frames']} frames only"
         return Look(footage, spots, found, tracking, None, geometry, counts, refusal)
-    gravity = gravity_in(video, stated, footage.times, geometry, TrackSettings.from_mapping(tracking))
-    return Look(footage, spots, found, tracking, gravity, geometry, counts)
+    gravity, view = told_by_motion(video, stated, footage.times, geometry, TrackSettings.from_mapping(tracking))
+    return Look(footage, spots, found, tracking, gravity, geometry, counts, view=view)
 
 
 def count_with(frames: Sequence[np.ndarray], tracking: Mapping[str, object]) -> int:

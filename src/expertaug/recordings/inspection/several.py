@@ -30,13 +30,19 @@ def combine(looks: Sequence[Look]) -> dict[str, object]:
     names = {path: name for name, path in by_name("recordings.videos.path", files).items()} if len(looks) > 1 else {}
     shared = _shared_tracking(looks)
     rotation = _shared_rotation(looks)
+    askew = all(look.view is not None for look in looks)
+    angles = ({} if rotation is None else {"rotation_deg": rotation}) | (
+        {"rectify": {"ellipse": True}} if askew else {}
+    )
     own: dict[str, dict[str, object]] = {}
     for look in looks:
-        block: dict[str, object] = {}
+        block: dict[str, dict[str, object]] = {}
         if look.tracking != shared and count_with(look.footage.frames, shared) < AS_GOOD * look.counts["all"]:
             block["tracking"] = {k: v for k, v in look.tracking.items() if shared.get(k) != v}
         if rotation is not None and look.gravity is not None and _apart(look.gravity, rotation):
             block["angles"] = {"rotation_deg": round(look.gravity.degrees, 1) + 0.0}
+        if look.view is not None and not askew:
+            block["angles"] = block.get("angles", {}) | {"rectify": {"ellipse": True}}
         if block:
             own[names[look.footage.path]] = block
     paths = [glob.escape(str(look.footage.path)) for look in looks]
@@ -47,7 +53,7 @@ def combine(looks: Sequence[Look]) -> dict[str, object]:
         "arms_m": None,
         "videos": {"path": paths[0] if len(paths) == 1 else paths, **looks[0].footage.stated},
         "tracking": shared,
-        **({} if rotation is None else {"angles": {"rotation_deg": rotation}}),
+        **({"angles": angles} if angles else {}),
         **({"by_recording": own} if own else {}),
     }
 

@@ -24,6 +24,7 @@ RIDGE = 4 * np.eye(3, dtype=np.float32)  # samples' worth of an even light
 LIGHT = (0.3, 3.0)  # of the light, at the least and at the most
 ENOUGH = 2  # samples of a ray that are of the disk's level: the others may be burnt in
 MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone; of what a ring or a rim spoils the median is free
+OUTER = slice(3, INNER)  # those that a ring at half the radius spoils the least
 
 
 class PlainFitter(DiskFitter):
@@ -40,20 +41,22 @@ class PlainFitter(DiskFitter):
         area = np.hypot(dx, dy)  # of a polar grid's cells
         self._moments = np.stack((area, area * dx, area * dy), 1)
         # of a plane over the disk, for every sample and for those that tell it
-        self._plane = np.stack((np.ones_like(self._dx), self._dx / self.radius, self._dy / self.radius), 2)
-        self._known = np.ascontiguousarray(self._plane[:, MIDDLE].reshape(-1, 3))
+        plane = np.stack((np.ones_like(self._dx), self._dx / self.radius, self._dy / self.radius), 2)
+        self._everywhere = np.ascontiguousarray(plane.reshape(-1, 3).T)
+        self._known = np.ascontiguousarray(plane[:, MIDDLE].reshape(-1, 3))
+        self._known_turned = np.ascontiguousarray(self._known.T)
         self._products = np.einsum("si,sj->sij", self._known, self._known).reshape(-1, 9)
 
     def _level(self, values: np.ndarray) -> np.ndarray:
         """Share (m, rays, radii) of the disk's colour in a sample, from what lies beyond the ray's end: 0 to FULL."""
         count = len(values)
-        disk = _median(values[:, ::2, MIDDLE].reshape(count, -1, 3))[:, None]
-        beyond = values[:, :, -OUTSIDE:].mean(2)
+        disk = _median(values[:, ::2, OUTER].reshape(count, -1, 3))[:, None]
+        beyond = np.add.reduce(values[:, :, -OUTSIDE:], 2) * np.float32(1 / OUTSIDE)
         step = disk - beyond
         axis = step @ METRIC
-        contrast = (step * axis).sum(-1)
-        step = axis * np.where(contrast > MIN_CONTRAST**2, FULL / np.maximum(contrast, 1), 0)[..., None]
-        level = np.einsum("mrkc,mrc->mrk", values, step) - np.einsum("mrc,mrc->mr", beyond, step)[..., None]
+        contrast = np.einsum("mrc,mrc->mr", step, axis)
+        step = axis * ((contrast > MIN_CONTRAST**2) * np.float32(FULL) / np.maximum(contrast, 1))[..., None]
+        level = (values @ step[..., None])[..., 0] - np.einsum("mrc,mrc->mr", beyond, step)[..., None]
         return level / self._light(level)
 
     def _light(self, level: np.ndarray) -> np.ndarray:
@@ -63,12 +66,13 @@ class PlainFitter(DiskFitter):
         plane = np.zeros((len(level), 3), np.float32)
         plane[:, 0] = 1
         for reach in UNEVEN:
-            used = (np.abs(inner - plane @ self._known.T) < reach).astype(np.float32)
+            used = (np.abs(inner - plane @ self._known_turned) < reach).astype(np.float32)
             normal = (used @ self._products).reshape(-1, 3, 3) + RIDGE
             off = (used * (inner - 1)) @ self._known
             plane = np.linalg.solve(normal, off[..., None])[..., 0]
             plane[:, 0] += 1
-        return np.clip(np.einsum("rki,mi->mrk", self._plane, plane), *LIGHT)
+        light = (plane @ self._everywhere).reshape(level.shape)
+        return np.minimum(np.maximum(light, LIGHT[0]), LIGHT[1])
 
     def _inside(self, inner: np.ndarray) -> np.ndarray:
         sound = (inner[:, :, MIDDLE] > VALID[0] * FULL) & (inner[:, :, MIDDLE] < VALID[1] * FULL)

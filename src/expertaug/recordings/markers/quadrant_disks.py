@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from expertaug.recordings.markers.appearance import Appearance, Colour
+from expertaug.recordings.markers.appearance import Appearance
 
 MIN_QUADRANT = 0.4  # share of the brightness' variance round the disk at two periods a turn; .81 for ideal quadrants
 
@@ -28,6 +28,7 @@ LARGE = 32.0  # px of diameter, above which both grow with it
 CROSS_WEIGHT = 0.4  # of the quadrants' centre: its error is uncorrelated with the rim's and a little larger
 MAX_CROSS = 0.6  # px between the two beyond which something covers the quadrants and the rim alone counts
 NEAR = 0.4  # px from the true centre within which both measurements are linear
+RIDGE, UNIT = np.float32(1e-3) * np.eye(3, dtype=np.float32), np.eye(2, dtype=np.float32)
 LUMA = np.array([0.114, 0.587, 0.299], np.float32)
 
 
@@ -91,6 +92,7 @@ class DiskFitter:
         self._dx = np.ascontiguousarray(offsets[..., 0], np.float32)
         self._dy = np.ascontiguousarray(offsets[..., 1], np.float32)
         self._basis = np.column_stack((unit, np.ones(RAYS))).astype(np.float32)  # (rays, 3): shift x, shift y, growth
+        self._basis_turned = np.ascontiguousarray(self._basis.T)
         self._outer = np.einsum("ki,kj->kij", self._basis, self._basis).reshape(RAYS, 9)
         across = np.stack((-unit[:, 1], unit[:, 0]), 1)[: RAYS // 2].astype(np.float32)
         self._across = across
@@ -135,17 +137,18 @@ class DiskFitter:
             level = self._level(values)
             inner = level[:, :, :INNER]
             solution, share = self._circle(*self._rim(inner, level[:, :, INNER:]))
-            shift = np.clip(solution[:, :2], -self._reach, self._reach)
-            if last or np.abs(shift).max() < NEAR:
+            shift = np.minimum(np.maximum(solution[:, :2], -self._reach), self._reach)
+            far = np.maximum.reduce(np.abs(shift), 1)
+            if last or max(far.tolist()) < NEAR:
                 break
             centre = centre + shift
         apart = self._apart(inner, shift)
-        near = (np.abs(apart).max(1, keepdims=True) < MAX_CROSS) & (np.abs(shift).max(1, keepdims=True) < NEAR)
-        centre = centre + shift + np.where(near, self.inside_weight, 0).astype(np.float32) * apart
+        near = (np.maximum.reduce(np.abs(apart), 1) < MAX_CROSS) & (far < NEAR)
+        centre = centre + shift + (np.float32(self.inside_weight) * near)[:, None] * apart
         colour, shaped = self._colour(values[:, :, :INNER], inner)
         identity = np.where(shaped, self._palette.identify(colour), -1)
         radius = self.radius + (1 + self.stiffness) * solution[:, 2]
-        return Disks(centre, radius, share, np.linalg.norm(apart, axis=1), identity, colour)
+        return Disks(centre, radius, share, np.hypot(apart[:, 0], apart[:, 1]), identity, colour)
 
     def _sample(self, frame: np.ndarray, centre: np.ndarray) -> np.ndarray:
         """Colours along the rays, (m, rays, radii, 3) float32."""
@@ -170,23 +173,23 @@ class DiskFitter:
         last = np.maximum(index, 1)
         before, after = rim[rows, last - 1], rim[rows, last]
         part = (before - half) / np.maximum(before - after, 1e-3)
-        error = ((last - 1).astype(np.float32) + part) * self._step - self._reach
-        weight = np.where((index > 0).reshape(inside.shape) & (inside > self.min_level), inside / 100, 0)
-        return error.reshape(inside.shape), weight
+        error = ((last - 1).astype(np.float32) + part) * np.float32(self._step) - np.float32(self._reach)
+        falls = (index > 0).reshape(inside.shape) & (inside > self.min_level)
+        return error.reshape(inside.shape), falls * (inside * np.float32(0.01))
 
     def _circle(self, error: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Robust least squares of the rim distances on (shift x, shift y, growth): solution (m, 3) and share (m,)."""
-        middle = np.sort(np.where(weight > 0, error, 0), axis=1)[:, RAYS // 2]
+        middle = np.sort((weight > 0) * error, axis=1)[:, RAYS // 2]
         used = weight * (np.abs(error - middle[:, None]) < 0.8 * self._reach)
-        ridge = np.zeros((len(error), 3, 3), np.float32)
-        ridge[:] = 1e-3 * np.eye(3)
-        ridge[:, 2, 2] += self.stiffness * weight.sum(1)
+        ridge = np.empty((len(error), 3, 3), np.float32)
+        ridge[:] = RIDGE
+        ridge[:, 2, 2] += self.stiffness * np.add.reduce(weight, 1)
         for tolerance in (2.5 * self.rim_tolerance, self.rim_tolerance, self.rim_tolerance):
             normal = (used @ self._outer).reshape(-1, 3, 3) + ridge
             solution = np.linalg.solve(normal, ((used * error) @ self._basis)[..., None])[..., 0]
-            distance = np.abs(error - solution @ self._basis.T)
+            distance = np.abs(error - solution @ self._basis_turned)
             used = weight * (distance < tolerance)
-        return solution, (used > 0).mean(1)
+        return solution, np.count_nonzero(used, axis=1) / RAYS
 
     def _level(self, values: np.ndarray) -> np.ndarray:
         """Brightness (m, rays, radii) of the samples, which falls at the rim."""
@@ -194,7 +197,7 @@ class DiskFitter:
 
     def _inside(self, inner: np.ndarray) -> np.ndarray:
         """Each ray's own level inside the disk, (m, rays)."""
-        return inner[:, :, 2:6].mean(2)
+        return np.add.reduce(inner[:, :, 2:6], 2) * np.float32(0.25)
 
     def _apart(self, inner: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """From the rim's centre, at ``shift``, to the point about which the quadrants are symmetric under half a turn,
@@ -208,8 +211,8 @@ class DiskFitter:
         slope = (turned[:, 2:] - turned[:, :-2]) * self._per_px
         slope = 0.5 * (slope[:, :half] + slope[:, half:])
         difference = inner[:, :half] - inner[:, half:]
-        normal = (np.square(slope).sum(2) @ self._across_outer).reshape(-1, 2, 2) + np.eye(2, dtype=np.float32)
-        right = -0.5 * ((slope * difference).sum(2) @ self._across)
+        normal = (np.einsum("mrk,mrk->mr", slope, slope) @ self._across_outer).reshape(-1, 2, 2) + UNIT
+        right = np.float32(-0.5) * (np.einsum("mrk,mrk->mr", slope, difference) @ self._across)
         return np.linalg.solve(normal, right[..., None])[..., 0] - shift
 
     def _colour(self, colours: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -218,41 +221,54 @@ class DiskFitter:
 
         The "white" of a real frame is tinted: the ratio is the white balance.
         """
-        brightness = level.mean(2)
+        brightness = np.add.reduce(level, 2)
         order = np.argsort(brightness, axis=1)
-        mean = colours.mean(2)
-        rows = np.arange(len(mean))[:, None]
         third = RAYS // 3
-        dark, white = mean[rows, order[:, :third]].mean(1), mean[rows, order[:, -third:]].mean(1)
-        swing = brightness - brightness.mean(1, keepdims=True)
-        quadrant = np.square(swing @ self._second).sum(1) * (2 / RAYS) / np.maximum(np.square(swing).sum(1), 1e-3)
-        return hsv(dark / np.maximum(white, 1)), quadrant > MIN_QUADRANT
+        rows = np.arange(len(colours))[:, None]
+        parts = (colours[rows, part] for part in (order[:, :third], order[:, -third:]))
+        dark, white = (np.add.reduce(part.reshape(len(colours), -1, 3), 1) for part in parts)
+        swing = brightness - np.add.reduce(brightness, 1, keepdims=True) * np.float32(1 / RAYS)
+        wave = swing @ self._second
+        power, whole = np.einsum("mk,mk->m", wave, wave), np.einsum("mk,mk->m", swing, swing)
+        quadrant = power * (2 / RAYS) / np.maximum(whole, 1e-3 * INNER**2)
+        return hsv(dark / np.maximum(white, third * INNER)), quadrant > MIN_QUADRANT
 
 
 def hsv(bgr: np.ndarray) -> np.ndarray:
     """Hue in degrees, saturation and value of colours (m, 3) with full light at 1."""
-    blue, green, red = bgr.T
-    value = bgr.max(1)
-    chroma = value - bgr.min(1)
+    return np.array([_hsv(*one) for one in bgr.tolist()]).reshape(-1, 3)
+
+
+def _hsv(blue: float, green: float, red: float) -> tuple[float, float, float]:
+    """Of one colour: of a few, numbers of Python's are several times as fast as arrays."""
+    value, chroma = max(blue, green, red), max(blue, green, red) - min(blue, green, red)
     # A hexagon's corners are the primary colours; each third of it starts at the strongest one.
-    third = np.where(value == red, green - blue, np.where(value == green, blue - red, red - green))
-    start = np.where(value == red, 0, np.where(value == green, 120, 240))
-    hue = (start + 60 * third / np.maximum(chroma, 1e-9)) % 360
-    return np.stack((hue, chroma / np.maximum(value, 1e-9), value), 1)
+    if value == red:
+        start, third = 0.0, green - blue
+    elif value == green:
+        start, third = 120.0, blue - red
+    else:
+        start, third = 240.0, red - green
+    return (start + 60 * third / max(chroma, 1e-9)) % 360, chroma / max(value, 1e-9), value
 
 
 class Palette:
     """Tells markers by hue, saturation and value."""
 
     def __init__(self, appearance: Appearance) -> None:
-        seen = [c or Colour("none", (0, 0), (2, 2)) for c in appearance.colours]  # no saturation exceeds 1
-        self._middle, self._reach = np.array([c.middle for c in seen]), np.array([c.reach for c in seen])
-        self._low, self._high = np.array([[(c.saturation[end], c.value[end]) for c in seen] for end in (0, 1)])
+        self._seen = [
+            (k, c.middle, c.reach, c.saturation, c.value) for k, c in enumerate(appearance.colours) if c is not None
+        ]
 
     def identify(self, colour: np.ndarray) -> np.ndarray:
         """Which marker (m,) has this hue, saturation and value (m, 3): of several the nearest hue, of none -1."""
-        away = np.abs((colour[:, :1] - self._middle + 180) % 360 - 180)
-        strength = np.minimum(colour[:, None, 1:], 1)
-        inside = ((strength >= self._low) & (strength <= self._high)).all(2) & (away <= self._reach)
-        away = np.where(inside, away, 360)
-        return np.where(inside.any(1), away.argmin(1), -1)
+        return np.array([self._nearest(*one) for one in colour.tolist()], int)
+
+    def _nearest(self, hue: float, saturation: float, value: float) -> int:
+        found, least = -1, 360.0
+        for k, middle, reach, saturations, values in self._seen:
+            away = abs((hue - middle + 180) % 360 - 180)
+            strong = saturations[0] <= min(saturation, 1) <= saturations[1] and values[0] <= min(value, 1) <= values[1]
+            if strong and away <= reach and away < least:
+                found, least = k, away
+        return found

@@ -18,6 +18,7 @@ class ColourKeys(Settings):
     value: Range = key((0.12, 1.0), "lowest and highest, 0 to 1")
 
 
+Corners = Annotated[list[Pair], Field(min_length=2, max_length=100)]
 Colour = Annotated[Annotated[str, ONE] | Annotated[ColourKeys, KEYS], by_shape]
 
 
@@ -43,6 +44,12 @@ class TrackKeys(Settings):
     WHERE: ClassVar[str] = "track_markers settings"
 
     markers: AppearanceKeys = key(AppearanceKeys, "how the markers look; expertaug inspect VIDEO proposes it")
+    masks: list[Corners] = key(
+        list,
+        "parts of the image in which no marker is looked for (hands, a text), by the x and y of their corners; two are "
+        "opposite corners of a rectangle",
+        "px",
+    )
     marker_diameter_px: Annotated[float, Field(ge=8, le=400)] | None = key(
         25.0, "approximate diameter of a marker; null = measured", "px"
     )

@@ -16,6 +16,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.recordings.columns import MARKERS
 from expertaug.recordings.markers.geometry import Geometry, estimate_geometry, measure_diameter
+from expertaug.recordings.markers.masks import MaskedFrames
 from expertaug.recordings.markers.settings import TrackSettings
 from expertaug.recordings.markers.tracker import UNUSABLE, Track, track_frames
 from expertaug.recordings.video.frame_store import FrameStore
@@ -40,7 +41,7 @@ def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, 
     """
     cv2.setNumThreads(1)
     checked = TrackSettings.from_mapping(settings)
-    frames = FrameStore(store)
+    frames = MaskedFrames(FrameStore(store), checked.masks)
     checked, geometry = _calibrate(store, frames, checked)
     track = track_frames(frames, geometry, checked)
     _refuse_lost(store, track, checked)
@@ -48,7 +49,7 @@ def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, 
     return track
 
 
-def _calibrate(store: str | Path, frames: FrameStore, settings: TrackSettings) -> tuple[TrackSettings, Geometry]:
+def _calibrate(store: str | Path, frames: MaskedFrames, settings: TrackSettings) -> tuple[TrackSettings, Geometry]:
     """Settings with a diameter, and lengths from frames spread over the store; arm lengths that the settings give are
     taken from there."""
     if settings.marker_diameter_px is None:

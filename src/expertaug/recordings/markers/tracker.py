@@ -69,7 +69,8 @@ class Tracker:
         # Nothing is burnt into quadrants: what their insides are off is error, more of it after strong compression.
         most = MOST_RESIDUAL * scale if self.appearance.style == "quadrant" else math.inf
         usual = [settings.max_residual_px or min(max(RESIDUAL * scale, one), most) for one in geometry.residual]
-        self.residual = np.array(usual)
+        self.residual = usual
+        self.names = self.appearance.names[: self.appearance.last]
         self.twins = geometry.twins
         self.pivot = None if geometry.pivot is None else np.array(geometry.pivot)
         self.angles: tuple[list[float], list[float]] = ([], [])  # of both arms in the last frames without a gap
@@ -83,10 +84,12 @@ class Tracker:
         share, residual = np.zeros(3), np.zeros(3)
         predicted = self._predict()[first : self.appearance.last]
         disks = self.fitter.fit(frame, np.array(predicted)) if predicted else None
-        there = sound(disks, self.settings) & (disks.identity - first == range(len(predicted))) if predicted else ()
+        there = sound(disks, self.settings).tolist() if predicted else ()
+        identity = disks.identity.tolist() if predicted else ()
         for k in range(first, self.appearance.last):
             index = k - first
-            if index < len(predicted) and there[index] and self._fits_arm(k, disks.centre[index], centre):
+            seen = index < len(predicted) and there[index] and identity[index] == k
+            if seen and self._fits_arm(k, disks.centre[index], centre):
                 found = disks
             else:
                 found, index = self._search(frame, k, centre)
@@ -149,21 +152,23 @@ class Tracker:
     ) -> tuple[float, str]:
         """Quality and reason of a frame."""
         first, last = self.appearance.first, self.appearance.last
-        lost = [name for name, x in zip(self.appearance.names[:last], centre[:last, 0], strict=True) if math.isnan(x)]
-        if np.isnan(centre[JOINT:last]).any():
+        places = centre[:last].tolist()
+        missing = [math.isnan(x) for x, _ in places]
+        lost = [name for name, gone in zip(self.names, missing, strict=True) if gone]
+        if any(missing[JOINT:]):
             return UNUSABLE, "lost:" + "+".join(lost)
         if not all(self._fits_arm(k, centre[k], centre) for k in range(JOINT, last)):
             return UNUSABLE, "arm_length"
-        if (residual > self.residual).any():
+        if any(one > most for one, most in zip(residual.tolist(), self.residual, strict=True)):
             return UNUSABLE, "residual"
         if lost:  # the pivot alone, whose neighbours tell where it is: the others must be sound for that
             return UNUSABLE, "lost:" + "+".join(lost)
-        quality = float(share[first:last].min())
+        quality = min(share[first:last].tolist())
         height, width = frame.shape[:2]
-        margin, seen = self.fitter.radius, centre[first:last]
-        if seen.min() < margin or (seen.max(axis=0) > (width - 1 - margin, height - 1 - margin)).any():
-            return quality / 2, "edge"
-        return quality, ""
+        near = self.fitter.radius
+        if all(near <= x <= width - 1 - near and near <= y <= height - 1 - near for x, y in places[first:]):
+            return quality, ""
+        return quality / 2, "edge"
 
 
 def _next(past: list[float]) -> float:

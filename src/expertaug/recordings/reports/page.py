@@ -108,6 +108,7 @@ def _heading(found: RecordingSummary) -> str:
         f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
         f"Frame rate: stated {found.rate_hz:g} Hz ({found.rate_provenance}); {rate}; {turned}",
         *_times(found),
+        *_rectified(found),
         f"Arms {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px and {found.arm2_px:.2f} ±"
         f" {found.arm2_std_px:.2f} px; noise of the measured angles {found.noise1_deg:.3f}° and"
         f" {found.noise2_deg:.3f}°, of the smoothed ones {found.uncertainty1_deg:.3f}° and"
@@ -142,6 +143,7 @@ def _single(found: RecordingSummary, gaps: str, turned: str) -> list[str]:
         f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
         f"Single pendulum; frame rate stated {found.rate_hz:g} Hz ({found.rate_provenance}); {turned}",
         *_times(found),
+        *_rectified(found),
         f"Arm {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px; noise of the measured angle {found.noise1_deg:.3f}°, of"
         f" the smoothed one {found.uncertainty1_deg:.3f}°, of the speed {found.uncertainty1_rad_s:.2g} rad/s",
         f"ω0 {omega0:.4g} rad/s, α {alpha:.3g} s⁻¹; R² {found.r2_1:.4f}",
@@ -151,6 +153,9 @@ def _single(found: RecordingSummary, gaps: str, turned: str) -> list[str]:
 def _times(found: RecordingSummary) -> list[str]:
     """What was found of the frames' times, where anything was."""
     timing, said = found.timing, []
+    if found.span_s is not None:
+        first, last = found.span_s
+        said.append(f"from {first:g} s of the video to {'its end' if last is None else f'{last:g} s'}")
     if timing.uneven_ms:
         said.append(f"off even ones by up to {timing.uneven_ms:.1f} ms")
     if timing.frames_hz is not None:
@@ -160,6 +165,19 @@ def _times(found: RecordingSummary) -> list[str]:
     if timing.repeated or timing.dropped:
         said.append(f"{timing.repeated} frames repeated, {timing.dropped} missing")
     return [f"Times: {'; '.join(said)}"] if said else []
+
+
+def _rectified(found: RecordingSummary) -> list[str]:
+    """How lens and view were undone, where they were."""
+    done = found.rectified
+    if done is None:
+        return []
+    before = " and ".join(f"{share:.2%}" for share in done.arms_before)
+    board = "" if done.board_px is None else f", corners off by {done.board_px:.2f} px"
+    return [
+        f"View undone by {done.by}{board}: scales differed by {done.stretch - 1:.2%} at the pivot, markers were moved"
+        f" by up to {done.moved_px:.1f} px; the arms' lengths varied by {before} before"
+    ]
 
 
 def _dots(axis: Axes, t: np.ndarray, values: np.ndarray, quality: np.ndarray, colour: str, label: str) -> None:

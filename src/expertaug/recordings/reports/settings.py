@@ -30,7 +30,7 @@ class OverlaySettings(OverlayView, TimeKeys):
     @property
     def of_frames(self) -> dict[str, object]:
         """What opening the video takes (:func:`expertaug.recordings.video.source.open_frames`)."""
-        return self.model_dump(include={"rate_hz", "rate_provenance", "times", "time_unit_s"})
+        return self.model_dump(include={"rate_hz", "rate_provenance", *TimeKeys.model_fields})
 
 
 class OverlayKeys(OverlayView):

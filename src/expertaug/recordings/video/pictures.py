@@ -12,7 +12,7 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.recordings.names import FEWEST, PICTURES, list_pictures
-from expertaug.recordings.video import timestamps
+from expertaug.recordings.video import timestamps, trimming
 from expertaug.recordings.video.pixel_layout import Layout
 from expertaug.recordings.video.reader import MAX_PX, MIN_SIDE_PX, RATES_HZ
 
@@ -78,6 +78,18 @@ class Pictures:
                 raise InputError(path, found, f"{wanted[0]}x{wanted[1]} expected (image_size_px)")
         self.layout = Layout("bgr24", self.width, self.height)
 
+    def trim(self, from_s: float, to_s: float | None) -> None:
+        """Give only the pictures of a span of time in s; None is the end.
+
+        Raises:
+            InputError: there are hardly any.
+        """
+        times = np.arange(self.count) / self.rate_hz if self.times is None else self.times
+        kept = trimming.span(self.path, times, from_s, to_s)
+        self._files, self.count = self._files[kept.start : kept.stop], len(kept)
+        if self.times is not None:
+            self.times = self.times[kept.start : kept.stop] - self.times[kept.start]
+
     def _take_times(self, times: str, unit_s: float, rate_hz: float | None) -> None:
         if rate_hz is not None:
             raise InputError(self.path, f"rate_hz is {rate_hz:g} and times is {times!r}", "give one of them")
@@ -137,8 +149,11 @@ class Pictures:
 
     pictures = frames
 
+    def close(self) -> None:
+        """Nothing is open."""
+
     def __enter__(self) -> Pictures:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing is open."""
+        self.close()

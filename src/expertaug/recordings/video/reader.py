@@ -17,7 +17,7 @@ import av
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.recordings.video import timestamps
+from expertaug.recordings.video import timestamps, trimming
 from expertaug.recordings.video.pixel_layout import Layout
 
 RATES_HZ = (1.0, 20_000.0)  # outside, a declared frame rate is taken for a missing one
@@ -33,7 +33,7 @@ class Video:
 
     Attributes:
         path: the file's path.
-        count: frames that it must have.
+        count: frames that it must have, of those that are wanted (:meth:`trim`).
         rate_hz: frames per second, and ``rate_provenance`` where that number comes from; of a variable rate the nominal
             one (of the median interval), once all frames are read.
         times: of its frames in s from the first, (n,), once all are read; None where they are even.
@@ -61,7 +61,7 @@ class Video:
         Raises:
             InputError: the file is missing, empty or no video, or its metadata are missing or not as expected.
         """
-        self.path = Path(path)
+        self.path, self._wanted = Path(path), None
         self.times: np.ndarray | None = None
         if not self.path.is_file():
             raise InputError(path, "no such file", "give a video file")
@@ -137,7 +137,7 @@ class Video:
         self.rate_provenance = (rate_provenance or "configured") if self._is_configured else "video metadata"
         if expected_frames is None and not counted:
             raise InputError(self.path, "no frame count in its metadata", "convert it to mp4, which keeps it")
-        self.count = int(expected_frames if expected_frames is not None else declared_count)
+        self.count = self._declared = int(expected_frames if expected_frames is not None else declared_count)
         self._tick_ms = float(1000 * (stream.time_base or Fraction(1, 1000)))
         if expected_frames is not None and counted and declared_count != expected_frames:
             raise InputError(
@@ -154,6 +154,21 @@ class Video:
         )
         return kept if 0 < kept < stream.frames else 0
 
+    def trim(self, from_s: float, to_s: float | None) -> None:
+        """Give only the frames that a player shows in a span of time in s (None: to the end), numbered from 0; what
+        comes after them is neither read nor checked.
+
+        Raises:
+            InputError: there are hardly any.
+        """
+        heard = len(self._complaints)
+        with self._listening():
+            shown = trimming.shown_ms(self.path, OPTIONS, self._tick_ms)
+        del self._complaints[heard:]  # of all of the file
+        times = np.arange(self._declared) / self.rate_hz if shown is None else shown / 1000
+        self._wanted = trimming.span(self.path, times, from_s, to_s)
+        self.count = len(self._wanted)
+
     def frames(self, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:
         """Images of :meth:`pictures`: index from 0 and upright image, uint8 BGR (height, width, 3)."""
         for index, picture in self.pictures(step):
@@ -166,7 +181,7 @@ class Video:
             step: at least 1.
 
         Yields:
-            Index from 0 and the decoder's frame, of :attr:`layout`.
+            Index from 0 (the first that is wanted) and the decoder's frame, of :attr:`layout`.
 
         Raises:
             InputError: the file ends early or late, changes its size, has timestamps that run backwards or none, or its
@@ -174,14 +189,15 @@ class Video:
         """
         times = array("d")  # 8 bytes a frame: all that grows with the length
         picture, self._first = self._first, None
+        first, stop = (0, math.inf) if self._wanted is None else (self._wanted.start, self._wanted.stop)
         while picture is not None:
             index = len(times)
             times.append(self._time_ms(picture, index))
             self._check_so_far(index, picture)
-            if index % step == 0:
-                yield index, picture
-            picture = self._next()
-        self._check_end(np.frombuffer(times))
+            if index >= first and (index - first) % step == 0:
+                yield index - first, picture
+            picture = self._next() if index + 1 < stop else None
+        self._check_end(np.frombuffer(times), first, min(stop, self._declared))
 
     def _next(self) -> av.VideoFrame | None:
         """The next frame; None at the end, and where decoding fails, which then is a complaint."""
@@ -212,10 +228,10 @@ class Video:
             self._complaints += [text for _, _, text in lines]
 
     def _check_so_far(self, index: int, picture: av.VideoFrame) -> None:
-        if index >= self.count:
+        if index >= self._declared:
             raise InputError(
                 self.path,
-                f"has more than the {self.count} frames declared",
+                f"has more than the {self._declared} frames declared",
                 "convert it to mp4 anew, which counts them",
             )
         if picture.is_corrupt:
@@ -237,16 +253,16 @@ class Video:
         first = next((" ".join(text.split()) for text in self._complaints if text.strip()), "")
         return f" (decoder: {first[:100]})" if first else ""
 
-    def _check_end(self, times: np.ndarray) -> None:
-        if len(times) != self.count:
+    def _check_end(self, times: np.ndarray, first: int, stop: float) -> None:
+        if len(times) != stop:
             raise InputError(
                 self.path,
-                f"ends after {len(times)} of {self.count} declared frames{self._heard()}",
+                f"ends after {len(times)} of {self._declared} declared frames{self._heard()}",
                 "copy the recording again, or convert what there is to mp4",
             )
         self._check_heard(len(times) - 1)
-        if len(times) > 2:
-            self._judge_times(times)
+        if len(times) - first > 2:
+            self._judge_times(times[first:])
 
     def _judge_times(self, times: np.ndarray) -> None:
         """Even times are those of the rate; others are kept, in the time of the configured rate."""

@@ -6,14 +6,14 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from expertaug.settings import LIST, ONE, Count, Positive, Settings, by_shape, key
+from expertaug.settings import LIST, ONE, Count, NotNegative, Positive, Settings, by_shape, key
 
 Size = Annotated[int, Field(ge=16, le=2**16)]
 SizePair = Annotated[tuple[Size, Size], Field(strict=False)]
 
 
 class TimeKeys(Settings):
-    """When the pictures of a series were taken."""
+    """When frames were taken, and which of them are used."""
 
     times: str | None = key(
         None,
@@ -21,6 +21,8 @@ class TimeKeys(Settings):
         "name; null = even, at rate_hz",
     )
     time_unit_s: Positive = key(1.0, "seconds of a unit of these times: 0.001 for milliseconds", "s")
+    from_s: NotNegative = key(0.0, "frames from here on are used, in the time that a player shows", "s")
+    to_s: Positive | None = key(None, "frames up to here are used, and later ones not even read; null = all", "s")
 
 
 class ExtractSettings(TimeKeys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from expertaug.errors import InputError
 from expertaug.recordings.video.pictures import Pictures
 from expertaug.recordings.video.reader import Video
 from expertaug.recordings.video.settings import ExtractSettings
@@ -23,6 +24,12 @@ def open_frames(path: str | Path, settings: Mapping[str, object] | ExtractSettin
         InputError: it cannot be used.
     """
     s = ExtractSettings.from_mapping(settings)
-    if Path(path).is_dir():
-        return Pictures(path, s.rate_hz, s.rate_provenance, s.expected_frames, s.image_size_px, s.times, s.time_unit_s)
-    return Video(path, s.rate_hz, s.rate_provenance, s.expected_frames, s.image_size_px)
+    stated = s.rate_hz, s.rate_provenance, s.expected_frames, s.image_size_px
+    frames = Pictures(path, *stated, s.times, s.time_unit_s) if Path(path).is_dir() else Video(path, *stated)
+    if s.from_s > 0 or s.to_s is not None:
+        try:
+            frames.trim(s.from_s, s.to_s)
+        except InputError:
+            frames.close()
+            raise
+    return frames
