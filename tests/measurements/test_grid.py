@@ -61,7 +61,7 @@ def test_jitter_within_the_tolerance_is_put_up_with_and_beyond_it_refused(tmp_pa
     assert data.grid.row_s == pytest.approx(STEP, rel=1e-3) and data.grid.broken == 0
     t = STEP * (np.arange(200) + 0.4 * rng.uniform(-1, 1, 200))
     _, path = one_swing(tmp_path, t=t)
-    with pytest.raises(InputError, match=r"off a grid; set uneven to interpolate"):
+    with pytest.raises(InputError, match=r"off a grid; set uneven to own or interpolate"):
         measured(settings(path, trajectory=None), NAMES)
 
 

@@ -36,6 +36,15 @@ def rows_of(
     return np.stack((series, np.concatenate(starts)), axis=1)
 
 
+def spaced(rows: np.ndarray, stride: int) -> np.ndarray:
+    """Rows (series, first point) in order, without those that begin less than a stride after the last one taken."""
+    taken: list[int] = []
+    for k, (index, first) in enumerate(rows):
+        if not taken or index != rows[taken[-1], 0] or first - rows[taken[-1], 1] >= stride:
+            taken.append(k)
+    return rows[taken]
+
+
 def thinned(rows: np.ndarray, limit: int | None) -> np.ndarray:
     """At most ``limit`` rows, evenly spread; None = all."""
     if limit is None or limit >= len(rows):

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.measurements.chunks import chosen, rows_of, stride_of, thinned
+from expertaug.measurements.chunks import chosen, rows_of, spaced, stride_of, thinned
 from expertaug.measurements.grid import Grid, Series, on_grid
 from expertaug.measurements.names import Names
-from expertaug.measurements.noise import noise_of
+from expertaug.measurements.noise import noise_of, noise_of_rows
 from expertaug.measurements.paths import list_files, verify
 from expertaug.measurements.settings import MeasurementSettings, label_of
 from expertaug.measurements.splitting import (
@@ -65,7 +65,13 @@ def measured(settings: MeasurementSettings, names: Names) -> Measured:
     for one in grid.series:
         for name in settings.angles:
             _unwrap(one.y, list(names.state).index(name))
-    return Measured(files, names, settings, grid, noise_of([one.y for one in grid.series]))
+    return Measured(files, names, settings, grid, _noise(grid))
+
+
+def _noise(grid: Grid) -> np.ndarray:
+    if grid.share == 1:
+        return noise_of([one.y for one in grid.series])
+    return noise_of_rows([(one.t[one.row >= 0], one.y[one.row >= 0]) for one in grid.series])
 
 
 def _unwrap(y: np.ndarray, k: int) -> None:
@@ -160,12 +166,17 @@ def candidates(data: Measured, labels: list[np.ndarray]) -> dict[str, np.ndarray
     (series, first point), (N, 2)."""
     steps = [data.grid.step] * len(labels)
     options = data.settings
-    each = {name: rows_of(labels, steps, name, options, stride_of(name, options)) for name in SPLITS}
-    return {name: rows[_good(data, rows)] for name, rows in each.items()}
+    if data.grid.share == 1:
+        each = {name: rows_of(labels, steps, name, options, stride_of(name, options)) for name in SPLITS}
+        return {name: rows[_good(data, rows)] for name, rows in each.items()}
+    # Between rows lie points at which no chunk can begin: of those at which one can, such as are a stride apart.
+    each = {name: rows_of(labels, steps, name, options, 1) for name in SPLITS}
+    return {name: spaced(rows[_good(data, rows)], stride_of(name, options)) for name, rows in each.items()}
 
 
 def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
-    seen, h, tolerance = data.seen, data.grid.row_s, data.settings.tolerance
+    seen, h = data.seen, data.grid.row_s
+    tolerance = 1.01 if data.grid.share < 1 else data.settings.tolerance  # both ends may be half a point off
     good = np.zeros(len(rows), dtype=bool)
     for k, (index, first) in enumerate(rows):
         one, points = data.grid.series[index], _points(data, first)
@@ -175,7 +186,7 @@ def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
         good[k] = (
             driven
             and np.isfinite(y[0]).any()
-            and np.isfinite(y).mean() >= data.settings.min_seen
+            and np.isfinite(y).mean() >= data.settings.min_seen * data.grid.share
             and not (off > max(tolerance, 1e-6) * h).any()
         )
     return good

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -55,6 +55,8 @@ class Grid:
         broken: steps from row to row that lie off the grid and end a stretch.
         error: rms error of the interpolation (K,), of every other row from its neighbours; None where rows were taken
             as they are.
+        share: part of the points that have a row where none is missing: less than 1 on a grid finer than the rows.
+        moved: most that a row was moved in time to lie on a finer grid, in s.
     """
 
     series: list[Series]
@@ -62,6 +64,8 @@ class Grid:
     step: int
     broken: int
     error: np.ndarray | None
+    share: float = 1.0
+    moved: float = 0.0
 
     @property
     def step_s(self) -> float:
@@ -86,6 +90,8 @@ def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid
     median = own_step(trajectories)
     if settings.uneven == "interpolate":
         return _interpolated(trajectories, settings, median)
+    if settings.uneven == "own":
+        return _at_own_times(trajectories, settings, median)
     row_s = _fitted(trajectories, settings, median)
     step = 1 if settings.step_s is None else round(settings.step_s / row_s)
     if settings.step_s is not None:
@@ -111,7 +117,7 @@ def _fitted(trajectories: Sequence[Rows], settings: MeasurementSettings, median:
             f"times from row to row are {median * steps.min():.3g} to {median * steps.max():.3g} s, usually "
             f"{median:.3g}: {100 * (1 - good.mean()):.0f} % lie more than {settings.tolerance:g} of that off a grid"
         )
-        raise InputError(f"{WHERE}.time", found, "set uneven to interpolate, or a larger tolerance")
+        raise InputError(f"{WHERE}.time", found, "set uneven to own or interpolate, or a larger tolerance")
     return _plain(median * steps[good].sum() / whole[good].sum())
 
 
@@ -178,6 +184,38 @@ def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, m
         series.append(Series(rows, t, row, y, u, usable, made.level, made.label))
     error = np.sqrt(np.asarray(squares) / np.maximum(counts, 1))
     return Grid(series, step_s, 1, 0, error)
+
+
+def _at_own_times(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
+    """Rows at the nearest points of a finer grid, ``step_s`` apart, or a tenth of the usual time from row to row."""
+    step_s = _plain(median / 10) if settings.step_s is None else settings.step_s
+    if step_s > median:
+        found = f"found {step_s:g}, rows are usually {median:.6g} s apart"
+        raise InputError(f"{WHERE}.step_s", found, "with uneven: own it is how exact times are kept: give less")
+    series, moved = [], 0.0
+    for rows in trajectories:
+        gaps = np.diff(rows.t)
+        ends = gaps > (settings.longest_gap + 1.5) * median
+        begin = np.concatenate(([0], np.maximum.accumulate(np.where(ends, np.arange(1, len(rows.t)), 0)))).astype(int)
+        within = np.rint((rows.t - rows.t[begin]) / step_s).astype(int)
+        moved = max(moved, float(np.abs(rows.t - rows.t[begin] - within * step_s).max()))
+        steps = np.where(
+            ends, 2, np.diff(within)
+        )  # behind the end of a stretch stands one point that no chunk may span
+        if (steps < 1).any():
+            first = int(np.argmax(steps < 1))
+            found = f"found {step_s:g}: rows {rows.line[first]} and {rows.line[first + 1]} of {rows.name} share a point"
+            raise InputError(f"{WHERE}.step_s", found, f"give less than {gaps[~ends].min():.3g}")
+        place = np.concatenate(([0], np.cumsum(steps)))
+        row = np.full(int(place[-1]) + 1, -1)
+        row[place] = np.arange(len(place))
+        usable = np.ones(len(row), dtype=bool)
+        usable[place[1:][ends] - 1] = False
+        made = _series(rows, row, usable)
+        last = np.maximum.accumulate(np.where(row >= 0, np.arange(len(row)), 0))
+        u = _lines(rows, rows.t[row[last]] + step_s * (np.arange(len(row)) - last), 1.5 * median)
+        series.append(replace(made, u=np.where(usable[:, None], u, np.nan)))
+    return Grid(series, step_s, 1, 0, None, share=step_s / median, moved=moved)
 
 
 def _resampled(rows: Rows, own: slice, step_s: float, near: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -69,7 +69,7 @@ class Inspection:
         mends = [
             ({"unordered": "sort"}, "goes back", "rows are not in order of time"),
             ({"duplicates": "mean"}, "another row has its time", "rows of one time differ"),
-            ({"uneven": "interpolate"}, "off a grid", "the rows' times fit no grid"),
+            ({"uneven": "own"}, "off a grid", "the rows' times fit no grid"),
         ]
         while True:
             settings = MeasurementSettings.from_mapping(given)

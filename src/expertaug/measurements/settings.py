@@ -196,10 +196,11 @@ class MeasurementSettings(Cutting, TableKeys):
         None, "time from point to point of a chunk, a multiple of the rows' own; null = the rows' own", "s"
     )
     tolerance: Share = key(0.1, "how far a row's time may lie off the grid of points, as a part of the rows' step")
-    uneven: Literal["mask", "interpolate"] = key(
+    uneven: Literal["mask", "interpolate", "own"] = key(
         "mask",
         "mask = rows lie on a grid of times, points without a row count as not measured; interpolate = cubic splines "
-        "through the rows, whose error is told in splits.json",
+        "through the rows, whose error is told in splits.json; own = rows keep their times: they lie on a finer grid, "
+        "step_s apart (left out = a tenth of the usual time from row to row), in which lengths and strides count",
     )
     longest_gap: int = key(5, "missing points in a row that a chunk may span; a longer gap ends it", ge=0, le=MANY)
     min_seen: Share = key(0.7, "part of a chunk's values that must have been measured, of the components with a column")

@@ -74,6 +74,7 @@ def _write(
         "steps_off_the_grid": data.grid.broken,
         "interpolation_rms": by_name(data.grid.error),
         "interpolation_note": "of every other row from its neighbours: at the rows' own distances it is far smaller",
+        "moved_s": data.grid.moved,
         "noise": by_name(data.noise),
         "rows_of_a_time_twice": sum(one.rows.repeated for one in series),
         "files": {str(path): sha256(path) for path in data.files},

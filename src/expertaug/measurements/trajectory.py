@@ -85,8 +85,8 @@ def _check_names(settings: MeasurementSettings, names: Names) -> None:
     for name in names.inputs:
         if name not in settings.inputs:
             raise InputError(f"{WHERE}.inputs.{name}", "missing, the system is driven by it", "name its column")
-    if names.held and settings.uneven == "interpolate":
-        found = "interpolate, the system's inputs hold their values between the rows"
+    if names.held and settings.uneven != "mask":
+        found = f"{settings.uneven}, the system's inputs hold their values between the rows"
         raise InputError(f"{WHERE}.uneven", found, "give rows on a grid, with mask")
     for parameter, named in settings.z_e.items():
         start = label_of(named).start

@@ -1,0 +1,84 @@
+"""Rows that lie on no grid keep their times: on a finer one, to half of its step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from swings import NAMES, settings, swing, table
+
+import expertaug as ea
+from expertaug.errors import InputError
+from expertaug.measurements.cut import candidates, divide, measured, trajectories_of
+
+FINE = 0.005
+NOISE = 0.002
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory) -> tuple[Path, dict[str, np.ndarray]]:
+    """Six trials, rows at random times .02 to .08 s apart, a pause of a second in each."""
+    rng, parts = np.random.default_rng(0), []
+    for trial in range(6):
+        steps = rng.integers(4, 17, size=160)
+        steps[80] = 200
+        at = np.concatenate(([0], np.cumsum(steps)))
+        y = swing(0.3 + 0.2 * trial, points=int(at[-1]) + 1, step=FINE)[at]
+        t = at * FINE + rng.uniform(-0.3, 0.3, size=len(at)) * FINE
+        parts.append(np.column_stack((np.full(len(at), trial), t, y + NOISE * rng.standard_normal(y.shape))))
+    every = dict(zip(("trial", "t", "angle", "speed"), np.concatenate(parts).T, strict=True))
+    return table(tmp_path_factory.mktemp("lab") / "swings.csv", every), every
+
+
+def own(path: Path, **given: object):
+    return settings(path, **{"uneven": "own", "step_s": FINE, "length": 401, "stride": 40, **given})
+
+
+def test_every_row_is_at_its_time(rows):
+    path, every = rows
+    data = measured(own(path), NAMES)
+    assert 0 < data.grid.moved <= FINE / 2
+    chosen = candidates(data, divide(data)[0])["train"]
+    found = trajectories_of(data, chosen)
+    assert len(found) > 20 and found.mask[:, 0].all(), "chunks begin at rows"
+    assert np.diff(found.t) == pytest.approx(FINE)
+    assert 0.05 < found.mask.mean() < 0.2, "between rows nothing was measured"
+    for y, mask, (index, first) in zip(found.y, found.mask, chosen, strict=True):
+        points = np.flatnonzero(mask[:, 0])
+        of = every["trial"] == index
+        begin = every["t"][of][data.grid.series[index].row[first]]
+        places = np.searchsorted(every["t"][of], begin + points * FINE - FINE)
+        np.testing.assert_allclose(every["t"][of][places], begin + points * FINE, atol=FINE)
+        np.testing.assert_allclose(y[points, 0], every["angle"][of][places], atol=1e-6)
+    starts = chosen[:, 1][chosen[:, 0] == chosen[0, 0]]
+    assert (np.diff(starts) >= 40).all()
+
+
+def test_no_chunk_spans_the_pause_and_noise_is_found(rows):
+    data = measured(own(rows[0]), NAMES)
+    found = trajectories_of(data, candidates(data, divide(data)[0])["train"])
+    longest = max(np.diff(np.flatnonzero(mask[:, 0])).max() for mask in found.mask)
+    assert longest <= 6.5 * 10 + 1
+    assert found.noise[0] == pytest.approx(NOISE, rel=0.25)
+    assert NOISE < found.noise[1] < 1.6 * NOISE, "an upper estimate: speeds bend more over seven rows"
+
+
+def test_a_solver_at_their_own_times_finds_the_frequency(rows):
+    lab = {"columns": {"theta": "angle", "omega": "speed"}, "trajectory": "trial", "length": 401, "stride": 100}
+    lab |= {"uneven": "own", "step_s": FINE}
+    chunks = ea.read_measurements(rows[0], ea.DampedPendulum(), **lab)
+    model = ea.least_squares(
+        ea.DampedPendulum(), chunks, observed_s=2.0, prior={"omega0": (1.0, 3.0)}, noise=NOISE, starts=8, tries=1
+    )
+    found = model.forecast(chunks.seen[:8], chunks.t).z_e["omega0"]
+    assert found == pytest.approx(np.full(8, 2.0), rel=0.02), "a damping of .1 /s is not in the expert"
+
+
+@pytest.mark.parametrize(
+    ("step_s", "told"),
+    [(0.05, r"share a point; give less than"), (0.5, r"step_s: found 0.5, rows are usually .* give less")],
+)
+def test_a_grid_that_is_too_coarse(rows, step_s, told):
+    with pytest.raises(InputError, match=told):
+        measured(own(rows[0], step_s=step_s, length=41), NAMES)
