@@ -15,7 +15,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 PATIENCE_S = 60
-SIZE = (1280, 800)
+SIZE = (1280, 860)
+CLOSE_ASSISTANT = (
+    "document.querySelectorAll('button[aria-label=Close], button[aria-label=close]').forEach(b => b.click())"
+)
 
 
 def missing() -> str:
@@ -114,7 +117,8 @@ class Page:
     def keep(self, name: str) -> None:
         """A screenshot for the documentation, where the folder DASHBOARD_SHOTS is named."""
         if folder := os.environ.get("DASHBOARD_SHOTS"):
-            time.sleep(1)  # charts fade in
+            self.driver.execute_script(CLOSE_ASSISTANT)
+            time.sleep(1.5)  # charts fade in
             self.driver.save_screenshot(str(Path(folder) / f"dashboard_{name}.png"))
 
     def close(self) -> None:

@@ -13,12 +13,12 @@ from expertaug.config.progress import Watch
 from expertaug.tracking.mlflow_store import initialise
 from expertaug.tracking.runlog import RunLog
 
-if reason := browser.missing():
-    pytest.skip(reason, allow_module_level=True)
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(browser.missing()), reason=browser.missing() or "-")]
 
 SCORE = "selection score - observed window - per dimension"
-# Twice as slow as a browser looks, so that a curve is seen to grow.
-SLOWLY = WORKER.replace("if step % 10 == 0: log.flush()", "if step % 10 == 0: log.flush(); time.sleep(0.2)")
+# Slow enough for a browser, and what is trained again after the kill has the values that it had before.
+SLOWLY = WORKER.replace("if step % 10 == 0: log.flush()", "if step % 10 == 0: log.flush(); time.sleep(0.5)")
+SLOWLY = SLOWLY.replace("[-1]", "[190]").replace('metrics(late, {"loss": [190]', 'metrics(late, {"loss": [late]')
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +67,11 @@ def run_named(tracking: dict, name: str):
 
 
 def page_of(dashboard: str, run, tab: str = "") -> str:
-    return f"{dashboard.partition('/runs')[0]}/runs/{run.info.run_id}{tab}"
+    return f"{dashboard.partition('/runs')[0]}/runs/{run.info.run_id}{tab}?workflowType=machine_learning"
 
 
 def test_the_link_opens_the_list_of_runs_and_their_charts(dashboard, page, tracking):
-    page.open(dashboard, "swing/Hybrid+", "test/log_mse_sum")
+    page.open(dashboard, "swing/Hybrid+", "swing train")
     page.keep("runs")
     page.open(f"{dashboard}&compareRunsMode=CHART", "swing/Hybrid+")
     page.wait_for(page.charts)
