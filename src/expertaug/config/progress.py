@@ -96,7 +96,10 @@ class Watch(logging.Handler):
     def where_to_look(self) -> list[str]:
         """Where the results of a run that went well are, and how the dashboard is opened; a line each."""
         results = self.benchmarks.parent
-        said = [f"Tables: {results}/tables. Figures: {results}/figures. A page with all of them: snakemake --report."]
+        said = [
+            f"Tables: {results}/tables. Figures: {results}/figures.",
+            "One page of all of them: the same command with --report report.html.",
+        ]
         marker = results / "mlflow" / "tracking.json"
         tracking = read_json(marker) if marker.is_file() else {}
         if tracking.get("enabled") and tracking.get("experiment_id") is not None:

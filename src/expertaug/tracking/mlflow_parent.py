@@ -54,9 +54,9 @@ class Parent:
         metrics = []
         for name in sorted({name for run in runs for name in run.data.metrics}):
             values = [run.data.metrics[name] for run in runs if name in run.data.metrics]
-            metrics.append(Metric(name, float(np.mean(values)), end, len(values)))
+            metrics.append(Metric(name, float(np.mean(values)), end, 0))
             if len(values) > 1:
-                metrics.append(Metric(f"{name}{SPREAD}", float(np.std(values, ddof=1)), end, len(values)))
+                metrics.append(Metric(f"{name}{SPREAD}", float(np.std(values, ddof=1)), end, 0))
         for start in range(0, len(metrics), 1000):
             self._client.log_batch(self.run_id, metrics=metrics[start : start + 1000])
         note = NOTE.format(count=len(runs), table=self._table)
