@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from types import SimpleNamespace
 
@@ -134,3 +135,19 @@ def test_each_refusal_is_told_once_with_its_log(watch, tmp_path):
         f"expertaug augment: failed: ValueError: odd (log: {logs[1]})",
         f"rule_2: ended without a word (killed, or short of memory?) (log: {logs[2]})",
     ]
+
+
+def test_a_run_ends_with_where_to_look(tmp_path):
+    watch = Watch(tmp_path, tmp_path)
+    assert len(watch.where_to_look()) == 2  # no store, no link
+    (tmp_path / "mlflow").mkdir()
+    place = "/#/experiments/3/runs?workflowType=machine_learning"
+    for uri, line in (
+        ("sqlite:///r/mlflow.db", f"mlflow server --backend-store-uri sqlite:///r/mlflow.db, then http://127.0.0.1:5000{place}"),
+        ("http://host:80/", f"http://host:80{place}"),
+    ):  # fmt: skip
+        record = {"enabled": True, "uri": uri, "experiment": "e", "experiment_id": "3"}
+        (tmp_path / "mlflow" / "tracking.json").write_text(json.dumps(record))
+        assert watch.where_to_look()[-1] == f"Dashboard: {line}"
+    (tmp_path / "mlflow" / "tracking.json").write_text('{"enabled": false}')
+    assert len(watch.where_to_look()) == 2

@@ -23,7 +23,9 @@ WITHOUT_EFFECT = frozenset(
     {
         "cli",
         "commands",
+        "tracking.data_file",
         "tracking.mlflow_mirror",
+        "tracking.mlflow_parent",
         "tracking.mlflow_store",
         "tracking.rebuild",
         "tracking.store_link",

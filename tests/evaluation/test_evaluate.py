@@ -254,14 +254,16 @@ def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_pa
     assert list(json.loads((tmp_path / "evaluations.json").read_text())["stored"].values()) == [True, True]
     client = mlflow.MlflowClient(tracking["uri"])
     experiment = client.get_experiment_by_name("test").experiment_id
-    runs = {run.info.run_name: run for run in client.search_runs([experiment])}
+    runs = {run.info.run_id: run for run in client.search_runs([experiment])}
     assert len(runs) == len(client.search_runs([experiment])) == 2 + 2 * len(COMMON["seeds"])
     names = {"metrics.csv", "forecasts.png", "parameters.png"}
+    made = json.loads((tmp_path / "evaluations.json").read_text())["runs"]  # which run has the numbers of a row
     for label in ("MODEL", "MEAN"):
         for seed in COMMON["seeds"]:
-            run = runs[f"pendulum/{label}/seed{seed}"]
+            run = runs[made[label][str(seed)]]
             assert {f.path for f in client.list_artifacts(run.info.run_id)} == names
             assert "test/log_mse_sum" in run.data.metrics and run.data.tags["rule"] == "evaluate"
+            assert (run.info.run_name, run.data.tags["table"]) == (f"seed {seed} · evaluate", "tables/pendulum.md")
             assert run.info.status == "FINISHED"
 
 

@@ -86,9 +86,9 @@ def test_store_holds_what_was_logged(tmp_path, tracking):
         for step in range(3):
             log.metrics(step, {"loss": [step, 10 + step], "odd=name": [1, 1]})
         log.artifact(folder / "model.bin")
-    parent, *children = sorted(contents(tracking))
+    *children, parent = sorted(contents(tracking))
     assert parent[0] == "swing/Hybrid+"
-    assert [child[0] for child in children] == ["swing/Hybrid+/seed0", "swing/Hybrid+/seed1"]
+    assert [child[0] for child in children] == ["seed 0 · train", "seed 1 · train"]
     for position, (_, info, tags, parent_name, params, metrics, datasets, artifacts) in enumerate(children):
         assert info[0] == "FINISHED"
         assert parent_name == "swing/Hybrid+"
@@ -97,7 +97,7 @@ def test_store_holds_what_was_logged(tmp_path, tracking):
         assert (params["widths"], params["nothing"]) == ("[50, 50]", "null")
         assert [row[:2] for row in metrics["loss"]] == [(step, 10 * position + step) for step in range(3)]
         assert "odd_name" in metrics
-        assert datasets[0][0] == "train"
+        assert datasets[0][0] == "swing train"
         assert artifacts == ["model.bin"]
 
 

@@ -70,7 +70,7 @@ def test_a_rerun_marks_the_runs_that_it_replaces(tmp_path, tracking):
     valid = {run.data.tags["seed"]: run.data.metrics.get("loss") for run in found if not superseded(run)}
     assert valid == {"0": 3, "1": 3, "2": None}
     names = {run.info.run_name for run in found if superseded(run)}
-    assert names == {"swing/Hybrid+/seed0 (superseded)", "swing/Hybrid+/seed1 (superseded)"}
+    assert names == {"seed 0 · train (superseded)", "seed 1 · train (superseded)"}
     assert len(found) == 7
     again = {"uri": f"sqlite:///{tmp_path}/again/mlflow.db", "experiment": "again"}
     rebuild(tmp_path / "results", again["uri"], again["experiment"])

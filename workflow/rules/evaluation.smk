@@ -21,6 +21,7 @@ rule evaluate_seed_group:
     threads: 1
     resources:
         mem_mb=4000,
+        gpu=GPUS,
     params:
         versions=lambda w: versions("evaluate", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("evaluate", w.experiment, w.variant, w.seed_group),
@@ -269,6 +270,7 @@ rule validity_of_experiment:
     threads: 1
     resources:
         mem_mb=4000,
+        gpu=GPUS,
     params:
         versions=lambda w: versions("validity", w.experiment),
         settings=lambda w: settings("validity", w.experiment),
@@ -384,6 +386,7 @@ rule dissipation_of_experiment:
     threads: 1
     resources:
         mem_mb=2000,
+        gpu=GPUS,
     params:
         versions=versions("dissipation"),
         settings=lambda w: settings("dissipation", w.experiment),

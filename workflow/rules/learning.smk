@@ -43,6 +43,7 @@ rule train_seed_group:
     threads: 1
     resources:
         mem_mb=4000,
+        gpu=GPUS,
     params:
         versions=lambda w: versions(training_of(w.method), w.experiment, w.method),
         settings=lambda w: settings("train", w.experiment, w.method, w.seed_group),
@@ -76,6 +77,7 @@ rule during_training_seed_group:
     threads: 1
     resources:
         mem_mb=4000,
+        gpu=GPUS,
     params:
         versions=lambda w: versions("during_training", w.experiment, w.method),
         settings=lambda w: settings("during_training", w.experiment, w.method, w.seed_group),
@@ -133,6 +135,7 @@ rule own_prior_seed_group:
     threads: 1
     resources:
         mem_mb=4000,
+        gpu=GPUS,
     params:
         versions=lambda w: versions("own_prior", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("own_prior", w.experiment, w.variant, w.seed_group),
@@ -164,6 +167,7 @@ rule augment_seed_group:
     threads: 1
     resources:
         mem_mb=4000,
+        gpu=GPUS,
     params:
         versions=lambda w: versions("augment", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("augment", w.experiment, w.variant, w.seed_group),
@@ -202,6 +206,7 @@ rule finetune_seed_group:
     threads: 1
     resources:
         mem_mb=4000,
+        gpu=GPUS,
     params:
         versions=lambda w: versions("finetune", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("finetune", w.experiment, w.variant, w.seed_group),
@@ -238,6 +243,7 @@ rule flow_seed_group:
     threads: 1
     resources:
         mem_mb=4000,
+        gpu=GPUS,
     params:
         versions=lambda w: versions("flow", w.experiment, method_of(w.variant)),
         settings=lambda w: settings("flow", w.experiment, w.variant, w.seed_group),

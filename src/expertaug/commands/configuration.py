@@ -27,6 +27,10 @@ def add_to(commands: Commands) -> None:
     p.add_argument("method", help="name of its method")
     p.add_argument("--configfile", type=Path, nargs="+", default=[], metavar="YAML", help="files as in the workflow")
 
+    p = commands.add("demand", _demand, "say what a run asks of a cluster, by published costs", settings=False)
+    p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
+    p.add_argument("--published", type=Path, default=Path("results/published"), help="folder of published runs")
+
 
 def _validate(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
@@ -52,4 +56,13 @@ def _config(a: argparse.Namespace) -> None:
     from expertaug.config.show import show
 
     for line in show(config.load(config.with_defaults(a.configfile)), a.experiment, a.method):
+        print(line)
+
+
+def _demand(a: argparse.Namespace) -> None:
+    from expertaug.config import demand
+    from expertaug.config import load as config
+    from expertaug.config.complete import completed
+
+    for line in demand.table(demand.of_config(completed(config.load(config.with_defaults(a.config))), a.published)):
         print(line)

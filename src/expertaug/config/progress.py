@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import shlex
 import time
 from collections.abc import Sized
 from pathlib import Path
 
 from expertaug.config import eta
 from expertaug.evaluation import costs
+from expertaug.files import read_json
 
 logger = logging.getLogger("snakemake.logging")  # what is said here is on the terminal and in Snakemake's own log
 _ERROR = " ERROR "  # as expertaug.cli writes it
@@ -90,6 +92,25 @@ class Watch(logging.Handler):
                 logger.info(f"About {self.left(jobs)} left for {count(jobs)}.")
         except Exception:  # it never ends a run
             self.handleError(record)
+
+    def where_to_look(self) -> list[str]:
+        """Where the results of a run that went well are, and how the dashboard is opened; a line each."""
+        results = self.benchmarks.parent
+        said = [
+            f"Tables: {results}/tables. Figures: {results}/figures.",
+            "One page of all of them: the same command with --report report.html.",
+        ]
+        marker = results / "mlflow" / "tracking.json"
+        tracking = read_json(marker) if marker.is_file() else {}
+        if tracking.get("enabled") and tracking.get("experiment_id") is not None:
+            uri, experiment = tracking["uri"], tracking["experiment_id"]
+            place = f"/#/experiments/{experiment}/runs?workflowType=machine_learning"  # the bare address shows nothing
+            if uri.startswith("http"):
+                said.append(f"Dashboard: {uri.rstrip('/')}{place}")
+            else:
+                command = f"mlflow server --backend-store-uri {shlex.quote(uri)}"
+                said.append(f"Dashboard: {command}, then http://127.0.0.1:5000{place}")
+        return said
 
     def refusals(self) -> list[str]:
         """One line for each job that failed: what it said last, and where its log lies."""

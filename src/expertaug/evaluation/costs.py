@@ -35,11 +35,15 @@ def of_run(benchmarks: Path) -> dict[str, Cost]:
 
 def published(folder: Path) -> dict[str, dict[str, float]]:
     """Seconds by job of every published run, by the run's name; stages are called as they are today."""
-    found = {}
-    for path in sorted(Path(folder).glob("*/costs.csv")):
-        with path.open(encoding="utf-8", newline="") as stream:
-            found[path.parent.name] = {_today(row["job"]): float(row["seconds"]) for row in csv.DictReader(stream)}
-    return found
+    files = sorted(Path(folder).glob("*/costs.csv"))
+    return {path.parent.name: {job: cost.seconds for job, cost in read(path).items()} for path in files}
+
+
+def read(path: Path) -> dict[str, Cost]:
+    """What each job took, by a costs.csv; stages are called as they are today."""
+    with Path(path).open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    return {_today(row["job"]): Cost(float(row["seconds"]), float(row["peak_memory_mb"])) for row in rows}
 
 
 def as_csv(costs: dict[str, Cost]) -> str:

@@ -111,7 +111,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
         np.savez_compressed(stream, **arrays)
     with atomic(metrics) as temporary:
         _write(temporary, rows)
-    write_log(Path(metrics), identity, stored.seeds, settings)
+    write_log(Path(metrics), Path(model), identity, stored.seeds, settings)
 
 
 @dataclass(frozen=True)

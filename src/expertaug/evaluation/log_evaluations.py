@@ -23,13 +23,15 @@ def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Mapping |
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds, each with its evaluation.jsonl.
-        output: JSON that says of each log whether the store has it.
+        output: JSON that says of each log whether the store has it, and by ``runs`` (method → seed → run id) which run
+            made a method's numbers in the tables.
         tracking: see :class:`expertaug.tracking.runlog.RunLog`; None: figures alone.
 
     Raises:
         InputError: a file is broken.
     """
     stored: dict[str, bool] = {}
+    runs: dict[str, dict[str, str]] = {}
     for path in map(Path, forecasts):
         log = path.with_name(NAME)
         header = read_log(log).header
@@ -39,5 +41,7 @@ def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Mapping |
         figures.parameters({header["method"]: path}, drawn[1], names)
         logger.info("%s: drawn", path.parent)
         reached = tracking is not None and all(stored.values())  # a store that fails is not asked again for each log
-        stored[str(log)] = reached and store(log, tracking)
-    files.write_json(output, {"stored": stored})
+        made = store(log, tracking) if reached else None
+        stored[str(log)] = made is not None
+        runs.setdefault(header["label"], {}).update(made or {})
+    files.write_json(output, {"stored": stored, "runs": runs})

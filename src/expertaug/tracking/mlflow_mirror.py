@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from expertaug.tracking.mlflow_parent import Parent
 from expertaug.tracking.mlflow_store import check_present, connect, database
 from expertaug.tracking.store_lock import locked
 
@@ -23,9 +24,13 @@ PARAMS_PER_BATCH = 100
 KEY_LENGTH = 250
 PARAM_LENGTH = 6000
 TAG_LENGTH = 8000
+LOGGED_PARAM_LENGTH = 6000
 DIGEST_LENGTH = 36
 
 SUPERSEDED, SUFFIX = "expertaug.superseded", " (superseded)"
+# Curves whose name alone says too little: what the best pass is chosen by is no score of the tables.
+SHOWN = {"validation_score": "selection score - observed window - per dimension"}
+TRAININGS = ("train", "finetune", "alternate", "during_training")  # stages whose selection score is that
 
 
 class Mirror:
@@ -65,6 +70,7 @@ class Mirror:
         self._place = hashlib.sha256(json.dumps(place).encode()).hexdigest()[:32]
         with locked(uri, database(uri)):  # two jobs of one method must not make two parents
             self.parent = self._find_parent()
+        self._parent = Parent(self._client, self._experiment_id, self.parent, header)
         self._supersede(f"tags.log_place = '{self._place}'")
         if replaced is not None and replaced.isalnum():  # it was read from a file
             self._supersede(f"tags.log_key LIKE '{replaced}/%'")
@@ -91,7 +97,8 @@ class Mirror:
                 steps = []
                 for run in self.runs.values():
                     self._client.set_terminated(run, line["status"], end_time=_milliseconds(line["time"]))
-                self._end_parent(_milliseconds(line["time"]))
+                with locked(self._uri, database(self._uri)):  # jobs that end at once read each other's values
+                    self._parent.end(self._header["stage"], _milliseconds(line["time"]))
         self._log_metrics(steps)
 
     def _supersede(self, condition: str) -> None:
@@ -117,13 +124,16 @@ class Mirror:
             metrics = []
             for line in lines:
                 for name, values in line.items():
-                    key = _key(name)
+                    key = self._shown(name)
                     if name in ("step", "time") or line["step"] in stored.get(key, ()):
                         continue
                     value = values[position] if isinstance(values, list) else values
                     metrics.append(Metric(key, float(value), _milliseconds(line["time"]), line["step"]))
             for start in range(0, len(metrics), METRICS_PER_BATCH):
                 self._client.log_batch(run, metrics=metrics[start : start + METRICS_PER_BATCH])
+
+    def _shown(self, name: str) -> str:
+        return _key(SHOWN.get(name, name) if self._header["stage"] in TRAININGS else name)
 
     def _log_dataset(self, line: Mapping[str, Any]) -> None:
         from mlflow.entities import Dataset, DatasetInput, InputTag
@@ -133,8 +143,9 @@ class Mirror:
             return
         self._datasets.add((line["name"], digest))
         source = json.dumps({"uri": os.path.normpath(self._folder / line["path"])})
-        dataset = Dataset(line["name"], digest, source_type="local", source=source)
-        for run in self.runs.values():
+        name, schema = f"{self._header['experiment']} {line['name']}", json.dumps(line.get("schema") or {})
+        dataset = Dataset(name, digest, "local", source, schema, json.dumps(line.get("profile") or {}))
+        for run in (*self.runs.values(), self.parent):
             self._client.log_inputs(run, [DatasetInput(dataset, [InputTag("mlflow.data.context", line["name"])])])
 
     def _log_artifact(self, line: Mapping[str, Any]) -> None:
@@ -144,10 +155,24 @@ class Mirror:
             return
         for run in self.runs.values():
             self._client.log_artifact(run, str(path))
+        if path.suffix in (".png", ".csv"):
+            self._client.log_artifact(self.parent, str(path), self._folder.name)
+        elif path.suffix == ".safetensors":
+            self._register(path)
 
-    def _end_parent(self, end: int) -> None:
-        if (self._client.get_run(self.parent).info.end_time or 0) < end:
-            self._client.set_terminated(self.parent, "FINISHED", end_time=end)
+    def _register(self, path: Path) -> None:
+        """List a file of tensors among the models of its runs; nothing is pickled, nothing is run to load it."""
+        from mlflow.entities import LoggedModelOutput, LoggedModelStatus
+
+        for seed, run in self.runs.items():
+            name = _model_name(f"{self._header['experiment']} {self._header['label']} seed {seed}")
+            tags = {"log_key": self._log_key(seed), "file": os.path.normpath(path), "format": "safetensors"}
+            if self._client.search_logged_models([self._experiment_id], f"tags.log_key = '{tags['log_key']}'"):
+                continue
+            params = {key: value[:LOGGED_PARAM_LENGTH] for key, value in flatten(self._header["params"]).items()}
+            made = self._client.create_logged_model(self._experiment_id, name, run, tags, params, "expertaug")
+            self._client.finalize_logged_model(made.model_id, LoggedModelStatus.READY)
+            self._client.log_outputs(run, [LoggedModelOutput(made.model_id, step=0)])
 
     def _find_parent(self) -> str:
         header = self._header
@@ -165,7 +190,7 @@ class Mirror:
         run = self._get(run_id) or self._search(seed)
         if run is None:
             header = self._header
-            name = f"{header['experiment']}/{header['label']}/" + (header["stage"] if seed is None else f"seed{seed}")
+            name = header["stage"] if seed is None else f"seed {seed} · {header['stage']}"
             fields = ("experiment", "method", "label", "system", "preset", "stage")
             tags = {name: str(header[name]) for name in fields} | dict(header["tags"])
             if seed is not None:
@@ -179,6 +204,7 @@ class Mirror:
             self._client.update_run(run.info.run_id, status="RUNNING")
         run_id = run.info.run_id
         self._log_params(run_id, seed, run.data.params)
+        self._log_params(self.parent, None, self._client.get_run(self.parent).data.params)
         self._stored[str(seed)] = {
             key: {metric.step for metric in self._client.get_metric_history(run_id, key)} for key in run.data.metrics
         }
@@ -236,6 +262,10 @@ def flatten(params: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
 
 def _key(name: str) -> str:
     return re.sub(r"[^\w\-. :/]", "_", name)[:KEY_LENGTH]
+
+
+def _model_name(text: str) -> str:
+    return re.sub(r"[/:.%\"']", "_", text)
 
 
 def _milliseconds(seconds: float) -> int:

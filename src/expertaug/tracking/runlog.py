@@ -20,6 +20,7 @@ from typing import Any
 
 from expertaug import files
 from expertaug.errors import InputError
+from expertaug.tracking.data_file import described
 from expertaug.tracking.log_file import Log, number, read_log, table_metrics
 from expertaug.tracking.provenance import revision
 from expertaug.tracking.run import Run
@@ -98,7 +99,8 @@ class RunLog:
 
     def dataset(self, name: str, path: str | Path) -> None:
         """Record that the job reads the file ``path`` as data set ``name`` (train, validation, …), with its SHA-256."""
-        self._write({"event": "dataset", "name": name, "path": self._relative(path), "sha256": files.sha256(path)})
+        line = {"event": "dataset", "name": name, "path": self._relative(path), "sha256": files.sha256(path)}
+        self._write(line | described(Path(path)))
 
     def artifact(self, path: str | Path) -> None:
         """Record an output file (model, figure) and copy it to the store."""

@@ -97,12 +97,15 @@ class StoreLink:
             logger.warning(text, self._uri, brief(error), self._path)
 
 
-def store(path: Path, tracking: Mapping[str, Any]) -> bool:
-    """Store a log that was written without a store; False, with a warning, where that fails twice.
+def store(path: Path, tracking: Mapping[str, Any]) -> dict[str, str] | None:
+    """Store a log that was written without a store.
 
     Arguments:
         path: the run log.
         tracking: ``{"uri", "experiment"}``.
+
+    Returns:
+        The ids of its runs by seed, and of the ``parent``; None, with a warning, where the store failed twice.
     """
     header = read_log(path).header
     link = StoreLink(tracking, path, header, header.get("runs") or {}, header.get("parent"), None)
@@ -110,4 +113,4 @@ def store(path: Path, tracking: Mapping[str, Any]) -> bool:
     if not link.works:
         link.send((), now=True)
     link.end()
-    return link.works
+    return {**link.runs, "parent": link.parent or ""} if link.works else None

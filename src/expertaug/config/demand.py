@@ -1,0 +1,133 @@
+"""What a run asks of a cluster: jobs, hours and memory of learning and evaluation, by what published runs took."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+
+from expertaug import labels
+from expertaug.config import jobs
+from expertaug.evaluation import costs
+
+_LARGEST = ("longest_h", "memory_mb")  # of the stages' values not the sum
+STAGES = ("train", "augment", "finetune", "flow", "evaluate")
+
+
+class Job(NamedTuple):
+    """A job to come: its stage, experiment and version, and how much it does, in passes over all samples and seeds."""
+
+    stage: str
+    experiment: str
+    variant: str
+    work: float
+
+
+class Row(NamedTuple):
+    """A stage's jobs: how many, their hours in sum and the longest's, the largest memory, how many were seen before.
+
+    Hours and memory are nan where no published run has the stage.
+    """
+
+    stage: str
+    jobs: int
+    hours: float
+    longest_h: float
+    memory_mb: float
+    known: int
+
+
+def of_config(config: Mapping, published: Path) -> list[Row]:
+    """What the run of a completed configuration asks for, by stage.
+
+    The job of the same stage, experiment and version in a published run is taken, its seconds times the ratio of
+    passes, samples and seeds (an upper bound, as seeds are trained together), its memory times that of seeds. Without
+    one, the mean of the stage's jobs in that experiment, else in all. Networks of other sizes are not accounted for.
+    """
+    known = _published(published)
+    rows = []
+    for stage in STAGES:
+        found = [(job, group) for job, group in _jobs(config) if job.stage == stage]
+        each = [_like(job, len(group), known) for job, group in found]
+        if each:
+            seconds = [one[0] for one in each]
+            memory = max(one[1] for one in each)
+            hours = sum(seconds) / 3600, max(seconds) / 3600
+            rows.append(Row(stage, len(each), *hours, memory, sum(one[2] for one in each)))
+    return rows
+
+
+def table(rows: list[Row]) -> list[str]:
+    """The rows as a Markdown table, with their sum."""
+    total = Row("all", *(float(np.nansum(column)) for column in zip(*[row[1:] for row in rows], strict=True)))
+    total = total._replace(**{name: float(np.nanmax([getattr(r, name) for r in rows])) for name in _LARGEST})
+    cells = [[r.stage, f"{r.jobs:.0f}", *map(_number, r[2:5]), f"{r.known:.0f}"] for r in (*rows, total)]
+    head = ["stage", "jobs", "hours in sum", "longest job, h", "memory of a job, MB", "seen before"]
+    return [f"| {' | '.join(line)} |" for line in (head, ["---", *["---:"] * 5], *cells)]
+
+
+def _jobs(config: Mapping) -> Iterator[tuple[Job, list[int]]]:
+    """The learning and evaluating jobs of a completed configuration, each with its seeds."""
+    for experiment in config["run"]:
+        versions = [*jobs.variants(config, experiment), *jobs.further_variants(config, experiment)]
+        for seeds in jobs.seed_groups(config, experiment).values():
+            for variant in versions:
+                for stage in _stages(variant):
+                    yield Job(stage, experiment, variant, _work(config, stage, experiment, variant, seeds)), seeds
+
+
+def _stages(variant: str) -> tuple[str, ...]:
+    if labels.trained(variant) != variant:
+        return ("evaluate",)
+    if labels.is_flow(variant):
+        return ("flow", "evaluate")
+    if labels.is_augmented(variant):
+        return ("augment", "finetune", "evaluate")
+    return ("finetune" if labels.is_control(variant) else "train", "evaluate")
+
+
+def _work(config: Mapping, stage: str, experiment: str, variant: str, seeds: list[int]) -> float:
+    """Passes times samples times seeds; of stages without passes the seeds alone. Published files may lack keys."""
+    one, block = config["experiments"][experiment], {"train": "training", "finetune": "finetuning"}.get(stage)
+    if block is None:
+        return float(len(seeds))
+    own = (one.get("overrides") or {}).get(labels.base(variant)) or {}
+    passes = {**one.get(block, {}), **(own.get(block) or {})}.get("epochs", 1)
+    samples = one["data"].get("sets", {}).get("train", {}).get("size", 1)
+    return float(passes * samples * len(seeds))
+
+
+def _published(folder: Path) -> dict[tuple[str, str, str], list[tuple[float, float, float, int]]]:
+    """Seconds, memory in MB, work and number of seeds by stage, experiment and version, of every published run."""
+    found: dict[tuple[str, str, str], list[tuple[float, float, float, int]]] = {}
+    for path in sorted(Path(folder).glob("*/config.yaml")):
+        config = yaml.safe_load(path.read_text(encoding="utf-8"))
+        for name, cost in costs.read(path.with_name("costs.csv")).items():
+            stage, _, rest = name.partition("/")
+            experiment = max((e for e in config["experiments"] if rest.startswith(f"{e}_")), key=len, default=None)
+            if stage not in STAGES or experiment is None:
+                continue
+            variant, _, numbers = rest.removeprefix(f"{experiment}_").partition("_seeds_")
+            seeds = [int(number) for number in numbers.split("_")]
+            work = _work(config, stage, experiment, variant, seeds)
+            key = stage, experiment, variant
+            found.setdefault(key, []).append((cost.seconds, cost.peak_memory_mb, work, len(seeds)))
+    return found
+
+
+def _like(job: Job, seeds: int, known: Mapping) -> tuple[float, float, bool]:
+    """Seconds and memory of a job, and whether one like it is known."""
+    own = known.get((job.stage, job.experiment, job.variant))
+    of_experiment = [c for (s, e, _), each in known.items() if (s, e) == (job.stage, job.experiment) for c in each]
+    of_stage = [c for (s, _, _), each in known.items() if s == job.stage for c in each]
+    like = own or of_experiment or of_stage or [(math.nan, math.nan, 1.0, 1)]
+    seconds = sum(c[0] * (job.work / c[2] if own else seeds / c[3]) for c in like) / len(like)
+    return seconds, max(c[1] * max(1.0, seeds / c[3]) for c in like), own is not None
+
+
+def _number(value: float) -> str:
+    return "?" if math.isnan(value) else f"{value:.1f}" if value < 100 else f"{value:.0f}"

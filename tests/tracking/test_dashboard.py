@@ -1,0 +1,125 @@
+"""The dashboard as somebody sees it who opens the link that a run ends with."""
+
+from __future__ import annotations
+
+import signal
+
+import browser
+import numpy as np
+import pytest
+from logged import FIELDS, RUN, WORKER, runs_of, settings, start
+
+from expertaug.config.progress import Watch
+from expertaug.tracking.mlflow_store import initialise
+from expertaug.tracking.runlog import RunLog
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(browser.missing()), reason=browser.missing() or "-")]
+
+SCORE = "selection score - observed window - per dimension"
+# Slow enough for a browser, and what is trained again after the kill has the values that it had before.
+SLOWLY = WORKER.replace("if step % 10 == 0: log.flush()", "if step % 10 == 0: log.flush(); time.sleep(0.5)")
+SLOWLY = SLOWLY.replace("[-1]", "[190]").replace('metrics(late, {"loss": [190]', 'metrics(late, {"loss": [late]')
+
+
+@pytest.fixture(scope="module")
+def tracking(tmp_path_factory):
+    """A method that has been trained and evaluated, in a results folder."""
+    results = tmp_path_factory.mktemp("dashboard") / "results"
+    found = settings(results)
+    initialise(found, results / "mlflow" / "tracking.json")
+    folder = results / "swing" / "hybrid+" / "seeds_0_1"
+    folder.mkdir(parents=True)
+    np.savez(folder / "train.npz", y=np.zeros((5, 3, 2)))
+    with RunLog(folder / "log.jsonl", RUN, found) as log:
+        log.dataset("train", folder / "train.npz")
+        for step in range(30):
+            curve = np.exp(-step / 10) * np.array([1.0, 1.2])
+            log.metrics(step, {"loss": curve, "validation_score": np.log(curve)})
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4))
+    figure.subplots().plot(np.sin(np.linspace(0, 9, 50)))
+    figure.savefig(folder / "forecasts.png")
+    with RunLog(folder / "evaluation.jsonl", type(RUN)(**(FIELDS | {"stage": "evaluate"})), found) as log:
+        log.metrics(0, {"test/log_mse_sum": [-2.0, -1.5], "test/rmse_omega0": [0.1, 0.2]})
+        log.artifact(folder / "forecasts.png")
+    return found | {"results": results}
+
+
+@pytest.fixture(scope="module")
+def dashboard(tracking):
+    """The command and the link, as the end of a run prints them; the link at the port of this test."""
+    line = Watch(tracking["results"], tracking["results"]).where_to_look()[-1]
+    command, link = line.removeprefix("Dashboard: ").split(", then ")
+    with browser.served(command) as address:
+        yield link.replace("http://127.0.0.1:5000", address)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    found = browser.Page(tmp_path_factory.mktemp("profile"))
+    yield found
+    found.close()
+
+
+def run_named(tracking: dict, name: str):
+    return next(run for run in runs_of(tracking) if run.info.run_name == name)
+
+
+def page_of(dashboard: str, run, tab: str = "") -> str:
+    return f"{dashboard.partition('/runs')[0]}/runs/{run.info.run_id}{tab}?workflowType=machine_learning"
+
+
+def test_the_link_opens_the_list_of_runs_and_their_charts(dashboard, page, tracking):
+    page.open(dashboard, "swing/Hybrid+", "swing train")
+    page.keep("runs")
+    page.open(f"{dashboard}&compareRunsMode=CHART", "swing/Hybrid+")
+    page.wait_for(page.charts)
+    page.keep("charts")
+
+
+def test_the_page_of_a_method_shows_mean_spread_parameters_data_and_a_figure(dashboard, page, tracking):
+    run = run_named(tracking, "swing/Hybrid+")
+    page.open(
+        page_of(dashboard, run), "tables/swing.md", "test/log_mse_sum sd", "-1.75", "training.rate", "swing train"
+    )
+    page.keep("method")
+    page.open(page_of(dashboard, run, "/artifacts/seeds_0_1/forecasts.png"), "forecasts.png")
+    page.wait_for(page.images)
+    page.keep("figure")
+
+
+def test_two_runs_are_compared(dashboard, page, tracking):
+    found = [run_named(tracking, f"seed {seed} · evaluate") for seed in (0, 1)]
+    ids = "%22,%22".join(run.info.run_id for run in found)
+    experiment = dashboard.partition("/experiments/")[2].partition("/")[0]
+    base = dashboard.partition("/experiments/")[0]
+    address = f"{base}/compare-runs?runs=[%22{ids}%22]&experiments=[%22{experiment}%22]"
+    page.open(address, "seed 0 · evaluate", "seed 1 · evaluate", "training.rate", "test/log_mse_sum")
+    page.keep("compared")
+
+
+def test_a_curve_moves_while_a_training_runs_and_has_no_gap_after_a_kill(dashboard, page, tracking, tmp_path):
+    path = tracking["results"] / "swing" / "other" / "seeds_0" / "log.jsonl"
+    fields = FIELDS | {"seeds": [0], "label": "Other", "method": "other", "stage": "stuck"}
+    store = {key: tracking[key] for key in ("enabled", "uri", "experiment", "tags")}
+    job = start(str(path), store, fields, 0, code=SLOWLY)
+    try:
+        page.wait_for(lambda: any(run.info.run_name == "seed 0 · stuck" for run in runs_of(tracking)))
+        charts = page_of(dashboard, run_named(tracking, "seed 0 · stuck"), "/model-metrics")
+        page.open(charts, "loss")
+        page.wait_for(lambda: max(page.points(), default=0) > 1)
+        first = max(page.points())
+        page.wait_for(lambda: max(page.points()) > first)
+        page.keep("moving")
+        state = eval(job.stdout.readline())
+        assert job.stdout.readline() == "ready\n"
+    finally:
+        job.send_signal(signal.SIGKILL)
+        job.wait()
+    with RunLog(path, type(RUN)(**fields), store, resume=state) as log:
+        for step in range(156, 300):
+            log.metrics(step, {"loss": [step]})
+    page.open(charts, "loss")
+    page.wait_for(lambda: list(range(300)) in [sorted(steps) for steps in page.steps()])
+    page.keep("resumed")
