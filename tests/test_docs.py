@@ -182,6 +182,11 @@ def test_snakemake_makes_what_is_asked_for(page, files, reader):
             f"recordings: {{markers: {{path: {folder / 'data/double_pendulum_chaotic'}}}}}"
         )
         files += ("where.yaml",)
+    if files == ("config/measurements.yaml",):  # and where the measurements are
+        (folder / "measurements").mkdir(exist_ok=True)
+        for name, columns in (("real_pend_h_1", 4), ("real_double_pend_h_1", 10)):
+            rows = [" ".join(["0", f"{k / 100}", *["1.0"] * (columns - 2)]) for k in range(3)]
+            (folder / "measurements" / f"{name}.txt").write_text("\n".join(rows) + "\n")
     targets = sorted(PLANNED[page, files[:1] if files[-1:] == ("where.yaml",) else files])
     chosen = ["--configfile", *files] if files else []
     done = run(folder, "-m", "snakemake", "--quiet", "all", "--dry-run", *targets, *chosen)

@@ -12,17 +12,37 @@ import pytest
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs" / "notebooks").glob("*.ipynb"))
 
 
+WORKFLOW = '["expertaug", "run", '  # in a cell: minutes
+
+
+def code_of(path: Path) -> list[str]:
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+
+
+def run(code: list[str], folder: Path) -> str:
+    """What cells say to stderr."""
+    script = folder / "cells.py"
+    plain = [line for line in "\n\n".join(code).splitlines() if not line.startswith("%")]  # of a notebook alone
+    script.write_text("import matplotlib\n\nmatplotlib.use('agg')\n" + "\n".join(plain) + "\n", encoding="utf-8")
+    done = subprocess.run([sys.executable, script], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_every_cell_runs(path, tmp_path):
-    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    lines = "\n\n".join(code).splitlines()
-    script = tmp_path / "cells.py"
-    plain = [line for line in lines if not line.startswith("%")]  # of a notebook alone
-    script.write_text("import matplotlib\n\nmatplotlib.use('agg')\n" + "\n".join(plain) + "\n", encoding="utf-8")
-    done = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "trusted is False" in done.stderr, "the warning that the text tells of"
+    """Of the workflow only what it would do is asked here; the test below lets it."""
+    code = [cell.split("\nprint(Path(")[0] if WORKFLOW in cell else cell for cell in code_of(path)]
+    said = run([cell.replace(WORKFLOW, WORKFLOW + '"--dry-run", ') for cell in code], tmp_path)
+    assert "trusted is False" in said, "the warning that the text tells of"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [p for p in NOTEBOOKS if WORKFLOW in "".join(code_of(p))], ids=lambda p: p.stem)
+def test_its_workflow_runs(path, tmp_path):
+    run(code_of(path), tmp_path)
+    assert "Alternating" in (tmp_path / "results" / "cart" / "tables" / "cart.md").read_text()
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

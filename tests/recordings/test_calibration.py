@@ -119,6 +119,7 @@ def test_from_markers_to_constants(tmp_path):
     assert relative(Constants(**report["with_friction"]["constants"]), CONSTANTS) < 0.003
 
 
+@pytest.mark.slow
 def test_real_recordings_reproduce_the_known_forecast_errors(tmp_path):
     """The facts' table by time, on the recordings that are here; the compound fits must be at least as good."""
     angles = []

@@ -119,6 +119,7 @@ def test_the_command_prints_yaml_and_refuses_in_one_line(tmp_path, monkeypatch, 
     assert capsys.readouterr().err == "expertaug inspect: none.mp4: no such file; give a video file\n"
 
 
+@pytest.mark.slow
 def test_a_camera_that_looks_askew_is_told_and_undone(tmp_path):
     """The picture is 6 % narrower than it should be, markers and all."""
     centres = markers_of(swinging(500)[:, :2], PIVOT, ARMS)

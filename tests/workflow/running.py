@@ -32,6 +32,8 @@ experiments:
   pendulum:
     methods: [mean, expert_only, ml_only, aphynity, alternating]
     augmented: [aphynity]
+    flows: [aphynity]
+    refined: [aphynity+~flow]
     data: {sets: {near: {size: 9, z_e: {omega0: [1.5, 3.1]}, z_a: {alpha: [0.6, 1.0]}}}}
     augmentations: {narrow: null, wide: {prior: {omega0: [0.1, 7.0]}, methods: [aphynity]}}
     studies:
@@ -42,6 +44,7 @@ experiments:
     methods: [mean, expert_only_point_mass, aphynity]
     augmented: [aphynity]
     controls: []
+    refined: []
     studies: {during_training: null}
 """
 # The rules that a change redoes: all that follows its own.

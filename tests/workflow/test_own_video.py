@@ -32,6 +32,7 @@ LITTLE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [38])
 def test_from_inspect_to_tables(tmp_path, rate):
     project = copy_project(tmp_path / "project")
@@ -50,6 +51,7 @@ def test_from_inspect_to_tables(tmp_path, rate):
     assert "clip" in (made / "review.html").read_text() and (made / "clip" / "export" / "tracker.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_single_pendulum_from_inspect_to_tables(tmp_path):
     project = copy_project(tmp_path / "project")
     (project / "my").mkdir()
