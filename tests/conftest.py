@@ -7,3 +7,8 @@ import os
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"
+
+
+def pytest_collection_modifyitems(items: list) -> None:
+    """Tests of the small run come first: while it goes on, the other process has all others to do."""
+    items.sort(key=lambda item: "smoke_run" not in item.fixturenames)

@@ -131,7 +131,9 @@ def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings
     table = pd.read_csv(tmp_path / "during_training.csv").set_index(keys)["value"].sort_index()
     for seed, run in found.items():
         assert run.data.params["epochs"] == "[1, 3]" and run.data.params["finetune_epochs"] == "[1, 2]"
-        assert {d.dataset.name for d in run.inputs.dataset_inputs} == {"train", "validation", "test"}
+        assert {d.dataset.name for d in run.inputs.dataset_inputs} == {
+            f"pendulum {name}" for name in ("train", "validation", "test")
+        }
         assert [item.path for item in client.list_artifacts(run.info.run_id)] == ["during_training.csv"]
         for name in ("train", "validation", "test"):
             for count, end in {0: "", 1: "_finetuned_1", 2: "_finetuned_2"}.items():
