@@ -59,6 +59,7 @@ def planned(folder, **recordings):
     return {rule: int(n) for rule, n in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE) if rule != "recordings"}
 
 
+@pytest.mark.slow
 def test_a_bad_recording_stops_or_is_left_out_and_tried_again(folder):
     again = {"import_markers_of_recording": 1, "measure_angles_of_recording": 1}
     again |= {"plot_page_of_recording": 1, "summarise_recordings": 1}

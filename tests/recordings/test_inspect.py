@@ -143,6 +143,7 @@ def clip(path, colours, launch=(1.2, 0.5, 0.0, 0.0), rate=60, diameter=24, tilt=
     return write_video(draw(centres, SIZE, [PAINT[n] for n in colours], diameter), path, rate)
 
 
+@pytest.mark.slow
 def test_many_videos_share_one_configuration_with_what_differs_by_file(tmp_path):
     clip(tmp_path / "one.mp4", ("red", "green", "blue"))
     clip(tmp_path / "two.mp4", ("red", "green", "blue"), (0.9, 0.8, 0.0, 0.0), rate=120)

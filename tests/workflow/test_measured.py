@@ -73,6 +73,7 @@ def lab(tmp_path, monkeypatch, capsys):
     return project
 
 
+@pytest.mark.slow
 def test_what_inspect_data_proposes_runs_to_its_tables_and_leaves_the_originals_alone(lab, capsys):
     found = yaml.safe_load((lab / "mine.yaml").read_text())["experiments"]["measured"]["data"]
     assert found["files"]["columns"] == {"x": {"name": "elongation (mm)", "unit": "mm"}} and "v" in found["start"]

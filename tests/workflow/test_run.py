@@ -103,6 +103,7 @@ def test_report_is_one_file_with_tables_and_figures(project):
         assert name in text
 
 
+@pytest.mark.slow
 def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
     project = copy_project(tmp_path / "project")
     elsewhere = tmp_path / "elsewhere"

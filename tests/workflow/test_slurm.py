@@ -76,6 +76,7 @@ def kill_training(project: Path) -> None:
             os.kill(int(process.name), signal.SIGKILL)
 
 
+@pytest.mark.outside
 def test_a_stopped_job_is_tried_again(smoke_run, cluster, tmp_path):
     project, before = shutil.copytree(smoke_run, tmp_path / "project"), len(slurm_cluster.jobs(cluster))
     (project / "results/smoke" / MEAN).unlink()
@@ -92,7 +93,7 @@ def test_a_stopped_job_is_tried_again(smoke_run, cluster, tmp_path):
     assert (project / "results/smoke" / MEAN).is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.outside
 def test_a_killed_training_goes_on_where_it_was(smoke_run, cluster, tmp_path):
     project, before = shutil.copytree(smoke_run, tmp_path / "project"), len(slurm_cluster.jobs(cluster))
     results, model = project / "results/smoke", "pendulum/aphynity/seeds_0_1/model.safetensors"
@@ -112,7 +113,7 @@ def test_a_killed_training_goes_on_where_it_was(smoke_run, cluster, tmp_path):
     assert (results / model).is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.outside
 def test_a_card_is_asked_for_where_device_says_so(smoke_run, cluster, tmp_path):
     project, before = shutil.copytree(smoke_run, tmp_path / "project"), len(slurm_cluster.jobs(cluster))
     arguments = [f"results/smoke/{MEAN}", *SMOKE, "--config", "device=cuda"]
@@ -122,7 +123,7 @@ def test_a_card_is_asked_for_where_device_says_so(smoke_run, cluster, tmp_path):
     assert asked and all("gpu" in job.get("TresPerNode", "") + job.get("TresPerJob", "") for job in asked)
 
 
-@pytest.mark.slow
+@pytest.mark.outside
 @pytest.mark.parametrize("array", [False, True], ids=["jobs", "arrays"])
 def test_the_small_run_of_one_system_passes(cluster, tmp_path, array):
     """With a job for each seed; the arrays are of all the jobs of a stage that are ready."""
@@ -137,7 +138,7 @@ def test_the_small_run_of_one_system_passes(cluster, tmp_path, array):
     assert any("ArrayTaskId" in job for job in found) == array
 
 
-@pytest.mark.slow
+@pytest.mark.outside
 def test_the_small_run_passes(cluster, tmp_path):
     project = copy_project(tmp_path / "project")
     ended(submit(project, cluster, "--configfile", "config/smoke.yaml"), project)

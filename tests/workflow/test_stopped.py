@@ -74,6 +74,7 @@ def test_a_missing_file_is_made_again_by_the_default_target(project):
         aside.rename(found)
 
 
+@pytest.mark.slow
 def test_a_killed_training_resumes_to_the_same_bits(tmp_path):
     project = copy_project(tmp_path / "project")
     model, tensors = "pendulum/aphynity/seeds_0_1/model.safetensors", {}
