@@ -96,8 +96,8 @@ def symbol(name: str) -> str:
 
 
 def text(words: str) -> str:
-    """Words as a figure prints them: the model's symbols (``z_a``, ``F_a``) with their index."""
-    return re.sub(r"\b([zF])_([ae])\b", r"$\1_\2$", words)
+    """Words as a figure prints them: the model's symbols (``z_a``, ``F_a``) with their index; printed ones stay."""
+    return re.sub(r"(?<!\$)\b([zF])_([ae])\b", r"$\1_\2$", words)
 
 
 def quantity(name: str, unit: str) -> str:

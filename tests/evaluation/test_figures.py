@@ -103,6 +103,11 @@ def test_colours_are_fixed_by_the_configuration():
     assert sum(pair["hybrid"]) > sum(pair["hybrid+"]) + 0.5 and pair["hybrid+wide"] == pair["hybrid+"]
 
 
+def test_words_are_printed_once():
+    once = plotting.text("APHYNITY (F_a of known form), z_e")
+    assert once == "APHYNITY ($F_a$ of known form), $z_e$" == plotting.text(once)
+
+
 def test_symbols():
     assert plotting.symbol("omega0") == r"$\omega_{0}$"
     assert plotting.symbol("theta") == r"$\theta$"
