@@ -149,7 +149,7 @@ def _draw(found: Mapping, outputs: Sequence[Path], settings: Mapping, title: str
                 axis.set_xlabel(plotting.symbol(name))
                 axis.grid(alpha=0.4)
         left.set(yscale="log", ylabel="χ²/n of windows, median (dotted: limit)")
-        right.set(yscale="log", ylabel="change of F_a [%] (dotted: training)")
+        right.set(yscale="log", ylabel=plotting.text("change of F_a [%] (dotted: training)"))
         plotting.heading(figure, plotting.text(title))
         plotting.legend(figure, left.get_legend_handles_labels()[0])
         plotting.save(figure, outputs)

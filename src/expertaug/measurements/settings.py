@@ -61,6 +61,14 @@ class Cutting(Settings):
         return getattr(self.max_chunks, split) if isinstance(self.max_chunks, ChunkLimits) else self.max_chunks
 
 
+def check_shares(shares: tuple[float, float, float]) -> None:
+    """Shares of the three sets are positive and sum to 1; raises what a validator of settings raises."""
+    total, positive = sum(shares), min(shares) > 0
+    if not positive or abs(total - 1) > 1e-6:
+        found = f"the shares sum to {total:g}" if positive else f"the shares are {list(shares)}"
+        raise disagree(found, "they must sum to 1" if positive else "they must be positive and sum to 1")
+
+
 class Column(Settings):
     """A column of the files."""
 
@@ -142,11 +150,7 @@ class SplitSettings(Settings):
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
-        total = sum(self.shares)
-        if min(self.shares) <= 0 or abs(total - 1) > 1e-6:
-            positive = min(self.shares) > 0
-            found = f"the shares sum to {total:g}" if positive else f"the shares are {list(self.shares)}"
-            raise disagree(found, "they must sum to 1" if positive else "they must be positive and sum to 1")
+        check_shares(self.shares)
         for needed in ("quantity", "column"):
             if self.by == needed and getattr(self, needed) is None:
                 raise disagree(f"{needed} is missing", f"by is {needed}: give {needed}", needed)

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from expertaug.measurements.settings import Cutting
+from expertaug.measurements.settings import Cutting, check_shares
 from expertaug.settings import NotNegative, Positive, Share, disagree, key, read
 
 NOMINAL_HZ = 100.0  # for which length and strides are given where no rate is
@@ -44,11 +44,7 @@ class ChunkKeys(Cutting):
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
-        total = sum(self.shares)
-        if min(self.shares) <= 0 or abs(total - 1) > 1e-6:
-            positive = min(self.shares) > 0
-            found = f"the shares sum to {total:g}" if positive else f"the shares are {list(self.shares)}"
-            raise disagree(found, "they must sum to 1" if positive else "they must be positive and sum to 1")
+        check_shares(self.shares)
         for k, seconds in enumerate(self.horizons_s):
             rate = self.rate_hz or NOMINAL_HZ
             if points_until(seconds, rate) <= self.length:
