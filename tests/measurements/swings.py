@@ -11,6 +11,15 @@ from expertaug.measurements.settings import MeasurementSettings
 
 NAMES = Names({"theta": "rad", "omega": "rad/s"}, {"omega0": "rad/s"})
 STEP = 0.05
+# How :func:`trials` are read.
+GIVEN = {
+    "trajectory": "trial",
+    "columns": {"theta": "angle", "omega": "speed"},
+    "length": 20,
+    "stride": 4,
+    "evaluation_stride": 10,
+    "min_chunks": 1,
+}
 
 
 def swing(theta0: float, omega0: float = 2.0, alpha: float = 0.1, points: int = 200, step: float = STEP) -> np.ndarray:
@@ -54,13 +63,5 @@ def trials(folder: Path, count: int = 6, noise: float = 0.0, points: int = 200) 
 
 def settings(path: Path | list[str], **given: object) -> MeasurementSettings:
     """Settings that read :func:`trials`."""
-    default = {
-        "paths": str(path) if isinstance(path, Path) else path,
-        "trajectory": "trial",
-        "columns": {"theta": "angle", "omega": "speed"},
-        "length": 20,
-        "stride": 4,
-        "evaluation_stride": 10,
-        "min_chunks": 1,
-    }
-    return MeasurementSettings.from_mapping(default | given)
+    paths = {"paths": str(path) if isinstance(path, Path) else path}
+    return MeasurementSettings.from_mapping(GIVEN | paths | given)

@@ -6,18 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from swings import trials
+from swings import GIVEN, trials
 
 from expertaug.cli import main
-
-GIVEN = {
-    "trajectory": "trial",
-    "columns": {"theta": "angle", "omega": "speed"},
-    "length": 20,
-    "stride": 4,
-    "evaluation_stride": 10,
-    "min_chunks": 1,
-}
 
 
 def edited(change):

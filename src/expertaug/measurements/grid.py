@@ -135,14 +135,24 @@ def _placed(rows: Rows, row_s: float, settings: MeasurementSettings) -> tuple[Se
     whole = np.maximum(np.rint(steps), 1)
     off = np.abs(steps - whole) > settings.tolerance
     ends = off | (whole > settings.longest_gap + 1)
-    # Behind the end of a stretch stands one point that no chunk may span.
-    place = np.concatenate(([0], np.cumsum(np.where(ends, 2, whole)))).astype(int)
-    n = int(place[-1]) + 1
-    row = np.full(n, -1)
-    row[place] = np.arange(len(place))
-    usable = np.ones(n, dtype=bool)
-    usable[place[1:][ends] - 1] = False
+    row, usable = _points(whole, ends)
     return _series(rows, row, usable), int((off & (whole <= settings.longest_gap + 1)).sum())
+
+
+def _points(steps: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The row of each point, -1 for none, and which points chunks may span; behind the end of a stretch stands one that
+    they may not.
+
+    Arguments:
+        steps: points from each row to the next, (rows - 1,).
+        ends: where a stretch ends instead.
+    """
+    place = np.concatenate(([0], np.cumsum(np.where(ends, 2, steps)))).astype(int)
+    row = np.full(int(place[-1]) + 1, -1)
+    row[place] = np.arange(len(place))
+    usable = np.ones(len(row), dtype=bool)
+    usable[place[1:][ends] - 1] = False
+    return row, usable
 
 
 def _series(rows: Rows, row: np.ndarray, usable: np.ndarray) -> Series:
@@ -199,18 +209,13 @@ def _at_own_times(trajectories: Sequence[Rows], settings: MeasurementSettings, m
         begin = np.concatenate(([0], np.maximum.accumulate(np.where(ends, np.arange(1, len(rows.t)), 0)))).astype(int)
         within = np.rint((rows.t - rows.t[begin]) / step_s).astype(int)
         moved = max(moved, float(np.abs(rows.t - rows.t[begin] - within * step_s).max()))
-        steps = np.where(
-            ends, 2, np.diff(within)
-        )  # behind the end of a stretch stands one point that no chunk may span
-        if (steps < 1).any():
-            first = int(np.argmax(steps < 1))
+        steps = np.diff(within)
+        shared = ~ends & (steps < 1)
+        if shared.any():
+            first = int(np.argmax(shared))
             found = f"found {step_s:g}: rows {rows.line[first]} and {rows.line[first + 1]} of {rows.name} share a point"
             raise InputError(f"{WHERE}.step_s", found, f"give less than {gaps[~ends].min():.3g}")
-        place = np.concatenate(([0], np.cumsum(steps)))
-        row = np.full(int(place[-1]) + 1, -1)
-        row[place] = np.arange(len(place))
-        usable = np.ones(len(row), dtype=bool)
-        usable[place[1:][ends] - 1] = False
+        row, usable = _points(steps, ends)
         made = _series(rows, row, usable)
         last = np.maximum.accumulate(np.where(row >= 0, np.arange(len(row)), 0))
         u = _lines(rows, rows.t[row[last]] + step_s * (np.arange(len(row)) - last), 1.5 * median)
