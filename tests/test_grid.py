@@ -55,7 +55,7 @@ def test_points_are_no_methods_of_the_experiment_and_change_none_of_its_jobs():
     assert (
         jobs.variants(config, "rlc")
         == jobs.variants(plain, "rlc")
-        == ["least_squares", "aphynity", "aphynity=", "aphynity+"]
+        == ["least_squares", "aphynity", "aphynity+"]
     )
     assert train(config, "aphynity") == train(plain, "aphynity")
     assert stage_settings.plot(config, "rlc") == stage_settings.plot(plain, "rlc")
