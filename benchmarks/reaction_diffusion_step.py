@@ -2,7 +2,8 @@
 
 The plain way is one seed at a time, ordinary circular convolutions with z_a as constant channels; then this package's
 interaction models, on the same encoder, data, batch size, loss and fixed grid, on one thread.  ``--layers`` prints what
-one evaluation of F_a with its gradient takes for every way to compute the same three convolutions.
+one evaluation of F_a with its gradient takes for every way to compute the same three convolutions, ``--double`` what
+one without a gradient takes in double precision, as refinement needs it.
 """
 
 from __future__ import annotations
@@ -132,6 +133,20 @@ def layer_ways(seeds: int, batch_size: int) -> dict[str, Callable[[], None]]:
     return ways
 
 
+def double_ways(samples: int) -> dict[str, Callable[[], None]]:
+    """F_a in double precision: the default's two convolutions."""
+    model = ConvInteraction(systems.load(SYSTEM), 1, [16], [3, 1]).double().requires_grad_(False)
+    y = torch.rand(samples, 2, 32, 32, dtype=torch.float64)
+    context = model.context(torch.rand(samples, 1, dtype=torch.float64), torch.rand(samples, 2, dtype=torch.float64))
+    first, last = model.state_layer.weight, model.rest[0]
+
+    def usual() -> None:
+        hidden = conv2d(nn.functional.pad(y, (1,) * 4, mode="circular"), first).add_(context[..., None, None])
+        conv2d(hidden.relu_(), last.weight, last.bias)
+
+    return {"torch's convolutions": usual, "products of matrices, in parts": lambda: model(y, context)}
+
+
 def main() -> None:
     """Print a row per way and the ratio to the first."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -139,10 +154,13 @@ def main() -> None:
     parser.add_argument("--batch-size", type=int, default=20)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--layers", action="store_true")
+    parser.add_argument("--double", action="store_true")
     options = parser.parse_args()
     torch.set_num_threads(1)
     seeds, size = list(range(options.seeds)), options.batch_size
-    if options.layers:
+    if options.double:
+        ways, what = double_ways(options.seeds * size * 4), "an evaluation of F_a in double precision, fourfold,"
+    elif options.layers:
         ways, what = layer_ways(options.seeds, size), "an evaluation of F_a with its gradient"
     else:
         data = DATA | {"sets": {"train": RANGES | {"size": size}}}

@@ -52,11 +52,7 @@ def test_points_are_no_methods_of_the_experiment_and_change_none_of_its_jobs():
     keys = {"training.learning_rate": [1e-3]}
     config, plain = expanded(keys), expanded(keys)
     del plain["methods"]["aphynity@1"]
-    assert (
-        jobs.variants(config, "rlc")
-        == jobs.variants(plain, "rlc")
-        == ["least_squares", "aphynity", "aphynity+"]
-    )
+    assert jobs.variants(config, "rlc") == jobs.variants(plain, "rlc") == ["least_squares", "aphynity", "aphynity+"]
     assert train(config, "aphynity") == train(plain, "aphynity")
     assert stage_settings.plot(config, "rlc") == stage_settings.plot(plain, "rlc")
 

@@ -8,8 +8,8 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.encoders.convolutional import ConvEncoder
-from expertaug.models.interactions.convolutional import ConvInteraction
-from expertaug.models.networks.convolutional import Conv, convolve, wrap
+from expertaug.models.interactions.convolutional import IN_CACHE, ConvInteraction
+from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, wrap
 from expertaug.models.recipe import HybridModel
 from expertaug.systems.solver import Solver
 
@@ -131,3 +131,25 @@ def test_bad_settings_are_named():
         ConvInteraction(system, 3, precision="half")
     with pytest.raises(InputError, match=r"encoder\.strides: \[1\]; 3 of them"):
         ConvEncoder(system, times, strides=(1,))
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+@pytest.mark.parametrize(("kernel", "stride"), [(1, 1), (3, 1), (3, 2), (1, 2)])
+def test_double_precision_computes_what_torch_computes(rank, kernel, stride):
+    generator = torch.Generator().manual_seed(0)
+    sizes = (9, 7, 8)[:rank]  # no two alike
+    x = torch.rand(3, 2, *sizes, generator=generator, dtype=torch.float64)
+    weight = torch.rand(4, 2, *[kernel] * rank, generator=generator, dtype=torch.float64)
+    bias = torch.rand(4, generator=generator, dtype=torch.float64)
+    torch.testing.assert_close(
+        convolve(x, weight, bias, stride), CONVOLUTIONS[rank](x, weight, bias, stride), rtol=1e-13, atol=0
+    )
+
+
+def test_fields_in_parts_are_fields_at_once():
+    model = ConvInteraction(systems.load({"name": "reaction_diffusion"}), 1).double()
+    y = torch.rand(2 * IN_CACHE + 1, 2, 32, 32, dtype=torch.float64)
+    context = model.context(torch.rand(len(y), 1, dtype=torch.float64), torch.rand(len(y), 2, dtype=torch.float64))
+    with torch.no_grad():
+        at_once = model.float()(y.float(), context.float())
+        torch.testing.assert_close(model.double()(y, context), at_once.double(), rtol=1e-4, atol=1e-5)

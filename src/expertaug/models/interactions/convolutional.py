@@ -10,10 +10,11 @@ from torch import Tensor, nn
 
 from expertaug.errors import InputError
 from expertaug.models.interactions.base import Interaction
-from expertaug.models.networks.convolutional import Conv, convolve, grid_rank, wrap
+from expertaug.models.networks.convolutional import Conv, by_products, convolve, grid_rank, wrap
 from expertaug.models.networks.layers import Linear
 from expertaug.systems import System
 
+IN_CACHE = 16  # fields whose patches a core keeps at hand: all at once take three times as long
 PRECISIONS = {"float32": None, "bfloat16": torch.bfloat16}
 
 
@@ -77,7 +78,13 @@ class ConvInteraction(Interaction):
             rates = [self._one(*group, *own) for group, own in zip(groups, layers, strict=True)]
         return (torch.stack(rates) if stacked else rates[0]).to(y.dtype)
 
-    def _one(self, y: Tensor, context: Tensor, first: tuple, *rest: tuple) -> Tensor:
+    def _one(self, y: Tensor, context: Tensor, *layers: tuple) -> Tensor:
+        if not by_products(y):
+            return self._rates(y, context, *layers)
+        parts = zip(y.split(IN_CACHE), context.split(IN_CACHE), strict=True)
+        return torch.cat([self._rates(*part, *layers) for part in parts])
+
+    def _rates(self, y: Tensor, context: Tensor, first: tuple, *rest: tuple) -> Tensor:
         hidden = convolve(wrap(y, self.margin), *first)
         hidden = hidden.add_(context[(..., *[None] * self.rank)])  # in place: nothing that autograd keeps
         for weight, bias in rest:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 
 import torch
 from torch import Tensor, nn
@@ -62,7 +63,28 @@ class Conv(nn.Module):
 
 def convolve(x: Tensor, weight: Tensor, bias: Tensor | None, stride: int = 1) -> Tensor:
     """One seed's layer: (B, C, H, …) → (B, C', (H − k) / stride + 1, …)."""
+    if by_products(x):
+        return _convolve_by_products(x, weight, bias, stride)
     return CONVOLUTIONS[weight.dim() - 2](x, weight, bias, stride)
+
+
+def by_products(x: Tensor) -> bool:
+    """Whether convolutions of x are computed as products of matrices."""
+    return x.dtype == torch.float64 and x.device.type == "cpu"
+
+
+def _convolve_by_products(x: Tensor, weight: Tensor, bias: Tensor | None, stride: int) -> Tensor:
+    """The same as a product of matrices: the CPU's fast convolutions are of single precision, and the one that torch
+    takes in double precision needs three times as long (benchmarks/reaction_diffusion_step.py --double)."""
+    kernel = weight.shape[-1]
+    cells = [(size - kernel) // stride + 1 for size in x.shape[2:]]
+    shifts = [[slice(k, k + stride * (n - 1) + 1, stride) for k in range(kernel)] for n in cells]
+    patches = x if kernel == stride == 1 else torch.stack([x[(..., *at)] for at in product(*shifts)], 2)
+    patches = patches.reshape(len(x), -1, math.prod(cells))
+    sums = weight.flatten(1) @ patches
+    if bias is not None:
+        sums = sums + bias[:, None]
+    return sums.view(len(x), -1, *cells)
 
 
 def wrap(x: Tensor, margin: int) -> Tensor:
@@ -72,6 +94,8 @@ def wrap(x: Tensor, margin: int) -> Tensor:
     few input channels: the inner cells computed twice cost less than copying its hidden channels.
     """
     padded = nn.functional.pad(x, (margin,) * 2 * (x.dim() - 2), mode="circular") if margin else x
+    if by_products(x):
+        return padded
     return padded.contiguous(memory_format=LAYOUTS.get(x.dim(), torch.contiguous_format))
 
 
