@@ -517,6 +517,16 @@ experiments:
 """
 
 
+def test_null_takes_an_inherited_set_away(base: dict) -> None:
+    def over(name: str) -> dict:
+        return config.merge(base, {"run": ["pendulum"], "experiments": {"pendulum": {"data": {"sets": {name: None}}}}})
+
+    assert "iid" in jobs.sets(config.validate(base), "pendulum")
+    assert "iid" not in jobs.sets(config.validate(over("iid")), "pendulum")
+    with pytest.raises(InputError, match=r"pendulum\.data\.sets\.train: missing"):
+        config.validate(over("train"))
+
+
 def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
     base = config.merge(base, yaml.safe_load(PLAIN))
     group, plain = "seeds_0_1_2", config.validate(base)

@@ -43,8 +43,10 @@ class Data(Settings):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = key(0, "of the simulation")
     step_s: Positive = key(LEFT_OUT, "time from point to point of simulated sets", "s")
     t2_s: Positive = key(LEFT_OUT, "end of a simulated trajectory", "s")
-    sets: dict[Name, SimulatedSet] = key(
-        LEFT_OUT, "the simulated sets: train, validation, test; iid, with validation's ranges, is an IID test set"
+    sets: dict[Name, SimulatedSet | None] = key(
+        LEFT_OUT,
+        "the simulated sets: train, validation, test; iid, with validation's ranges, is an IID test set; null takes an "
+        "inherited one away",
     )
     split: ChunkKeys = key(LEFT_OUT, "chunks of the recordings and their division into sets")
     files: MeasurementSettings = key(LEFT_OUT, "measurements of your own: tables, chunks of them and their sets")

@@ -122,7 +122,7 @@ def _inherit(name: str, experiments: Mapping, made: dict[str, Located | None], e
 
 
 def _under(preset: str, one: Located) -> Located:
-    """An experiment with what it overrides under a preset, and without the studies and priors that it takes away.
+    """An experiment with what it overrides under a preset, and without the studies, priors and sets that it takes away.
 
     The preset's ``choices`` are defaults: the experiment's own win over them.
     """
@@ -132,8 +132,13 @@ def _under(preset: str, one: Located) -> Located:
     choices = merge(over.get("choices") or {}, one.get("choices") or {})
     if choices:
         merged["choices"] = choices
-    for block in ("studies", "augmentations"):
-        if isinstance(merged.get(block), Located):
-            for name in [name for name, value in merged[block].items() if value is None]:
-                del merged[block][name]
+    data = merged.get("data")
+    for block in (
+        merged.get("studies"),
+        merged.get("augmentations"),
+        data.get("sets") if isinstance(data, Located) else None,
+    ):
+        if isinstance(block, Located):
+            for name in [name for name, value in block.items() if value is None]:
+                del block[name]
     return merged
