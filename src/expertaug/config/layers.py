@@ -133,11 +133,8 @@ def _under(preset: str, one: Located) -> Located:
     if choices:
         merged["choices"] = choices
     data = merged.get("data")
-    for block in (
-        merged.get("studies"),
-        merged.get("augmentations"),
-        data.get("sets") if isinstance(data, Located) else None,
-    ):
+    sets = data.get("sets") if isinstance(data, Located) else None
+    for block in (merged.get("studies"), merged.get("augmentations"), sets):
         if isinstance(block, Located):
             for name in [name for name, value in block.items() if value is None]:
                 del block[name]
