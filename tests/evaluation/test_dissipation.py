@@ -1,6 +1,7 @@
 """Power that models dissipate beside the loss of energy: of a friction that is known."""
 
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -159,8 +160,10 @@ def test_the_stage_by_recording(folder, drawn):
     np.testing.assert_allclose(half["dissipated"], whole["dissipated"] / 2, rtol=1e-4)
     text = outputs[1].read_text()
     first = whole[whole["set"] == "train"]
-    assert f"| train | With friction | {first['measured'].mean():.2f} |" in text
-    assert f"| train | a | 10 | {first['measured'].iloc[0]:.2f} ± {first['measured_se'].iloc[0]:.2f} |" in text
+    decimals = 2 - math.floor(math.log10(first["measured"].iloc[0]))
+    mean, error = (f"{first[column].iloc[0]:.{decimals}f}" for column in ("measured", "measured_se"))
+    assert f"| train | a | 10 | {mean} ± {error} |" in text
+    assert f"| train | With friction | {first['measured'].mean():.{decimals}f} |" in text
     assert outputs[2].read_text().isascii() and r"\nabla" in outputs[2].read_text()
     points = [line for line in drawn[0].axes[0].lines if line.get_linestyle() == "None"]
     assert len(drawn[0].axes) == 3 and [len(line.get_xdata()) for line in points] == [2, 2]

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from expertaug import plotting
-from expertaug.evaluation.formats import DASH, booktabs, escape, grid
+from expertaug.evaluation.formats import DASH, booktabs, escape, grid, number_format
 from expertaug.evaluation.summary import experiment_title, order_sets, set_title
 from expertaug.labels import is_refined
 
@@ -64,7 +64,7 @@ def _of_methods(table: pd.DataFrame, settings: Mapping) -> tuple[list[str], list
     for name in order_sets(table["set"]):
         for version, label, _ in settings["versions"]:
             part = overall[(overall["set"] == name) & (overall["method"] == version)]
-            cells = [f"{part['measured'].iloc[0]:.2f}", _text(part["dissipated"]), _text(part["correlation"])]
+            cells = [_text(part["measured"].iloc[:1]), _text(part["dissipated"]), _text(part["correlation"])]
             rows.append([set_title(name, settings), label, *(cell.replace("-", "−") for cell in cells)])
     return ["set", "method", "measured", "dissipated", "correlation"], rows
 
@@ -75,7 +75,7 @@ def _of_recordings(table: pd.DataFrame, settings: Mapping) -> tuple[list[str], l
     rows = []
     for (name, recording), part in table.groupby(["set", "recording"], sort=False):
         firsts = [part[part["expert"] == expert].iloc[0] for expert in experts]
-        measured = [f"{row['measured']:.2f} ± {row['measured_se']:.2f}" for row in firsts]
+        measured = [_number(row["measured"], row["measured_se"]) for row in firsts]
         each = [_text(part.loc[part["method"] == version, "dissipated"]) for version, *_ in settings["versions"]]
         cells = [cell.replace("-", "−") for cell in (*measured, *each)]
         rows.append([set_title(str(name), settings), str(recording), str(firsts[0]["chunks"]), *cells])
@@ -88,8 +88,14 @@ def _text(values: pd.Series) -> str:
     known = values.dropna()
     if not len(known):
         return DASH
-    spread = f" ± {known.std():.2f}" if len(known) > 1 else ""
-    return f"{known.mean():.2f}{spread}" + (f" ({len(known)}/{len(values)})" if len(known) < len(values) else "")
+    text = _number(known.mean(), known.std() if len(known) > 1 else None)
+    return text + (f" ({len(known)}/{len(values)})" if len(known) < len(values) else "")
+
+
+def _number(mean: float, spread: float | None) -> str:
+    """Three digits of a mean, and its spread as exactly."""
+    text = number_format("dissipated", mean)
+    return text(mean) if spread is None else f"{text(mean)} ± {text(spread)}"
 
 
 def draw(table: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
