@@ -72,6 +72,21 @@ def test_an_alarm_that_knows_is_told_from_one_that_does_not(files, tmp_path):
     assert "| A | test (OOD) |" in outputs[1].read_text(encoding="utf-8")
 
 
+def test_few_validation_windows_promise_the_share_that_they_can(files, tmp_path):
+    for path in files:
+        arrays = dict(np.load(path))
+        arrays |= {key: v[..., :14] for key, v in arrays.items() if key in ("validation_errors", "validation_misfit")}
+        arrays |= {key: v[..., :14, :] for key, v in arrays.items() if key in ("validation_z_e", "validation_z_e_hat")}
+        np.savez(path, **arrays)
+    outputs = [tmp_path / "alarm.csv", tmp_path / "alarm.md"]
+    alarm(files, outputs, SETTINGS)
+    assert "at a threshold of 6.7 % on the validation set" in outputs[1].read_text(encoding="utf-8")
+    table = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
+    # Of scores that know nothing 1 of 15 new windows is above the largest of 14, on the average.
+    assert table.loc["a", "iid", "misfit", 0]["false_alarms"] < 0.3
+    distance(files, [tmp_path / "distance.csv"], CURVES)
+
+
 @pytest.mark.parametrize(("width", "low", "high"), [(1.0, 0.85, 0.95), (0.3, 0.0, 0.5), (3.0, 0.97, 1.0)])
 def test_coverage_says_too_narrow_right_and_too_wide(tmp_path, width, low, high):
     file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], width)

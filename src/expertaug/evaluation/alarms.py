@@ -14,7 +14,7 @@ from expertaug.evaluation.diagnostic_figures import draw_alarm
 from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
-from expertaug.inference.alarm import FAILING, FALSE_ALARMS, Assessment, assess, ensemble_spread
+from expertaug.inference.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
 
 KNOWN, IID = "validation", "iid"
 SCORES = {"misfit": "misfit", "spread": "spread of seeds", "density": "density of estimates"}
@@ -23,8 +23,8 @@ CAPTION = (
     "Scores need the observed window alone: the model's misfit on it (after least squares, for refined versions), the "
     "spread of the estimates over seeds, and minus the log density of the estimates among those of the validation "
     "windows (a Gaussian). AUROC: of failing against other windows of the set together with the IID test set where "
-    f"there is one. Caught and false alarms: of the misfit, at a threshold of {100 * FALSE_ALARMS:.0f} % on the "
-    "validation set. Means over seeds; –: no window fails, or all do."
+    "there is one. Caught and false alarms: of the misfit, at a threshold of {share} % on the validation set. Means over "
+    "seeds; –: no window fails, or all do."
 )
 
 
@@ -51,7 +51,9 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
         raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
     long = pd.DataFrame(rows)
     title = f"{experiment_title(experiment_of(forecasts), settings)}: alarms"
-    drawn = write_study(outputs, long, (*_table(long, settings), 2), CAPTION, "alarms", title)
+    fewest = min(versions[v].sets[KNOWN].misfit.shape[1] for v in found)
+    caption = CAPTION.format(share=f"{100 * attainable(fewest):.2g}")
+    drawn = write_study(outputs, long, (*_table(long, settings), 2), caption, "alarms", title)
     if drawn:
         shown = _shown({v: sets for v, sets in found.items() if v != settings.get("floor")} or found)
         seed = next(iter(found[shown]))[2]
@@ -80,7 +82,8 @@ def _assessed(version: Version) -> dict[tuple[str, str, int], Assessment]:
             for k, seed in enumerate(version.seeds):
                 here, there = (_score(score, one, known, k) for one in (pool, known))
                 if here is not None and there is not None:
-                    found[name, score, seed] = assess(here, _no_nan(pool.errors[k]), there, _no_nan(known.errors[k]))
+                    errors = [_no_nan(one.errors[k]) for one in (pool, known)]
+                    found[name, score, seed] = assess(here, errors[0], there, errors[1], attainable(len(there)))
     return found
 
 

@@ -15,7 +15,7 @@ from expertaug.evaluation.alarms import KNOWN
 from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
-from expertaug.inference.alarm import threshold
+from expertaug.inference.alarm import attainable, threshold
 from expertaug.labels import is_augmented, is_control, is_refined
 
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
@@ -111,7 +111,7 @@ def _curve(
     edges = np.unique(np.concatenate(([0.0], inner)))
     place = np.where(away > 0, 1 + np.searchsorted(edges[1:], away, side="left"), 0)
     known = version.sets[KNOWN].misfit
-    limits = np.array([threshold(np.nan_to_num(one, nan=1e30)) for one in known])[:, None]
+    limits = np.array([threshold(np.nan_to_num(one, nan=1e30), attainable(len(one))) for one in known])[:, None]
     relative = None
     if all(s.z_e_hat is not None for s in sets):
         hat = np.concatenate([s.z_e_hat for s in sets], axis=1)[:, taken]  # type: ignore[misc]

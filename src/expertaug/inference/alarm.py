@@ -70,6 +70,12 @@ def threshold(validation_scores: Array, false_alarms: float = FALSE_ALARMS) -> f
     return float(scores[k - 1])
 
 
+def attainable(windows: int, false_alarms: float = FALSE_ALARMS) -> float:
+    """The share of false alarms that a threshold from so many validation windows can promise: this one, or, where it
+    takes more windows, the smallest that they can, with their largest score as threshold."""
+    return max(false_alarms, 1 / (windows + 1))
+
+
 def failing(errors: Array, validation_errors: Array, quantile: float = FAILING) -> np.ndarray:
     """Which forecasts fail: their squared error is above this quantile of the validation set's.
 
