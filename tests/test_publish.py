@@ -18,6 +18,7 @@ def run(tmp_path, monkeypatch):
     (tmp_path / "my.yaml").write_text(yaml.safe_dump({"results": "out", "run": ["pendulum"]}))
     files = {
         "tables/pendulum.md": "table",
+        "tables/pendulum_dissipation.md": "a study",
         "figures/pendulum_log_mse.png": "figure",
         "figures/pendulum_log_mse.pdf": "heavy",
         "figures/pendulum_old_log_mse.png": "of an experiment that is no longer run",
@@ -42,7 +43,7 @@ def test_tables_figures_and_provenance_are_kept_and_nothing_else(run):
     (run / "out/tables/published.md").unlink()
     publish(settings(run), run / "kept", "snakemake --cores 2")
     files = {str(p.relative_to(run / "kept")) for p in (run / "kept").rglob("*") if p.is_file()}
-    assert files == {"tables/pendulum.md", "figures/pendulum_log_mse.png"} | {
+    assert files == {"tables/pendulum.md", "tables/pendulum_dissipation.md", "figures/pendulum_log_mse.png"} | {
         "config.yaml",
         "costs.csv",
         "provenance.json",
