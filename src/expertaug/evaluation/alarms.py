@@ -23,8 +23,8 @@ CAPTION = (
     "Scores need the observed window alone: the model's misfit on it (after least squares, for refined versions), the "
     "spread of the estimates over seeds, and minus the log density of the estimates among those of the validation "
     "windows (a Gaussian). AUROC: of failing against other windows of the set together with the IID test set where "
-    "there is one. Caught and false alarms: of the misfit, at a threshold of {share} % on the validation set. Means over "
-    "seeds; –: no window fails, or all do."
+    "there is one. Caught and false alarms: of the misfit, at a threshold of {share} % on the validation set. Means "
+    "over seeds; –: no window fails, or all do."
 )
 
 

@@ -222,7 +222,10 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
             found = f"{name} changes along {identity[int(changed.argmax())]}"
             raise InputError(f"{WHERE}.inputs.{name}", found, "a covariate is constant; declare an input")
     times = np.arange(settings.length) * data.grid.step_s
-    known = {"id": np.array(identity), "mask": np.isfinite(y), "noise": np.nan_to_num(data.noise)}
+    known = {"id": np.array(identity), "noise": np.nan_to_num(data.noise)}
+    # Windows without a gap are what a model of them may rely on, as one of simulated sets or recordings does.
+    if settings.min_seen < 1 or not data.seen.all():
+        known["mask"] = np.isfinite(y)
     return Trajectories(times, np.nan_to_num(y), z_e, u=u if data.names.inputs else None, **known)
 
 

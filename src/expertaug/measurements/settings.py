@@ -207,7 +207,10 @@ class MeasurementSettings(Cutting, TableKeys):
         "step_s apart (left out = a tenth of the usual time from row to row), in which lengths and strides count",
     )
     longest_gap: int = key(5, "missing points in a row that a chunk may span; a longer gap ends it", ge=0, le=MANY)
-    min_seen: Share = key(0.7, "part of a chunk's values that must have been measured, of the components with a column")
+    min_seen: Share = key(
+        0.7,
+        "X",
+    )
     split: SplitSettings = key(SplitSettings, "which pieces train, which validate and which test")
 
     @property

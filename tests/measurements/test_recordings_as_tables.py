@@ -1,0 +1,108 @@
+"""Recordings brought as tables of measurements: the same chunks, and from them the same numbers to the last digit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from expertaug.config import load as config
+from expertaug.config import stage_settings
+from expertaug.evaluation.evaluate import evaluate
+from expertaug.learning.train import train
+from expertaug.measurements.names import Names
+from expertaug.measurements.stage import cut_measurements
+from expertaug.recordings.chunks.cut import split_chunks
+from expertaug.recordings.rendering.motion import simulate
+from expertaug.systems.double_pendulum import Constants, energy
+from expertaug.trajectories import Trajectories
+
+CONFIG = Path(__file__).parents[2] / "config"
+STATE = ["theta1", "theta2", "omega1", "omega2"]
+SPEEDS = dict.fromkeys(STATE[2:], "rad/s")
+RATE = 200.0
+CONSTANTS, FRICTION = Constants(B1=0.103, G1=69.4, B2=1.366, G2=93.6), (0.03, 0.12)
+CHUNKS = {"length": 20, "min_chunks": 2, "stride": 5, "evaluation_stride": 20}
+# What config/experiments/double_pendulum.yaml says of recordings, said of tables.
+FILES = {
+    **CHUNKS,
+    "time": "t",
+    "columns": {name: name for name in STATE},
+    "angles": STATE[:2],
+    "z_e": {name: {"start": name} for name in SPEEDS},
+    "step_s": 0.01,
+    "longest_gap": 0,
+    "min_seen": 1.0,
+    "split": {
+        "by": "quantity",
+        "quantity": "level",
+        "train_share": 0.4,
+        "validation_share": 0.3,
+        "test_share": 0.3,
+        "guard_s": 0.06,
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory) -> dict[str, Path]:
+    """Chunks of two recordings of 5 s, of which some frames are not usable: as recordings, and as tables."""
+    root = tmp_path_factory.mktemp("both")
+    t, angles = np.arange(1000) / RATE, []
+    for k, launch in enumerate(([2.2, 1.0, -6.0, -12.0], [1.8, 2.0, -5.0, -9.0])):
+        y = simulate(np.array([launch]), t, CONSTANTS, FRICTION)[0]
+        table = pd.DataFrame(y, columns=STATE).assign(frame=np.arange(len(t)), t=t, quality=1.0)
+        table.loc[300 + 40 * k : 310 + 40 * k, "quality"] = 0.0
+        angles.append(root / f"r{k}" / "angles.csv")
+        angles[-1].parent.mkdir()
+        table.to_csv(angles[-1], index=False)
+    split_chunks(angles, root / "recordings", {**CHUNKS, "rate_hz": 100.0, "by": "energy"})
+    constants = json.loads((root / "recordings" / "splits.json").read_text())["energy_constants"]
+    tables = []
+    for path in angles:
+        table = pd.read_csv(path)
+        table["level"] = energy(table[STATE].to_numpy(), Constants(**constants))
+        tables.append(root / f"{path.parent.name}.csv")
+        table[table["quality"] == 1].to_csv(tables[-1], index=False)
+    names = Names(dict(zip(STATE, ["rad", "rad", "rad/s", "rad/s"], strict=True)), SPEEDS)
+    cut_measurements(tables, root / "files", FILES, names)
+    return {source: root / source for source in ("recordings", "files")}
+
+
+def test_the_chunks_are_the_same_bits(folders):
+    for name in ("train", "validation", "test"):
+        one, other = (Trajectories.load(folder / f"{name}.npz") for folder in folders.values())
+        assert len(one) >= 2 and other.mask is None
+        for part in ("t", "y", "z_e"):
+            np.testing.assert_array_equal(getattr(one, part), getattr(other, part), strict=True)
+
+
+@pytest.mark.parametrize("method", ["least_squares", "aphynity_point_mass"])
+def test_and_so_are_the_numbers(folders, tmp_path, method):
+    shipped = config.load([CONFIG / "config.yaml", CONFIG / "smoke.yaml"])
+    tables = []
+    for source, folder in folders.items():
+        over = {"system": {"expert": "point_mass"}, "methods": [method], "studies": {"during_training": None}}
+        over |= {"augmented": [], "controls": [], "refined": [], "training": {"epochs": 1}}
+        given = config.merge(shipped, {"run": ["double_pendulum"], "experiments": {"double_pendulum": over}})
+        data = given["experiments"]["double_pendulum"]["data"]
+        if source == "files":
+            data.pop("split")
+            data |= {"source": "files", "files": {**FILES, "paths": str(folder.parent / "*.csv")}}
+        else:
+            data["split"]["horizons_s"] = []
+        data["calibrate"] = False
+        checked, out = config.validate(given), tmp_path / source
+        out.mkdir()
+        group = next(iter(stage_settings.seed_groups(checked, "double_pendulum")))
+        model = out / "model.safetensors"
+        train(folder, model, out / "work", stage_settings.train(checked, "double_pendulum", method, group), None)
+        told = stage_settings.evaluate(checked, "double_pendulum", method, group)
+        evaluate(model, folder, out / "metrics.csv", out / "forecasts.npz", told)
+        table = pd.read_csv(out / "metrics.csv", dtype=str)
+        tables.append(table[table["metric"] != "wall_s"])
+    pd.testing.assert_frame_equal(*tables)
+    assert len(tables[0]) > 20
