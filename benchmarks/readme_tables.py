@@ -2,13 +2,14 @@
 
 They come from results/published.  A comment names a table's source, ``<!-- table: FOLDER NAME -->``; the table below it
 is replaced.  NAME is a table of the paper (synth_log_mse, param_acc: ours, the published number in brackets) or an
-experiment (log-MSE of every method and set, per dimension).  With ``--check`` nothing is written, and the exit status
+experiment (log-MSE of every method and set).  With ``--check`` nothing is written, and the exit status
 says whether all are as published.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from pathlib import Path
@@ -20,6 +21,7 @@ from expertaug.evaluation.formats import cell_text, grid
 from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.files import write_text
 
+CELL = ("mean", "std", "n", "low", "high")
 PAPER = {"synth_log_mse": "log-MSE", "param_acc": "parameter error [%]"}
 MARK = re.compile(r"(<!-- table: (\S+) (\S+) -->\n)((?:\|.*\n)*)")
 
@@ -43,15 +45,19 @@ def of_paper(folder: Path, name: str) -> list[str]:
 
 
 def of_experiment(folder: Path, name: str) -> list[str]:
-    """Log-MSE per dimension of every method on training, validation and test set."""
+    """Log-MSE of every method on training, validation, IID (where there is one) and test set, in the experiment's
+    convention; intervals where the run has them."""
+    experiments = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["experiments"]
+    metric = f"log_mse_{experiments[name]['evaluation'].get('convention', 'sum')}"
     table = pd.read_csv(folder / "tables" / f"{name}.csv")
-    sets = ("train", "validation", "test")
+    sets = [s for s in ("train", "validation", "iid", "test") if f"{s}/{metric}/mean" in table]
     rows = []
     for _, line in table.iterrows():
-        cells = [{k: line[f"{s}/log_mse_dim/{k}"] for k in ("mean", "std", "n")} for s in sets]
+        cells = [{k: line.get(f"{s}/{metric}/{k}", math.nan) for k in CELL} for s in sets]
         of = len(str(line["seeds"]).split())
-        rows.append([line["label"], *(cell_text(cell | {"of": of}, "log_mse_dim") for cell in cells)])
-    return grid(["method", "train", "validation", "test (OOD)"], rows, 1)
+        rows.append([line["label"], *(cell_text(cell | {"of": of}, metric) for cell in cells)])
+    titles = {"iid": "IID test", "test": "test (OOD)"}
+    return grid(["method", *(titles.get(s, s) for s in sets)], rows, 1)
 
 
 def main() -> int:
