@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from expertaug.measurements.guess import Guess, guess, unit_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import MeasurementSettings, TableKeys, column_of
-from expertaug.measurements.table import Table, count_cells, read_table
+from expertaug.measurements.table import EMPTY, Table, count_cells, read_table
 
+COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
 SHOWN, POINTS = 6, 4000  # trajectories of a picture, and points of each
 
 
@@ -141,14 +143,25 @@ class Inspection:
 
 
 def _first(path: Path) -> tuple[dict[str, object], Table]:
-    """The first file, and the keys that read it: one without a header gets names."""
+    """The first file, and the keys that read it: one without a header gets names, one of 0,5 for 1/2 its comma."""
+    keys: dict[str, object] = {}
     try:
-        return {}, read_table(path, TableKeys())
+        table = read_table(path, TableKeys())
     except InputError as error:
         if "data.files.names" not in str(error):
             raise
-    names = [f"c{k}" for k in range(1, count_cells(path) + 1)]
-    return {"names": names}, read_table(path, TableKeys(names=names))
+        keys["names"] = [f"c{k}" for k in range(1, count_cells(path) + 1)]
+        table = read_table(path, TableKeys.from_mapping(keys))
+    if any(_has_commas(cells) for cells in table.cells.values()):
+        keys["decimal"] = ","
+        table = read_table(path, TableKeys.from_mapping(keys))
+    return keys, table
+
+
+def _has_commas(cells: np.ndarray) -> bool:
+    """Whether a column's cells are numbers whose fraction follows a comma."""
+    texts = [text for cell in cells if (text := str(cell).strip()).lower() not in EMPTY]
+    return any("," in text for text in texts) and all(COMMA.fullmatch(text) for text in texts)
 
 
 def _count(number: int, what: str) -> str:

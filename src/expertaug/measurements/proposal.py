@@ -28,7 +28,9 @@ def proposal(found: Inspection, system: Mapping | None, priors: Mapping[str, lis
     settings, length, counts = _cut(found)
     t1_s = round(length // 2 * found.data.grid.step_s, 9)
     given = {
-        k: v for k, v in settings.items() if k in ("names", "time", "trajectory", "unordered", "duplicates", "uneven")
+        k: v
+        for k, v in settings.items()
+        if k in ("names", "decimal", "time", "trajectory", "unordered", "duplicates", "uneven")
     }
     files = {
         "paths": settings["paths"] if len(settings["paths"]) > 1 else settings["paths"][0],

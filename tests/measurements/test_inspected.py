@@ -1,0 +1,33 @@
+"""What inspect-data sees in a table, and the configuration that it proposes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+from expertaug.cli import main
+from expertaug.measurements.cut import measured
+from expertaug.measurements.names import Names
+from expertaug.measurements.settings import MeasurementSettings
+
+
+@pytest.mark.parametrize("header", [True, False])
+def test_commas_in_numbers_are_seen_and_proposed(tmp_path, capsys, header):
+    rows = [f"{k / 50:.3f};{40 * np.cos(5.2 * k / 50):.2f}".replace(".", ",") for k in range(1000)]
+    path = tmp_path / "spring.csv"
+    path.write_text("\n".join([*(["Time (s);Position (mm)"] if header else []), *rows, ""]))
+    assert main(["inspect-data", str(path), "--output", str(tmp_path / "seen.png")]) == 0
+    told = capsys.readouterr().out
+    assert "step: 0.02 s (50 Hz)" in told and "-40 to 40" in told
+    files = yaml.safe_load(told)["experiments"]["measured"]["data"]["files"]
+    assert files["decimal"] == ","
+    data = measured(MeasurementSettings.from_mapping(files), Names(dict.fromkeys(files["columns"], ""), {}))
+    assert np.nanmax(data.grid.series[0].y) == 40
+
+
+def test_a_comma_between_columns_is_no_decimal(tmp_path, capsys):
+    path = tmp_path / "spring.csv"
+    path.write_text("t,x\n" + "".join(f"{k / 50},{k % 7}\n" for k in range(200)))
+    assert main(["inspect-data", str(path), "--output", str(tmp_path / "seen.png")]) == 0
+    assert "decimal" not in yaml.safe_load(capsys.readouterr().out)["experiments"]["measured"]["data"]["files"]
