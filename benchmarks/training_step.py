@@ -4,6 +4,7 @@ The usual way is one seed at a time, ordinary layers (torch.nn.GRU, torch.nn.Lin
 tolerance of 1e-5.  The same architecture, data, batch size and loss (paper, appendix, damped pendulum) on one thread.
 Ordinary modules may also be given to this package, which then calls them by torch.vmap, or one seed after the other
 where a layer (torch.nn.GRU) has no rule for that; ``--vmap`` adds torch.vmap over the whole of the usual step.
+``--device cuda`` takes the steps on a card, whose seconds are the clock's.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from expertaug.config.presets import resolve
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
+from expertaug.models.device import device_of
 from expertaug.models.recipe import HybridModel, Part
 from expertaug.systems.simulate import sample
 
@@ -38,10 +40,10 @@ DATA = {"seed": 0, "step_s": STEP, "t2_s": 20.0, "noise": 0.01}
 OURS = {"encoder": {"kind": "recurrent"}, "interaction": {"kind": "mlp"}}
 
 
-def training_data(size: int = 1000, name: str = "train") -> StackedSet:
+def training_data(size: int = 1000, name: str = "train", device: str = "cpu") -> StackedSet:
     """The pendulum's set ``name``."""
     data = DATA | {"sets": {name: RANGES | {"size": size}}}
-    return StackedSet.of(sample(systems.load({"name": "pendulum"}), data, name), torch.device("cpu"))
+    return StackedSet.of(sample(systems.load({"name": "pendulum"}), data, name), torch.device(device))
 
 
 def mlp(*widths: int) -> nn.Sequential:
@@ -109,7 +111,7 @@ class UsualModel(nn.Module):
             expert = torch.cat((s[..., 1:], -omega0.square() * torch.sin(s[..., :1])), -1)
             return expert + self.f_a(torch.cat((s, z_a), -1))
 
-        t = torch.arange(POINTS) * STEP
+        t = torch.arange(POINTS, device=y.device) * STEP
         path = odeint(field, y[0], t, method="dopri5", rtol=1e-5, atol=1e-5) if adaptive else rk4(field, y[0], t)
         return path, self.f_a(torch.cat((path, z_a.expand(POINTS, *z_a.shape)), -1))
 
@@ -144,7 +146,7 @@ def stacked_steps(seeds: int, data: StackedSet, **parts: Part) -> Callable[[], N
     head = model.encoder.module.head[-1] if "encoder" in parts else model.encoder.head.layers[-1]
     nn.init.constant_(head.bias, TYPICAL)
     objective = Aphynity(description["seeds"], resolve("corrected"))
-    task = task_of({}, description, torch.device("cpu"))
+    model, task = model.to(data.y.device), task_of({}, description, data.y.device)
     batch = next(data.batches(description["seeds"], 0, 100))
     optimiser = torch.optim.Adam(model.parameters())
 
@@ -158,7 +160,7 @@ def stacked_steps(seeds: int, data: StackedSet, **parts: Part) -> Callable[[], N
 
 def usual_steps(seeds: int, data: StackedSet) -> Callable[[], None]:
     """One step of every seed, one after another."""
-    models = [UsualModel(seed) for seed in range(seeds)]
+    models = [UsualModel(seed).to(data.y.device) for seed in range(seeds)]
     optimisers = [torch.optim.Adam(m.parameters()) for m in models]
     batches = [next(data.batches([seed], 0, 100)).y[:, 0] for seed in range(seeds)]
 
@@ -173,7 +175,7 @@ def usual_steps(seeds: int, data: StackedSet) -> Callable[[], None]:
 
 def vmapped_steps(seeds: int, data: StackedSet) -> Callable[[], None]:
     """One step of all seeds by torch.vmap over ordinary layers, on the same fixed grid as ours."""
-    models = [UsualModel(seed, fused_gru=False) for seed in range(seeds)]
+    models = [UsualModel(seed, fused_gru=False).to(data.y.device) for seed in range(seeds)]
     parameters, _ = stack_module_state(models)
     optimiser = torch.optim.Adam(parameters.values())
     batches = torch.stack([next(data.batches([seed], 0, 100)).y[:, 0] for seed in range(seeds)])
@@ -187,15 +189,22 @@ def vmapped_steps(seeds: int, data: StackedSet) -> Callable[[], None]:
     return step
 
 
-def median_time(step: Callable[[], None], repeats: int) -> float:
-    """Median CPU seconds of a step after one warm-up: one thread, so what else runs on the machine hardly counts."""
+def median_time(step: Callable[[], None], repeats: int, device: str = "cpu") -> float:
+    """Median seconds of a step after one warm-up: of the processor, whose one thread hardly notices what else runs on
+    the machine; of the clock where a card computes."""
+    clock = time.process_time if device == "cpu" else _when_the_card_is_done
     step()
     times = []
     for _ in range(repeats):
-        start = time.process_time()
+        start = clock()
         step()
-        times.append(time.process_time() - start)
+        times.append(clock() - start)
     return statistics.median(times)
+
+
+def _when_the_card_is_done() -> float:
+    torch.cuda.synchronize()
+    return time.perf_counter()
 
 
 def main() -> None:
@@ -204,9 +213,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--vmap", action="store_true")
+    parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     options = parser.parse_args()
-    torch.set_num_threads(1)
-    data = training_data()
+    device_of(options.device)  # one thread; says where there is no card
+    data = training_data(device=options.device)
     ways = {
         "usual, dopri5 1e-5": usual_steps,
         "stacked, fixed grid": stacked_steps,
@@ -217,9 +227,10 @@ def main() -> None:
         ways["torch.vmap, fixed grid"] = vmapped_steps
     base = None
     for name, make in ways.items():
-        seconds = median_time(make(options.seeds, data), options.repeats)
+        seconds = median_time(make(options.seeds, data), options.repeats, options.device)
         base = base or seconds
-        print(f"{name:24s} {seconds:.3f} CPU s a step of {options.seeds} seeds, {seconds / base:.2f} of the usual way")
+        unit = "CPU s" if options.device == "cpu" else "s"
+        print(f"{name:24s} {seconds:.4g} {unit} a step of {options.seeds} seeds, {seconds / base:.2f} of the usual way")
 
 
 if __name__ == "__main__":

@@ -22,8 +22,8 @@ NUMBERS = os.path.relpath(PUBLISHED)
 SOURCE = CONFIG["recordings"]["source"]
 # Given to the rules as a resource, not as a parameter: recordings that are sound need not be redone when it changes.
 ON_BAD_RECORDING = CONFIG["recordings"]["on_bad_recording"]
-# Cards that a job asks for: of a cluster, or of `--resources gpu=1` (one job at a time on a card). "auto" asks for none.
-GPUS = int(CONFIG["device"] == "cuda")
+# Cards that a job asks for: of a cluster, or of the one that profiles/default lets a run have (one job at a time on it).
+GPUS = jobs.cards(CONFIG) if workflow.is_main_process else int(CONFIG["device"] == "cuda")
 RUN = CONFIG["run"]
 RECORDED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "recordings"]
 SIMULATED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "simulation"]

@@ -98,7 +98,7 @@ def fit_posterior(
         "flow": dict(options),
         "prior": given_or_found(model, train, prior, arrays.noise(noise)),
         "noise": arrays.noise(noise),
-        "device": "cpu",
+        "device": model._device.type,
     }
     with arrays.one_thread():
         found = run_training(flow_training.prepare(model.stored, train, settings, "model", validation))

@@ -278,10 +278,13 @@ class TrainedModel:
         arrays.same_times(t[: y.shape[1]], self.t[:points], "window", remedy)
         if self.stored.description["kind"] == "mean" and len(t) > points:
             arrays.same_times(t, self.t, "t", "the mean of the training set has no others")
-        device = next((x.device for x in self.stored.model.state_dict().values()), torch.device("cpu"))
         known = arrays.inputs(u, self.system, len(y), t)
-        y, known = (None if x is None else arrays.grouped(x.to(device), len(self)) for x in (y, known))
+        y, known = (None if x is None else arrays.grouped(x.to(self._device), len(self)) for x in (y, known))
         return joined(y, None if known is None else known[:points]), t, known  # type: ignore[arg-type]
+
+    @property
+    def _device(self) -> torch.device:
+        return next((x.device for x in self.stored.model.state_dict().values()), torch.device("cpu"))
 
     def _named(self, z_e: Tensor | None, given: object) -> dict[str, Array]:
         """Estimates (S, N, P) by name."""

@@ -200,7 +200,7 @@ def augment(
         "noise": arrays.noise(noise),
         "worst": float(worst),
         "choices": _choices(model, preset, choices)[1],
-        "device": _device(model),
+        "device": model._device.type,
     }
     with arrays.one_thread():
         drawn = augment_stage.draw(model.stored, train, validation, settings)
@@ -251,7 +251,7 @@ def finetune(
         "preset": name,
         "training": dict(options),
         "choices": chosen,
-        "device": _device(model),
+        "device": model._device.type,
     }
     with arrays.one_thread():
         tuned = run_training(finetune_stage.prepare(model.stored, augmented.drawn, train, validation, settings))
@@ -276,7 +276,3 @@ def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -
     own = {} if preset else description["choices"]
     name = preset or str(description["preset"])
     return name, resolve(name, {**own, **(choices or {})})
-
-
-def _device(model: TrainedModel) -> str:
-    return next(model.stored.model.parameters()).device.type

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from expertaug import labels as naming
 from expertaug.config import grid as grids
 from expertaug.config import options, study_checks
 from expertaug.config.methods import FITTED, build_of, experiment_of, objective_of
 from expertaug.systems.settings import CONSERVING
+
+# What the drivers of cards put there: NVIDIA's, AMD's, and that of Linux within Windows.
+DRIVERS = (Path("/proc/driver/nvidia"), Path("/dev/kfd"), Path("/dev/dxg"))
+
+
+def cards(config: Mapping) -> int:
+    """Cards that a job which learns or evaluates takes where the run is started: one, or none on the CPU.
+
+    torch is asked, which takes seconds, only where ``device`` is auto and the machine has the driver of one.
+    """
+    if config["device"] != "auto" or not any(path.exists() for path in DRIVERS):
+        return int(config["device"] == "cuda")
+    from expertaug.models.device import device_of
+
+    return int(device_of("auto").type == "cuda")
 
 
 def seed_groups(config: Mapping, experiment: str | None = None) -> dict[str, list[int]]:

@@ -81,7 +81,7 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
         width = latents.shape[-1]
         own = [Unknowns(system, low.cpu(), high.cpu(), one, width, noise, ranges) for one in latents.cpu()]
         unknowns = stack(own).to(device)
-    t = torch.tensor(description["t"], dtype=torch.float32, device=device)
+    t = torch.tensor(description["t"], dtype=torch.float32)
     bound = stored_bound(description, device)
     solver: Solver | Stopping = stored.solver if bound is None else Stopping(stored.solver, bound)
     simulator = Simulator(

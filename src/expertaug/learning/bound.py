@@ -90,8 +90,7 @@ class Stopping:
 
         def stopped(s: Tensor, y: Tensor, *side: Tensor) -> Tensor:
             near = within(y.unsqueeze(0), bound)
-            rate = f(s, y, *side)
-            return rate if near.all() else torch.where(near.view(*near.shape, *[1] * (y.dim() - 2)), rate, 0.0)
+            return torch.where(near.view(*near.shape, *[1] * (y.dim() - 2)), f(s, y, *side), 0.0)
 
         return self.solver(stopped, y0, *args, **named)
 

@@ -18,14 +18,16 @@ def clip_each_seed(parameters: Iterable[Tensor], limit: float | None, alive: Ten
         alive: which seeds (S,) have not failed.
 
     Returns:
-        which seeds (S,) have a gradient that can be used.
+        which seeds (S,) have a gradient that can be used, on the CPU: all that a step waits for.
     """
     gradients = [p.grad for p in parameters if p.grad is not None]
     norm = torch.stack([g.reshape(len(g), -1).square().sum(1) for g in gradients]).sum(0).sqrt()
-    good = torch.isfinite(norm) & alive.to(norm.device)
+    good = torch.isfinite(norm) & alive.to(norm.device, non_blocking=True)
     factor = torch.where(good, ((limit or math.inf) / norm.clamp_min(1e-12)).clamp_max(1.0), torch.zeros_like(norm))
+    known = good.cpu()
+    some = not known.all()
     for g in gradients:
-        if not good.all():
+        if some:
             g.nan_to_num_(0.0, 0.0, 0.0)
         g.mul_(factor.view(-1, *[1] * (g.dim() - 1)))
-    return good
+    return known

@@ -78,7 +78,7 @@ class HybridVAE(Objective):
         noise = Noise(self.seeds, self.step, STREAM, device=y.device)
         self.step += 1
         normal = partial(noise.normal, size)
-        low, high = (end.to(y) for end in prior_range(model, self.prior))
+        low, high = (end.to(y, non_blocking=True) for end in prior_range(model, self.prior))
         sampled = self.choices["hvae_z_e"] == "sampled"
 
         window, seen = batch.windows(task.observed), batch.inputs(task.observed)
@@ -107,9 +107,9 @@ class HybridVAE(Objective):
         if sampled:
             divergence = divergence + posterior.z_e.divergence(*raw_prior(model, self.prior))
         later = slice(1, task.horizon)
-        errors, compared = squares(model.system, hybrid[later], y[later])
+        errors, compared = squares(model.system, hybrid[later], y[later], batch.complete)
         count = compared if isinstance(compared, int) else compared.float().mean().clamp_min(1.0)
-        apart, _ = squares(model.system, hybrid[later], expert[later])
+        apart, _ = squares(model.system, hybrid[later], expert[later], complete=good is None)  # within the bound
         likelihood = sample_mean(model.likelihood.log_prob(errors, compared), hybrid_good)
         ppc = apart / (2 * model.likelihood.scale.detach().square()) + divergence
         filtered = posterior.filtered - encoder.view(joined(expert[: task.observed], seen)).detach()

@@ -32,4 +32,4 @@ class Noise:
 
     def _draw(self, kind: str, shape: tuple[int, ...]) -> Tensor:
         each = [getattr(generator, kind)(shape, dtype=np.float32) for generator in self.generators]
-        return torch.from_numpy(np.stack(each)).to(self.device)
+        return torch.from_numpy(np.stack(each)).to(self.device, non_blocking=True)

@@ -17,17 +17,20 @@ from expertaug.models.posterior import Posterior
 from expertaug.systems import System
 
 
-def mean_squared_error(system: System, prediction: Tensor, truth: Tensor, good: Tensor | None = None) -> Tensor:
+def mean_squared_error(
+    system: System, prediction: Tensor, truth: Tensor, good: Tensor | None = None, complete: bool = False
+) -> Tensor:
     """Mean over times, samples and dimensions of the squared error of observed quantities, where they were measured.
 
     Arguments:
         prediction, truth: (T, S, B, *state); the truth is NaN where nothing was measured.
         good: (S, B), the samples that count; all of them where it is None.
+        complete: whether it is known that the truth has no NaN.
 
     Returns:
         (S,).
     """
-    difference, known = differences(system, prediction, truth)
+    difference, known = differences(system, prediction, truth, complete)
     error = difference.square().movedim(1, 0)
     if known is not None:
         counts = known.sum((0, *range(3, known.dim())))
@@ -40,21 +43,25 @@ def mean_squared_error(system: System, prediction: Tensor, truth: Tensor, good: 
     return sample_mean(error.movedim(2, 1).flatten(2).mean(2), good)
 
 
-def differences(system: System, prediction: Tensor, truth: Tensor) -> tuple[Tensor, Tensor | None]:
+def differences(
+    system: System, prediction: Tensor, truth: Tensor, complete: bool = False
+) -> tuple[Tensor, Tensor | None]:
     """Observed quantities of forecasts less those of the truth (T, S, B, *observed), 0 where these are NaN; and which
-    of them are not, None where all are known."""
+    of them are not, None where all are known (``complete``: it need not be looked for)."""
     observed = system.observe(truth)
     difference = system.observe(prediction) - observed
+    if complete:
+        return difference, None
     known = ~torch.isnan(observed)
     if known.all():
         return difference, None
     return torch.where(known, difference, torch.zeros_like(difference)), known.expand_as(difference)
 
 
-def squares(system: System, prediction: Tensor, truth: Tensor) -> tuple[Tensor, Tensor | int]:
+def squares(system: System, prediction: Tensor, truth: Tensor, complete: bool = False) -> tuple[Tensor, Tensor | int]:
     """Squared errors (S, B) of every sample, summed over times and observed quantities; and how many are summed, (S, B)
-    where samples differ in that."""
-    difference, known = differences(system, prediction, truth)
+    where samples differ in that; ``complete`` as of :func:`differences`."""
+    difference, known = differences(system, prediction, truth, complete)
     error = difference.square().flatten(3)
     count = error.shape[0] * error.shape[3] if known is None else known.flatten(3).sum((0, 3))
     return error.sum((0, 3)), count
@@ -138,9 +145,9 @@ def supervision(posterior: Posterior, batch: Batch, task: Task, choice: str) -> 
         choice: the preset's row supervision: −log q(z_e | x, y) with z_e in units of p⁺'s standard deviation, or the
             squared error of the posterior's mean in the parameters' own units.
     """
-    count = batch.supervised.sum(1)
-    if choice == "off" or not count.any():
+    if choice == "off" or not batch.has_labels:
         return None
+    count = batch.supervised.sum(1)
     mean = posterior.z_e.mean
     labels = torch.where(batch.supervised.bool().unsqueeze(-1), batch.z_e, mean.detach())  # others may be impossible
     raw = choice == "raw"
@@ -250,14 +257,15 @@ class Aphynity(Objective):
         """Loss (S,) and its parts, each (S,), without gradient."""
         posterior = model.encode(batch.windows(task.observed))
         data, penalty, runaways = self._terms(model, posterior, batch, task)
-        loss = (self.multiplier / self.first).to(data.device) * data + penalty
+        loss = (self.multiplier / self.first).to(data.device, non_blocking=True) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
         parts["runaway_share"] = runaways
         term = supervision(posterior, batch, task, self.choices["supervision"])
         if term is not None:
             loss = loss + task.supervision_weight * term
             parts["z_e"] = term.detach()
-        self.total += data.detach().cpu().nan_to_num(0.0, 0.0, 0.0)  # one step must not raise the multiplier for ever
+        # One step must not raise the multiplier for ever.
+        self.total = self.total.to(data.device) + data.detach().nan_to_num(0.0, 0.0, 0.0)
         self.count += 1
         return loss, parts | {"loss": loss.detach()}
 
@@ -270,7 +278,7 @@ class Aphynity(Objective):
             truth, start, z_e, z_a = truth[:, :, :half], start[:, :half], z_e[:, :half], z_a[:, :half]
             u = None if u is None else u[:, :, :half]
         prediction, good = finite_forecast(model, start, z_e, z_a, task, task.horizon, u=u)
-        data = mean_squared_error(model.system, prediction[1:], truth[1:], good)
+        data = mean_squared_error(model.system, prediction[1:], truth[1:], good, batch.complete)
         if model.interaction is None:
             return data, prediction.new_zeros(prediction.shape[1]), runaway_share(data, good)
         choice, states = self.choices["penalty"], prediction
@@ -290,7 +298,7 @@ class Aphynity(Objective):
         self.passes += 1
         if self.passes % self.every == 0:
             if self.choices["multiplier"] == "lagrangian":
-                self.multiplier = self.multiplier + self.tau2 * self.total / max(self.count, 1)
+                self.multiplier = self.multiplier + self.tau2 * self.total.cpu() / max(self.count, 1)
             self.total, self.count = torch.zeros_like(self.total), 0
 
     def carried(self) -> dict:

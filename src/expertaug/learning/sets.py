@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -16,12 +17,23 @@ from expertaug.trajectories import Trajectories
 @dataclass(frozen=True)
 class Batch:
     """A batch for a group of S seeds: y (T, S, B, *state), NaN where nothing was measured, z_e (S, B, P), supervised
-    (S, B) in {0, 1}; u (T, S, B, U), known inputs, None for a system without."""
+    (S, B) in {0, 1}; u (T, S, B, U), known inputs, None for a system without.
+
+    A step does not ask the tensors, for which it would wait where they lie on a card, what is known beforehand:
+    ``complete``, that nothing is NaN, and ``labelled``, whether a sample is supervised; None where it is not known.
+    """
 
     y: Tensor
     z_e: Tensor
     supervised: Tensor
     u: Tensor | None = None
+    complete: bool = False
+    labelled: bool | None = None
+
+    @property
+    def has_labels(self) -> bool:
+        """Whether a sample is supervised."""
+        return bool(self.supervised.any()) if self.labelled is None else self.labelled
 
     def windows(self, points: int) -> Tensor:
         """What an encoder sees of the first ``points`` points: y, and the known inputs as further components."""
@@ -58,6 +70,11 @@ class StackedSet:
 
     def __len__(self) -> int:
         return len(self.supervised)
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether everything was measured."""
+        return not torch.isnan(self.y).any()
 
     def __or__(self, other: StackedSet) -> StackedSet:
         """The union of two sets over the times that both have."""
@@ -108,14 +125,16 @@ class StackedSet:
     def batches(self, seeds: list[int], epoch: int, size: int) -> Iterator[Batch]:
         """One pass: full batches in an order that depends on the seed and the epoch alone (a rest is left out)."""
         order = np.stack([np.random.default_rng([seed, epoch]).permutation(len(self)) for seed in seeds])
+        supervised = self.supervised.cpu().numpy()[order] > 0
         order = torch.from_numpy(order).to(self.y.device)
         size = min(size, len(self))
         row = torch.arange(len(seeds), device=self.y.device).unsqueeze(1)
         shared = torch.zeros_like(row) if self.y.shape[1] == 1 else row
         for start in range(0, len(self) - size + 1, size):
-            index = order[:, start : start + size]
+            index, labelled = order[:, start : start + size], supervised[:, start : start + size].any()
             u = None if self.u is None else self.u[:, shared, index]
-            yield Batch(self.y[:, shared, index], self.z_e[shared, index], self.supervised[index], u)
+            y, z_e = self.y[:, shared, index], self.z_e[shared, index]
+            yield Batch(y, z_e, self.supervised[index], u, self.complete, bool(labelled))
 
     def steps(self, size: int) -> int:
         """Batches in one pass."""

@@ -18,7 +18,7 @@ class Task:
     """What a loss needs to know about the data.
 
     Attributes:
-        t: all times of a trajectory in s, (T,).
+        t: all times of a trajectory in s, (T,), on the CPU: solvers step from number to number.
         observed: points in [t0, t1], which the encoder sees.
         horizon: points that the loss compares, from the first on.
         solver: for the forecasts.
@@ -50,7 +50,7 @@ class Task:
 
 def task_of(training: Mapping, description: Mapping, device: torch.device, scale: Tensor | float = 1.0) -> Task:
     """The task of a training block (``solver``, ``horizon_s``, ``supervision_weight``) for a stored_bound model."""
-    t = torch.tensor(description["t"], dtype=torch.float32, device=device)
+    t = torch.tensor(description["t"], dtype=torch.float32)
     horizon = (
         points_until(description["t"], training["horizon_s"]) if "horizon_s" in training else description["observed"]
     )

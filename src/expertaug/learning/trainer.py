@@ -104,7 +104,7 @@ class Trainer:
     def _tame(self) -> None:
         """Clip each seed's gradient by its own norm; a seed whose gradient is not finite sits this step out."""
         good = clip_each_seed(self.parameters, self.settings.clip_norm, self._alive())
-        self.skipped = torch.where(good.cpu(), 0, self.skipped + 1)
+        self.skipped = torch.where(good, 0, self.skipped + 1)
         reason = f"the gradient was not finite in {SKIPPED_LIMIT} steps in a row"
         self._fail(self.skipped > SKIPPED_LIMIT, f"{reason}; lower training.learning_rate or clip_norm")
 

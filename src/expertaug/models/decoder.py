@@ -114,7 +114,8 @@ class Decoder(nn.Module):
             seen.append(u)
         if getattr(self.interaction, "sees_time", False):
             lead = y.shape[: y.dim() - len(self.system.state_shape)]
-            seen.append(torch.as_tensor(s, dtype=y.dtype, device=y.device).expand(lead).unsqueeze(-1))
+            when = torch.as_tensor(s, dtype=y.dtype).to(y.device, non_blocking=True)
+            seen.append(when.expand(lead).unsqueeze(-1))
         return self.interaction(y, context, torch.cat(seen, dim=-1)) if seen else self.interaction(y, context)
 
     def interaction_squares(
@@ -133,7 +134,11 @@ class Decoder(nn.Module):
         state = self.system.state_shape
         points = y.movedim(0, -1 - len(state)).flatten(-2 - len(state), -1 - len(state))  # (…, B·T, *state)
         context = self.interaction.context(z_a, z_e).repeat_interleave(len(y), dim=-2)
-        times = y.new_zeros(()) if t is None else t.expand(*y.shape[1 : y.dim() - len(state)], -1).flatten(-2)
+        if t is None:
+            times = y.new_zeros(())
+        else:
+            t = t.to(y.device, non_blocking=True)
+            times = t.expand(*y.shape[1 : y.dim() - len(state)], -1).flatten(-2)
         given = () if u is None else (u.movedim(0, -2).flatten(-3, -2),)
         rates = self.interaction_rate(points, context, times, *given)
         return rates.square().flatten(-len(state)).mean(-1)

@@ -37,8 +37,9 @@ def log_slope(raw: Tensor, parameters: Sequence[Parameter]) -> Tensor:
 
 
 def _of(parameters: Sequence[Parameter], like: Tensor) -> tuple[Tensor, Tensor]:
-    positive = torch.tensor([p.positive for p in parameters], device=like.device)
-    return like.new_tensor([p.scale for p in parameters]), positive
+    scale = torch.tensor([p.scale for p in parameters], dtype=like.dtype)
+    positive = torch.tensor([p.positive for p in parameters])
+    return scale.to(like.device, non_blocking=True), positive.to(like.device, non_blocking=True)
 
 
 class Delta(Distribution):
@@ -120,12 +121,13 @@ class Gaussian(Distribution):
 
     def log_prob_in(self, value: Tensor, unit: Tensor | float) -> Tensor:
         """(…,): the log-density of the value counted in ``unit`` (P,), which has no unit itself."""
-        unit = torch.as_tensor(unit, dtype=self.loc.dtype, device=self.loc.device)
+        unit = torch.as_tensor(unit, dtype=self.loc.dtype).to(self.loc.device, non_blocking=True)
         return self.log_prob(value) + unit.log().expand(self.loc.shape[-1]).sum()
 
     def divergence(self, mean: Tensor | float = 0.0, std: Tensor | float = 1.0) -> Tensor:
         """(…,): KL divergence to Gaussians of ``mean`` and ``std`` (K,) in the unbounded space (and so in any)."""
-        mean, std = (torch.as_tensor(x, dtype=self.loc.dtype, device=self.loc.device) for x in (mean, std))
+        each = (torch.as_tensor(x, dtype=self.loc.dtype) for x in (mean, std))
+        mean, std = (x.to(self.loc.device, non_blocking=True) for x in each)
         ratio = ((2 * self.log_std).exp() + (self.loc - mean).square()) / std.square()
         return (0.5 * (ratio - 1) - self.log_std + std.log()).sum(-1)
 

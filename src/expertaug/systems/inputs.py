@@ -27,15 +27,16 @@ class Linear:
     """
 
     def __init__(self, t: Tensor, u: Tensor) -> None:
-        self.t, self.u = t, u
+        self.t, self.u = t.cpu(), u
 
     def __call__(self, s: Tensor) -> Tensor:
         """u (…, B, U) at one time s, or at a time for each sample (…, B); a solver's step beyond the last time goes on
         straight."""
-        k = (torch.searchsorted(self.t, s.detach().to(self.t).contiguous(), right=True) - 1).clamp(0, len(self.t) - 2)
-        share = (s - self.t[k]) / (self.t[k + 1] - self.t[k])
+        t = self.t.to(s.device, non_blocking=True)
+        k = (torch.searchsorted(t, s.detach().to(t).contiguous(), right=True) - 1).clamp(0, len(t) - 2)
+        share = (s - t[k]) / (t[k + 1] - t[k])
         if s.dim() == 0:
-            return torch.lerp(self.u[k], self.u[k + 1], share)
+            return torch.lerp(self.u[k], self.u[k + 1], share.to(self.u.device, non_blocking=True))
         index = k[None, ..., None].expand(1, *self.u.shape[1:])
         before, after = (self.u.gather(0, place)[0] for place in (index, index + 1))
         return torch.lerp(before, after, share.unsqueeze(-1))

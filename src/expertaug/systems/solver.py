@@ -13,7 +13,7 @@ from expertaug.errors import InputError, SolveError
 from expertaug.settings import complaints
 from expertaug.systems.events import Event, stepped
 from expertaug.systems.implicit import SCIPY, by_scipy, rodas3
-from expertaug.systems.odeint import odeint
+from expertaug.systems.odeint import odeint, on_grid
 from expertaug.systems.settings import EVENTS, FIXED, SolverSettings
 
 # flow(h): the map y → exp(h L) y of a linear part L, or None where there is none.
@@ -66,7 +66,8 @@ class Solver(SolverSettings):
         """States (T, *y0.shape) at the times t (T,), the first being y0.
 
         Arguments:
-            f: dy/dt at a time and states (…, *state).
+            f: dy/dt at a time, a single number that may lie on the CPU, and states (…, *state).
+            t: on the CPU, or wherever y0 lies: steps on a fixed grid then wait for it once.
             flow: of the part that f lacks, where the method wants one (:attr:`splits`).
             rank: axes of a state, which implicit methods need to know.
             kinks: whether f bends at the times t: an adaptive method then ends a step there.
@@ -84,15 +85,16 @@ class Solver(SolverSettings):
                 share = torch.arange(self.substeps).to(t) / self.substeps
                 grid = torch.cat(((t[:-1, None] + t.diff()[:, None] * share).flatten(), t[-1:]))
             if event is not None:
-                return stepped(f, y0, grid, event)[:: self.substeps]
+                return stepped(f, y0, grid.to(y0.device), event)[:: self.substeps]
             if self.method == "rodas3":
-                return rodas3(f, y0, grid, rank)[:: self.substeps]
+                return rodas3(f, y0, grid.to(y0.device), rank)[:: self.substeps]
             if self.splits:
-                return _lawson4(f, y0, grid, flow)[:: self.substeps]
-            return odeint(f, y0, grid, method=self.method)[:: self.substeps]  # type: ignore[return-value]
+                return _lawson4(f, y0, grid.cpu(), flow)[:: self.substeps]
+            return on_grid(f, y0, grid, self.method)[:: self.substeps]
         if self.method in SCIPY:
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
         try:
+            t = t.to(y0.device)
             options = {"step_t": t[1:-1]} if kinks and len(t) > 2 else None
             return odeint(  # type: ignore[return-value]
                 f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol, options=options

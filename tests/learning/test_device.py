@@ -1,0 +1,182 @@
+"""On a card every tensor lies on it, and a step waits for it twice; without a card, on one that is pretended."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+import torch
+
+import expertaug as ea
+from expertaug.learning.sets import StackedSet
+from expertaug.learning.trainer import Trainer
+from expertaug.models.decoder import Decoder
+from pretended_card import DEVICE, Card, OnCard, WrongDevice
+
+T = np.arange(11) * 0.1
+OPTIONS = {"epochs": 1, "batch_size": 2, "learning_rate": 1e-4}
+TWO_STEP = {"kind": "two_step", "latent_layers": [8], "filter_layers": [8], "expert_layers": [8]}
+FIELDS_TWO_STEP = {"kind": "conv_two_step", "latent": 1}
+FLOW = {"steps": 4, "batch_size": 2, "pool": 8, "held_out": 8, "layers": [8], "summary": 4, "transforms": 1}
+FLOW |= {"hidden": [4], "latent": 1, "samples": 4}
+MLP, RECURRENT = {"kind": "mlp", "layers": [4]}, {"kind": "recurrent", "hidden": 4, "layers": [4]}
+DRIVEN = MLP | {"inputs": True, "time": True}
+# Did a forecast run away, and is a gradient finite: what a step does next depends on it.
+ASKED = {"learning/objectives.py", "learning/gradients.py"}
+
+
+def window(*names):
+    return {"kind": "window", "windows": {name: [0.0, 0.5] for name in names}, "layers": [4], "latent": 1}
+
+
+def simulated(system, z_e, z_a, **more):
+    return [ea.simulate(system, z_e, z_a, n=n, t=T, noise=0.01, name=str(n), **more) for n in (8, 4)]
+
+
+def double_pendulums():
+    """Of the expert alone: its simulation needs a calibration."""
+    system, t = ea.DoublePendulum(expert="point_mass"), np.arange(11) * 0.01
+    generator = torch.Generator().manual_seed(0)
+    y0, z_e = (torch.rand(8, n, generator=generator) - 0.5 for n in (4, 2))
+    y = ea.Solver("rk4")(lambda s, y: system.expert(s, y, z_e), system.initial_state(y0, z_e), torch.from_numpy(t))
+    data = ea.Trajectories(t, y.movedim(0, 1).numpy().astype(np.float32), z_e.numpy())
+    return system, [data, data.subset(range(4))]
+
+
+def case(name):
+    """System, sets, encoder, F_a, solver and end of the window."""
+    rk4 = ea.Solver("rk4")
+    if name == "double_pendulum":
+        encoder = window("theta1", "theta2") | {"angles": ["theta1", "theta2"]}
+        encoder["windows"] = {"theta1": [0.0, 0.05], "theta2": [0.02, 0.05]}
+        return *double_pendulums(), encoder, MLP, rk4, 0.05
+    system, z_e, z_a, more, encoder, interaction, solver = {
+        "pendulum": (ea.DampedPendulum(), {"omega0": (1.5, 3.1)}, {"alpha": (0, 0.6)}, {}, RECURRENT, MLP, rk4),
+        "rlc": (ea.RLC(), {"L": (1, 3), "C": (0.5, 1.5)}, {"R": (1, 3)}, {}, window("U", "I"), MLP, rk4),
+        "stiff": (ea.DampedPendulum(), {"omega0": (1.5, 3.1)}, {"alpha": (0, 0.6)}, {}, RECURRENT,
+                  {"kind": "polynomial", "degree": 2, "latent_degree": 1}, ea.Solver("rodas3")),
+        "driven": (ea.DrivenPendulum(), {"omega0": (0.8, 3.1)}, {"gamma": (0, 0.8)},
+                   {"inputs": {"A": (0, 4), "f": (3, 6)}}, RECURRENT, DRIVEN, rk4),
+        "fields": (ea.ReactionDiffusion(), {"a": (1e-3, 2e-3), "b": (3e-3, 7e-3)}, {"k": (3e-3, 5e-3)}, {},
+                   {"kind": "moments", "layers": [4], "latent": 1},
+                   {"kind": "conv", "channels": [2], "kernels": [3, 1]}, ea.Solver("lawson4")),
+    }[name]  # fmt: skip
+    return system, simulated(system, z_e, z_a, **more), encoder, interaction, solver, 0.5
+
+
+@pytest.fixture
+def card():
+    with Card() as card:
+        yield card
+
+
+@pytest.fixture
+def waits(card, monkeypatch):
+    """Waits for the card in the steps taken: a count by place for each."""
+    step, found = Trainer.step, []
+
+    def counted(self, *arguments):
+        before = Counter(card.waits)
+        told = step(self, *arguments)
+        found.append(card.waits - before)
+        return told
+
+    monkeypatch.setattr(Trainer, "step", counted)
+    return found
+
+
+def on_card(model):
+    return all(isinstance(value, OnCard) for value in model.stored.model.state_dict().values())
+
+
+def fitted(name, objective="aphynity", device=str(DEVICE)):
+    system, sets, encoder, interaction, solver, end = case(name)
+    ranges = {p.name: (0.5 * p.scale, 1.5 * p.scale) for p in system.expert_parameters}
+    if objective == "hvae":
+        encoder = FIELDS_TWO_STEP if name == "fields" else TWO_STEP
+    recipe = ea.HybridModel(system, encoder=encoder, interaction=interaction)
+    loss = ea.HybridVAE if objective == "hvae" else ea.Aphynity
+    options = OPTIONS | {"observed_s": end, "objective": loss, "solver": solver, "seeds": [0, 1], "prior": ranges}
+    return ea.fit(recipe, *sets, device=device, **options), sets, ranges
+
+
+def asked(waits):
+    """Places of the waits of all steps but the first, with which an objective begins; none is asked twice a step."""
+    assert len(waits) > 2 and all(set(one.values()) <= {1} for one in waits[1:]), waits
+    return {place.partition(":")[0] for one in waits[1:] for place in one}
+
+
+@pytest.mark.parametrize("objective", ["aphynity", "hvae"])
+@pytest.mark.parametrize("name", ["pendulum", "rlc", "double_pendulum", "fields", "driven", "stiff"])
+def test_training_and_finetuning(waits, name, objective):
+    model, sets, ranges = fitted(name, objective)
+    assert asked(waits) == ASKED
+    waits.clear()
+    plus = ea.finetune(model, *sets, prior=ranges, noise=0.01, choices={"resample": "epoch"}, **OPTIONS)
+    assert asked(waits) == ASKED
+    assert on_card(model) and on_card(plus)
+
+
+def test_the_values_are_those_of_the_cpu(card):
+    """What is pretended is where tensors lie, no more."""
+    found = fitted("pendulum")[0].history["value"]
+    assert found.equals(fitted("pendulum", device="cpu")[0].history["value"])
+
+
+def test_what_follows_a_training(waits):
+    """Evaluation, refinement (whose fits are the CPU's wherever the model lies), and a flow."""
+    model, sets, ranges = fitted("pendulum")
+    waits.clear()
+    flow = ea.fit_posterior(model, *sets, prior=ranges, noise=0.01, **FLOW)
+    assert asked(waits) == {"learning/gradients.py"} and on_card(flow)
+    refined = model.refined(noise=0.01, prior=ranges, starts=4, steps=2)
+    for one in (model, flow, refined):
+        assert one.forecast(sets[1].y[:, :6], sets[1].t).y.shape == (2, 4, 11, 2)
+        assert one.evaluate(sets[1])["metric"].nunique() > 2
+    assert ea.predictive(flow, sets[1].y[:, :6], sets[1].t, draws=4).mean.shape == (2, 4, 11, 2)
+
+
+def test_gaps(waits):
+    """Windows with gaps ask for them more than once, which those without do not."""
+    system, sets = ea.DampedPendulum(), case("pendulum")[1]
+    for data in sets:
+        data.y[:, ::2, 1] = np.nan
+    gaps = [ea.Trajectories(d.t, np.nan_to_num(d.y), d.z_e, mask=~np.isnan(d.y)) for d in sets]
+    recipe = ea.HybridModel(system, encoder=RECURRENT, interaction=MLP)
+    options = OPTIONS | {"observed_s": 0.5, "start": {"omega": (-2, 2)}, "seeds": [0, 1]}
+    assert on_card(ea.fit(recipe, *gaps, device=str(DEVICE), **options))
+
+
+@pytest.mark.parametrize("method", ["rk4", "dopri5", "radau"])
+def test_events_and_other_solvers(card, method):
+    system = ea.DampedPendulum() if method != "rk4" else ea.BouncingBall()
+    z_e = torch.tensor([[1.5, 0.8], [2.5, 0.7]])[:, : len(system.expert_parameters)]
+    decoder, y0, t = Decoder(system), torch.tensor([[1.0, 0.0], [0.5, 0.1]]), torch.from_numpy(T).float()
+    z_a, solver = torch.zeros(2, 0), ea.Solver(method)
+    with torch.no_grad():
+        here = decoder.forecast(y0, z_e, z_a, t, solver)
+        there = decoder.forecast(*(x.to(DEVICE) for x in (y0, z_e, z_a)), t, solver)
+    assert isinstance(there, OnCard) and torch.equal(there.cpu(), here)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        lambda batch: batch.y + torch.zeros(len(batch.y), 1, 1, 1),
+        lambda batch: torch.cat((batch.z_e, torch.zeros(2, 4, 1)), dim=-1),
+        lambda batch: torch.where(torch.ones(2, 4, 1, dtype=torch.bool), batch.z_e, 0.0),
+    ],
+)
+def test_a_tensor_that_is_made_on_the_cpu_is_refused(card, line):
+    data = StackedSet.of(case("pendulum")[1][0], DEVICE)
+    with pytest.raises(WrongDevice, match="of the CPU beside those on the card"):
+        line(next(data.batches([0, 1], 0, 4)))
+
+
+@pytest.mark.parametrize(
+    "line", [float, bool, torch.Tensor.item, torch.Tensor.tolist, torch.Tensor.cpu, torch.Tensor.nonzero]
+)
+def test_what_waits_is_counted(card, line):
+    value = torch.ones((), device=DEVICE)
+    before = card.waits.total()
+    line(value)
+    assert card.waits.total() == before + 1
