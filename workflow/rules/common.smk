@@ -318,20 +318,20 @@ def made_by(file):
     return next(((maker, one.flags) for maker in workflow.rules for one in maker.output if one.match(file)), None)
 
 
-def everything_shown(wildcards):
-    """Every table and figure of the run."""
+def read_by_report(wildcards):
+    """The tables and figures of the run that a rule marks for reports, and the tables' numbers."""
     found, todo = [], [MADE]
     while todo:
         file = todo.pop(0)
-        if isinstance(file, str):
-            found.append(file)
-        else:
+        if not isinstance(file, str):
             todo = [*(file(wildcards) if callable(file) else file), *todo]
-    return found
+        elif "report" in made_by(file)[1]:
+            found += [file] if file.endswith(".png") else [file, f"{file.removesuffix('.md')}.csv"]
+    return [*found, *(results(f"tables/{experiment}_long.csv") for experiment in RUN)]
 
 
 def shown_in_report(files):
-    """Of these files those that a rule marks for reports, as the stage report takes them."""
+    """Of these files those that a rule marks for reports, as the stage report takes them; captions are theirs."""
     found = []
     for file in files:
         maker, flags = made_by(file)

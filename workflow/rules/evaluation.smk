@@ -491,8 +491,8 @@ if OVERVIEWS:
 
 rule write_report:
     input:
-        made=everything_shown,
-        captions=lambda w: sorted({one["caption"] for one in shown_in_report(everything_shown(w))}),
+        made=read_by_report,
+        captions=lambda w: sorted({one["caption"] for one in shown_in_report(read_by_report(w))}),
         template=PAGE,
         code=code("report"),
     output:
@@ -554,7 +554,7 @@ rule dissipation:
 
 rule report:
     input:
-        and_before(REPORT),
+        and_before(ALL),
 
 
 for name in RUN:

@@ -16,11 +16,12 @@ from expertaug.evaluation.summary import CONVENTIONS, experiment_title, in_domai
 
 CHOSEN = "validation"  # the set by which rows are chosen
 CAPTION = (
-    "Log-MSE of forecasts (lower is better): mean over seeds with its 95 % interval, or ± standard deviation over seeds "
-    "where samples' errors are not kept. Rows are chosen by the validation set alone: the method that is best there, and "
-    "the augmented model (+) that is best there, with its base model and its control, the base trained on for the same "
-    "steps on the real data alone. Beside them stand least squares on each window and the floor, neither of which is "
-    "chosen. Gain: of an augmented version over its control on the test set; *: told apart from 0."
+    "Log-MSE of forecasts (lower is better): mean over seeds with its 95 % interval, or ± standard deviation over "
+    "seeds where samples' errors are not kept. Rows are chosen by the validation set alone: the method that is best "
+    "there, and the augmented model (+) that is best there, with its control, the same base trained on for the same "
+    "steps on the real data alone, and that base. Beside them stand, whatever their scores, least squares on each "
+    "window and the floor, the equation that made the data. Gain: of an augmented model over its control on the test "
+    "set; *: told apart from 0."
 )
 
 BESIDE = {OVER_CONTROL: "its control", FROM_BASE: "its base"}

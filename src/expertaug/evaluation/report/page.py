@@ -116,17 +116,17 @@ def _of_experiment(numbers: Numbers, long: pd.DataFrame, settings: Mapping, capt
 def _blocks(
     numbers: Numbers, shown: Sequence[Shown], results: Path, config: Mapping, settings: Mapping | None = None
 ) -> list[Block]:
-    """Figures and tables in the order given; the table of a figure stands folded below it."""
+    """Figures, each with its table folded below it, and then tables that have no figure."""
     blocks: list[Block] = []
     of_figures = {one.stem: one for one in shown if not one.is_figure}
-    for one in shown:
+    for one in sorted(shown, key=lambda one: not one.is_figure):
         if one.is_figure:
             figure = numbers.figure(one.title, one.text(config), one.picture(results), "recording" in one.wildcards)
             blocks.append(figure)
             if one.stem in of_figures:
                 said = f"The numbers of {figure.name}, means over seeds; every digit is in {of_figures[one.stem].csv}."
                 blocks.append(_table(numbers, of_figures[one.stem], results, config, said, settings, folded=True))
-        elif not any(other.is_figure and other.stem == one.stem for other in shown):
+        elif one.stem not in {block.stem for block in shown if block.is_figure}:
             blocks.append(_table(numbers, one, results, config, one.text(config), settings))
     return blocks
 
@@ -143,6 +143,8 @@ def _table(
     path = results / one.csv
     if one.stem == "published":
         table = tables.published(path, {e["name"]: experiment_title(e["name"], e) for e in config["experiments"]})
+    elif _room(one) == RECORDINGS:
+        table = tables.recordings(path)
     else:
         table = tables.of_file(path, settings or {})
     return numbers.table(one.title, caption, table, folded)

@@ -48,7 +48,7 @@ def provenance(record: Mapping, settings: Mapping, revision: str | None) -> Tabl
         ["machine", ", ".join(f"{key} {value}" for key, value in record["machine"].items())],
         ["packages", ", ".join(f"{name} {version}" for name, version in record["versions"].items())],
     ]
-    return Table(["what", "which"], [("", rows)], 2)
+    return Table(["what", "which"], [("", rows)])
 
 
 def _row(name: str, found: list[Cost]) -> list[str]:

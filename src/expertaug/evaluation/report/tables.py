@@ -8,8 +8,8 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL
 from expertaug.evaluation.formats import DASH, cell_text, metric_title
+from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL
 from expertaug.evaluation.printed import KNOWN_FORM
 from expertaug.evaluation.report.cells import Table, plain, spans
 from expertaug.evaluation.summary import RUNAWAYS, order_sets, set_title, tabled_metrics
@@ -17,8 +17,20 @@ from expertaug.labels import SHOWN_SETS
 
 SUMMARY = ("metric", "mean", "std", "n", "of")  # columns of a file of means over seeds
 STAR = "*"  # told apart from 0
-MOST = 14  # columns of a table whose rows are those of its file; with more it lies on its side
 KINDS = {"gain": OVER_CONTROL, "difference": FROM_BASE}  # columns of a long table: what they are
+RECORDING = {
+    "recording": "recording",
+    "duration_s": "duration [s]",
+    "tracked_share": "tracked [%]",
+    "usable_share": "usable [%]",
+    "arm1_px": "arm 1 [px]",
+    "arm2_px": "arm 2 [px]",
+    "noise1_deg": "noise 1 [°]",
+    "noise2_deg": "noise 2 [°]",
+    "rate_hz": "rate [Hz]",
+    "implied_rate_hz": "implied rate [Hz]",
+    "refused": "left out",
+}
 # Columns that say nothing beside the others, or that a label says better.
 UNSAID = ("experiment", "system", "preset", "method")
 
@@ -118,7 +130,8 @@ def by_metric(summary: pd.DataFrame, settings: Mapping) -> Table:
     for metric in dict.fromkeys(summary["metric"]):
         for label in dict.fromkeys(summary.loc[summary["metric"] == metric, "label"]):
             cells = [cell_text(values.get((label, name, metric)), metric) for name in sets]
-            rows.append([metric_title(metric, {}), label, *cells])
+            title = metric_title(metric, {}) + (f" ({metric})" if metric.startswith("log_mse") else "")
+            rows.append([title, label, *cells])
     return Table(["metric", "method", *(set_title(name, settings) for name in sets)], [("", rows)], 2)
 
 
@@ -154,9 +167,6 @@ def of_file(path: Path, settings: Mapping) -> Table:
     names = len(texts) if "label" in texts else 1
     head = [name.replace("label", "method").replace("_", " ") for name in columns]
     rows = [[plain(value) for value in row] for row in kept[columns].itertuples(index=False)]
-    if len(head) > MOST:
-        first = [head[0], *(row[0] for row in rows)]
-        return Table(first, [("", [[head[k], *(row[k] for row in rows)] for k in range(1, len(head))])])
     return Table(head, [("", rows)], names)
 
 
@@ -186,6 +196,19 @@ def published(path: Path, titles: Mapping[str, str]) -> Table:
         ]
         parts.append((f"{titles.get(experiment, experiment)}: {metric_title(metric, {})}", rows))
     return Table(["method", "set", "published", "ours", "seeds", "p", "verdict"], parts, 2)
+
+
+def recordings(path: Path) -> Table:
+    """What was measured in each recording, a few columns of many.
+
+    Raises:
+        InputError: the file is missing or broken.
+    """
+    table = read(path)
+    table = table.assign(**{name: 100 * table[name] for name in ("tracked_share", "usable_share") if name in table})
+    shown = [name for name in RECORDING if name in table]
+    rows = [[plain(value) for value in row] for row in table[shown].itertuples(index=False)]
+    return Table([RECORDING[name] for name in shown], [("", rows)])
 
 
 def by_cell(summary: pd.DataFrame) -> dict[tuple[str, str, str], pd.Series]:
