@@ -39,17 +39,17 @@ def estimator(costs: Mapping[str, float], measured: Mapping[str, float]) -> Call
     return seconds
 
 
-def unmeasured(job: str, costs: Mapping[str, float], measured: Mapping[str, float]) -> bool:
-    """Whether nothing is known of a job's stage, so that its time is a guess."""
-    return _stage(job) not in {_stage(known) for known in (*costs, *measured)}
+def stages(jobs: Iterable[str]) -> set[str]:
+    """Names of the stages of some jobs."""
+    return set(map(_stage, jobs))
 
 
 def by_stage(jobs: Mapping[str, float]) -> dict[str, dict[str, float]]:
     """The jobs of each stage (see :func:`remaining`)."""
-    stages: dict[str, dict[str, float]] = {}
+    found: dict[str, dict[str, float]] = {}
     for job, elapsed in jobs.items():
-        stages.setdefault(_stage(job), {})[job] = elapsed
-    return stages
+        found.setdefault(_stage(job), {})[job] = elapsed
+    return found
 
 
 def remaining(jobs: Mapping[str, float], seconds: Callable[[str], float], cores: int) -> float:
