@@ -120,8 +120,8 @@ def test_jobs_that_nobody_measures_come_last(watch, tmp_path, caplog):
     (tmp_path / "published" / "long" / "costs.csv").write_text("job,seconds,peak_memory_mb\ntrain/a,2,1\n")
     watch.start(Dag(tmp_path / "results", "train/a", ""), 2)
     assert caplog.messages[1:3] == [
-        "  train                        1 job  about 10 seconds",
-        "  tables, figures and others   1 job  not measured, 5 seconds each",
+        "  train                          1 job  about 10 seconds",
+        "  tables, figures and others     1 job  not measured, 5 seconds each",
     ]
 
 

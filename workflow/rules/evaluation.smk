@@ -511,7 +511,8 @@ rule write_report:
                 "shown": shown_in_report(input.made),
                 "files": [os.path.relpath(path) for path in [DEFAULTS, *OVERRIDES]],
                 **shown_settings.report(CONFIG),
-            }
+            },
+            sort_keys=True,
         ),
         results=CONFIG["results"],
     message:

@@ -8,9 +8,8 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import DASH, cell_text, metric_title
+from expertaug.evaluation.formats import DASH, KNOWN_FORM, cell_text, metric_title
 from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL
-from expertaug.evaluation.printed import KNOWN_FORM
 from expertaug.evaluation.report.cells import Table, plain, spans
 from expertaug.evaluation.summary import RUNAWAYS, order_sets, set_title, tabled_metrics
 from expertaug.labels import SHOWN_SETS
