@@ -69,14 +69,14 @@ def test_the_published_run_with_most_of_the_jobs_is_taken():
 
 
 class Dag:
-    """Jobs as Snakemake's graph of jobs shows them."""
+    """Jobs as Snakemake's graph of jobs shows them: None is a target's, an empty name one's that is not measured."""
 
     def __init__(self, folder, *names):
         self.all = [
             SimpleNamespace(
                 jobid=k,
                 rule=SimpleNamespace(name="rule", norun=name is None),
-                benchmark=name and str(folder / "benchmarks" / f"{name}.tsv"),
+                benchmark=str(folder / "benchmarks" / f"{name}.tsv") if name else None,
             )
             for k, name in enumerate(names)
         ]
@@ -103,6 +103,26 @@ def test_a_run_is_announced_and_followed(watch, tmp_path, caplog):
     logger.info("", extra={"event": "job_finished", "job_id": 1})
     logger.info("", extra={"event": "progress"})
     assert "About 15 minutes left for 1 job." in caplog.messages
+
+
+def test_a_run_says_what_it_does_stage_by_stage(watch, tmp_path, caplog):
+    watch.start(Dag(tmp_path / "results", "train/a", "train/b", "validity/a", "during_training/a", None), 1)
+    assert caplog.messages[:-1] == [
+        "What is to be done:",
+        "  train              2 jobs  about 20 minutes",
+        "  validity            1 job  cost not known",
+        "  during training     1 job  cost not known",
+    ]
+    assert caplog.messages[-1].startswith("About 20 minutes for 4 jobs on 1 core")
+
+
+def test_jobs_that_nobody_measures_come_last(watch, tmp_path, caplog):
+    (tmp_path / "published" / "long" / "costs.csv").write_text("job,seconds,peak_memory_mb\ntrain/a,2,1\n")
+    watch.start(Dag(tmp_path / "results", "train/a", ""), 2)
+    assert caplog.messages[1:3] == [
+        "  train                          1 job  about 10 seconds",
+        "  tables, figures and others     1 job  not measured, 5 seconds each",
+    ]
 
 
 def test_nothing_is_estimated_from_nothing(watch, tmp_path, caplog):
@@ -139,8 +159,12 @@ def test_each_refusal_is_told_once_with_its_log(watch, tmp_path):
 
 def test_a_run_ends_with_where_to_look(tmp_path):
     watch = Watch(tmp_path, tmp_path)
-    assert len(watch.where_to_look()) == 2  # no store, no link
-    (tmp_path / "mlflow").mkdir()
+    assert watch.where_to_look() == []  # as after a run of a stage that makes no table, without a store
+    (tmp_path / "report.html").touch()
+    for name in ("tables", "figures", "mlflow"):
+        (tmp_path / name).mkdir()
+    places = [f"Report: {tmp_path}/report.html", f"Tables: {tmp_path}/tables", f"Figures: {tmp_path}/figures"]
+    assert watch.where_to_look() == places
     place = "/#/experiments/3/runs?workflowType=machine_learning"
     for uri, line in (
         ("sqlite:///r/mlflow.db", f"mlflow server --backend-store-uri sqlite:///r/mlflow.db, then http://127.0.0.1:5000{place}"),
@@ -150,4 +174,4 @@ def test_a_run_ends_with_where_to_look(tmp_path):
         (tmp_path / "mlflow" / "tracking.json").write_text(json.dumps(record))
         assert watch.where_to_look()[-1] == f"Dashboard: {line}"
     (tmp_path / "mlflow" / "tracking.json").write_text('{"enabled": false}')
-    assert len(watch.where_to_look()) == 2
+    assert watch.where_to_look() == places

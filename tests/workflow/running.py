@@ -49,7 +49,7 @@ experiments:
 """
 # The rules that a change redoes: all that follows its own.
 EVALUATION = {"evaluate_seed_group", "tabulate_experiment", "plot_experiment", "plot_overview"}
-EVALUATION |= {"study_windows_of_experiment", "log_evaluations_of_experiment"}
+EVALUATION |= {"study_windows_of_experiment", "log_evaluations_of_experiment", "write_report"}
 AUGMENTED = {"finetune_seed_group"} | EVALUATION
 # Of the double pendulum longer forecasts and the loss of energy.
 LEARNING = {"train_seed_group", "augment_seed_group", "study_experiment", "dissipation_of_experiment"} | AUGMENTED

@@ -31,6 +31,7 @@ def test_touched_files_and_pinned_versions_that_are_not_installed_redo_nothing(p
     assert planned(project, *SMOKE) == {}
 
 
+COMPARED = {"compare_experiment", "compare_all", "write_report"}
 WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
 
 
@@ -53,13 +54,13 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
             {"experiments": {"pendulum": {"studies": {"during_training": {"epochs": [2]}}}}},
             TRAINED,
         ),
-        ({"experiments": {"pendulum": {"evaluation": {"published": "rlc"}}}}, {"compare_experiment", "compare_all"}),
+        ({"experiments": {"pendulum": {"evaluation": {"published": "rlc"}}}}, COMPARED),
         ({"experiments": {"double_pendulum": {"data": {"split": {"stride": 3}}}}}, CHUNKS),
         ({"recordings": {"angles": {"max_gap_frames": 4}}}, ANGLES),
         ({"recordings": {"tracking": {"min_level": 25}}}, MARKERS),
         ({"experiments": {"pendulum": {"choices": {"frozen": "interaction_and_z_e_head"}}}}, TUNED),
         ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_seed_group"} | SCORED),
-        ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
+        ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking", "write_report"}),  # which names the files
         ({"device": "cpu"}, {"dissipation_of_experiment"} | TRAINED),
     ],
 )
@@ -77,13 +78,14 @@ def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
     [
         ("cli.py", set()),
         ("systems/pendulum.py", {"simulate_set"} | TRAINED),
-        ("evaluation/tables.py", {"tabulate_experiment"}),
-        ("recordings/reports/page.py", {"plot_page_of_recording"}),
-        ("recordings/reports/splits.py", {"plot_splits_of_experiment"}),
+        ("evaluation/tables.py", {"tabulate_experiment", "write_report"}),
+        ("recordings/reports/page.py", {"plot_page_of_recording", "write_report"}),
+        ("recordings/reports/splits.py", {"plot_splits_of_experiment", "write_report"}),
         ("recordings/reports/overlay.py", set()),
         ("learning/finetune.py", TUNED),
-        ("evaluation/published.py", {"compare_experiment", "compare_all"}),
-        ("evaluation/paper.csv", {"compare_experiment", "compare_all"}),
+        ("evaluation/published.py", COMPARED),
+        ("evaluation/report/page.html", {"write_report"}),
+        ("evaluation/paper.csv", COMPARED),
         ("recordings/angles/calibration.py", {"calibrate_experiment"} | LEARNING),
         ("recordings/markers/tracker.py", MARKERS),
     ],
@@ -104,7 +106,8 @@ def test_a_grid_adds_its_own_jobs_and_no_other(project):
         "keys": {"training.learning_rate": [0.001, 0.003], "model.encoder.layers": [[8], [4, 4]]},
     }
     change = {"experiments": {"pendulum": {"studies": {"grid": grid}}}}
-    assert planned(project, *override(project, change)) == {"train_seed_group": 4, "grid_of_experiment": 1}
+    jobs = {"train_seed_group": 4, "grid_of_experiment": 1, "write_report": 1}
+    assert planned(project, *override(project, change)) == jobs
 
 
 @pytest.mark.parametrize(("package", "rules"), [("av", MARKERS), ("pandas", set())])

@@ -95,7 +95,18 @@ def test_every_stage_is_a_target(project, target):
     assert ("train_seed_group" in plan) == (target in [*LEARNING_TARGETS, "everything", "all"])
 
 
-def test_report_is_one_file_with_tables_and_figures(project):
+def test_the_report_shows_every_table_and_figure_with_its_caption(project):
+    page = (project / "results/smoke/report.html").read_text()
+    assert not re.search(r"(?:src|href)=\"(?!data:|#)", page), "it needs no other file"
+    drawn = list((project / "results/smoke/figures").glob("*.png"))
+    pages = list((project / "results/smoke/recordings").glob("*/page.png"))
+    assert len(re.findall("<img src=", page)) == len(drawn) + len(pages)
+    for words in ("log-MSE of", "Costs", "config/smoke.yaml", "APHYNITY+"):
+        assert words in page
+    assert "{{" not in page and "snakemake." not in page, "a caption is not filled in"
+
+
+def test_snakemakes_report_is_one_file_with_tables_and_figures(project):
     done = snakemake(project, "--report", "report.html", *SMOKE)
     assert done.returncode == 0, done.stderr
     text = (project / "report.html").read_text()

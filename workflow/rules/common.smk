@@ -9,6 +9,7 @@ from pathlib import Path
 from expertaug import labels
 from expertaug.config import jobs
 from expertaug.config import recording_settings
+from expertaug.config import shown_settings
 from expertaug.config import stage_code
 from expertaug.config import stage_settings
 from expertaug.files import sha256
@@ -19,6 +20,7 @@ from expertaug.config.study_checks import PUBLISHED
 from expertaug.labels import MAIN_SETS
 
 NUMBERS = os.path.relpath(PUBLISHED)
+PAGE = os.path.relpath(Path(labels.__file__).parent / "evaluation" / "report" / "page.html")
 SOURCE = CONFIG["recordings"]["source"]
 # Given to the rules as a resource, not as a parameter: recordings that are sound need not be redone when it changes.
 ON_BAD_RECORDING = CONFIG["recordings"]["on_bad_recording"]
@@ -35,6 +37,7 @@ COMPARED = [e for e in RUN if CONFIG["experiments"][e]["evaluation"]["published"
 OVERVIEW = stage_settings.overview(CONFIG, RUN)["experiments"]
 OVERVIEWS = ["log_mse", "parameter_errors"] if any(one["shown"] for one in OVERVIEW) else []
 OVERVIEWS += ["za_shifted"] if any(one["shifted"] for one in OVERVIEW) else []
+OVERVIEW_TITLES = {"log_mse": "log-MSE", "parameter_errors": "parameter errors", "za_shifted": "log-MSE, z_a shifted"}
 
 
 def results(path):
@@ -315,11 +318,44 @@ def made_by(file):
     return next(((maker, one.flags) for maker in workflow.rules for one in maker.output if one.match(file)), None)
 
 
+def read_by_report(wildcards):
+    """The tables and figures of the run that a rule marks for reports, and the tables' numbers."""
+    found, todo = [], [MADE]
+    while todo:
+        file = todo.pop(0)
+        if not isinstance(file, str):
+            todo = [*(file(wildcards) if callable(file) else file), *todo]
+        elif "report" in made_by(file)[1]:
+            found += [file] if file.endswith(".png") else [file, f"{file.removesuffix('.md')}.csv"]
+    return [*found, *(results(f"tables/{experiment}_long.csv") for experiment in RUN)]
+
+
+def shown_in_report(files):
+    """Of these files those that a rule marks for reports, as the stage report takes them; captions are theirs."""
+    found = []
+    for file in files:
+        maker, flags = made_by(file)
+        if "report" in flags:
+            marked, wildcards = flags["report"], maker.get_wildcards(file)
+            named = {key: text.format(**wildcards) for key, text in marked.labels.items()}
+            found.append(
+                {
+                    "path": os.path.relpath(file, CONFIG["results"]),
+                    "caption": os.path.relpath(marked.caption.get_path_or_uri(secret_free=True)),
+                    "wildcards": dict(wildcards),
+                    "title": named.get("study") or named.get("content") or named["experiment"],
+                }
+            )
+    return found
+
+
 SUMMARY = [results("recordings/summary.csv"), results("recordings/summary.md")] if RECORDED else []
 OVERALL = expand(results("tables/published{end}"), end=ENDS) if COMPARED else []
 OVERALL += expand(results("figures/{name}.{suffix}"), name=OVERVIEWS, suffix=["png", "pdf"])
 EVALUATED = [results(f"{e}/evaluations.json") for e in RUN]
-ALL = [SUMMARY, of_all("page.png"), EVALUATED, [[tables_of(e), figures_of(e)] for e in RUN], OVERALL]
+MADE = [OVERALL, [[tables_of(e), figures_of(e)] for e in RUN], SUMMARY, of_all("page.png")]
+REPORT = results("report.html")
+ALL = [MADE, EVALUATED, REPORT]
 AUGMENTED = one_of([v for e in RUN for v in augmented_of(e)])
 FINETUNED = one_of([v for e in RUN for v in finetuned_of(e)])
 FLOWS = one_of([v for e in RUN for v in flows_of(e)])

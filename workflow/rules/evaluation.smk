@@ -291,7 +291,7 @@ rule own_priors_of_experiment:
         results("tables/{experiment}_own_priors.tex"),
         report(
             results("tables/{experiment}_own_priors.md"),
-            caption="../report/study.rst",
+            caption="../report/own_priors.rst",
             category="Studies",
             subcategory="{experiment}",
             labels={"study": "own p⁺", "content": "table"},
@@ -327,14 +327,14 @@ rule grid_of_experiment:
         results("tables/{experiment}_grid.tex"),
         report(
             results("tables/{experiment}_grid.md"),
-            caption="../report/study.rst",
+            caption="../report/grid.rst",
             category="Studies",
             subcategory="{experiment}",
             labels={"study": "grid", "content": "table"},
         ),
         report(
             results("figures/{experiment}_grid.png"),
-            caption="../report/study.rst",
+            caption="../report/grid.rst",
             category="Studies",
             subcategory="{experiment}",
             labels={"study": "grid", "content": "figure"},
@@ -438,7 +438,12 @@ if COMPARED:
             code=code("compare"),
         output:
             results("tables/published.csv"),
-            report(results("tables/published.md"), caption="../report/published.rst", category="Tables"),
+            report(
+                results("tables/published.md"),
+                caption="../report/published.rst",
+                category="Tables",
+                labels={"content": "published numbers"},
+            ),
             results("tables/published.tex"),
         log:
             results("logs/compare.log"),
@@ -462,7 +467,7 @@ if OVERVIEWS:
                     caption=f"../report/overview_{name}.rst",
                     category="Figures",
                     subcategory="all experiments",
-                    labels={"content": name},
+                    labels={"content": OVERVIEW_TITLES[name]},
                 )
                 for name in OVERVIEWS
             ],
@@ -482,6 +487,38 @@ if OVERVIEWS:
             "plot all experiments"
         shell:
             "expertaug overview {input.metrics:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
+
+
+rule write_report:
+    input:
+        made=read_by_report,
+        captions=lambda w: sorted({one["caption"] for one in shown_in_report(read_by_report(w))}),
+        template=PAGE,
+        code=code("report"),
+    output:
+        REPORT,
+    log:
+        results("logs/report.log"),
+    conda:
+        "../envs/expertaug.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+    params:
+        versions=versions("report"),
+        settings=lambda w, input: json.dumps(
+            {
+                "shown": shown_in_report(input.made),
+                "files": [os.path.relpath(path) for path in [DEFAULTS, *OVERRIDES]],
+                **shown_settings.report(CONFIG),
+            },
+            sort_keys=True,
+        ),
+        results=CONFIG["results"],
+    message:
+        "put tables, figures, costs and provenance on a page"
+    shell:
+        "expertaug report --results {params.results:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
 
 
 # Targets: `snakemake --cores 2 NAME`.

@@ -111,6 +111,9 @@ def add_to(commands: Commands) -> None:
     p.add_argument("metrics", type=Path, nargs="+", help="metrics.csv of every experiment, method and group of seeds")
     add_paths(p, output="folder of the figures")
 
+    p = commands.add("report", _report, "put tables, figures, costs and provenance of a run on one page")
+    add_paths(p, results="results folder", output="HTML file")
+
 
 def _evaluate(a: argparse.Namespace) -> None:
     from expertaug.evaluation.evaluate import evaluate
@@ -206,3 +209,9 @@ def _overview(a: argparse.Namespace) -> None:
     from expertaug.evaluation.overview import overview
 
     overview(a.metrics, a.output, read_settings(a.settings))
+
+
+def _report(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.report.page import report
+
+    report(a.results, a.output, read_settings(a.settings))

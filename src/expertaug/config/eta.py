@@ -39,6 +39,19 @@ def estimator(costs: Mapping[str, float], measured: Mapping[str, float]) -> Call
     return seconds
 
 
+def stages(jobs: Iterable[str]) -> set[str]:
+    """Names of the stages of some jobs."""
+    return set(map(_stage, jobs))
+
+
+def by_stage(jobs: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """The jobs of each stage (see :func:`remaining`)."""
+    found: dict[str, dict[str, float]] = {}
+    for job, elapsed in jobs.items():
+        found.setdefault(_stage(job), {})[job] = elapsed
+    return found
+
+
 def remaining(jobs: Mapping[str, float], seconds: Callable[[str], float], cores: int) -> float:
     """Seconds until all jobs have ended.
 

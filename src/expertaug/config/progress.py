@@ -13,6 +13,7 @@ from expertaug.evaluation import costs
 from expertaug.files import read_json
 
 logger = logging.getLogger("snakemake.logging")  # what is said here is on the terminal and in Snakemake's own log
+OTHERS = "tables, figures and others"  # jobs that nobody measures: a few seconds each
 _ERROR = " ERROR "  # as expertaug.cli writes it
 
 
@@ -34,7 +35,7 @@ class Watch(logging.Handler):
         self.dag, self.cores, self.costs = None, 1, {}
 
     def start(self, dag, cores: int) -> None:
-        """Say how long the run will take, and listen from now on.
+        """Say what the run will do and how long that will take, and listen from now on.
 
         Arguments:
             dag: Snakemake's, whose ``needrun_jobs`` are those to come; it may grow when a checkpoint has ended.
@@ -43,7 +44,9 @@ class Watch(logging.Handler):
         self.dag, self.cores = dag, cores
         logger.addHandler(self)
         try:
-            logger.info(self.first_estimate())
+            estimate = self.first_estimate()
+            for line in (*self.plan(), estimate):
+                logger.info(line)
         except Exception as error:  # it never ends a run
             logger.warning(f"How long this takes cannot be estimated: {error}")
 
@@ -57,6 +60,20 @@ class Watch(logging.Handler):
             return f"{count(jobs)} on {cores}; how long they take is told when some have ended."
         source = f" (by the costs of the published run '{name}')" if name else ""
         return f"About {self.left(jobs)} for {count(jobs)} on {cores}{source}."
+
+    def plan(self) -> list[str]:
+        """How many jobs each stage has and how long they will take, the longest first; nothing where there is one."""
+        jobs = self.jobs()
+        found, measured = eta.by_stage(jobs), self.measured()
+        seconds, known = eta.estimator(self.costs, measured), eta.stages([*self.costs, *measured])
+        times = {stage: eta.remaining(own, seconds, self.cores) for stage, own in found.items()}
+        ranked = sorted(found, key=lambda stage: (stage == OTHERS, stage not in known, -times[stage]))
+        width, lines = max(map(len, found), default=0), []
+        for stage in ranked:
+            said = f"about {eta.text(times[stage])}" if stage in known else "cost not known"
+            said = f"not measured, {eta.UNMEASURED_S:.0f} seconds each" if stage == OTHERS else said
+            lines.append(f"  {stage.replace('_', ' '):{width}}  {count(found[stage]):>8}  {said}")
+        return ["What is to be done:", *lines] if len(found) > 1 else []
 
     def jobs(self) -> dict[str, float]:
         """Jobs that have not ended, called as in costs.csv, with the seconds that each has been running."""
@@ -96,10 +113,8 @@ class Watch(logging.Handler):
     def where_to_look(self) -> list[str]:
         """Where the results of a run that went well are, and how the dashboard is opened; a line each."""
         results = self.benchmarks.parent
-        said = [
-            f"Tables: {results}/tables. Figures: {results}/figures.",
-            "One page of all of them: the same command with --report report.html.",
-        ]
+        places = {"Report": "report.html", "Tables": "tables", "Figures": "figures"}
+        said = [f"{name}: {results / place}" for name, place in places.items() if (results / place).exists()]
         marker = results / "mlflow" / "tracking.json"
         tracking = read_json(marker) if marker.is_file() else {}
         if tracking.get("enabled") and tracking.get("experiment_id") is not None:
@@ -123,7 +138,7 @@ class Watch(logging.Handler):
     def called(self, job) -> str:
         """A job as costs.csv calls it."""
         if job.benchmark is None:
-            return f"{job.rule.name}/{job.jobid}"
+            return f"{OTHERS}/{job.jobid}"
         return Path(str(job.benchmark)).relative_to(self.benchmarks).with_suffix("").as_posix()
 
 

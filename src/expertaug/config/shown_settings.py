@@ -103,6 +103,15 @@ def plot(config: Mapping, experiment: str) -> dict:
     }
 
 
+def report(config: Mapping) -> dict:
+    """What the report's tables say of each experiment of the run, and what it tells of the run itself."""
+    experiments = []
+    for name in config["run"]:
+        fitted = [v for v in variants(config, name) if config["methods"][naming.base(v)]["kind"] == "least_squares"]
+        experiments.append({"name": name, **tabulate(config, name), "least_squares": fitted})
+    return {"experiments": experiments} | {key: config[key] for key in ("preset", "seeds", "device")}
+
+
 def windows(config: Mapping, experiment: str) -> dict:
     """What the studies of single windows say: alarm and distance."""
     one = config["experiments"][experiment]

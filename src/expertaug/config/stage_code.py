@@ -49,6 +49,7 @@ STAGES = {
     "compare": "expertaug.evaluation.published",
     "dissipation": "expertaug.evaluation.dissipation",
     "overview": "expertaug.evaluation.overview",
+    "report": "expertaug.evaluation.report.page",
 }
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 DASH = "–"
 DRAWN = (".png", ".pdf")
+KNOWN_FORM = "F_a of known form, which does not compete:"  # a title over rows
 RUNAWAYS_NOTE = (
     "Runaways: forecasts that leave ten times the training set's largest values, or have no solution; they count with "
     "the error that they have at that bound."

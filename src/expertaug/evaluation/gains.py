@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from expertaug.evaluation.intervals import Interval
-from expertaug.evaluation.samples import Samples
 from expertaug.labels import CONTROL, ESTIMATOR, is_augmented, parse
+
+if TYPE_CHECKING:
+    from expertaug.evaluation.intervals import Interval
+    from expertaug.evaluation.samples import Samples
 
 # Only the first is a gain of augmentation: an augmented version was also trained for longer than its base.
 OVER_CONTROL, FROM_BASE = "gain over control", "difference from base"

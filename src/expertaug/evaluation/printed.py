@@ -10,6 +10,7 @@ import pandas as pd
 from expertaug.evaluation import gains
 from expertaug.evaluation.formats import (
     DASH,
+    KNOWN_FORM,
     RUNAWAYS_NOTE,
     cell_tex,
     cell_text,
@@ -25,7 +26,6 @@ from expertaug.evaluation.summary import CONVENTIONS, RUNAWAYS, has_runaways, or
 
 Column = tuple[str, str]  # set and metric
 BEST = "Bold: the best of each column, and those that are not told apart from it."
-KNOWN_FORM = "F_a of known form, which does not compete:"
 
 
 @dataclass(frozen=True)

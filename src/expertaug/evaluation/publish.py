@@ -11,12 +11,10 @@ from pathlib import Path
 import yaml
 
 from expertaug.errors import InputError
-from expertaug.evaluation import costs
+from expertaug.evaluation import costs, run_record
 from expertaug.evaluation.plot import NAMES
 from expertaug.evaluation.studies import KINDS
 from expertaug.files import read_json, write_json, write_text
-from expertaug.tracking import provenance
-from expertaug.tracking.log_file import read_log
 
 REPOSITORY = Path(__file__).parents[3]
 RECORD = "provenance.json"
@@ -109,17 +107,7 @@ def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
     write_text(new / "config.yaml", yaml.safe_dump(settings, sort_keys=False, allow_unicode=True))
     record = {
         "command": command,
-        "git_revisions": _revisions(results),
-        "versions": provenance.versions(),
-        "machine": provenance.machine(),
-        "job_seconds": round(sum(cost.seconds for cost in measured.values())),
-        "peak_memory_mb": round(max((cost.peak_memory_mb for cost in measured.values()), default=0)),
+        **run_record.of_run(results, measured),
         "files": sorted([RECORD, *(str(path.relative_to(new)) for path in new.rglob("*") if path.is_file())]),
     }
     write_json(new / RECORD, record)
-
-
-def _revisions(results: Path) -> list[str]:
-    """Git revisions of the code that trained and fine-tuned, as its logs say."""
-    logs = [read_log(path) for path in sorted(results.rglob("log.jsonl"))]
-    return sorted({log.header["tags"].get("git_revision", "unknown") for log in logs})

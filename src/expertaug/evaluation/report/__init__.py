@@ -1,0 +1,1 @@
+"""One page of a run that reads like the results section of a paper."""

@@ -1,0 +1,157 @@
+"""The stage report: tables, figures, costs and provenance of a run on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+import jinja2
+import pandas as pd
+
+from expertaug.evaluation import costs, run_record
+from expertaug.evaluation.gains import CAPTION as GAINS
+from expertaug.evaluation.report import headline, record, tables
+from expertaug.evaluation.report.cells import Table
+from expertaug.evaluation.report.shown import Shown
+from expertaug.evaluation.summary import experiment_title
+from expertaug.files import write_text
+from expertaug.tracking import provenance
+
+TEMPLATE = Path(__file__).with_name("page.html")
+RECORDINGS, OVERALL = "Recordings", "All experiments"
+
+
+@dataclass(frozen=True)
+class Block:
+    """A figure or a table with its number and its caption.
+
+    Attributes:
+        name: "Figure 3".
+        title: a few words.
+        caption: in full.
+        picture: a figure's data URI, and its width and height in px.
+        table: a table's cells.
+        folded: whether it is shown only when it is asked for.
+    """
+
+    name: str
+    title: str
+    caption: str
+    picture: tuple[str, int, int] | None = None
+    table: Table | None = None
+    folded: bool = False
+
+
+class Numbers:
+    """Gives figures and tables their numbers, in the order of the page."""
+
+    def __init__(self) -> None:
+        self._next = {"Figure": count(1), "Table": count(1)}
+
+    def figure(self, title: str, caption: str, picture: tuple[str, int, int], folded: bool = False) -> Block:
+        return Block(f"Figure {next(self._next['Figure'])}", title, caption, picture, folded=folded)
+
+    def table(self, title: str, caption: str, table: Table, folded: bool = False) -> Block:
+        return Block(f"Table {next(self._next['Table'])}", title, caption, table=table, folded=folded)
+
+
+def report(results: Path, output: Path, settings: Mapping) -> None:
+    """Write the page: one HTML file that needs no other.
+
+    Arguments:
+        results: the results folder of a finished run.
+        output: the file.
+        settings: {shown, experiments, files, preset, seeds, device}: ``shown`` are the files to show, as
+            :class:`expertaug.evaluation.report.shown.Shown` has them; ``experiments`` what
+            :func:`expertaug.evaluation.tables.tabulate` takes of each, with its name and its versions of
+            ``least_squares``; ``files`` the configuration's.
+
+    Raises:
+        InputError: a table, a figure or a caption is missing or broken.
+    """
+    results, numbers = Path(results), Numbers()
+    shown = [Shown(**one) for one in settings["shown"]]
+    experiments = [
+        (tables.read_long(results / f"tables/{one['name']}_long.csv"), one) for one in settings["experiments"]
+    ]
+    first = numbers.table("Headline numbers", headline.CAPTION, headline.table(experiments))
+    sections = [(OVERALL, _blocks(numbers, [one for one in shown if _room(one) == OVERALL], results, settings))]
+    for long, one in experiments:
+        own = [s for s in shown if s.experiment == one["name"] and s.stem != one["name"]]
+        caption = next((s.text(settings) for s in shown if s.stem == one["name"]), "")
+        blocks = _of_experiment(numbers, long, one, caption) + _blocks(numbers, own, results, settings, one)
+        sections.append((experiment_title(one["name"], one), blocks))
+    sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, settings)))
+    measured = costs.of_run(results / "benchmarks")
+    found = run_record.of_run(results, measured)
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+        title=f"Results of {', '.join(experiment_title(one['name'], one) for _, one in experiments)}",
+        sentences=[headline.sentence(*one) for one in experiments],
+        headline=first,
+        sections=[(title, blocks) for title, blocks in sections if blocks],
+        costs=record.costs_by_stage(measured) if measured else None,
+        record=found,
+        provenance=record.provenance(found, settings, provenance.revision()),
+    )
+    write_text(output, page)
+
+
+def _of_experiment(numbers: Numbers, long: pd.DataFrame, settings: Mapping, caption: str) -> list[Block]:
+    """Tables of an experiment: its metrics, the gains of augmented versions, and the other metrics."""
+    blocks = [numbers.table("Metrics", caption, tables.main(long, settings))]
+    if gained := tables.gains(long, settings):
+        blocks.append(
+            numbers.table("Gains", f"{GAINS.partition(' bold')[0]} {tables.STAR}: told apart from 0.", gained)
+        )
+    more = tables.further(long, settings)
+    if more.size:
+        said = f"All other metrics, of the same runs as {blocks[0].name}."
+        blocks.append(numbers.table("Further metrics", said, more, folded=True))
+    return blocks
+
+
+def _blocks(
+    numbers: Numbers, shown: Sequence[Shown], results: Path, config: Mapping, settings: Mapping | None = None
+) -> list[Block]:
+    """Figures, each with its table folded below it, and then tables that have no figure."""
+    blocks: list[Block] = []
+    of_figures = {one.stem: one for one in shown if not one.is_figure}
+    for one in sorted(shown, key=lambda one: not one.is_figure):
+        if one.is_figure:
+            figure = numbers.figure(one.title, one.text(config), one.picture(results), "recording" in one.wildcards)
+            blocks.append(figure)
+            if one.stem in of_figures:
+                said = f"The numbers of {figure.name}, means over seeds; every digit is in {of_figures[one.stem].csv}."
+                blocks.append(_table(numbers, of_figures[one.stem], results, config, said, settings, folded=True))
+        elif one.stem not in {block.stem for block in shown if block.is_figure}:
+            blocks.append(_table(numbers, one, results, config, one.text(config), settings))
+    return blocks
+
+
+def _table(
+    numbers: Numbers,
+    one: Shown,
+    results: Path,
+    config: Mapping,
+    caption: str,
+    settings: Mapping | None,
+    folded: bool = False,
+) -> Block:
+    path = results / one.csv
+    if one.stem == "published":
+        table = tables.published(path, {e["name"]: experiment_title(e["name"], e) for e in config["experiments"]})
+    elif _room(one) == RECORDINGS:
+        table = tables.recordings(path)
+    else:
+        table = tables.of_file(path, settings or {})
+    return numbers.table(one.title, caption, table, folded)
+
+
+def _room(one: Shown) -> str | None:
+    """The section of what is not of one experiment."""
+    if one.experiment is not None:
+        return None
+    return RECORDINGS if one.path.startswith("recordings/") else OVERALL

@@ -1,0 +1,202 @@
+"""The report page: its numbers come first and from the tables, and nothing is on it without a caption."""
+
+from __future__ import annotations
+
+import re
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from fake_runs import method_of, pairs, write_metrics
+from matplotlib.figure import Figure
+
+from expertaug import plotting
+from expertaug.errors import InputError
+from expertaug.evaluation.costs import Cost
+from expertaug.evaluation.report import headline, record, tables
+from expertaug.evaluation.report.page import report
+from expertaug.evaluation.report.shown import Shown
+from expertaug.evaluation.tables import tabulate
+
+CAPTIONS = Path(__file__).parents[2] / "workflow" / "report"
+FIGURES = ("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
+READING = {"convention": "sum", "title": "a swing <b>&", "set_titles": None, "from_s": None}
+
+
+class Page(HTMLParser):
+    """What a page holds: tags with their attributes, and whether all were closed."""
+
+    VOID = ("meta", "img", "br")
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict]] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def of(self, tag: str) -> list[dict]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+@pytest.fixture
+def run(tmp_path):
+    """The results folder of a made-up run, and the settings of its report."""
+    settings = {**READING, "labels": pairs()["labels"]}
+    outputs = [tmp_path / "tables" / name for name in ("swing.csv", "swing_long.csv", "swing.md")]
+    tabulate(write_metrics(tmp_path), outputs, settings)
+    alarms = pd.DataFrame({"method": ["mean"] * 2, "label": ["Mean"] * 2, "set": ["iid"] * 2, "seed": [0, 1]})
+    alarms.assign(auroc=[0.5, 0.7]).to_csv(tmp_path / "tables" / "swing_alarm.csv", index=False)
+    shown = [_shown("tables/swing.md", "table", "swing")]
+    for name in (*FIGURES, "alarm"):
+        plotting.save(Figure(figsize=(1, 1)), tmp_path / f"figures/swing_{name}.png")
+        caption = "windows" if name == "alarm" else name
+        shown.append(_shown(f"figures/swing_{name}.png", caption, name.replace("_", " "), window_study="alarm"))
+    shown.append(_shown("tables/swing_alarm.md", "windows", "alarm", window_study="alarm"))
+    (tmp_path / "benchmarks" / "train").mkdir(parents=True)
+    (tmp_path / "benchmarks" / "train" / "swing.tsv").write_text("s\tmax_rss\n61.2\t300\n")
+    experiment = {"name": "swing", **settings, "floors": [], "known_form": [], "least_squares": []}
+    told = {"preset": "corrected", "seeds": [0, 1, 2], "device": "cpu", "files": ["my.yaml"]}
+    return tmp_path, {"shown": shown, "experiments": [experiment], **told}
+
+
+def _shown(path: str, caption: str, title: str, **wildcards: str) -> dict:
+    named = {"experiment": "swing", **wildcards}
+    return {"path": path, "caption": str(CAPTIONS / f"{caption}.rst"), "wildcards": named, "title": title}
+
+
+def test_the_page_has_every_figure_and_table_under_its_caption(run):
+    results, settings = run
+    report(results, results / "report.html", settings)
+    text = (results / "report.html").read_text()
+    page = Page(text)
+    assert page.open == [] and len(page.of("table")) == len(page.of("thead")) == 6  # with costs and provenance
+    identities = [one["id"] for _, one in page.tags if "id" in one]
+    assert len(set(identities)) == len(identities)
+    pictures = page.of("img")
+    assert len(pictures) == len(FIGURES) + 1
+    assert all(one["alt"] and one["aria-describedby"] in identities for one in pictures)
+    assert all(one["src"].startswith("data:image/png;base64,") and int(one["width"]) > 9 for one in pictures)
+    assert all("scope" in one for one in page.of("th"))
+    assert all(one["href"][1:] in identities for one in page.of("a"))
+    for name in FIGURES:
+        caption = " ".join((CAPTIONS / f"{name}.rst").read_text().split())
+        assert caption.replace("{{ snakemake.wildcards.experiment }}", "swing") in " ".join(unescape(text).split())
+    for said in ("Hybrid+ is best by validation", "my.yaml", "1 min 01 s", "0.6</td>"):  # the mean of two seeds
+        assert said in text
+
+
+def test_names_are_escaped(run):
+    results, settings = run
+    report(results, results / "report.html", settings)
+    text = (results / "report.html").read_text()
+    assert "swing &lt;b&gt;&amp;" in text and "<b>&" not in text
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("tables/swing_long.csv", "no such file; run the workflow to its end first"),
+        ("tables/swing_alarm.csv", "no such file; run the workflow to its end first"),
+        ("figures/swing_curves.png", "no such file; run the workflow to its end first"),
+    ],
+)
+def test_a_missing_file_is_one_clear_line_and_no_page(run, file, said):
+    results, settings = run
+    (results / file).unlink()
+    with pytest.raises(InputError, match=f"{file}: {said}"):
+        report(results, results / "report.html", settings)
+    assert not (results / "report.html").exists()
+
+
+@pytest.mark.parametrize("path", sorted(CAPTIONS.glob("*.rst")), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "wildcards",
+    [
+        {"study": "out_of_expertise", "window_study": "alarm"},
+        {"study": "during_training", "window_study": "coverage"},
+        {"study": "prior_width", "window_study": "distance"},
+        {"study": "horizons", "window_study": "alarm"},
+    ],
+    ids=lambda one: one["study"],
+)
+def test_captions_are_plain_sentences(path, wildcards):
+    named = {"experiment": "swing", "recording": "r0", **wildcards}
+    text = Shown("figures/x.png", str(path), named, "x").text({"preset": "corrected"})
+    assert text.endswith(".") and not re.search(r"[`*{}]|::|\.\. |None", text), "shown as they are, not as markup"
+
+
+def test_a_caption_that_names_what_it_is_not_given_is_refused(tmp_path):
+    (tmp_path / "c.rst").write_text("{{ snakemake.wildcards.recording }}")
+    with pytest.raises(InputError, match=r"no caption for figures/x\.png"):
+        Shown("figures/x.png", str(tmp_path / "c.rst"), {"experiment": "swing"}, "x").text({})
+
+
+def long_table(**validation: float) -> pd.DataFrame:
+    """A long table: the log-MSE of versions on the validation set; on the test set the order is reversed."""
+    rows = [
+        {"experiment": "swing", "method": method, "label": method, "set": name, "metric": "log_mse_sum"}
+        | {"mean": sign * score, "std": 0.1, "n": 2, "of": 2, "seeds": "0 1", "low": sign * score - 1, "high": 9.0}
+        for method, score in validation.items()
+        for name, sign in (("validation", 1), ("test", -1))
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_the_validation_set_alone_chooses_what_is_shown_first():
+    scores = {"truth": -9.0, "known": -8.0, "least_squares": -1.0, "a": -3.0, "a=": -2.0, "a+": -4.0, "b+": 0.0}
+    long = long_table(**scores, **{"a+~refined": -5.0})
+    settings = {"convention": "sum", "floors": ["truth"], "known_form": ["known"], "least_squares": ["least_squares"]}
+    rows = dict(headline.chosen(long, settings))
+    assert rows == {
+        "a+~refined": "best by validation",
+        "a+": "best + by validation",
+        "a=": "its control",
+        "a": "its base",
+        "least_squares": "least squares",
+        "truth": "floor",
+    }
+    other = long.assign(mean=long["mean"].where(long["set"] == "validation", 0.0))
+    assert dict(headline.chosen(other, settings)) == rows
+    long.loc[(long["method"] == "a+~refined") & (long["set"] == "validation"), "n"] = 1
+    assert headline.chosen(long, settings)[0] == ("a+", "best by validation, best + by validation")
+
+
+def test_a_gain_carries_a_star_where_it_is_told_apart():
+    cell = {"metric": "log_mse_sum", "gain": 0.5, "gain_low": 0.2, "gain_high": 0.8}
+    assert tables.gain(cell) == "0.50* [0.20, 0.80]"
+    assert tables.gain(cell | {"gain_low": -0.1}) == "0.50 [−0.10, 0.80]"
+    assert tables.gain(cell | {"gain": float("nan")}) == tables.gain(None) == ""
+
+
+def test_the_main_table_is_that_of_the_csv_file(run):
+    results, settings = run
+    long = tables.read_long(results / "tables/swing_long.csv")
+    found = tables.main(long, {**settings["experiments"][0], "known_form": [method_of("ML only")]})
+    (_, rivals), (title, known) = found.parts
+    assert title == "F_a of known form, which does not compete" and [row[0] for row in known] == ["ML only"]
+    one = long[(long["label"] == "Hybrid") & (long["set"] == "test") & (long["metric"] == "log_mse_sum")].iloc[0]
+    row = next(row for row in rivals if row[0] == "Hybrid")
+    over = [""] * found.names + [title for title, width in found.spans for _ in range(width)]
+    column = next(k for k, (above, name) in enumerate(zip(over, found.head, strict=True)) if "test" in above)
+    assert found.head[column] == "log-MSE" and row[1] == "3"
+    assert row[column] == f"{one['mean']:.2f} ± {one['std']:.2f}".replace("-", "−")
+
+
+def test_costs_are_summed_by_stage_the_dearest_first():
+    costs = {"evaluate/a": Cost(30, 100), "train/a": Cost(3600, 900), "train/b": Cost(60, 0)}
+    ((_, rows),) = record.costs_by_stage(costs).parts
+    assert rows == [
+        ["train", "2", "1 h 01 min", "1 h 00 min", "900"],
+        ["evaluate", "1", "30 s", "30 s", "100"],
+        ["all", "3", "1 h 01 min", "1 h 00 min", "900"],
+    ]
