@@ -32,32 +32,31 @@ def assert_nothing_is_cut(figure):
         assert not any(legend.get_window_extent(renderer).overlaps(box) for box in inside)
 
 
-def test_bars_have_the_means_as_heights(tmp_path, drawn):
+def test_dots_are_at_the_means(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
-    figures.bars(metrics, tmp_path / "bars", pairs())
+    figures.log_mse(metrics, tmp_path / "dots", pairs())
     table = pd.concat(map(pd.read_csv, metrics)).query("metric == 'log_mse_sum'")
-    heights = sorted(bar.get_height() for bar in drawn[-1].axes[0].patches)
-    assert heights == pytest.approx(sorted(table.groupby(["label", "set"])["value"].mean()))
+    axis = drawn[-1].axes[0]
+    marks = [line for line in axis.lines if not line.get_label().startswith("_")]  # the ends of an error bar have none
+    places = sorted(line.get_xdata()[0] for line in marks)
+    assert places == pytest.approx(sorted(table.groupby(["label", "set"])["value"].mean()))
     errors = table.groupby(["label", "set"])["value"].std()
-    drawn_errors = [np.ptp(c.get_segments()[0][:, 1]) / 2 for c in drawn[-1].axes[0].collections]
+    drawn_errors = [np.ptp(c.get_segments()[0][:, 0]) / 2 for c in axis.collections]
     assert sorted(drawn_errors) == pytest.approx(sorted(errors))
-    assert (tmp_path / "bars.pdf").read_bytes().startswith(b"%PDF")
-    assert imread(tmp_path / "bars.png").std() > 0.1
+    assert (tmp_path / "dots.pdf").read_bytes().startswith(b"%PDF")
+    assert imread(tmp_path / "dots.png").std() > 0.1
     assert_nothing_is_cut(drawn[-1])
 
 
 def test_where_there_is_an_iid_test_set_figures_leave_validation_out(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
-    figures.bars(metrics, tmp_path / "without", pairs())
+    figures.log_mse(metrics, tmp_path / "without", pairs())
     for path in metrics:
         table = pd.read_csv(path)
         pd.concat([table, table[table["set"] == "validation"].assign(set="iid")]).to_csv(path, index=False)
-    figures.bars(metrics, tmp_path / "with", pairs())
-    ticks = [[tick.get_text() for tick in figure.axes[0].get_xticklabels()] for figure in drawn]
-    assert ticks == [
-        ["train", "validation\n(set of choices)", "test\n(OOD)"],
-        ["train", "IID test", "test\n(OOD)"],
-    ]
+    figures.log_mse(metrics, tmp_path / "with", pairs())
+    entries = [[text.get_text() for text in figure.legends[0].get_texts()] for figure in drawn]
+    assert entries == [["train", "validation (set of choices)", "test (OOD)"], ["train", "IID test", "test (OOD)"]]
     assert_nothing_is_cut(drawn[-1])
 
 
@@ -71,19 +70,19 @@ def test_several_experiments_and_long_labels_fit(tmp_path, drawn, monkeypatch, s
     labels = [*LABELS, name, "Other+"]
     metrics = write_metrics(tmp_path, labels=labels, seeds=seeds)
     for number, paths in enumerate((metrics, metrics + write_metrics(tmp_path, "double_swing", seeds, labels))):
-        figures.bars(paths, [tmp_path / f"{number}.png"])
+        figures.log_mse(paths, [tmp_path / f"{number}.png"])
         assert_nothing_is_cut(drawn[-1])
         figures.parameter_errors(paths, [tmp_path / f"{number}.png"])
         assert_nothing_is_cut(drawn[-1])
     assert [axis.get_title() for axis in drawn[-1].axes][:2] == [r"swing: $\omega_{0}$", r"double swing: $\omega_{1}$"]
 
 
-def test_bars_of_a_method_without_finite_values(tmp_path, drawn):
+def test_dots_of_a_method_without_finite_values(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
     table = pd.read_csv(metrics[0])
     table["value"] = np.inf
     table.to_csv(metrics[0], index=False)
-    figures.bars(metrics, [tmp_path / "bars.png"])
+    figures.log_mse(metrics, [tmp_path / "dots.png"])
     assert sum(text.get_text() == "not finite" for text in drawn[-1].axes[0].texts) == 3
     assert_nothing_is_cut(drawn[-1])
 
@@ -91,7 +90,7 @@ def test_bars_of_a_method_without_finite_values(tmp_path, drawn):
 def test_same_numbers_make_the_same_files(tmp_path):
     metrics = write_metrics(tmp_path)
     for name in ("a", "b"):
-        figures.bars(metrics, tmp_path / name)
+        figures.log_mse(metrics, tmp_path / name)
     for suffix in (".png", ".pdf"):
         assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
@@ -222,11 +221,11 @@ def test_bad_input(tmp_path):
     metrics, paths = write_metrics(tmp_path / "m"), write_forecasts(tmp_path / "f")
     output = tmp_path / "x.png"
     with pytest.raises(InputError, match=r"suffix '\.svg'"):
-        figures.bars(metrics, [tmp_path / "x.svg"])
+        figures.log_mse(metrics, [tmp_path / "x.svg"])
     other = pd.read_csv(metrics[0]).query("set == 'test'").assign(set="held_out")
     other.to_csv(tmp_path / "other.csv", index=False)
     with pytest.raises(InputError, match="no log_mse_sum on train, validation, iid, test"):
-        figures.bars([tmp_path / "other.csv"], output)
+        figures.log_mse([tmp_path / "other.csv"], output)
     with pytest.raises(InputError, match="no seed 9; it has 0, 1"):
         traces.forecasts(paths, output, {"seed": 9})
     with pytest.raises(InputError, match="no set 'held_out'"):

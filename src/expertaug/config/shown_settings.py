@@ -12,6 +12,7 @@ from expertaug.config.grid import points
 from expertaug.config.jobs import horizons, label, studied, variants
 from expertaug.config.methods import experiment_of
 
+TRACED = 6  # lines of one figure
 # Keys of an evaluation that say how its numbers are read.
 READING = ("convention", "set_titles", "title")
 
@@ -87,6 +88,30 @@ def tabulate(config: Mapping, experiment: str) -> dict:
     return {"labels": _labels(config, named), "floors": floors, "known_form": known, **reading(config, experiment)}
 
 
+def _traced(config: Mapping, experiment: str) -> list[str]:
+    """As many versions as can be told apart in a figure of lines: the classical estimator, the hybrids with and without
+    augmentation, then refined ones, then what is left."""
+    named, builds = variants(config, experiment), config["methods"]
+
+    def rank(variant: str) -> int:
+        build, found = builds[naming.base(variant)], naming.parse(variant)
+        if build.get("known_form") or build.get("truth") or build["kind"] == "mean" or found.prior:
+            return 4
+        if build["kind"] == "least_squares":
+            return 0 if variant == next(v for v in named if builds[naming.base(v)]["kind"] == "least_squares") else 4
+        if build.get("expert") is False or build.get("interaction") is False:
+            return 3
+        if naming.is_control(variant):
+            return 3
+        return 2 if found.estimators else 0 if naming.base(variant) in _augmented(config, experiment) else 1
+
+    return sorted(sorted(named, key=rank)[:TRACED], key=named.index)
+
+
+def _augmented(config: Mapping, experiment: str) -> list[str]:
+    return config["experiments"][experiment]["augmented"]
+
+
 def plot(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
     one = config["experiments"][experiment]
@@ -97,6 +122,8 @@ def plot(config: Mapping, experiment: str) -> dict:
     return {
         "labels": _labels(config, variants(config, experiment)),
         "all_methods": all_methods(config),
+        "traced": _traced(config, experiment),
+        "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
         **reading(config, experiment),
         "training_range": one["data"]["sets"]["train"]["z_e"] if one["data"]["source"] == "simulation" else {},
         "priors": priors,

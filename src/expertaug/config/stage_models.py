@@ -162,6 +162,8 @@ class Plot(Tabulate):
     """The figures of an experiment."""
 
     all_labels: list[str] = key(..., "of every method of the configuration")
+    traced: list[str] = key(..., "versions that figures of lines and points show")
+    floor: str | None = key(None, "version of the true equation, where there is one")
     training_range: dict[str, Range] = key(..., "of the expert parameters")
     priors: dict[str, dict[str, Range]] = key(..., "p⁺ of each method")
 

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation import unknown_parameters
-from expertaug.evaluation.bars import Panel, draw_bars
+from expertaug.evaluation.dots import Panel, draw_dots
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import (
     CONVENTIONS,
@@ -32,14 +32,15 @@ POINTS = 200  # of one set and seed in a scatter plot
 MARGIN = 0.12  # of an axis beyond the ranges that it shows
 
 
-def bars(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
-    """Draw the log-MSE of every method on every set: mean over seeds, standard deviation as error bar, seeds as dots.
+def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+    """Draw the log-MSE of every method on every set: mean over seeds, standard deviation as error bar.
 
     Arguments:
         metrics: metrics.csv of every method and group of seeds; several experiments become panels.
         outputs: .png or .pdf files, or one path without suffix for both.
         settings: all optional: ``convention`` ("sum" or "dim"), ``all_methods`` (those of the configuration, in order),
-            ``set_titles`` (how sets are printed), ``title`` (of a single experiment).
+            ``set_titles`` (how sets are printed), ``title`` (of a single experiment), ``floor`` (the version of the
+            true equation).
 
     Raises:
         InputError: a file is broken or has no such metric.
@@ -53,11 +54,11 @@ def bars(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapp
         for name, part in table.groupby("experiment", sort=False)
     ]
     title = f"log-MSE, squared error {CONVENTIONS[convention]}"
-    draw_bars(panels, outputs, settings, "log-MSE (lower is better)", title)
+    draw_dots(panels, outputs, settings, "log-MSE (lower is better)", title)
 
 
 def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
-    """Draw the relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`bars`.
+    """Draw the relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`log_mse`.
 
     Where no method estimates parameters the figure says so.
     """
@@ -75,7 +76,7 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], se
         name = experiment_title(experiment, settings)
         panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, settings))
     title = "relative error of the expert parameters"
-    draw_bars(panels, outputs, settings, "relative error [%] (lower is better)", title)
+    draw_dots(panels, outputs, settings, "relative error [%] (lower is better)", title, logarithmic=True)
 
 
 def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
@@ -83,7 +84,7 @@ def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], se
 
     Arguments:
         forecasts: forecasts.npz by method; methods that estimate nothing are left out.
-        outputs: as in :func:`bars`; where no method estimates anything the figure says so.
+        outputs: as in :func:`log_mse`; where no method estimates anything the figure says so.
         settings: all optional: ``labels`` (pairs of a method and what is printed for it), ``all_methods`` (those of the
             configuration, in order), ``training_range`` as {parameter: [low, high]}, ``priors`` (p⁺) as the same by
             method, ``set_titles``; without a training range that of the file's training values is shaded, and where it

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug import plotting
-from expertaug.evaluation.bars import Panel, draw_bars
+from expertaug.evaluation.dots import Panel, draw_dots
 from expertaug.evaluation.summary import CONVENTIONS, experiment_title, in_domain, log_mse_name, read_metrics
 from expertaug.labels import paired
 
@@ -38,12 +38,12 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
             part = _shown(table, one["name"], log_mse_name(one["convention"]))
             panels.append(Panel(f"{_title(one)} ({how})", part, one))
         note = "log-MSE, squared error summed or averaged over the observed dimensions"
-        draw_bars(panels, folder / "log_mse", shared, "log-MSE (lower is better)", note)
+        draw_dots(panels, folder / "log_mse", shared, "log-MSE", note)
         panels = [Panel(_title(one), _shown(table, one["name"], "relative_error"), one) for one in shown]
         panels = [panel for panel in panels if len(panel.table)]
         if panels:
             note = "mean relative error of the expert parameters"
-            draw_bars(panels, folder / "parameter_errors", shared, "relative error [%] (lower is better)", note)
+            draw_dots(panels, folder / "parameter_errors", shared, "relative error [%]", note, logarithmic=True)
         else:
             plotting.save_note("no method estimates parameters", folder / "parameter_errors")
     panels = [
@@ -53,7 +53,7 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
     ]
     if panels:
         note = "log-MSE where the interaction's parameters are shifted as well"
-        draw_bars(panels, folder / "za_shifted", shared, "log-MSE (lower is better)", note)
+        draw_dots(panels, folder / "za_shifted", shared, "log-MSE", note)
 
 
 def _shown(table: pd.DataFrame, experiment: str, metric: str, sets: Sequence[str] = ()) -> pd.DataFrame:

@@ -19,9 +19,10 @@ def plot(
         metrics: metrics.csv of every method and group of seeds.
         forecasts: forecasts.npz of one group of seeds of each method, in the order of ``settings["labels"]``.
         logs: log.jsonl of every trained method and group of seeds.
-        settings: {labels, all_methods, convention, set_titles, title, training_range, priors}: pairs of this
-            experiment's methods and their labels, in order; all methods of the configuration, which fix the colours;
-            ranges of the expert parameters where they are known, else empty; priors by method.
+        settings: {labels, all_methods, traced, floor, convention, set_titles, title, training_range, priors}: pairs of
+            this experiment's methods and their labels, in order; all methods of the configuration, which fix the
+            colours; the versions that figures of lines and of points show; that of the true equation, or null; ranges
+            of the expert parameters where they are known, else empty; priors by method.
 
     Raises:
         InputError: a file is missing or broken.
@@ -30,12 +31,14 @@ def plot(
     by_method = dict(zip(labels, forecasts, strict=True))
     ranges = {key: settings[key] for key in ("training_range", "priors") if settings[key]}
     shared = {k: settings[k] for k in ("labels", "all_methods", "set_titles", "title")}
+    floor, traced = {"floor": settings["floor"]}, {m: by_method[m] for m in settings["traced"]}
+    rest = {"left_out": len(by_method) - len(traced)}
 
     def output(name: str) -> Path:
         return Path(f"{prefix}_{name}")
 
-    figures.bars(metrics, output("log_mse"), shared | {"convention": settings["convention"]})
+    figures.log_mse(metrics, output("log_mse"), shared | floor | {"convention": settings["convention"]})
     figures.parameter_errors(metrics, output("parameter_errors"), shared)
-    figures.parameters(by_method, output("parameters"), shared | ranges)
-    traces.forecasts(by_method, output("forecasts"), shared)
+    figures.parameters(traced, output("parameters"), shared | ranges)
+    traces.forecasts(traced, output("forecasts"), shared | rest)
     traces.curves(logs, output("curves"), shared)

@@ -16,7 +16,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation import fields
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import experiment_title, set_title
-from expertaug.labels import is_augmented, ordered
+from expertaug.labels import is_augmented, is_flow, ordered
 from expertaug.tracking.log_file import Log, read_log
 
 TRUTH = "0.05"
@@ -37,7 +37,8 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
         outputs: .png or .pdf files, or one path without suffix for both.
         settings: all optional: ``labels`` (pairs of a method and what is printed for it), ``all_methods`` (those of the
             configuration, in order), ``set`` (default "test"), ``samples`` (positions among those kept; default the
-            first three), ``seed`` (default the first that could be trained), ``set_titles``.
+            first three), ``seed`` (default the first that could be trained), ``set_titles``, ``left_out`` (how many
+            versions are not drawn).
 
     Raises:
         InputError: a file is broken, holds other samples than the first one, or lacks the set, the seed or a sample.
@@ -75,7 +76,7 @@ def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts:
         for row, dimension in enumerate(dimensions):
             for axis, sample in zip(grid[row], samples, strict=True):
                 axis.axvspan(first.t[0], first.t[first.observed], color="0.92", linewidth=0, zorder=0)
-                line = {"color": TRUTH, "linewidth": 1.9, "marker": "." if gaps else "", "zorder": 2}
+                line = {"color": TRUTH, "linewidth": 1.0, "marker": "." if gaps else "", "markersize": 3, "zorder": 5}
                 axis.plot(first.t, first.truth[name][sample, :, dimension], **line)
                 for method in methods:
                     place = _seed_position(forecasts[method], found[method], seed)
@@ -95,13 +96,16 @@ def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts:
             grid[row, 0].set_ylabel(plotting.quantity(first.state_names[dimension], first.state_units[dimension]))
         grid[0, 0].set_xlim(first.t[0], first.t[-1])
         figure.align_ylabels(grid[:, 0])
-        handles = [Line2D([], [], color=TRUTH, linewidth=1.9, label="measured" if gaps else "truth")]
+        handles = [Line2D([], [], color=TRUTH, linewidth=1.0, label="measured" if gaps else "truth")]
         handles += _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.92", label="observed window"))
         if any(name in one.band for one in found.values()):
             handles.append(Patch(facecolor="0.5", alpha=0.2, label="90 % band, where a method has one"))
         plotting.legend(figure, handles)
-        plotting.heading(figure, plotting.text(f"forecasts on the {set_title(name, settings)} set, seed {seed}"))
+        words = f"forecasts on the {set_title(name, settings)} set, seed {seed}"
+        if settings.get("left_out"):
+            words += f"; {settings['left_out']} further versions are in the tables"
+        plotting.heading(figure, plotting.text(words))
     return figure
 
 
@@ -122,6 +126,8 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
     found: dict[str, dict[str, list[Log]]] = {}
     for path in logs:
         log = read_log(path)
+        if is_flow(log.header["method"]):  # its loss and its score are densities
+            continue
         labels[log.header["method"]] = log.header["label"]
         found.setdefault(log.header["experiment"], {}).setdefault(log.header["method"], []).append(log)
     known = {key for group in found.values() for logs in group.values() for log in logs for s in log.steps for key in s}
@@ -185,11 +191,13 @@ def _curve(axis: Axes, logs: Sequence[Log], metric: str, colour: tuple, dash: ob
 
 
 def _scale(axis: Axes) -> None:
-    """A logarithmic axis where all values are positive and span more than a factor of 30."""
+    """A logarithmic axis where values span more than a factor of 30, linear about zero where some are not positive."""
     values = np.concatenate([line.get_ydata() for line in axis.lines] or [np.array([])])
     values = values[np.isfinite(values)]
     if len(values) and values.min() > 0 and values.max() / values.min() > 30:
         axis.set_yscale("log")
+    elif len(values) and values.min() <= 0 and values.max() > 30 * (typical := max(np.median(np.abs(values)), 1.0)):
+        axis.set_yscale("symlog", linthresh=typical)
 
 
 def _check_same(paths: Mapping[str, object], found: Mapping[str, Forecasts], name: str) -> None:

@@ -1,0 +1,125 @@
+"""Dots: a row for each version of a method, a mark for each set at the mean over seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from expertaug import plotting
+from expertaug.evaluation.summary import labels_of, order_sets, set_title, summarise
+from expertaug.labels import base, ordered
+
+ROW = 0.165  # inches
+# Sets of the training's domain are hollow; those beside the three of each experiment look like the test set.
+LOOKS = {"train": ("|", "none"), "validation": ("o", "white"), "iid": ("o", "white"), "test": ("D", "own")}
+APART = 0.17  # of two sets of one row, in rows
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel.
+
+    Attributes:
+        title: above it.
+        table: rows of metrics.csv, of one metric.
+        settings: ``set_titles`` (how the sets are printed; optional).
+    """
+
+    title: str
+    table: pd.DataFrame
+    settings: Mapping
+
+
+def draw_dots(
+    panels: Sequence[Panel],
+    outputs: Path | Sequence[Path],
+    settings: Mapping,
+    axis_label: str,
+    title: str,
+    logarithmic: bool = False,
+) -> None:
+    """Draw panels side by side that share their rows.
+
+    Arguments:
+        settings: ``all_methods`` (those of the configuration, in order), ``floor`` (a version at whose value on the
+            test set a line is drawn; optional).
+        axis_label: of the values.
+        title: above all panels; presets and number of seeds are added.
+        logarithmic: whether the values, all positive, are on such an axis.
+    """
+    everything = pd.concat([panel.table for panel in panels])
+    labels, all_methods = labels_of(everything), settings.get("all_methods", ())
+    methods = ordered(everything["method"], all_methods)
+    colours = plotting.colours(methods, all_methods)
+    columns = min(len(panels), 3)
+    rows = -(-len(panels) // columns)
+    with plotting.styled():
+        height = 0.75 + ROW * len(methods)
+        figure = plotting.new_figure(0.75 + rows * height, plotting.WIDTH if columns > 1 else 5.2)
+        grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+        for axis, panel in zip(grid.flat, panels, strict=False):
+            _panel(axis, panel, methods, colours, settings.get("floor"))
+            axis.set_title(panel.title)
+            if logarithmic:
+                axis.set_xscale("log")
+        for axis in grid.flat[len(panels) :]:
+            axis.set_axis_off()
+        figure.supxlabel(axis_label, fontsize=8)
+        grid[0, 0].set_ylim(len(methods) - 0.5, -0.5)
+        for axis in grid[:, 0]:
+            axis.set_yticks(range(len(methods)), [plotting.text(labels[m]) for m in methods])
+        presets = ", ".join(dict.fromkeys(everything["preset"]))
+        seeds = everything.groupby(["experiment", "method"])["seed"].nunique()
+        number = "1 seed" if set(seeds) == {1} else f"{seeds.min()} seeds" if seeds.nunique() == 1 else "all seeds"
+        number = number if number == "1 seed" else f"mean ± std over {number}"
+        plotting.heading(figure, f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}")
+        sets = order_sets(everything["set"])
+        handles = [_mark(name, "0.3", panels[0].settings) for name in sets]
+        if settings.get("floor") in methods:
+            text = f"{labels[settings['floor']]}, {set_title(sets[-1], panels[0].settings)}"
+            handles.append(Line2D([], [], color="0.35", linewidth=0.9, linestyle=":", label=text))
+        plotting.legend(figure, handles)
+        plotting.save(figure, outputs)
+
+
+def _mark(name: str, colour: object, settings: Mapping) -> Line2D:
+    marker, face = LOOKS.get(name, LOOKS["test"])
+    face = colour if face == "own" else face
+    look = {"marker": marker, "markersize": 4, "markerfacecolor": face, "markeredgecolor": colour}
+    return Line2D([], [], linestyle="", label=set_title(name, settings), **look)
+
+
+def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, floor: str | None) -> None:
+    part, sets = panel.table, order_sets(panel.table["set"])
+    values = summarise(part).set_index(["method", "set"])
+    if floor is not None and (floor, sets[-1]) in values.index:
+        axis.axvline(float(np.mean(values.loc[(floor, sets[-1]), "mean"])), color="0.35", linewidth=0.9, linestyle=":")
+    for row, method in enumerate(methods):
+        if row and base(method) != base(methods[row - 1]):
+            axis.axhline(row - 0.5, color="0.88", linewidth=0.6, zorder=0)
+        for place, name in enumerate(sets):
+            if (method, name) not in values.index:
+                continue
+            cell = values.loc[(method, name)]
+            cell = cell.iloc[0] if isinstance(cell, pd.DataFrame) else cell
+            y = row + (place - (len(sets) - 1) / 2) * APART
+            if cell["n"] == 0:
+                at = {"xycoords": ("axes fraction", "data"), "va": "center", "fontsize": 5.5, "color": "0.3"}
+                axis.annotate("not finite", (0.01 + 0.14 * place, row), **at)
+                continue
+            dark = tuple(0.75 * channel for channel in colours[method])
+            if cell["n"] > 1:
+                axis.errorbar(cell["mean"], y, xerr=cell["std"], color=dark, linewidth=0.9, capsize=1.5, zorder=3)
+            mark = _mark(name, dark, panel.settings)
+            mark.set_data([cell["mean"]], [y])
+            mark.set_zorder(5)
+            axis.add_line(mark)
+    axis.autoscale_view(scaley=False)
+    axis.tick_params(axis="y", length=0)
+    axis.grid(axis="x")
