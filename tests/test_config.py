@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 from pathlib import Path
@@ -591,3 +592,29 @@ def test_horizons_and_dissipation_of_recordings(base):
     assert "found 0.1; chunks end at 0.19 s already" in refused(
         base, "experiments: {double_pendulum: {data: {split: {horizons_s: [0.1]}}}}"
     )
+
+
+class TestCards:
+    """Jobs that compute on a card ask for it, and a run has one: no two of them are on it at a time."""
+
+    @pytest.mark.parametrize(
+        ("device", "driver", "usable", "asked"),
+        [("cpu", True, True, 0), ("cuda", False, False, 1), ("auto", False, True, 0), ("auto", True, True, 1)],
+    )
+    def test_a_job_asks_for_one_where_it_would_take_it(self, monkeypatch, tmp_path, device, driver, usable, asked):
+        monkeypatch.setattr(jobs, "DRIVERS", [tmp_path if driver else tmp_path / "none"])
+        monkeypatch.setattr("torch.cuda.is_available", lambda: usable)
+        assert jobs.cards({"device": device}) == asked
+
+    def test_every_rule_whose_stage_is_told_the_device_asks_for_a_card(self):
+        told = {name for name, value in vars(stage_settings).items() if inspect.isfunction(value)}
+        told = {name for name in told if '"device"' in inspect.getsource(getattr(stage_settings, name))} | {"flow"}
+        text = "".join(path.read_text() for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")))
+        asking = set()
+        for rule in re.split(r"^rule ", text, flags=re.M)[1:]:
+            if "gpu=GPUS" in rule:
+                asking |= set(re.findall(r"settings\(\s*\"(\w+)\"", rule))
+        assert asking == told
+
+    def test_a_run_on_one_machine_has_one(self):
+        assert "gpu=1" in yaml.safe_load((ROOT / "profiles" / "default" / "config.yaml").read_text())["resources"]
