@@ -15,8 +15,9 @@ from expertaug.learning import augmentation
 from expertaug.learning.augment import augment
 from expertaug.learning.bound import bound_of, bounded, solved, within
 from expertaug.learning.finetune import finetune
-from expertaug.learning.objectives import Aphynity, finite_forecast, mean_squared_error
+from expertaug.learning.objectives import Aphynity, finite_forecast
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import task_of
 from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer, TrainSettings

@@ -10,8 +10,9 @@ from expertaug.errors import InputError, SolveError
 from expertaug.learning import objectives
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.fitting import Trainer
-from expertaug.learning.objectives import finite_forecast, mean_squared_error
+from expertaug.learning.objectives import finite_forecast
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import task_of
 from expertaug.learning.train import train
 from expertaug.learning.trainer import TrainSettings

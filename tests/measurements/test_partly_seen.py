@@ -11,7 +11,7 @@ import expertaug as ea
 from expertaug.evaluation.metrics import parameter_errors, squared_errors
 from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_problem import assumed_noise
-from expertaug.learning.objectives import mean_squared_error, squares
+from expertaug.learning.squared_error import mean_squared_error, squares
 from expertaug.measurements.cut import measured, sets_of
 from expertaug.models.gaps import Gaps, fill, ranges_of
 from expertaug.models.measurement_noise import noise_of, of_observed

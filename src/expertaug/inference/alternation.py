@@ -29,8 +29,8 @@ from expertaug.learning.fitting import moments
 from expertaug.learning.gradients import clip_each_seed
 from expertaug.learning.mixture import mixture
 from expertaug.learning.noise import Noise
-from expertaug.learning.objectives import mean_squared_error
 from expertaug.learning.settings import one_cycle
+from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import Task
 from expertaug.models.estimates import Estimates
 from expertaug.systems.inputs import inputs_of, states_of

@@ -13,7 +13,7 @@ from expertaug.errors import InputError
 from expertaug.inference.levenberg_marquardt import LONGEST
 from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.bound import FACTOR, solved
-from expertaug.learning.objectives import differences
+from expertaug.learning.squared_error import differences
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.gaps import ends_of

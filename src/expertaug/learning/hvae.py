@@ -11,8 +11,9 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.learning.augmentation import prior_range
 from expertaug.learning.noise import Noise
-from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, sample_mean, squares, supervision
+from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, supervision
 from expertaug.learning.sets import Batch
+from expertaug.learning.squared_error import sample_mean, squares
 from expertaug.learning.task import Task
 from expertaug.models.encoders.two_step import TwoStep
 from expertaug.models.hybrid import HybridNet

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from expertaug.errors import SolveError
 from expertaug.learning.bound import FALLBACK, Stopping, bounded, stored_bound
-from expertaug.learning.objectives import differences
+from expertaug.learning.squared_error import differences
 from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System

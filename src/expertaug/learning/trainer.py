@@ -18,9 +18,10 @@ from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.checkpoint import Checkpoint
 from expertaug.learning.contract import check_loss
 from expertaug.learning.gradients import clip_each_seed
-from expertaug.learning.objectives import Objective, mean_squared_error
+from expertaug.learning.objectives import Objective
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.settings import TrainSettings
+from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.tracking.runlog import RunLog
