@@ -113,7 +113,7 @@ def test_a_run_says_what_it_does_stage_by_stage(watch, tmp_path, caplog):
         "  validity            1 job  cost not known",
         "  during training     1 job  cost not known",
     ]
-    assert caplog.messages[-1].startswith("About 20 minutes for 4 jobs on 1 core")
+    assert caplog.messages[-1].startswith("At least 20 minutes for 4 jobs on 1 core")
 
 
 def test_jobs_that_nobody_measures_come_last(watch, tmp_path, caplog):

@@ -59,13 +59,14 @@ class Watch(logging.Handler):
         if name is None and not self.measured():
             return f"{count(jobs)} on {cores}; how long they take is told when some have ended."
         source = f" (by the costs of the published run '{name}')" if name else ""
-        return f"About {self.left(jobs)} for {count(jobs)} on {cores}{source}."
+        unknown = eta.stages(jobs) - {OTHERS} - self.known()
+        about = "At least" if unknown else "About"
+        return f"{about} {self.left(jobs)} for {count(jobs)} on {cores}{source}."
 
     def plan(self) -> list[str]:
         """How many jobs each stage has and how long they will take, the longest first; nothing where there is one."""
         jobs = self.jobs()
-        found, measured = eta.by_stage(jobs), self.measured()
-        seconds, known = eta.estimator(self.costs, measured), eta.stages([*self.costs, *measured])
+        found, known, seconds = eta.by_stage(jobs), self.known(), eta.estimator(self.costs, self.measured())
         times = {stage: eta.remaining(own, seconds, self.cores) for stage, own in found.items()}
         ranked = sorted(found, key=lambda stage: (stage == OTHERS, stage not in known, -times[stage]))
         width, lines = max(map(len, found), default=0), []
@@ -86,6 +87,10 @@ class Watch(logging.Handler):
     def measured(self) -> dict[str, float]:
         """Seconds by job of what has been run in this results folder."""
         return {job: cost.seconds for job, cost in costs.of_run(self.benchmarks).items()}
+
+    def known(self) -> set[str]:
+        """Stages of which a job has been measured, here or in the published run."""
+        return eta.stages([*self.costs, *self.measured()])
 
     def left(self, jobs: dict[str, float]) -> str:
         """How long these jobs will take, as a text."""

@@ -143,6 +143,7 @@ def _table(
     path = results / one.csv
     if one.stem == "published":
         table = tables.published(path, {e["name"]: experiment_title(e["name"], e) for e in config["experiments"]})
+        caption += " Methods that were not run are left out."
     elif _room(one) == RECORDINGS:
         table = tables.recordings(path)
     else:
