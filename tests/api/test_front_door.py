@@ -187,6 +187,11 @@ class TestRefusals:
         with pytest.raises(ea.InputError, match=expected):
             ea.finetune(fit, sets["train"], sets["validation"], **options)
 
+    def test_of_a_control(self, fit, sets):
+        samples = ea.augment(fit, sets["train"], sets["validation"], prior=SHIFTED)
+        with pytest.raises(ea.InputError, match="given both control and augmented"):
+            ea.finetune(fit, sets["train"], sets["validation"], augmented=samples, control=True)
+
     @pytest.mark.parametrize(
         ("change", "expected"),
         [

@@ -69,6 +69,14 @@ def test_training_augmentation_and_fine_tuning(stages, sets, fit, plus):
     assert not equal(plus, fit)
 
 
+def test_the_control_of_equal_compute(stages, sets, fit, plus):
+    settings = COMMON | {"training": OPTIONS, "prior": PRIOR}
+    finetune(stages / "model.safetensors", None, stages, stages / "c.safetensors", stages / "control", settings, None)
+    control = ea.finetune(fit, sets["train"], sets["validation"], prior=SHIFTED, control=True, **OPTIONS)
+    assert equal(control, ea.load(stages / "c.safetensors")) and control.label == "Aphynity (control)"
+    assert control.history["step"].max() == plus.history["step"].max() and not equal(control, plus)
+
+
 def test_metrics_and_forecasts(stages, sets, plus):
     table = pd.read_csv(stages / "metrics.csv")
     table = table[table["set"] == "test"].set_index(["seed", "metric"])["value"]

@@ -215,6 +215,7 @@ def finetune(
     prior: Ranges | None = None,
     noise: Noise = 0.0,
     augmented: AugmentedSets | None = None,
+    control: bool = False,
     preset: Preset | None = None,
     choices: Mapping[str, str] | None = None,
     label: str | None = None,
@@ -227,8 +228,10 @@ def finetune(
         train, validation: the sets of its training.
         prior, noise: D⁺ is drawn with them, as by :func:`augment`.
         augmented: D⁺ itself, instead.
+        control: train the control of equal compute instead: no D⁺, every real sample twice in a pass, so as many steps
+            of the same size.  The prior is still that of the augmented version: a hybrid-VAE's loss has it.
         preset, choices: as of :func:`fit`; default: those of the training.
-        label: default: the model's own with a +.
+        label: default: the model's own with a +, or with (control).
         options: see :class:`TrainingOptions`; a schedule of its own, not that of the training.
 
     Raises:
@@ -237,13 +240,15 @@ def finetune(
     """
     if prior is not None and augmented is not None:
         raise InputError("finetune", "given both prior and augmented", "give one of them")
-    if augmented is None:
+    if control and augmented is not None:
+        raise InputError("finetune", "given both control and augmented", "a control sees no augmented samples")
+    if augmented is None and not control:
         augmented = augment(model, train, validation, prior=prior, noise=noise, preset=preset, choices=choices)
     check_trained(model, train, validation)
-    if augmented.seeds != model.seeds:
+    if augmented is not None and augmented.seeds != model.seeds:
         raise InputError("augmented", f"holds seeds {augmented.seeds}", f"the model's are {model.seeds}: augment it")
     name, chosen = _choices(model, preset, choices)
-    label = label or f"{model.label}+"
+    label = label or (f"{model.label} (control)" if control else f"{model.label}+")
     settings = {
         "experiment": model.stored.description["experiment"],
         "method": label,
@@ -252,9 +257,11 @@ def finetune(
         "training": dict(options),
         "choices": chosen,
         "device": model._device.type,
+        **({"prior": given_or_found(model, train, prior, arrays.noise(noise))} if control else {}),
     }
+    drawn = None if augmented is None else augmented.drawn
     with arrays.one_thread():
-        tuned = run_training(finetune_stage.prepare(model.stored, augmented.drawn, train, validation, settings))
+        tuned = run_training(finetune_stage.prepare(model.stored, drawn, train, validation, settings))
     return TrainedModel(tuned.stored, tuned.history, model.single)
 
 
