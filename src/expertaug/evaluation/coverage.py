@@ -20,7 +20,7 @@ from expertaug.inference.coverage import area_to_curve, interval_coverage
 from expertaug.inference.posterior_draws import LEVELS
 from expertaug.labels import is_flow
 
-EMPTY = "No version has intervals."
+EMPTY = "No version has intervals of parameters that are known (those of forecasts: see the experiment's table)."
 FORECAST = "forecast"  # in the place of a parameter
 OWN_TITLE = "the model's own windows"
 CAPTION = (
