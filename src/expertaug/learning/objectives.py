@@ -20,15 +20,12 @@ from expertaug.systems import System
 def mean_squared_error(
     system: System, prediction: Tensor, truth: Tensor, good: Tensor | None = None, complete: bool = False
 ) -> Tensor:
-    """Mean over times, samples and dimensions of the squared error of observed quantities, where they were measured.
+    """Mean (S,) over times, samples and dimensions of squared errors of observed quantities, where they were measured.
 
     Arguments:
         prediction, truth: (T, S, B, *state); the truth is NaN where nothing was measured.
         good: (S, B), the samples that count; all of them where it is None.
         complete: whether it is known that the truth has no NaN.
-
-    Returns:
-        (S,).
     """
     difference, known = differences(system, prediction, truth, complete)
     error = difference.square().movedim(1, 0)
@@ -50,10 +47,8 @@ def differences(
     of them are not, None where all are known (``complete``: it need not be looked for)."""
     observed = system.observe(truth)
     difference = system.observe(prediction) - observed
-    if complete:
-        return difference, None
     known = ~torch.isnan(observed)
-    if known.all():
+    if complete or known.all():
         return difference, None
     return torch.where(known, difference, torch.zeros_like(difference)), known.expand_as(difference)
 
@@ -209,8 +204,7 @@ class Aphynity(Objective):
     The Lagrangian is λ · L + ‖F_a‖, with L the mean squared error of the trajectory over the loss window and ‖F_a‖ the
     root mean square of F_a along the predicted trajectory, or at its states mixed (:mod:`expertaug.learning.mixture`);
     after every ``every`` passes λ grows by tau2 · L (Yin's update).  Variants are the rows multiplier, penalty,
-    loss_normalisation, loss_window and supervision of
-    :mod:`expertaug.config.presets`.
+    loss_normalisation, loss_window and supervision of :mod:`expertaug.config.presets`.
 
     Arguments:
         lambda0: first multiplier, one for all seeds or one for each.
@@ -264,8 +258,8 @@ class Aphynity(Objective):
         if term is not None:
             loss = loss + task.supervision_weight * term
             parts["z_e"] = term.detach()
-        # One step must not raise the multiplier for ever.
-        self.total = self.total.to(data.device) + data.detach().nan_to_num(0.0, 0.0, 0.0)
+        finite = data.detach().nan_to_num(0.0, 0.0, 0.0)  # one step must not raise the multiplier for ever
+        self.total = self.total.to(data.device) + finite
         self.count += 1
         return loss, parts | {"loss": loss.detach()}
 
