@@ -51,7 +51,8 @@ def case(name):
         return *double_pendulums(), encoder, MLP, rk4, 0.05
     system, z_e, z_a, more, encoder, interaction, solver = {
         "pendulum": (ea.DampedPendulum(), {"omega0": (1.5, 3.1)}, {"alpha": (0, 0.6)}, {}, RECURRENT, MLP, rk4),
-        "rlc": (ea.RLC(), {"L": (1, 3), "C": (0.5, 1.5)}, {"R": (1, 3)}, {}, window("U", "I"), MLP, rk4),
+        "rlc": (ea.RLC(), {"L": (1, 3), "C": (0.5, 1.5)}, {"R": (1, 3)}, {}, window("U", "I"),
+                MLP | {"components": ["I"]}, rk4),
         "stiff": (ea.DampedPendulum(), {"omega0": (1.5, 3.1)}, {"alpha": (0, 0.6)}, {}, RECURRENT,
                   {"kind": "polynomial", "degree": 2, "latent_degree": 1}, ea.Solver("rodas3")),
         "driven": (ea.DrivenPendulum(), {"omega0": (0.8, 3.1)}, {"gamma": (0, 0.8)},

@@ -39,6 +39,9 @@ class Record:
         """Add one step."""
         self.lines.append((step, dict(values)))
 
+    def event(self, name: str, **values: object) -> None:
+        """Nothing to tell: what failed is warned of, and stands in the model's description."""
+
     def flush(self) -> None:
         """Nothing to bring to a disk."""
 

@@ -152,8 +152,7 @@ class Aphynity(Objective):
     The Lagrangian is λ · L + ‖F_a‖, with L the mean squared error of the trajectory over the loss window and ‖F_a‖ the
     root mean square of F_a along the predicted trajectory, or at its states mixed (:mod:`expertaug.learning.mixture`);
     after every ``every`` passes λ grows by tau2 · L (Yin's update).  Variants are the rows multiplier, penalty,
-    loss_normalisation, loss_window and supervision of
-    :mod:`expertaug.config.presets`.
+    loss_normalisation, loss_window and supervision of :mod:`expertaug.config.presets`.
 
     Arguments:
         lambda0: first multiplier, one for all seeds or one for each.
@@ -207,8 +206,8 @@ class Aphynity(Objective):
         if term is not None:
             loss = loss + task.supervision_weight * term
             parts["z_e"] = term.detach()
-        # One step must not raise the multiplier for ever.
-        self.total = self.total.to(data.device) + data.detach().nan_to_num(0.0, 0.0, 0.0)
+        finite = data.detach().nan_to_num(0.0, 0.0, 0.0)  # one step must not raise the multiplier for ever
+        self.total = self.total.to(data.device) + finite
         self.count += 1
         return loss, parts | {"loss": loss.detach()}
 

@@ -148,7 +148,7 @@ def prepare(
     )
     observed = description["observed"]
     times = torch.tensor(description["t"][:observed], dtype=torch.float64)
-    model = recipe.build(times, list(settings["seeds"]), kind.learns_likelihood, description.get("start"))
+    model = recipe.build(times, list(settings["seeds"]), kind.learns_likelihood, description.get("start")).to(device)
     train_set, validation_set = StackedSet.of(train, device), StackedSet.of(validation, device)
     for name, part in (("training set", train_set), ("validation set", validation_set)):
         check_given(recipe.system, part.u, name)
@@ -156,7 +156,7 @@ def prepare(
     model.fit(windows[:, 0])
     task = task_of(settings["training"], description, device)
     return fitting.prepare(
-        model.to(device),
+        model,
         lambda points: (train_set.window(points), [(validation_set, task.selection(settings["choices"]))]),
         task,
         description,

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.distributions import Distribution, constraints
 
 from expertaug.systems import Parameter
+from expertaug.systems.numbers import beside
 
 # normal(k) gives (…, B, k) standard normal numbers: whoever samples says where randomness comes from.
 Normal = Callable[[int], Tensor]
@@ -37,9 +38,8 @@ def log_slope(raw: Tensor, parameters: Sequence[Parameter]) -> Tensor:
 
 
 def _of(parameters: Sequence[Parameter], like: Tensor) -> tuple[Tensor, Tensor]:
-    scale = torch.tensor([p.scale for p in parameters], dtype=like.dtype)
-    positive = torch.tensor([p.positive for p in parameters])
-    return scale.to(like.device, non_blocking=True), positive.to(like.device, non_blocking=True)
+    scale = beside(like, [p.scale for p in parameters], like.dtype)
+    return scale, beside(like, [p.positive for p in parameters], torch.bool)
 
 
 class Delta(Distribution):

@@ -11,6 +11,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.systems.base import System
 from expertaug.systems.events import Event
+from expertaug.systems.numbers import beside
 from expertaug.systems.solver import Flow
 
 SAMPLES = 8
@@ -195,7 +196,7 @@ class Observed(System):
         size, axis = len(self.system.state), _axis(self)
         u = y.narrow(axis, size, len(self.system.known))
         if scales is not None:
-            u = u / u.new_tensor(scales).view(-1, *[1] * (-axis - 1))
+            u = u / beside(u, scales, u.dtype).view(-1, *[1] * (-axis - 1))
         return torch.cat((of_states(y.narrow(axis, 0, size)), u), dim=axis)
 
 

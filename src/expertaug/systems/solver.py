@@ -85,16 +85,16 @@ class Solver(SolverSettings):
                 share = torch.arange(self.substeps).to(t) / self.substeps
                 grid = torch.cat(((t[:-1, None] + t.diff()[:, None] * share).flatten(), t[-1:]))
             if event is not None:
-                return stepped(f, y0, grid.to(y0.device), event)[:: self.substeps]
+                return stepped(f, y0, grid.to(y0.device, non_blocking=True), event)[:: self.substeps]
             if self.method == "rodas3":
-                return rodas3(f, y0, grid.to(y0.device), rank)[:: self.substeps]
+                return rodas3(f, y0, grid.to(y0.device, non_blocking=True), rank)[:: self.substeps]
             if self.splits:
                 return _lawson4(f, y0, grid.cpu(), flow)[:: self.substeps]
             return on_grid(f, y0, grid, self.method)[:: self.substeps]
         if self.method in SCIPY:
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
         try:
-            t = t.to(y0.device)
+            t = t.to(y0.device, non_blocking=True)
             options = {"step_t": t[1:-1]} if kinks and len(t) > 2 else None
             return odeint(  # type: ignore[return-value]
                 f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol, options=options

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from itertools import pairwise
 
 import torch
@@ -74,7 +75,8 @@ class ConvInteraction(Interaction):
         layers = zip(self.state_layer.seeds(), *(layer.seeds() for layer in rest), strict=True)
         stacked = y.dim() == self.rank + 3
         groups = zip(y.unbind(0), context.unbind(0), strict=True) if stacked else [(y, context)]
-        with torch.autocast(y.device.type, self.precision, enabled=self.precision is not None):
+        rounded = nullcontext() if self.precision is None else torch.autocast(y.device.type, self.precision)
+        with rounded:
             rates = [self._one(*group, *own) for group, own in zip(groups, layers, strict=True)]
         return (torch.stack(rates) if stacked else rates[0]).to(y.dtype)
 
