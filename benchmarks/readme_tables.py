@@ -1,9 +1,9 @@
 """Fills the tables of README.md and docs/*.md: ``python benchmarks/readme_tables.py [--check] [--root CHECKOUT]``.
 
-They come from results/published.  A comment names a table's source, ``<!-- table: FOLDER NAME -->``; the table below it
-is replaced.  NAME is a table of the paper (synth_log_mse, param_acc: ours, the published number in brackets) or an
-experiment (log-MSE of every method and set).  With ``--check`` nothing is written, and the exit status
-says whether all are as published.
+They come from results/published.  A comment names a table's source, ``<!-- table: FOLDER NAME [VERSIONS] -->``; the
+table below it is replaced; VERSIONS, if given, are its rows, apart by commas.  NAME is a table of the paper
+(synth_log_mse, param_acc: ours, the published number in brackets) or an experiment (log-MSE of every method and set).
+With ``--check`` nothing is written, and the exit status says whether all are as published.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from expertaug.files import write_text
 
 CELL = ("mean", "std", "n", "low", "high")
 PAPER = {"synth_log_mse": "log-MSE", "param_acc": "parameter error [%]"}
-MARK = re.compile(r"(<!-- table: (\S+) (\S+) -->\n)((?:\|.*\n)*)")
+MARK = re.compile(r"(<!-- table: (\S+) (\S+)(?: (\S+))? -->\n)((?:\|.*\n)*)")
 
 
 def of_paper(folder: Path, name: str) -> list[str]:
@@ -44,12 +44,14 @@ def of_paper(folder: Path, name: str) -> list[str]:
     return grid([PAPER[name], "set", *labels], rows, 2)
 
 
-def of_experiment(folder: Path, name: str) -> list[str]:
+def of_experiment(folder: Path, name: str, versions: str | None) -> list[str]:
     """Log-MSE of every method on training, validation, IID (where there is one) and test set, in the experiment's
     convention; intervals where the run has them."""
     experiments = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["experiments"]
     metric = f"log_mse_{experiments[name]['evaluation'].get('convention', 'sum')}"
     table = pd.read_csv(folder / "tables" / f"{name}.csv")
+    if versions is not None:
+        table = table.set_index("method", drop=False).loc[versions.split(",")]
     sets = [s for s in ("train", "validation", "iid", "test") if f"{s}/{metric}/mean" in table]
     rows = []
     for _, line in table.iterrows():
@@ -69,7 +71,7 @@ def main() -> int:
 
     def filled(match: re.Match) -> str:
         folder, name = options.root / "results" / "published" / match[2], match[3]
-        lines = of_paper(folder, name) if name in PAPER else of_experiment(folder, name)
+        lines = of_paper(folder, name) if name in PAPER else of_experiment(folder, name, match[4])
         return match[1] + "\n".join(lines) + "\n"
 
     stale = 0
