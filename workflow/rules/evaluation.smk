@@ -514,7 +514,7 @@ rule write_report:
             },
             sort_keys=True,
         ),
-        results=CONFIG["results"],
+        results=lambda w, output: os.path.dirname(output[0]),
     message:
         "put tables, figures, costs and provenance on a page"
     shell:
