@@ -60,7 +60,7 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
         ({"recordings": {"tracking": {"min_level": 25}}}, MARKERS),
         ({"experiments": {"pendulum": {"choices": {"frozen": "interaction_and_z_e_head"}}}}, TUNED),
         ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_seed_group"} | SCORED),
-        ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking", "write_report"}),  # which names the files
+        ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
         ({"device": "cpu"}, {"dissipation_of_experiment"} | TRAINED),
     ],
 )
