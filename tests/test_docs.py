@@ -14,7 +14,7 @@ import pytest
 from docs_pages import PAGES, ROOT, Block, Command, blocks, checkout, commands, every, name_of, run
 from expertaug import commands as command_line
 
-LANGUAGES = {"sh", "yaml", "python", "mermaid", "text"}  # the last is what a terminal says
+LANGUAGES = {"sh", "yaml", "python", "mermaid"}
 NOT_RUN: dict[str, int] = {}
 # Subcommands that are run as they are written: they need nothing but what the page shows.
 RUN_AS_WRITTEN = ("validate", "check-system", "config", "forecast", "inspect-data")
