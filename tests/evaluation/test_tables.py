@@ -258,6 +258,24 @@ def test_recordings_are_resampled_as_a_whole(tmp_path):
     assert "seeds and whole recordings both are resampled" in (tmp_path / "t.md").read_text()
 
 
+def test_the_error_of_parameters_that_nobody_knows_is_a_dash(tmp_path):
+    """The version a estimates them, b does not; of both neither truth nor error is in any file."""
+    metrics, forecasts = write_runs(tmp_path, {"a": -1.0, "b": 0.0})
+    lines = [line for line in metrics[0].read_text().splitlines(True) if "relative_error" not in line]
+    metrics[0].write_text("".join(lines))
+    for path, estimates in zip(forecasts, (True, False), strict=True):
+        kept = {name: value for name, value in np.load(path).items() if estimates or not name.endswith("_z_e_hat")}
+        np.savez(path, **{k: np.full_like(v, np.nan) if k.endswith("_z_e") else v for k, v in kept.items()})
+    tabulate(metrics, [tmp_path / f"t{end}" for end in (".md", ".tex", ".csv", "_long.csv")], forecasts=forecasts)
+    text = (tmp_path / "t.md").read_text()
+    head, _, *rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("|")]
+    errors = [place for place, title in enumerate(head) if title.endswith("error [%]")]
+    assert len(errors) == len(SETS) and [row[k] for row in rows[:2] for k in errors] == ["–"] * 2 * len(SETS)
+    assert "nobody knows the truth" in text
+    long = pd.read_csv(tmp_path / "t_long.csv").query("metric == 'relative_error'")
+    assert set(long["method"]) == {"a"} and set(long["of"]) == {0} and long["mean"].isna().all()
+
+
 def test_forecasts_from_before_errors_of_samples_were_kept(tmp_path):
     metrics, forecasts = write_runs(tmp_path, {"a": 0.0})
     kept = {name: value for name, value in np.load(forecasts[0]).items() if name != "version"}

@@ -60,8 +60,8 @@ def number_format(metric: str, mean: float) -> Callable[[float], str]:
 
 def cell_text(cell: Mapping | None, metric: str) -> str:
     """A row of :func:`expertaug.evaluation.summary.summarise`: mean [low, high] where it has an interval, else mean ±
-    standard deviation."""
-    if cell is None:
+    standard deviation; – where there is none, as of parameters whose truth nobody knows."""
+    if cell is None or cell["of"] == 0:
         return DASH
     if cell["n"] == 0:
         return f"not finite (0/{cell['of']})"

@@ -170,6 +170,8 @@ class Printed:
             )
         if "relative_error" in self.chosen:
             parts.append("Error: mean of |estimate − truth| / |truth| of the expert parameters, in %.")
+            if (part["of"] == 0).any():
+                parts.append(f"{DASH} there: nobody knows the truth.")
         if (part["n"] < part["of"]).any():
             parts.append("(a/b): only a of b seeds have a finite value, and only those are averaged.")
         if has_runaways(part):
@@ -204,7 +206,11 @@ def _best(
     for name, metric in columns:
         # The equation that made the data is a floor, no competitor; a method that is told its form is none either.
         column = part[
-            ~part["method"].isin(apart) & (part["set"] == name) & (part["metric"] == metric) & (part["n"] == part["of"])
+            ~part["method"].isin(apart)
+            & (part["set"] == name)
+            & (part["metric"] == metric)
+            & (part["n"] == part["of"])
+            & (part["of"] > 0)
         ]
         if len(column) < 2 or metric == RUNAWAYS:
             continue

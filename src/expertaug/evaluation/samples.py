@@ -115,6 +115,17 @@ class Samples:
         found = [one for key, sets in self._sets.items() if key[0] == experiment for one in sets.values()]
         return any(one.by_recording for one in found)
 
+    def estimates_unknown(self, key: Key, name: str) -> bool:
+        """Whether a version estimates parameters whose truth nobody knows on a set (estimates on train are not kept:
+        there, whether it is so on all others)."""
+        sets = self._sets.get(key, {})
+        unknown = {
+            n: bool(np.isnan(one.relative).all())
+            for n, one in sets.items()
+            if one.relative is not None and one.parameters
+        }
+        return unknown.get(name, bool(unknown) and all(unknown.values()))
+
     def resampled(self, key: Key, name: str, metric: str) -> Resampled | None:
         """A metric of a version on a set, of the seeds with a finite value; None where no samples are kept of it."""
         found = self._of(key, name, metric)

@@ -83,6 +83,7 @@ def _prepare(table: pd.DataFrame, settings: Mapping, samples: Samples) -> pd.Dat
     long = summarise(table)
     long["seeds"] = [" ".join(map(str, seeds[tuple(key)])) for key in long[keys].values]
     long["low"], long["high"] = zip(*(_ends(row, samples) for row in long.itertuples()), strict=True)
+    long = _with_unknown_errors(long, samples)
     long["row"] = long["method"] + " " + long["preset"]
     methods, presets = ordered(long["method"], dict(settings.get("labels", ()))), list(dict.fromkeys(long["preset"]))
     ranks = {
@@ -95,6 +96,20 @@ def _prepare(table: pd.DataFrame, settings: Mapping, samples: Samples) -> pd.Dat
     return long.sort_values(
         ["experiment", "row", "set", "metric"], key=lambda c: c.map(places[c.name]), ignore_index=True
     )
+
+
+def _with_unknown_errors(long: pd.DataFrame, samples: Samples) -> pd.DataFrame:
+    """The summary with a row of no seeds, printed as –, for each error of parameters that nobody can know."""
+    keys = ["experiment", "preset", "method", "set"]
+    each = long.drop_duplicates(keys)
+    unknown = [
+        samples.estimates_unknown((row.experiment, row.preset, row.method), row.set) for row in each.itertuples()
+    ]
+    told = long.loc[long["metric"] == "relative_error", keys].apply(tuple, axis=1)
+    rows = each[unknown]
+    rows = rows[~rows[keys].apply(tuple, axis=1).isin(set(told))]
+    nothing = {"metric": "relative_error", "n": 0, "of": 0} | dict.fromkeys(("mean", "std", "low", "high"), math.nan)
+    return pd.concat([long, rows.assign(**nothing)], ignore_index=True) if len(rows) else long
 
 
 def _ends(row: Any, samples: Samples) -> tuple[float, float]:
