@@ -41,6 +41,15 @@ def test_what_is_burnt_in_does_no_harm(mark, centres, tmp_path):
     assert used > 0.95 and np.median(error) < 0.08 and error.max() < 0.4
 
 
+@pytest.mark.parametrize("thick", [0.1, 0.2])
+def test_a_ring_that_covers_half_of_a_small_disk_does_no_harm(thick, centres, tmp_path, monkeypatch):
+    """The disk's colour is that of its coloured parts, few as they are; its rim falls from that."""
+    monkeypatch.setitem(MARKS, "half", (lambda a, b, r: np.abs(np.hypot(a, b) - 0.55 * r) < thick * r, (20, 20, 20)))
+    frames = compressed(draw(centres, SIZE, COLOURS, 20.0, background=DARK, mark="half"), tmp_path / "clip.mp4", RATE)
+    error, used = errors(tracked(frames, 20.0)[0], centres)
+    assert used > 0.9 and np.median(error) < 0.1 and error.max() < 0.5
+
+
 @pytest.mark.parametrize("mark", ["ring", "line"])
 def test_large_disks_with_something_burnt_in_are_seen_whole(mark):
     large = markers_of(swinging(120)[::10, :2], (300.0, 280.0), (140.0, 95.0))

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from expertaug.recordings.markers.appearance import Appearance, Colour
-from expertaug.recordings.markers.quadrant_disks import INNER, LUMA, DiskFitter, hsv
+from expertaug.recordings.markers.quadrant_disks import INNER, LUMA, RAYS, DiskFitter, hsv
 
 OUTSIDE = 3  # samples at the end of a ray that tell what lies beyond the rim
 COLOUR_WEIGHT = 0.01
@@ -23,8 +23,8 @@ UNEVEN = (0.4, 0.25)  # off the plane of light, relative to all of the disk: sam
 RIDGE = 4 * np.eye(3, dtype=np.float32)  # samples' worth of an even light
 LIGHT = (0.3, 3.0)  # of the light, at the least and at the most
 ENOUGH = 2  # samples of a ray that are of the disk's level: the others may be burnt in
-MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone; of what a ring or a rim spoils the median is free
-OUTER = slice(3, INNER)  # those that a ring at half the radius spoils the least
+MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone
+NEAR_COLOUR = 0.3  # of a colour's distance to black, within which a sample is of it
 
 
 class PlainFitter(DiskFitter):
@@ -40,6 +40,7 @@ class PlainFitter(DiskFitter):
         dx, dy = self._dx[:, :INNER].ravel(), self._dy[:, :INNER].ravel()
         area = np.hypot(dx, dy)  # of a polar grid's cells
         self._moments = np.stack((area, area * dx, area * dy), 1)
+        self._area = area.reshape(RAYS, INNER)[0]
         # of a plane over the disk, for every sample and for those that tell it
         plane = np.stack((np.ones_like(self._dx), self._dx / self.radius, self._dy / self.radius), 2)
         self._everywhere = np.ascontiguousarray(plane.reshape(-1, 3).T)
@@ -49,8 +50,7 @@ class PlainFitter(DiskFitter):
 
     def _level(self, values: np.ndarray) -> np.ndarray:
         """Share (m, rays, radii) of the disk's colour in a sample, from what lies beyond the ray's end: 0 to FULL."""
-        count = len(values)
-        disk = _median(values[:, ::2, OUTER].reshape(count, -1, 3))[:, None]
+        disk = self._disk(values[:, ::2, :INNER])[:, None]
         beyond = np.add.reduce(values[:, :, -OUTSIDE:], 2) * np.float32(1 / OUTSIDE)
         step = disk - beyond
         axis = step @ METRIC
@@ -58,6 +58,17 @@ class PlainFitter(DiskFitter):
         step = axis * ((contrast > MIN_CONTRAST**2) * np.float32(FULL) / np.maximum(contrast, 1))[..., None]
         level = (values @ step[..., None])[..., 0] - np.einsum("mrc,mrc->mr", beyond, step)[..., None]
         return level / self._light(level)
+
+    def _disk(self, inner: np.ndarray) -> np.ndarray:
+        """The disk's colour (m, 3) among samples (m, rays, radii, 3): of the medians at each radius the one with the
+        most chroma that others have, too.  What is burnt in is black, white or grey."""
+        medians = _median(inner)  # (m, radii, 3)
+        chroma = np.maximum.reduce(medians, 2) - np.minimum.reduce(medians, 2)
+        away = medians[:, :, None] - medians[:, None]
+        reach = np.float32(NEAR_COLOUR**2) * np.einsum("mkc,mkc->mk", medians, medians)
+        alike = np.einsum("mkic,mkic->mki", away, away) < reach[:, :, None]
+        chosen = (chroma * (alike @ self._area)).argmax(1)
+        return medians[np.arange(len(inner)), chosen]
 
     def _light(self, level: np.ndarray) -> np.ndarray:
         """How bright the disk is at each sample, relative to all of it, (m, rays, radii): a plane, as light from one
@@ -75,8 +86,13 @@ class PlainFitter(DiskFitter):
         return np.minimum(np.maximum(light, LIGHT[0]), LIGHT[1])
 
     def _inside(self, inner: np.ndarray) -> np.ndarray:
-        sound = (inner[:, :, MIDDLE] > VALID[0] * FULL) & (inner[:, :, MIDDLE] < VALID[1] * FULL)
+        sound = (inner > VALID[0] * FULL) & (inner < VALID[1] * FULL)
         return np.where(sound.sum(2) >= ENOUGH, np.float32(FULL), np.float32(0))
+
+    def _fall(self, below: np.ndarray) -> np.ndarray:
+        falls = np.zeros_like(below)  # from the disk's level: what is burnt in near the rim is below it, too
+        np.greater(below[:, 1:], below[:, :-1], out=falls[:, 1:])
+        return falls.argmax(1)
 
     def _apart(self, inner: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """Centre of gravity (m, 2) in px of the disk's colour inside the rim: off where something covers a part."""
@@ -86,8 +102,7 @@ class PlainFitter(DiskFitter):
 
     def _colour(self, colours: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Hue, saturation and value (m, 3) of the disks, and whether they are of one colour, (m,)."""
-        middle = _median(colours[:, ::2, MIDDLE].reshape(len(colours), -1, 3))
-        return hsv(middle / 255), (self._inside(level) > 0).mean(1) > 0.5
+        return hsv(self._disk(colours[:, ::2]) / 255), (self._inside(level) > 0).mean(1) > 0.5
 
     def _picture(self, image: np.ndarray) -> np.ndarray:
         return image
@@ -106,7 +121,7 @@ class PlainFitter(DiskFitter):
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Upper median of values (m, n, 3) along n: np.median checks for NaN, which costs as much again."""
+    """Upper median of values (m, n, ...) along n: np.median checks for NaN, which costs as much again."""
     middle = values.shape[1] // 2
     return np.partition(values, middle, axis=1)[:, middle]
 

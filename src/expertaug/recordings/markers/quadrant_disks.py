@@ -168,7 +168,7 @@ class DiskFitter:
         inside = self._inside(inner)
         half = (0.5 * inside).reshape(-1)
         rim = rim.reshape(-1, rim.shape[2])
-        index = (rim < half[:, None]).argmax(1)  # the first below: a rod or a neighbour further out does not matter
+        index = self._fall(rim < half[:, None])
         rows = np.arange(len(rim))
         last = np.maximum(index, 1)
         before, after = rim[rows, last - 1], rim[rows, last]
@@ -176,6 +176,11 @@ class DiskFitter:
         error = ((last - 1).astype(np.float32) + part) * np.float32(self._step) - np.float32(self._reach)
         falls = (index > 0).reshape(inside.shape) & (inside > self.min_level)
         return error.reshape(inside.shape), falls * (inside * np.float32(0.01))
+
+    def _fall(self, below: np.ndarray) -> np.ndarray:
+        """Number of the sample (n,) at which each ray's level falls below half of its inner one, of (n, samples); 0 for
+        none.  The first counts: a rod or a neighbour further out does not matter."""
+        return below.argmax(1)
 
     def _circle(self, error: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Robust least squares of the rim distances on (shift x, shift y, growth): solution (m, 3) and share (m,)."""
