@@ -24,7 +24,7 @@ from expertaug.systems import System
 from expertaug.systems.inputs import states_of
 from expertaug.systems.solver import Solver
 
-CHUNK = 2**11  # draws made at a time: 2**17 took three times the memory and twice the time
+CHUNK = 2**11  # draws made at a time: 2**17 take eight times the memory and no less time (benchmarks/flow_draws.py)
 
 
 class Head(nn.Module):
