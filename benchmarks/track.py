@@ -1,11 +1,11 @@
 """Speed and accuracy of the marker tracker on one core, on rendered video of the fastest motion there is.
 
-    python benchmarks/track.py [--frames 1500] [--crf 18] [--style quadrant|disk]
+    python benchmarks/track.py [--frames 1500] [--crf 18] [--style quadrant|disk] [--size 480]
 
 Renders the fastest stretch of 21 recordings, compresses it as H.264, decodes it into memory and tracks it at the full
 frame rate and at a quarter of it; the truth that it scores against is the renderer's.  The last line is the whole
 stage: a frame store read, tracked and written as markers.csv.  Speeds are medians of five rounds.  ``--style disk``
-paints a plain disk over each marker.
+paints a plain disk over each marker.  In a larger picture (``--size``) the arms are longer, the markers are not.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from expertaug.recordings.rendering.scene import HALF, RADIUS, Scene
 from expertaug.recordings.video.frame_store import FrameStore, extract_frames
 from expertaug.recordings.video.writer import encode
 
+SIZE = 480  # px, that of a real frame
 SECONDS = 10  # of each recording: launches are fastest at first
 RECORDINGS = 8
 PAINT = ((50, 40, 210), (60, 170, 50), (200, 90, 40))  # blue, green and red of a red, a green and a blue disk
@@ -94,9 +95,17 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1500)
     parser.add_argument("--crf", type=int, default=18)
     parser.add_argument("--style", choices=STYLES, default="quadrant")
+    parser.add_argument("--size", type=int, default=480, help="of the picture, in px")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    settings = RenderSettings(duration_s=SECONDS, crf=options.crf)
+    usual, larger = RenderSettings(), options.size / SIZE
+    settings = RenderSettings(
+        duration_s=SECONDS,
+        crf=options.crf,
+        image_size_px=options.size,
+        pixels_per_metre=usual.pixels_per_metre * larger,
+        pivot_px=tuple(larger * place for place in usual.pivot_px),
+    )
     arms = tuple(length * settings.pixels_per_metre for length in settings.arms_m)
     states, pivot = fastest(options.frames, settings)
     truth = np.stack([np.broadcast_to(pivot, (len(states), 2)), *markers(states, pivot, arms)], axis=1)
