@@ -70,7 +70,8 @@ def draw_dots(
                 axis.set_xscale("log")
         for axis in grid.flat[len(panels) :]:
             axis.set_axis_off()
-        figure.supxlabel(axis_label, fontsize=8)
+        lowest = [axis for axis in grid[-1] if axis.axison]
+        lowest[len(lowest) // 2].set_xlabel(axis_label)  # in the axes' room: below it comes the legend
         grid[0, 0].set_ylim(len(methods) - 0.5, -0.5)
         for axis in grid[:, 0]:
             axis.set_yticks(range(len(methods)), [plotting.text(labels[m]) for m in methods])
