@@ -14,7 +14,7 @@ printed as ``Label @3``.  What a version is follows from its name alone: a print
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 MAIN_SETS = ("train", "validation", "test")  # that every experiment has
@@ -80,6 +80,20 @@ def is_flow(variant: str) -> bool:
 def is_refined(variant: str) -> bool:
     """Whether estimates are refined on each window."""
     return REFINED in parse(variant).estimators
+
+
+def compared(versions: Sequence[str], most: int) -> list[str]:
+    """At most so many versions as one figure compares: first the methods whose estimates are made otherwise as well, as
+    trained and augmented, then their flows, then other methods as trained; no controls, no single fits."""
+    studied = {base(v) for v in versions if is_flow(v) or is_refined(v)}
+
+    def rank(version: str) -> int:
+        if is_flow(version):
+            return 1
+        return 0 if base(version) in studied else 2 if not is_augmented(version) else 3
+
+    chosen = sorted((v for v in versions if not is_control(v) and not is_refined(v)), key=rank)[:most]
+    return [v for v in versions if v in chosen]
 
 
 def trained(variant: str) -> str:

@@ -16,7 +16,7 @@ from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.alarm import attainable, threshold
-from expertaug.labels import base, is_augmented, is_control, is_flow, is_refined
+from expertaug.labels import compared
 
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
 LINES = 8  # in the figure
@@ -155,7 +155,7 @@ def _draw(long: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, title:
     """A panel a metric, a line a version: those that people choose between."""
     floor = settings.get("floor")
     named = list(dict.fromkeys(long["method"]))
-    chosen = _shown([v for v in named if v != floor])
+    chosen = compared([v for v in named if v != floor], LINES)
     colours = plotting.colours(chosen, settings["all_methods"])
     with plotting.styled():
         shifted = list(dict.fromkeys(long["of"]))
@@ -186,20 +186,6 @@ def _draw(long: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, title:
             handle.set_label(plotting.text(text))
         plotting.legend(figure, handles)
         plotting.save(figure, outputs)
-
-
-def _shown(versions: Sequence[str]) -> list[str]:
-    """At most LINES of them: first the methods whose estimates are made otherwise as well, as trained and augmented,
-    then their flows, then other methods as trained; no controls, no single fits."""
-    studied = {base(v) for v in versions if is_flow(v) or is_refined(v)}
-
-    def rank(version: str) -> int:
-        if is_flow(version):
-            return 1
-        return 0 if base(version) in studied else 2 if not is_augmented(version) else 3
-
-    chosen = sorted((v for v in versions if not is_control(v) and not is_refined(v)), key=rank)[:LINES]
-    return [v for v in versions if v in chosen]
 
 
 def _look(version: str, colours: Mapping) -> dict:
