@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+LINES = 8  # of one figure that can be told apart
 MAIN_SETS = ("train", "validation", "test")  # that every experiment has
 # Those that tables and figures show, in order; iid: drawn as validation is, and nothing is chosen on it.
 SHOWN_SETS = ("train", "validation", "iid", "test")
@@ -82,9 +83,9 @@ def is_refined(variant: str) -> bool:
     return REFINED in parse(variant).estimators
 
 
-def compared(versions: Sequence[str], most: int) -> list[str]:
-    """At most so many versions as one figure compares: first the methods whose estimates are made otherwise as well, as
-    trained and augmented, then their flows, then other methods as trained; no controls, no single fits."""
+def compared(versions: Sequence[str]) -> list[str]:
+    """The versions that one figure compares, at most LINES: first methods that have flows or refined versions, as trained and
+    augmented, then the flows, then other methods as trained; no controls, no refined versions."""
     studied = {base(v) for v in versions if is_flow(v) or is_refined(v)}
 
     def rank(version: str) -> int:
@@ -92,7 +93,7 @@ def compared(versions: Sequence[str], most: int) -> list[str]:
             return 1
         return 0 if base(version) in studied else 2 if not is_augmented(version) else 3
 
-    chosen = sorted((v for v in versions if not is_control(v) and not is_refined(v)), key=rank)[:most]
+    chosen = sorted((v for v in versions if not is_control(v) and not is_refined(v)), key=rank)[:LINES]
     return [v for v in versions if v in chosen]
 
 

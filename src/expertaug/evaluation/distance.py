@@ -19,7 +19,6 @@ from expertaug.inference.alarm import attainable, threshold
 from expertaug.labels import compared
 
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
-LINES = 8  # in the figure
 CAPTION = (
     "Distance: how far the true z_e of a window lies beyond the training range, in widths of that range, the largest "
     "over parameters; of z_a, where sets are shifted in it: the same of the interaction's parameters, over all windows "
@@ -155,7 +154,7 @@ def _draw(long: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, title:
     """A panel a metric, a line a version: those that people choose between."""
     floor = settings.get("floor")
     named = list(dict.fromkeys(long["method"]))
-    chosen = compared([v for v in named if v != floor], LINES)
+    chosen = compared([v for v in named if v != floor])
     colours = plotting.colours(chosen, settings["all_methods"])
     with plotting.styled():
         shifted = list(dict.fromkeys(long["of"]))

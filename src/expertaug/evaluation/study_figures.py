@@ -27,7 +27,6 @@ from expertaug.labels import base, compared
 DURING_TRAINING_SETS = ("train", "validation", "test")
 ALONG_COLOURS = {"train": "#7A7A7A", "validation": "#0072B2", "test": "#D55E00"}
 # Of the model as trained, then of each length of fine-tuning.
-LINES = 8  # that can be told apart
 ALONG_LINES = (
     ("-", "o", 3),
     (plotting.DASHED, "s", 3),
@@ -72,7 +71,7 @@ def horizons(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) 
 
 def _by_set(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, xlabel: str) -> None:
     options, metric = settings["options"], log_mse_name(settings["convention"])
-    labels = {version: settings["labels"][version] for version in compared(list(settings["labels"]), LINES)}
+    labels = {version: settings["labels"][version] for version in compared(list(settings["labels"]))}
     colours = plotting.colours(list(labels), settings["all_methods"])
     chosen = summary[summary["metric"] == metric].set_index(["method", "set"])
     panels = options["panels"]
