@@ -84,8 +84,11 @@ def is_refined(variant: str) -> bool:
 
 
 def compared(versions: Sequence[str]) -> list[str]:
-    """The versions that one figure compares, at most LINES: first methods that have flows or refined versions, as trained and
-    augmented, then the flows, then other methods as trained; no controls, no refined versions."""
+    """The versions that one figure compares, at most LINES.
+
+    First methods that have flows or refined versions, as trained and augmented, then the flows, then other methods as
+    trained; no controls, no refined versions.
+    """
     studied = {base(v) for v in versions if is_flow(v) or is_refined(v)}
 
     def rank(version: str) -> int:
