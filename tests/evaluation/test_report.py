@@ -66,6 +66,7 @@ def run(tmp_path):
     (tmp_path / "benchmarks" / "train" / "swing.tsv").write_text("s\tmax_rss\n61.2\t300\n")
     experiment = {"name": "swing", **settings, "floors": [], "known_form": [], "least_squares": []}
     told = {"preset": "corrected", "seeds": [0, 1, 2], "device": "cpu", "files": ["my.yaml"]}
+    told["rules"] = [["simulate_set", "train_seed_group"], ["train_seed_group", "evaluate_seed_group"]]
     return tmp_path, {"shown": shown, "experiments": [experiment], **told}
 
 

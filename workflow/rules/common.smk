@@ -1,5 +1,6 @@
 """Helpers of the rules; what is in the configuration and the package is asked there."""
 
+import functools
 import json
 import os
 import re
@@ -292,23 +293,45 @@ def and_before(files):
     """
 
     def before(wildcards):
-        found, todo = {}, [files]
-        while todo:
-            file = todo.pop()
-            if callable(file):
-                todo.append(file(wildcards))
-            elif not isinstance(file, str):
-                todo += file
-            elif file not in found and (made := made_by(file)):
-                maker, flags = made
-                found[file] = "temp" not in flags
-                inputs, _, _, incomplete = maker.expand_input(type(wildcards)(fromdict=maker.get_wildcards(file)))
-                if incomplete:
-                    recording_names()  # waits for the checkpoint
-                todo += inputs
+        found = {file: "temp" not in flags for file, _, flags, _ in way_to(files, wildcards)}
         return [file for file, kept in found.items() if kept]
 
     return [files, before]
+
+
+def way_to(files, wildcards):
+    """Every file on the way to files, or to functions that give some: itself, its rule, its flags and its inputs."""
+    found, todo = set(), [files]
+    while todo:
+        file = todo.pop()
+        if callable(file):
+            todo.append(file(wildcards))
+        elif not isinstance(file, str):
+            todo += file
+        elif file not in found and (made := made_by(file)):
+            maker, flags = made
+            found.add(file)
+            inputs = inputs_of(maker, tuple(maker.get_wildcards(file).items()), type(wildcards))
+            todo += inputs
+            yield file, maker, flags, inputs
+
+
+@functools.cache
+def inputs_of(maker, named, wildcards):
+    """Files that the job of a rule with these wildcards reads; the last is Snakemake's class of them."""
+    inputs, _, _, incomplete = maker.expand_input(wildcards(fromdict=dict(named)))
+    if incomplete:
+        recording_names()  # waits for the checkpoint
+    return inputs
+
+
+def rules_before(files, wildcards):
+    """The rule graph of files: each rule on the way to them with each that reads what it makes, by name."""
+    made, read = {}, set()
+    for file, maker, _, inputs in way_to(files, wildcards):
+        made[file] = maker.name
+        read |= {(one, maker.name) for one in inputs}
+    return sorted({(made[one], reader) for one, reader in read if one in made})
 
 
 def made_by(file):

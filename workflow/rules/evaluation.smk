@@ -509,6 +509,7 @@ rule write_report:
         settings=lambda w, input: json.dumps(
             {
                 "shown": shown_in_report(input.made),
+                "rules": rules_before([MADE, EVALUATED], w),
                 "files": [os.path.relpath(path) for path in [DEFAULTS, *OVERRIDES]],
                 **shown_settings.report(CONFIG),
             },

@@ -14,6 +14,7 @@ from expertaug.evaluation import costs, run_record
 from expertaug.evaluation.gains import CAPTION as GAINS
 from expertaug.evaluation.report import headline, record, tables
 from expertaug.evaluation.report.cells import Table
+from expertaug.evaluation.report.graph import drawing
 from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.summary import experiment_title
 from expertaug.files import write_text
@@ -63,8 +64,9 @@ def report(results: Path, output: Path, settings: Mapping) -> None:
     Arguments:
         results: the results folder of a finished run.
         output: the file.
-        settings: {shown, experiments, files, preset, seeds, device}: ``shown`` are the files to show, as
-            :class:`expertaug.evaluation.report.shown.Shown` has them; ``experiments`` what
+        settings: {shown, rules, experiments, files, preset, seeds, device}: ``shown`` are the files to show, as
+            :class:`expertaug.evaluation.report.shown.Shown` has them; ``rules`` the workflow's, each with one that
+            reads what it makes, by name; ``experiments`` what
             :func:`expertaug.evaluation.tables.tabulate` takes of each, with its name and its versions of
             ``least_squares``; ``files`` the configuration's.
 
@@ -95,6 +97,7 @@ def report(results: Path, output: Path, settings: Mapping) -> None:
         costs=record.costs_by_stage(measured) if measured else None,
         record=found,
         provenance=record.provenance(found, settings, provenance.revision()),
+        graph=drawing(settings["rules"]),
     )
     write_text(output, page)
 
