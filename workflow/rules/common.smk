@@ -318,7 +318,7 @@ def way_to(files, wildcards):
 
 @functools.cache
 def inputs_of(maker, named, wildcards):
-    """Files that the job of a rule with these wildcards reads; the last is Snakemake's class of them."""
+    """Files that a job reads: its rule, and its wildcards, which Snakemake wants in its own class."""
     inputs, _, _, incomplete = maker.expand_input(wildcards(fromdict=dict(named)))
     if incomplete:
         recording_names()  # waits for the checkpoint
@@ -326,7 +326,7 @@ def inputs_of(maker, named, wildcards):
 
 
 def rules_before(files, wildcards):
-    """The rule graph of files: each rule on the way to them with each that reads what it makes, by name."""
+    """Pairs of names: each of the rules on the way to files, and one that reads what it makes."""
     made, read = {}, set()
     for file, maker, _, inputs in way_to(files, wildcards):
         made[file] = maker.name
