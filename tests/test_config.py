@@ -594,6 +594,24 @@ def test_horizons_and_dissipation_of_recordings(base):
     )
 
 
+def test_horizons_of_tables(base, tmp_path):
+    (tmp_path / "lab.csv").write_text("t,angle,speed\n0,0,0\n")
+    files = {"paths": str(tmp_path / "lab.csv"), "columns": {"theta": "angle", "omega": "speed"}, "horizons_s": [1.0]}
+    lab = {"based_on": "pendulum", "data": {"source": "files", "files": files}, "methods": ["aphynity"]}
+    lab |= {"augmented": ["aphynity"], "controls": [], "refined": [], "flows": []}
+    given = config.merge(base, {"run": ["lab"], "experiments": {"lab": lab}})
+    found = config.validate(given)
+    assert jobs.sets(found, "lab") == ["train", "validation", "test", "validation_1s", "test_1s"]
+    assert "horizons_s" not in stage_settings.cut_measurements(found, "lab")["files"], "a horizon redoes no training"
+    one = stage_settings.cut_measured_horizon(found, "lab", "test_1s")
+    assert one["set"] == "test_1s" and one["files"]["horizons_s"] == [1.0]
+    assert stage_settings.study(found, "lab", "horizons")["options"]["distances"] == ["20 points", "1 s"]
+    for change, message in (({"horizons_s": [1.0, 1.0]}, "give each once"), ({"step_s": 0.1}, "chunks end at 1.9 s")):
+        wrong = {"experiments": {"lab": {"data": {"files": change}}}}
+        with pytest.raises(InputError, match=message):
+            config.validate(config.merge(given, wrong))
+
+
 class TestCards:
     """Jobs that compute on a card ask for it, and a run has one: no two of them are on it at a time."""
 

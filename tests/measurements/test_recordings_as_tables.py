@@ -13,9 +13,11 @@ from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.learning.train import train
+from expertaug.measurements.horizons import cut_measured_horizon
 from expertaug.measurements.names import Names
 from expertaug.measurements.stage import cut_measurements
 from expertaug.recordings.chunks.cut import split_chunks
+from expertaug.recordings.chunks.horizons import cut_horizon
 from expertaug.recordings.rendering.motion import simulate
 from expertaug.systems.double_pendulum import Constants, energy
 from expertaug.trajectories import Trajectories
@@ -26,6 +28,7 @@ SPEEDS = dict.fromkeys(STATE[2:], "rad/s")
 RATE = 200.0
 CONSTANTS, FRICTION = Constants(B1=0.103, G1=69.4, B2=1.366, G2=93.6), (0.03, 0.12)
 CHUNKS = {"length": 20, "min_chunks": 2, "stride": 5, "evaluation_stride": 20}
+SHARES = {"train_share": 0.4, "validation_share": 0.3, "test_share": 0.3, "guard_s": 0.06}
 # What config/experiments/double_pendulum.yaml says of recordings, said of tables.
 FILES = {
     **CHUNKS,
@@ -36,45 +39,54 @@ FILES = {
     "step_s": 0.01,
     "longest_gap": 0,
     "min_seen": 1.0,
-    "split": {
-        "by": "quantity",
-        "quantity": "level",
-        "train_share": 0.4,
-        "validation_share": 0.3,
-        "test_share": 0.3,
-        "guard_s": 0.06,
-    },
 }
+SPLITS = {"energy": {"by": "quantity", "quantity": "level"}, "time": {"by": "time", "reverse": True}}
+NAMES = Names(dict(zip(STATE, ["rad", "rad", "rad/s", "rad/s"], strict=True)), SPEEDS)
+HORIZON_S = 0.4
+
+
+def files(by: str) -> dict:
+    return {**FILES, "split": {**SPLITS[by], **SHARES}}
 
 
 @pytest.fixture(scope="module")
-def folders(tmp_path_factory) -> dict[str, Path]:
-    """Chunks of two recordings of 5 s, of which some frames are not usable: as recordings, and as tables."""
+def folders(tmp_path_factory) -> dict[str, dict[str, Path]]:
+    """By each split, chunks of two recordings of 5 s as recordings and as tables.  Their first frames and some others
+    are not usable: those rows of the tables are empty but for the time."""
     root = tmp_path_factory.mktemp("both")
     t, angles = np.arange(1000) / RATE, []
     for k, launch in enumerate(([2.2, 1.0, -6.0, -12.0], [1.8, 2.0, -5.0, -9.0])):
         y = simulate(np.array([launch]), t, CONSTANTS, FRICTION)[0]
         table = pd.DataFrame(y, columns=STATE).assign(frame=np.arange(len(t)), t=t, quality=1.0)
         table.loc[300 + 40 * k : 310 + 40 * k, "quality"] = 0.0
+        table.loc[: 7 + k, "quality"] = 0.5
         angles.append(root / f"r{k}" / "angles.csv")
         angles[-1].parent.mkdir()
         table.to_csv(angles[-1], index=False)
-    split_chunks(angles, root / "recordings", {**CHUNKS, "rate_hz": 100.0, "by": "energy"})
-    constants = json.loads((root / "recordings" / "splits.json").read_text())["energy_constants"]
+    for by in SPLITS:
+        split_chunks(angles, root / by / "recordings", {**CHUNKS, "rate_hz": 100.0, "by": by})
+    constants = json.loads((root / "energy" / "recordings" / "splits.json").read_text())["energy_constants"]
     tables = []
     for path in angles:
         table = pd.read_csv(path)
         table["level"] = energy(table[STATE].to_numpy(), Constants(**constants))
+        table.loc[table["quality"] < 1, [*STATE, "level"]] = np.nan
         tables.append(root / f"{path.parent.name}.csv")
-        table[table["quality"] == 1].to_csv(tables[-1], index=False)
-    names = Names(dict(zip(STATE, ["rad", "rad", "rad/s", "rad/s"], strict=True)), SPEEDS)
-    cut_measurements(tables, root / "files", FILES, names)
-    return {source: root / source for source in ("recordings", "files")}
+        table.to_csv(tables[-1], index=False)
+    for by in SPLITS:
+        cut_measurements(tables, root / by / "files", files(by), NAMES)
+        for name in ("validation_400ms", "test_400ms"):
+            split = {**CHUNKS, "rate_hz": 100.0, "by": by, "horizons_s": [HORIZON_S]}
+            cut_horizon(angles, root / by / "recordings" / f"{name}.npz", {"split": split, "set": name})
+            asked = {"files": files(by) | {"horizons_s": [HORIZON_S]}, "set": name}
+            cut_measured_horizon(tables, root / by / "files" / f"{name}.npz", asked, NAMES)
+    return {by: {source: root / by / source for source in ("recordings", "files")} for by in SPLITS}
 
 
-def test_the_chunks_are_the_same_bits(folders):
-    for name in ("train", "validation", "test"):
-        one, other = (Trajectories.load(folder / f"{name}.npz") for folder in folders.values())
+@pytest.mark.parametrize("by", list(SPLITS))
+def test_the_chunks_are_the_same_bits(folders, by):
+    for name in ("train", "validation", "test", "validation_400ms", "test_400ms"):
+        one, other = (Trajectories.load(folder / f"{name}.npz") for folder in folders[by].values())
         assert len(one) >= 2 and other.mask is None
         for part in ("t", "y", "z_e"):
             np.testing.assert_array_equal(getattr(one, part), getattr(other, part), strict=True)
@@ -84,14 +96,14 @@ def test_the_chunks_are_the_same_bits(folders):
 def test_and_so_are_the_numbers(folders, tmp_path, method):
     shipped = config.load([CONFIG / "config.yaml", CONFIG / "smoke.yaml"])
     tables = []
-    for source, folder in folders.items():
+    for source, folder in folders["energy"].items():
         over = {"system": {"expert": "point_mass"}, "methods": [method], "studies": {"during_training": None}}
         over |= {"augmented": [], "controls": [], "refined": [], "training": {"epochs": 1}}
         given = config.merge(shipped, {"run": ["double_pendulum"], "experiments": {"double_pendulum": over}})
         data = given["experiments"]["double_pendulum"]["data"]
         if source == "files":
             data.pop("split")
-            data |= {"source": "files", "files": {**FILES, "paths": str(folder.parent / "*.csv")}}
+            data |= {"source": "files", "files": {**files("energy"), "paths": str(folder.parents[1] / "*.csv")}}
         else:
             data["split"]["horizons_s"] = []
         data["calibrate"] = False

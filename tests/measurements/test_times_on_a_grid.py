@@ -38,6 +38,16 @@ def test_a_long_gap_ends_a_trajectory(tmp_path):
     assert max(s for s in starts if s < 80) == 60 and min(s for s in starts if s > 80) == 120
 
 
+def test_rows_in_which_nothing_was_measured_are_a_gap_too(tmp_path):
+    y = swing(1.0)
+    y[:30] = y[80:120] = np.nan
+    path = table(tmp_path / "a.csv", {"t": STEP * np.arange(200), "angle": y[:, 0], "speed": y[:, 1]})
+    for longest, expected in ((5, [30, 50, 120]), (40, [40, 60])):
+        given = settings(path, trajectory=None, stride=20, longest_gap=longest, min_seen=0.4)
+        starts = [int(name.rpartition("/")[2]) - 2 for name in all_chunks(measured(given, NAMES)).id]
+        assert starts[: len(expected)] == expected, longest
+
+
 def test_empty_cells_are_masked_alone(tmp_path):
     speed = swing(1.0)[:, 1].copy()
     speed[7] = np.nan

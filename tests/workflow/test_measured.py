@@ -34,6 +34,7 @@ seeds: [0]
 tracking: {enabled: false}
 experiments:
   measured:
+    data: {files: {length: 40, stride: 10, evaluation_stride: 10, horizons_s: [2.4]}}
     model: {encoder: {layers: [8]}, interaction: {layers: [4]}}
     training: {epochs: 2}
     methods: [aphynity]
@@ -88,6 +89,7 @@ def test_what_inspect_data_proposes_runs_to_its_tables_and_leaves_the_originals_
     text = (lab / table).read_text()
     assert "APHYNITY" in text and "nan" not in text
     metrics = pd.read_csv(lab / "results/measured/measured/aphynity/seeds_0/metrics.csv")
+    assert {"validation_2400ms", "test_2400ms"} <= set(metrics["set"])
     assert np.isfinite(metrics["value"]).all() and not metrics["metric"].str.startswith("relative").any()
     assert sums(lab / "lab") == before
     assert planned(lab, *arguments, table, PYTHONPATH=path) == {}

@@ -17,6 +17,10 @@ def add_to(commands: Commands) -> None:
     p.add_argument("files", type=Path, nargs="+", help="tables: CSV, Parquet or NPZ")
     add_paths(p, output="folder of the sets")
 
+    p = commands.add("cut-measured-horizon", _cut_measured_horizon, "cut long chunks out of the points of a split")
+    p.add_argument("files", type=Path, nargs="+", help="tables: CSV, Parquet or NPZ")
+    add_paths(p, output="npz of the set")
+
     p = commands.add(
         "inspect-data", _inspect_data, "show what tables hold and propose their configuration", settings=False
     )
@@ -57,3 +61,11 @@ def _cut_measurements(a: argparse.Namespace) -> None:
 
     settings = read_settings(a.settings)
     cut_measurements(a.files, a.output, settings["files"], systems.names(systems.load(settings["system"])))
+
+
+def _cut_measured_horizon(a: argparse.Namespace) -> None:
+    from expertaug import systems
+    from expertaug.measurements.horizons import cut_measured_horizon
+
+    settings = read_settings(a.settings)
+    cut_measured_horizon(a.files, a.output, settings, systems.names(systems.load(settings["system"])))

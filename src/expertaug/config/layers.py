@@ -10,6 +10,8 @@ from expertaug.errors import InputError
 from expertaug.wording import suggest
 
 CHAIN = 100  # experiments of which one is based on the next, at most
+# Keys of an experiment's data that say something of one source alone.
+OF_SOURCE = {"simulation": ("step_s", "t2_s", "sets"), "recordings": ("split",), "files": ("files",)}
 
 
 def merge(base: Mapping, over: Mapping) -> Located:
@@ -122,7 +124,8 @@ def _inherit(name: str, experiments: Mapping, made: dict[str, Located | None], e
 
 
 def _under(preset: str, one: Located) -> Located:
-    """An experiment with what it overrides under a preset, and without the studies, priors and sets that it takes away.
+    """An experiment with what it overrides under a preset, and without the studies, priors and sets that it takes away
+    and what it inherits of data from another source.
 
     The preset's ``choices`` are defaults: the experiment's own win over them.
     """
@@ -133,7 +136,12 @@ def _under(preset: str, one: Located) -> Located:
     if choices:
         merged["choices"] = choices
     data = merged.get("data")
-    sets = data.get("sets") if isinstance(data, Located) else None
+    sets = None
+    if isinstance(data, Located):
+        others = [keys for source, keys in OF_SOURCE.items() if source != data.get("source")]
+        for key in (key for keys in others for key in keys if data.get("source") in OF_SOURCE):
+            data.pop(key, None)
+        sets = data.get("sets")
     for block in (merged.get("studies"), merged.get("augmentations"), sets):
         if isinstance(block, Located):
             for name in [name for name, value in block.items() if value is None]:

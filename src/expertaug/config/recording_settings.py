@@ -85,7 +85,15 @@ def cut_measurements(config: Mapping, experiment: str) -> dict:
     one = config["experiments"][experiment]
     # Components and their units are asked of it; the constants that a compound expert needs are fitted to the chunks.
     plain = {"expert": "point_mass"} if one["data"]["calibrate"] else {}
-    return {"system": one["system"] | plain, "files": one["data"]["files"]}
+    files = {k: v for k, v in one["data"]["files"].items() if k != "horizons_s"}
+    return {"system": one["system"] | plain, "files": files}
+
+
+def cut_measured_horizon(config: Mapping, experiment: str, name: str) -> dict:
+    """Of a set of long chunks, by its name."""
+    _, seconds = jobs.horizons(config, experiment)[name]
+    settings = cut_measurements(config, experiment)
+    return settings | {"files": settings["files"] | {"horizons_s": [seconds]}, "set": name}
 
 
 def split_chunks(config: Mapping, experiment: str) -> dict:

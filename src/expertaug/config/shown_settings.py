@@ -42,11 +42,16 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
 
 def _horizons(config: Mapping, experiment: str) -> dict:
     """As of out_of_expertise: the ends of the sets' times, and by split the sets in that order."""
-    split = config["experiments"][experiment]["data"]["split"]
+    data = config["experiments"][experiment]["data"]
     long = horizons(config, experiment).items()
     panels = [[name, [name, *(other for other, (of, _) in long if of == name)]] for name in ("validation", "test")]
-    ends = [(split["length"] - 1) / split["rate_hz"], *split["horizons_s"]]
-    return {"distances": [f"{end:g} s" for end in ends], "panels": panels}
+    if data["source"] == "files":
+        step_s, cut = data["files"]["step_s"], data["files"]
+    else:
+        step_s, cut = 1 / data["split"]["rate_hz"], data["split"]
+    # The rows' own step is known to the stage that reads them alone.
+    first = f"{cut['length']} points" if step_s is None else f"{(cut['length'] - 1) * step_s:g} s"
+    return {"distances": [first, *(f"{end:g} s" for end in cut["horizons_s"])], "panels": panels}
 
 
 def grid(config: Mapping, experiment: str) -> dict:

@@ -20,6 +20,7 @@ STAGES = {
     "plot_recording": "expertaug.recordings.reports.page",
     "overlay": "expertaug.recordings.reports.overlay",
     "cut_measurements": "expertaug.measurements.stage",
+    "cut_measured_horizon": "expertaug.measurements.horizons",
     "review_recording": "expertaug.recordings.reports.review",
     "review": "expertaug.recordings.reports.review",
     "export_recording": "expertaug.recordings.exports",

@@ -15,6 +15,7 @@ from expertaug.config.methods import FITTED, build_of, experiment_of, foreign, m
 from expertaug.config.recording_settings import (
     calibrate,
     cut_horizon,
+    cut_measured_horizon,
     cut_measurements,
     extract_frames,
     import_markers,
@@ -44,6 +45,7 @@ __all__ = [
     "calibrate",
     "compare",
     "cut_horizon",
+    "cut_measured_horizon",
     "cut_measurements",
     "dissipation",
     "during_training",

@@ -9,6 +9,7 @@ from pathlib import Path
 from expertaug.config.names import other_parameters, unknown, unknown_keys, unknown_one
 from expertaug.errors import InputError
 from expertaug.labels import MAIN_SETS
+from expertaug.measurements.settings import MeasurementSettings
 from expertaug.recordings.chunks.settings import ChunkSettings
 
 PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"
@@ -32,8 +33,10 @@ def sets_of(experiment: Mapping) -> list[str]:
 
 
 def horizons_of(experiment: Mapping) -> dict[str, tuple[str, float]]:
-    """Sets of long chunks of an experiment on recordings by name: the split that each is of, and its length in s."""
+    """Sets of long chunks of an experiment on measurements by name: the split that each is of, and its length in s."""
     data = experiment["data"]
+    if data["source"] == "files":
+        return MeasurementSettings.from_mapping(data["files"]).horizons
     return ChunkSettings.from_mapping(data["split"]).horizons if data["source"] == "recordings" else {}
 
 

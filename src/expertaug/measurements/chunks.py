@@ -10,6 +10,8 @@ from expertaug.errors import InputError
 from expertaug.measurements.settings import Cutting
 from expertaug.measurements.splitting import SPLITS, stretches
 
+MOST_LONG = 300  # chunks of a set of long ones, which overlap: more would cost more than they tell
+
 
 def chunk_starts(member: np.ndarray, step: int, options: Cutting, stride: int) -> np.ndarray:
     """First rows of the chunks that lie wholly in runs of ``member`` rows, in order."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.measurements.chunks import chosen, rows_of, spaced, stride_of, thinned
-from expertaug.measurements.grid import Grid, Series, on_grid
+from expertaug.measurements.grid import Grid, Series, on_grid, times_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.noise import noise_of, noise_of_rows
 from expertaug.measurements.paths import list_files, verify
@@ -221,7 +221,7 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
         if name in data.names.constant and changed.any():
             found = f"{name} changes along {identity[int(changed.argmax())]}"
             raise InputError(f"{WHERE}.inputs.{name}", found, "a covariate is constant; declare an input")
-    times = np.arange(settings.length) * data.grid.step_s
+    times = times_of(settings.length, data.grid.step_s)
     known = {"id": np.array(identity), "noise": np.nan_to_num(data.noise)}
     # Windows without a gap are what a model of them may rely on, as one of simulated sets or recordings does.
     if settings.min_seen < 1 or not data.seen.all():

@@ -88,10 +88,24 @@ def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid
         InputError: the rows fit no grid, or ``step_s`` is no multiple of their step.
     """
     median = own_step(trajectories)
-    if settings.uneven == "interpolate":
-        return _interpolated(trajectories, settings, median)
-    if settings.uneven == "own":
-        return _at_own_times(trajectories, settings, median)
+    make = {"mask": _of_rows, "interpolate": _interpolated, "own": _at_own_times}[settings.uneven]
+    found = make(trajectories, settings, median)
+    longest = (settings.longest_gap + 1.5) * median / found.row_s
+    return replace(found, series=[replace(one, usable=_without_gaps(one, longest)) for one in found.series])
+
+
+def _without_gaps(one: Series, longest: float) -> np.ndarray:
+    """The usable points but for those of long gaps: rows in which nothing was measured are as good as missing."""
+    known = np.concatenate(([-1], np.flatnonzero(np.isfinite(one.y).any(1)), [len(one.y)]))
+    usable = one.usable.copy()
+    for before, after in pairwise(known):
+        if after - before > longest:
+            usable[before + 1 : after] = False
+    return usable
+
+
+def _of_rows(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
+    """Rows at the points of a grid as far apart as they are themselves."""
     row_s = _fitted(trajectories, settings, median)
     step = 1 if settings.step_s is None else round(settings.step_s / row_s)
     if settings.step_s is not None:
@@ -127,6 +141,13 @@ def _plain(step_s: float) -> float:
         if abs(candidate / step_s - 1) < NEAR:
             return candidate
     return float(f"{step_s:.9g}")
+
+
+def times_of(points: int, step_s: float) -> np.ndarray:
+    """Times of a chunk's points in s, (points,): counts over a rate of few digits: 35 · .01 is not .35."""
+    rate = float(f"{1 / step_s:.5g}")
+    counts = np.arange(points)
+    return counts / rate if abs(rate * step_s - 1) < 1e-12 else counts * step_s
 
 
 def _placed(rows: Rows, row_s: float, settings: MeasurementSettings) -> tuple[Series, int]:

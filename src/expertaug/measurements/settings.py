@@ -48,6 +48,12 @@ class Cutting(Settings):
         None, "at most so many chunks, evenly spread; null = all; one value, or one for each set"
     )
     min_chunks: Count = key(30, "a set with fewer is refused")
+    horizons_s: list[Positive] = key(
+        list,
+        "lengths of further sets of validation and test chunks, from the same points, which are evaluated alone: 1.0 "
+        "makes validation_1s and test_1s",
+        "s",
+    )
 
     @model_validator(mode="after")
     def _strides_fit(self) -> Self:
@@ -56,9 +62,42 @@ class Cutting(Settings):
                 raise disagree(f"found {getattr(self, name)}", f"give at most the length, {self.length}", name)
         return self
 
+    @model_validator(mode="after")
+    def _horizons_differ(self) -> Self:
+        named = list(map(_suffix, self.horizons_s))
+        if len(set(named)) < len(named):
+            raise disagree(f"found {self.horizons_s}", "give each once", "horizons_s")
+        return self
+
+    def check_horizons(self, step_s: float) -> None:
+        """Longer chunks are longer than the others; raises what a validator of settings raises.
+
+        Arguments:
+            step_s: from one point of a chunk to the next.
+        """
+        for k, seconds in enumerate(self.horizons_s):
+            if points_in(seconds, step_s) <= self.length:
+                last = (self.length - 1) * step_s
+                raise disagree(f"found {seconds:g}", f"chunks end at {last:g} s already", f"horizons_s[{k}]")
+
+    @property
+    def horizons(self) -> dict[str, tuple[str, float]]:
+        """Further sets by name: the split that they are of, and their length in s."""
+        return {f"{split}_{_suffix(s)}": (split, s) for s in self.horizons_s for split in ("validation", "test")}
+
     def limit(self, split: str) -> int | None:
         """Chunks of a set, at most; None = all."""
         return getattr(self.max_chunks, split) if isinstance(self.max_chunks, ChunkLimits) else self.max_chunks
+
+
+def points_in(seconds: float, step_s: float) -> int:
+    """Points of a chunk of that length."""
+    return round(seconds / step_s) + 1
+
+
+def _suffix(seconds: float) -> str:
+    """A length as the end of a set's name: 1s, 500ms."""
+    return f"{seconds:g}s" if float(seconds).is_integer() else f"{round(1000 * seconds)}ms"
 
 
 def check_shares(shares: tuple[float, float, float]) -> None:
@@ -209,9 +248,16 @@ class MeasurementSettings(Cutting, TableKeys):
     longest_gap: int = key(5, "missing points in a row that a chunk may span; a longer gap ends it", ge=0, le=MANY)
     min_seen: Share = key(
         0.7,
-        "X",
+        "part of a chunk's values that must have been measured, of the components with a column; at 1, with a column "
+        "for each component, models may rely on windows without gaps",
     )
     split: SplitSettings = key(SplitSettings, "which pieces train, which validate and which test")
+
+    @model_validator(mode="after")
+    def _horizons_are_longer(self) -> Self:
+        if self.step_s is not None:
+            self.check_horizons(self.step_s)
+        return self
 
     @property
     def files(self) -> list[str]:

@@ -6,17 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from expertaug.errors import InputError
-from expertaug.measurements.chunks import rows_of, thinned
+from expertaug.measurements.chunks import MOST_LONG, rows_of, thinned
+from expertaug.measurements.settings import points_in
 from expertaug.measurements.splitting import SPLITS, stretches
 from expertaug.recordings.chunks.cut import divide, trajectories_of
-from expertaug.recordings.chunks.settings import ChunkSettings, points_until
+from expertaug.recordings.chunks.settings import ChunkSettings
 from expertaug.recordings.options import read_settings
-
-LIMIT = 300  # chunks of a set, which overlap where they are long: more would cost more than they tell
 
 
 def cut_horizon(angles: Sequence[str | Path], output: str | Path, settings: Mapping[str, object]) -> None:
-    """Cut a set of long chunks out of the frames of a split; at most 300, evenly spread.
+    """Cut a set of long chunks out of the frames of a split; at most ``MOST_LONG``, evenly spread.
 
     Arguments:
         angles: as of :func:`expertaug.recordings.chunks.cut.split_chunks`, which divides the frames in the same way.
@@ -29,7 +28,7 @@ def cut_horizon(angles: Sequence[str | Path], output: str | Path, settings: Mapp
     output = Path(output)
     options = read_settings(ChunkSettings, settings["split"], "chunks")  # type: ignore[arg-type]
     split, seconds = options.horizons[str(settings["set"])]
-    long = options.model_copy(update={"length": points_until(seconds, options.rate_hz), "phases": "first"})
+    long = options.model_copy(update={"length": points_in(seconds, 1 / options.rate_hz), "phases": "first"})
     division = divide(angles, output, options)
     rows = rows_of(division.labels, division.steps, split, long, options.evaluation_stride)
     if not len(rows):
@@ -40,4 +39,4 @@ def cut_horizon(angles: Sequence[str | Path], output: str | Path, settings: Mapp
         )
         found = f"no {split} chunk of {seconds:g} s: the longest stretch of its frames lasts {longest:.2g} s"
         raise InputError(output, found, "give longer recordings, or shorter data.split.horizons_s ([] for none)")
-    trajectories_of(division, thinned(rows, LIMIT), long).save(output)
+    trajectories_of(division, thinned(rows, MOST_LONG), long).save(output)

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, Self
 from pydantic import model_validator
 
 from expertaug.measurements.settings import Cutting, check_shares
-from expertaug.settings import NotNegative, Positive, Share, disagree, key, read
+from expertaug.settings import NotNegative, Positive, Share, key, read
 
 NOMINAL_HZ = 100.0  # for which length and strides are given where no rate is
 FEWEST_POINTS = 7  # of a chunk by which an expert can be calibrated
@@ -35,24 +35,11 @@ class ChunkKeys(Cutting):
     guard_s: NotNegative = key(
         0.06, "time left out between frames of different sets, since angles are smoothed over their neighbours", "s"
     )
-    horizons_s: list[Positive] = key(
-        list,
-        "lengths of further sets of validation and test chunks, from the same frames, which are evaluated alone: 1.0 "
-        "makes validation_1s and test_1s",
-        "s",
-    )
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
         check_shares(self.shares)
-        for k, seconds in enumerate(self.horizons_s):
-            rate = self.rate_hz or NOMINAL_HZ
-            if points_until(seconds, rate) <= self.length:
-                last = (self.length - 1) / rate
-                raise disagree(f"found {seconds:g}", f"chunks end at {last:g} s already", f"horizons_s[{k}]")
-        named = list(map(suffix, self.horizons_s))
-        if len(set(named)) < len(named):
-            raise disagree(f"found {self.horizons_s}", "give each once", "horizons_s")
+        self.check_horizons(1 / (self.rate_hz or NOMINAL_HZ))
         return self
 
     def at(self, analysis_rate_hz: float, where: str) -> ChunkSettings:
@@ -76,11 +63,6 @@ class ChunkKeys(Cutting):
         )
 
     @property
-    def horizons(self) -> dict[str, tuple[str, float]]:
-        """Further sets by name: the split that they are of, and their length in s."""
-        return {f"{split}_{suffix(s)}": (split, s) for s in self.horizons_s for split in ("validation", "test")}
-
-    @property
     def shares(self) -> tuple[float, float, float]:
         return self.train_share, self.validation_share, self.test_share
 
@@ -90,13 +72,3 @@ class ChunkSettings(ChunkKeys):
 
     single: bool = key(False, "whether the recordings are of a single pendulum")
     rate_hz: Positive = key(NOMINAL_HZ, "points per second; the recordings' rate is a multiple of it", "Hz")  # type: ignore[assignment]
-
-
-def points_until(seconds: float, rate_hz: float) -> int:
-    """Points from 0 to a time."""
-    return round(seconds * rate_hz) + 1
-
-
-def suffix(seconds: float) -> str:
-    """A length as the end of a set's name: 1s, 500ms."""
-    return f"{seconds:g}s" if float(seconds).is_integer() else f"{round(1000 * seconds)}ms"

@@ -1,0 +1,49 @@
+"""Longer chunks of the validation and the test points of measurements: how far forecasts reach."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from expertaug.errors import InputError
+from expertaug.measurements.chunks import MOST_LONG, thinned
+from expertaug.measurements.cut import candidates, divide, measured, trajectories_of
+from expertaug.measurements.names import Names
+from expertaug.measurements.settings import MeasurementSettings, points_in
+from expertaug.measurements.splitting import SPLITS, stretches
+from expertaug.measurements.trajectory import WHERE
+
+
+def cut_measured_horizon(files: Sequence[Path], output: str | Path, settings: Mapping, names: Names) -> None:
+    """Stage: cut a set of long chunks out of the points of a split; at most ``MOST_LONG``, evenly spread.
+
+    Arguments:
+        files: as of :func:`expertaug.measurements.stage.cut_measurements`, which divides the points in the same way.
+        output: gets the set (:class:`expertaug.trajectories.Trajectories`), as that function's sets but for its times.
+        settings: {files, set}: those of :class:`MeasurementSettings`, and which of its ``horizons`` to cut.
+        names: of the system.
+
+    Raises:
+        InputError: a file cannot be used, or no stretch of the split's points is as long as that.
+    """
+    options = MeasurementSettings.from_mapping({**settings["files"], "paths": [str(file) for file in files]})
+    split, seconds = options.horizons[str(settings["set"])]
+    data = measured(options, names)
+    length, here = points_in(seconds, data.grid.step_s), f"{WHERE}.horizons_s"
+    if length <= options.length:
+        last = (options.length - 1) * data.grid.step_s
+        raise InputError(here, f"found {seconds:g}", f"chunks end at {last:g} s already")
+    labels = divide(data)[0]
+    long = replace(data, settings=options.model_copy(update={"length": length, "phases": "first"}))
+    rows = candidates(long, labels)[split]
+    if not len(rows):
+        runs = [run for one in labels for run in stretches(one == SPLITS.index(split))]
+        longest = max(((b - a - 1) * data.grid.row_s for a, b in runs), default=0.0)
+        found = f"no {split} chunk of {seconds:g} s: the longest stretch of its points lasts {longest:.2g} s"
+        remedy = "give longer trajectories, or shorter horizons_s ([] for none)"
+        if longest >= seconds:
+            found = f"no {split} chunk of {seconds:g} s has {options.min_seen:g} of its values measured"
+            remedy = "give a smaller min_seen, or shorter horizons_s ([] for none)"
+        raise InputError(here, found, remedy)
+    trajectories_of(long, thinned(rows, MOST_LONG)).save(Path(output))
