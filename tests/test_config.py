@@ -612,6 +612,14 @@ def test_horizons_of_tables(base, tmp_path):
             config.validate(config.merge(given, wrong))
 
 
+def test_figures_of_lines_show_the_classical_estimator_and_the_experiments_own_expert_first(base, tmp_path):
+    shown = ["least_squares", "aphynity", "aphynity+", "hvae", "hvae+", "alternating"]
+    over = config.load([ROOT / "config" / "ibm.yaml"])
+    recorded = config.merge(over, {"recordings": {"markers": {"path": str(tmp_path)}}})
+    for given, experiment in ((base, "pendulum"), (config.merge(base, recorded), "double_pendulum_time")):
+        assert stage_settings.plot(config.validate(given), experiment)["traced"] == shown
+
+
 class TestCards:
     """Jobs that compute on a card ask for it, and a run has one: no two of them are on it at a time."""
 

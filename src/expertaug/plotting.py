@@ -54,16 +54,28 @@ def colours(variants: Sequence[str], methods: Sequence[str] = ()) -> dict[str, t
 
     Arguments:
         variants: to be drawn (:mod:`expertaug.labels`).
-        methods: all of the configuration: keeps a method's colour the same in figures of different methods.
+        methods: all of the configuration: keeps a method's colour the same in figures of different methods, but for
+            those of one hue, in figures of both.
     """
-    bases = list(dict.fromkeys(base(variant) for variant in (*methods, *variants)))
-    found = {}
+    drawn = list(dict.fromkeys(map(base, variants)))
+    hues, found = _hues(drawn, list(dict.fromkeys((*methods, *drawn)))), {}
     for variant in variants:
-        red, green, blue = to_rgb(HUES[bases.index(base(variant)) % len(HUES)])
+        red, green, blue = to_rgb(HUES[hues[base(variant)]])
         if is_augmented(variant):
             found[variant] = (0.72 * red, 0.72 * green, 0.72 * blue)
         else:
             found[variant] = tuple(0.58 * part + 0.42 for part in (red, green, blue))
+    return found
+
+
+def _hues(drawn: Sequence[str], methods: Sequence[str]) -> dict[str, int]:
+    """A hue for each method that is drawn: its own where there are as many hues as methods, else one that no other has
+    as long as there is one."""
+    found: dict[str, int] = {}
+    for method in sorted(drawn, key=methods.index):
+        own = methods.index(method) % len(HUES)
+        free = [hue for hue in range(own, own + len(HUES)) if hue % len(HUES) not in found.values()]
+        found[method] = (free[0] if free else own) % len(HUES)
     return found
 
 

@@ -102,6 +102,16 @@ def test_colours_are_fixed_by_the_configuration():
     assert sum(pair["hybrid"]) > sum(pair["hybrid+"]) + 0.5 and pair["hybrid+wide"] == pair["hybrid+"]
 
 
+def test_methods_of_one_figure_have_hues_of_their_own():
+    methods = [f"m{k}" for k in range(2 * len(plotting.HUES))]
+    one, other = methods[2], methods[2 + len(plotting.HUES)]
+    assert plotting.colours([one], methods) == {one: plotting.colours([one, other], methods)[one]}
+    assert plotting.colours([other], methods)[other] == plotting.colours([one], methods)[one]
+    drawn = plotting.colours([other, one, f"{other}+", f"{one}+"], methods)
+    assert len(set(drawn.values())) == 4
+    assert len(set(plotting.colours(methods, methods).values())) == len(plotting.HUES), "more than there are hues"
+
+
 def test_words_are_printed_once():
     once = plotting.text("APHYNITY (F_a of known form), z_e")
     assert once == "APHYNITY ($F_a$ of known form), $z_e$" == plotting.text(once)

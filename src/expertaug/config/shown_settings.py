@@ -95,20 +95,24 @@ def tabulate(config: Mapping, experiment: str) -> dict:
 
 def _traced(config: Mapping, experiment: str) -> list[str]:
     """As many versions as can be told apart in a figure of lines: the classical estimator, the hybrids with and without
-    augmentation, then refined ones, then what is left."""
+    augmentation, then refined ones, then what is left, as hybrids of another expert than the experiment's."""
     named, builds = variants(config, experiment), config["methods"]
+    estimators = [m for m in named if builds[naming.base(m)]["kind"] == "least_squares"]
+    classical = next((m for m in estimators if not builds[naming.base(m)].get("truth")), None)
+    system = config["experiments"][experiment]["system"]
 
     def rank(variant: str) -> int:
-        build, found = builds[naming.base(variant)], naming.parse(variant)
-        if build.get("known_form") or build.get("truth") or build["kind"] == "mean" or found.prior:
+        method, found = naming.base(variant), naming.parse(variant)
+        build = builds[method]
+        if variant == classical:
+            return 0
+        if build.get("known_form") or build["kind"] in ("mean", "least_squares") or found.prior:
             return 4
-        if build["kind"] == "least_squares":
-            return 0 if variant == next(v for v in named if builds[naming.base(v)]["kind"] == "least_squares") else 4
         if build.get("expert") is False or build.get("interaction") is False:
             return 3
-        if naming.is_control(variant):
+        if naming.is_control(variant) or experiment_of(config, experiment, method)["system"] != system:
             return 3
-        return 2 if found.estimators else 0 if naming.base(variant) in _augmented(config, experiment) else 1
+        return 2 if found.estimators else 0 if method in _augmented(config, experiment) else 1
 
     return sorted(sorted(named, key=rank)[:TRACED], key=named.index)
 
