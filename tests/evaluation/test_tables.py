@@ -276,6 +276,17 @@ def test_the_error_of_parameters_that_nobody_knows_is_a_dash(tmp_path):
     assert set(long["method"]) == {"a"} and set(long["of"]) == {0} and long["mean"].isna().all()
 
 
+def test_what_augmentation_gains_of_parameters_that_nobody_knows_is_not_told(tmp_path):
+    metrics, forecasts = write_runs(tmp_path, {"a": 0.0, "a=": -0.1, "a+": -0.5})
+    metrics[0].write_text("".join(s for s in metrics[0].read_text().splitlines(True) if "relative_error" not in s))
+    for path in forecasts:
+        kept = dict(np.load(path).items())
+        np.savez(path, **{k: np.full_like(v, np.nan) if k.endswith("_z_e") else v for k, v in kept.items()})
+    tabulate(metrics, [tmp_path / "t.md", tmp_path / "t.csv"], forecasts=forecasts)
+    rows = [line for line in (tmp_path / "t.md").read_text().splitlines() if "gain over control" in line]
+    assert len(rows) == 1 and rows[0].count("**0.") == len(SETS) and "nan" not in rows[0]
+
+
 def test_forecasts_from_before_errors_of_samples_were_kept(tmp_path):
     metrics, forecasts = write_runs(tmp_path, {"a": 0.0})
     kept = {name: value for name, value in np.load(forecasts[0]).items() if name != "version"}

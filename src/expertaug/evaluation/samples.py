@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -155,15 +155,14 @@ class Samples:
         if one is None or chosen is None:
             return None
         statistic, values = chosen
-        told = np.isfinite(values).any(
-            0
-        )  # of a sample of which nothing was measured, or no parameter is known, nothing
-        if not told.all():
-            values, one = values[:, told], replace(one, units=one.units[told])
+        told = np.isfinite(values).any(0)  # not of samples of which nothing was measured, or no parameter is known
+        if not told.any():
+            return None
+        values, units = values[:, told], one.units[told]
         finite = np.isfinite(values).all(1)
         if not finite.any():
             return None
-        return self._seeds[key][finite], statistic(values[finite].astype(float), one.units)
+        return self._seeds[key][finite], statistic(values[finite].astype(float), units)
 
 
 def _read(path: str | Path) -> tuple[Key, list[int], dict[str, _Set]]:
