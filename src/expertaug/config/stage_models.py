@@ -19,6 +19,7 @@ from expertaug.settings import LEFT_OUT, NotNegative, Positive, Range, Seed, Set
 
 WHERE = "--settings"
 Seeds = Annotated[list[Seed], Field(min_length=1)]
+Labels = list[Annotated[list[str], Field(min_length=2, max_length=2)]]
 
 
 class StageSettings(Settings):
@@ -155,15 +156,18 @@ class Reading(StageSettings):
 class Tabulate(Reading):
     """The tables of an experiment."""
 
-    labels: list[str] = key(..., "of the methods, in order")
+    labels: Labels = key(..., "version and label of each method, in order")
+    floors: list[str] = key(..., "versions of the true equation")
+    known_form: list[str] = key(..., "versions whose F_a is of known form")
 
 
-class Plot(Tabulate):
+class Plot(Reading):
     """The figures of an experiment."""
 
-    all_labels: list[str] = key(..., "of every method of the configuration")
+    labels: Labels = key(..., "version and label of each method, in order")
+    all_methods: list[str] = key(..., "of the configuration, which fix the colours")
     traced: list[str] = key(..., "versions that figures of lines and points show")
-    floor: str | None = key(None, "version of the true equation, where there is one")
+    floor: str | None = key(..., "version of the true equation, where there is one")
     training_range: dict[str, Range] = key(..., "of the expert parameters")
     priors: dict[str, dict[str, Range]] = key(..., "p⁺ of each method")
 
@@ -172,22 +176,23 @@ class Study(Reading):
     """The table and the figure of a study."""
 
     study: str = key(..., "name of the study")
-    labels: list[list[str]] = key(..., "version and label of each method, in order")
-    all_labels: list[str] = key(..., "of every method of the configuration")
+    labels: Labels = key(..., "version and label of each method, in order")
+    all_methods: list[str] = key(..., "of the configuration, which fix the colours")
+    sets: dict[str, Any] = key(..., "the simulated sets; of measurements none")
     options: dict[str, Any] = key(LEFT_OUT, "of the study")
 
 
 class Compare(StageSettings):
     """A comparison with published numbers."""
 
-    published: list[list[str]] = key(..., "experiment and system of the published numbers")
+    published: list[list[str | None]] = key(..., "experiment and system of the published numbers; null = none")
 
 
 class Overview(StageSettings):
     """The figures over several experiments."""
 
     experiments: list[dict[str, Any]] = key(..., "what is shown of each")
-    all_labels: list[str] = key(..., "of every method of the configuration")
+    all_methods: list[str] = key(..., "of the configuration, which fix the colours")
 
 
 STAGES: Mapping[str, type[StageSettings]] = {

@@ -68,7 +68,8 @@ def chosen(where: object, candidates: dict[str, np.ndarray], options: Cutting, m
     for name, rows in candidates.items():
         if len(rows) < options.min_chunks:
             counts = ", ".join(f"{n} {len(of)}" for n, of in candidates.items())
-            remedy = f"at least {options.min_chunks} are needed: more {more}, a smaller stride or a lower min_chunks"
+            ways = f"more {more}, shorter chunks, a smaller stride or a lower min_chunks"
+            remedy = f"at least {options.min_chunks} are needed: {ways}"
             raise InputError(where, f"too few chunks for the {name} split ({counts})", remedy)
     return {name: thinned(rows, options.limit(name)) for name, rows in candidates.items()}
 
