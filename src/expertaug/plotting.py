@@ -44,7 +44,7 @@ RC = {
     "svg.hashsalt": "expertaug",
 }
 # Hues that the colour-blind tell apart (Okabe and Ito, with a grey, a brown and an olive).
-HUES = ("#7A7A7A", "#E69F00", "#8C5A2B", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#B5589A", "#999933")
+HUES = ("#7A7A7A", "#E69F00", "#009E73", "#56B4E9", "#8C5A2B", "#0072B2", "#D55E00", "#B5589A", "#999933")
 DASHED = (0, (3.5, 1.6))
 LETTERS = "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|chi|psi|omega"
 

@@ -115,18 +115,18 @@ def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure
         figure = plotting.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(methods) + 0.5))
         grid = figure.subplots(count, len(methods), squeeze=False, sharex="row", sharey="row")
         for row, name in enumerate(first.parameter_names):
+            quantity = plotting.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
             if unknown_parameters.is_unknown(first, row):
                 priors = {method: settings.get("priors", {}).get(method, {}).get(name) for method in methods}
                 axes = dict(zip(methods, grid[row], strict=True))
                 unknown_parameters.draw(axes, found, row, colours, priors)
                 for method, axis in axes.items():
-                    axis.set_xlabel(f"estimated {plotting.quantity(name, first.parameter_units[row])}")
+                    axis.set_xlabel(f"estimated {quantity}")
                     if row == 0:
                         axis.set_title(plotting.text(labels.get(method, method)))
-                grid[row, 0].set_ylabel("windows (truth not known)")
+                grid[row, 0].set_ylabel("windows\n(truth unknown)")
                 continue
             low, high = _show_ranges(dict(zip(methods, grid[row], strict=True)), first, row, name, settings)
-            quantity = plotting.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
             for axis, method in zip(grid[row], methods, strict=True):
                 _scatter(axis, found[method], row, (low, high), colours[method])
                 axis.set_xlabel(f"true {quantity}")
@@ -212,14 +212,19 @@ def _scatter(
 
 
 def _parameter_legend(figure: Figure, data: Forecasts, settings: Mapping) -> None:
+    unknown = [unknown_parameters.is_unknown(data, row) for row in range(len(data.parameter_names))]
     handles = []
     for name in drawn_sets(data.estimates):
-        face = "none" if name == "test" else "0.6"
+        title, face = set_title(name, settings), "none" if name == "test" else "0.6"
+        if all(unknown):
+            handles.append(Patch(facecolor=face, edgecolor="0.3", label=title))
+            continue
         marker = {"marker": MARKERS.get(name, "s"), "markerfacecolor": face, "markeredgecolor": "0.3"}
-        handles.append(Line2D([], [], linestyle="", markersize=4, label=set_title(name, settings), **marker))
+        handles.append(Line2D([], [], linestyle="", markersize=4, label=title, **marker))
     if text := _shaded(data, settings):
         handles.append(Patch(facecolor="0.9", label=text))
     if any(settings.get("priors", {}).values()):
         handles.append(Line2D([], [], color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), label="range of p⁺"))
-    handles.append(Line2D([], [], color="0.25", linewidth=0.8, label="estimate = truth"))
+    if not all(unknown):
+        handles.append(Line2D([], [], color="0.25", linewidth=0.8, label="estimate = truth"))
     plotting.legend(figure, handles)
