@@ -31,3 +31,23 @@ def test_a_comma_between_columns_is_no_decimal(tmp_path, capsys):
     path.write_text("t,x\n" + "".join(f"{k / 50},{k % 7}\n" for k in range(200)))
     assert main(["inspect-data", str(path), "--output", str(tmp_path / "seen.png")]) == 0
     assert "decimal" not in yaml.safe_load(capsys.readouterr().out)["experiments"]["measured"]["data"]["files"]
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "cell", "message"),
+    [
+        (9, 0, "noon", "row 9, column t: 'noon' is no number"),
+        (9, 1, "1.2 mm", "row 9, column x: '1.2 mm' is no number"),
+        (1, 0, "x", "two columns are called 'x'"),
+    ],
+)
+def test_one_bad_cell_is_told_and_changes_no_columns_meaning(tmp_path, capsys, row, column, cell, message):
+    lines = ["t,x", *(f"{k / 50},{k % 7}" for k in range(200))]
+    cells = lines[row - 1].split(",")
+    cells[column] = cell
+    lines[row - 1] = ",".join(cells)
+    path = tmp_path / "spring.csv"
+    path.write_text("\n".join(lines) + "\n")
+    assert main(["inspect-data", str(path), "--output", str(tmp_path / "seen.png")]) == 2
+    told = capsys.readouterr().err
+    assert message in told and len(told.strip().splitlines()) == 1

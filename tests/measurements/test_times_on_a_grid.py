@@ -142,3 +142,13 @@ def test_noise_is_estimated_from_roughness():
         assert noise_of([noisy]) == pytest.approx([sigma, 2 * sigma], rel=0.1)
     assert noise_of([y]).max() < 1e-4  # a motion without noise
     assert np.isnan(noise_of([y[:5]])).all()
+
+
+def test_a_grid_is_found_where_every_second_row_or_more_is_missing(tmp_path):
+    keep = [k for k in range(200) if k % 5 in (0, 2, 4)]  # steps of two, two and one
+    y, path = one_swing(tmp_path, keep)
+    data = measured(settings(path, trajectory=None, stride=1, min_seen=0.5), NAMES)
+    assert data.grid.row_s == pytest.approx(STEP) and data.grid.broken == 0
+    chunks = all_chunks(data)
+    assert chunks.mask.mean() == pytest.approx(0.6, abs=0.05)
+    assert np.allclose(chunks.y[0][chunks.mask[0]], y[:20][chunks.mask[0]], atol=1e-6)

@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 from expertaug import systems
 from expertaug.measurements.cut import Measured, all_chunks, measured, sets_of
+from expertaug.measurements.horizons import long_set
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.systems import System
 from expertaug.trajectories import Trajectories
@@ -52,6 +53,8 @@ def split_measurements(
 ) -> dict[str, Trajectories]:
     """The same divided into train, validation and test; no point is in two of them.
 
+    With ``horizons_s`` come further sets of longer chunks from the validation and the test points, as ``test_2s``.
+
     Arguments:
         split: how, {by: random, time, quantity, file or column, …}:
             :class:`expertaug.measurements.settings.SplitSettings`.
@@ -59,7 +62,8 @@ def split_measurements(
     Raises:
         InputError: as :func:`read_measurements`, or a set has fewer than ``min_chunks`` chunks (here 1 by default).
     """
-    return sets_of(_read(paths, system, columns, length, {"min_chunks": 1, **settings, "split": dict(split)}))[0]
+    data = _read(paths, system, columns, length, {"min_chunks": 1, **settings, "split": dict(split)})
+    return sets_of(data)[0] | {name: long_set(data, name) for name in data.settings.horizons}
 
 
 def _read(

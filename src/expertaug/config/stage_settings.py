@@ -287,7 +287,6 @@ def _prior(augmentation: Mapping) -> dict | str:
 
 
 def _evaluation(config: Mapping, experiment: str) -> dict:
-    """What an evaluation computes."""
     return {k: v for k, v in config["experiments"][experiment]["evaluation"].items() if k not in SHOWING}
 
 

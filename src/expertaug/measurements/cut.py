@@ -236,7 +236,7 @@ def sets_of(data: Measured) -> tuple[dict[str, Trajectories], dict[str, np.ndarr
         InputError: a set has too few chunks.
     """
     labels, thresholds = divide(data)
-    rows = chosen(f"{WHERE}.split", candidates(data, labels), data.settings, "measurements")
+    rows = chosen(f"{WHERE}.split", candidates(data, labels), data.settings, "measurements, a lower min_seen")
     return {name: trajectories_of(data, of) for name, of in rows.items()}, rows, thresholds
 
 

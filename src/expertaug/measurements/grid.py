@@ -10,10 +10,8 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.measurements.settings import MeasurementSettings
+from expertaug.measurements.steps import fitted, own_step, plain
 from expertaug.measurements.trajectory import WHERE, Rows
-
-FITTING = 0.5  # part of the steps from row to row that must lie on a grid
-NEAR = 1e-6  # relative distance of a step from a number of few digits that is taken for it
 
 
 @dataclass(frozen=True)
@@ -73,14 +71,6 @@ class Grid:
         return self.row_s * self.step
 
 
-def own_step(trajectories: Sequence[Rows]) -> float:
-    """The usual time from row to row in s: the median over all trajectories."""
-    steps = np.concatenate([np.diff(one.t) for one in trajectories])
-    if not len(steps):
-        raise InputError(f"{WHERE}.time", "every trajectory has one row", "name the trajectory column, or none")
-    return float(np.median(steps))
-
-
 def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid:
     """Put trajectories on a grid, as ``uneven`` says.
 
@@ -90,7 +80,8 @@ def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid
     median = own_step(trajectories)
     make = {"mask": _of_rows, "interpolate": _interpolated, "own": _at_own_times}[settings.uneven]
     found = make(trajectories, settings, median)
-    longest = (settings.longest_gap + 1.5) * median / found.row_s
+    usual = found.row_s if settings.uneven == "mask" else median
+    longest = (settings.longest_gap + 1.5) * usual / found.row_s
     return replace(found, series=[replace(one, usable=_without_gaps(one, longest)) for one in found.series])
 
 
@@ -106,7 +97,7 @@ def _without_gaps(one: Series, longest: float) -> np.ndarray:
 
 def _of_rows(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
     """Rows at the points of a grid as far apart as they are themselves."""
-    row_s = _fitted(trajectories, settings, median)
+    row_s = fitted(trajectories, settings, median)
     step = 1 if settings.step_s is None else round(settings.step_s / row_s)
     if settings.step_s is not None:
         if step < 1 or abs(settings.step_s / row_s - step) > 0.01 * step:
@@ -119,28 +110,6 @@ def _of_rows(trajectories: Sequence[Rows], settings: MeasurementSettings, median
         series.append(made)
         broken += off
     return Grid(series, row_s, step, broken, None)
-
-
-def _fitted(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> float:
-    """The step in s that fits the rows best."""
-    steps = np.concatenate([np.diff(one.t) for one in trajectories]) / median
-    whole = np.rint(steps)
-    good = (np.abs(steps - whole) <= settings.tolerance) & (whole >= 1) & (whole <= settings.longest_gap + 1)
-    if good.mean() < FITTING:
-        found = (
-            f"times from row to row are {median * steps.min():.3g} to {median * steps.max():.3g} s, usually "
-            f"{median:.3g}: {100 * (1 - good.mean()):.0f} % lie more than {settings.tolerance:g} of that off a grid"
-        )
-        raise InputError(f"{WHERE}.time", found, "set uneven to own or interpolate, or a larger tolerance")
-    return _plain(median * steps[good].sum() / whole[good].sum())
-
-
-def _plain(step_s: float) -> float:
-    """A step, or its rate, of few digits where one is near: times that are written with few digits are meant so."""
-    for candidate in (float(f"{step_s:.5g}"), 1 / float(f"{1 / step_s:.5g}")):
-        if abs(candidate / step_s - 1) < NEAR:
-            return candidate
-    return float(f"{step_s:.9g}")
 
 
 def times_of(points: int, step_s: float) -> np.ndarray:
@@ -194,7 +163,7 @@ def _series(rows: Rows, row: np.ndarray, usable: np.ndarray) -> Series:
 
 def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
     """Points every ``step_s`` by cubic splines through the rows of each stretch without a long gap."""
-    step_s = _plain(median) if settings.step_s is None else settings.step_s
+    step_s = plain(median) if settings.step_s is None else settings.step_s
     longest = (settings.longest_gap + 1.5) * median
     series, squares, counts = [], 0.0, 0.0
     for rows in trajectories:
@@ -219,7 +188,7 @@ def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, m
 
 def _at_own_times(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
     """Rows at the nearest points of a finer grid, ``step_s`` apart, or a tenth of the usual time from row to row."""
-    step_s = _plain(median / 10) if settings.step_s is None else settings.step_s
+    step_s = plain(median / 10) if settings.step_s is None else settings.step_s
     if step_s > median:
         found = f"found {step_s:g}, rows are usually {median:.6g} s apart"
         raise InputError(f"{WHERE}.step_s", found, "with uneven: own it is how exact times are kept: give less")

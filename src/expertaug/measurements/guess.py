@@ -59,12 +59,9 @@ def guess(table: Table, names: Names | None, time: str | None = None, trajectory
         InputError: no column can be the times.
     """
     numbers = {}
-    for name in table.names:
-        try:
-            values = table.numbers(name)
-        except InputError:
-            continue
-        if np.isfinite(values).any():
+    for name in table.names:  # a cell that is no number is told when the column is read
+        values = table.mostly(name)
+        if values is not None:
             numbers[name] = values
     trajectory = trajectory or _trajectory(numbers, table)
     found = time or _time(numbers, table, trajectory)

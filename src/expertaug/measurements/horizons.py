@@ -8,11 +8,12 @@ from pathlib import Path
 
 from expertaug.errors import InputError
 from expertaug.measurements.chunks import MOST_LONG, thinned
-from expertaug.measurements.cut import candidates, divide, measured, trajectories_of
+from expertaug.measurements.cut import Measured, candidates, divide, measured, trajectories_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings, points_in
 from expertaug.measurements.splitting import SPLITS, stretches
 from expertaug.measurements.trajectory import WHERE
+from expertaug.trajectories import Trajectories
 
 
 def cut_measured_horizon(files: Sequence[Path], output: str | Path, settings: Mapping, names: Names) -> None:
@@ -28,22 +29,33 @@ def cut_measured_horizon(files: Sequence[Path], output: str | Path, settings: Ma
         InputError: a file cannot be used, or no stretch of the split's points is as long as that.
     """
     options = MeasurementSettings.from_mapping({**settings["files"], "paths": [str(file) for file in files]})
-    split, seconds = options.horizons[str(settings["set"])]
-    data = measured(options, names)
-    length, here = points_in(seconds, data.grid.step_s), f"{WHERE}.horizons_s"
+    long_set(measured(options, names), str(settings["set"])).save(Path(output))
+
+
+def long_set(data: Measured, name: str) -> Trajectories:
+    """One of the ``horizons`` of measurements.
+
+    Raises:
+        InputError: it is no longer than the chunks, or no stretch of the split's points is as long.
+    """
+    options, here = data.settings, f"{WHERE}.horizons_s"
+    split, seconds = options.horizons[name]
+    length = points_in(seconds, data.grid.step_s)
     if length <= options.length:
         last = (options.length - 1) * data.grid.step_s
         raise InputError(here, f"found {seconds:g}", f"chunks end at {last:g} s already")
     labels = divide(data)[0]
     long = replace(data, settings=options.model_copy(update={"length": length, "phases": "first"}))
     rows = candidates(long, labels)[split]
-    if not len(rows):
-        runs = [run for one in labels for run in stretches(one == SPLITS.index(split))]
-        longest = max(((b - a - 1) * data.grid.row_s for a, b in runs), default=0.0)
-        found = f"no {split} chunk of {seconds:g} s: the longest stretch of its points lasts {longest:.2g} s"
-        remedy = "give longer trajectories, or shorter horizons_s ([] for none)"
-        if longest >= seconds:
-            found = f"no {split} chunk of {seconds:g} s has {options.min_seen:g} of its values measured"
-            remedy = "give a smaller min_seen, or shorter horizons_s ([] for none)"
-        raise InputError(here, found, remedy)
-    trajectories_of(long, thinned(rows, MOST_LONG)).save(Path(output))
+    if len(rows):
+        return trajectories_of(long, thinned(rows, MOST_LONG))
+    runs = [run for one in labels for run in stretches(one == SPLITS.index(split))]
+    longest = max(((b - a - 1) * data.grid.row_s for a, b in runs), default=0.0)
+    found, remedy = (
+        f"no {split} chunk of {seconds:g} s",
+        "give longer trajectories, or shorter horizons_s ([] for none)",
+    )
+    if longest < seconds:
+        raise InputError(here, f"{found}: the longest stretch of its points lasts {longest:.2g} s", remedy)
+    remedy = "give a smaller min_seen, or shorter horizons_s ([] for none)"
+    raise InputError(here, f"{found} has {options.min_seen:g} of its values measured", remedy)

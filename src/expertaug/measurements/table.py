@@ -68,6 +68,15 @@ class Table:
         self._refuse(name, np.abs(values) > LARGEST, "is out of range", "expected numbers")
         return values
 
+    def mostly(self, name: str) -> np.ndarray | None:
+        """The numbers of a column in which most cells that are not empty are some, (n,), else NaN; None of others."""
+        cells = self._column(name)
+        values = (
+            cells.astype(float) if cells.dtype.kind in "biuf" else np.array([_number(c, self.decimal) for c in cells])
+        )
+        none = np.isneginf(values)
+        return np.where(none, np.nan, values) if np.isfinite(values).sum() > none.sum() else None
+
     def times(self, name: str) -> np.ndarray:
         """A column of dates and times (n,) as seconds, from the first of them on.
 
