@@ -133,6 +133,7 @@ def plot(config: Mapping, experiment: str) -> dict:
         "all_methods": all_methods(config),
         "traced": _traced(config, experiment),
         "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
+        "measured": one["data"]["source"] != "simulation",
         **reading(config, experiment),
         "training_range": one["data"]["sets"]["train"]["z_e"] if one["data"]["source"] == "simulation" else {},
         "priors": priors,

@@ -168,6 +168,7 @@ class Plot(Reading):
     all_methods: list[str] = key(..., "of the configuration, which fix the colours")
     traced: list[str] = key(..., "versions that figures of lines and points show")
     floor: str | None = key(..., "version of the true equation, where there is one")
+    measured: bool = key(..., "whether the states were measured, not simulated")
     training_range: dict[str, Range] = key(..., "of the expert parameters")
     priors: dict[str, dict[str, Range]] = key(..., "p⁺ of each method")
 

@@ -19,10 +19,11 @@ def plot(
         metrics: metrics.csv of every method and group of seeds.
         forecasts: forecasts.npz of one group of seeds of each method, in the order of ``settings["labels"]``.
         logs: log.jsonl of every trained method and group of seeds.
-        settings: {labels, all_methods, traced, floor, convention, set_titles, title, training_range, priors}: pairs of
-            this experiment's methods and their labels, in order; all methods of the configuration, which fix the
-            colours; the versions that figures of lines and of points show; that of the true equation, or null; ranges
-            of the expert parameters where they are known, else empty; priors by method.
+        settings: {labels, all_methods, traced, floor, measured, convention, set_titles, title, training_range,
+            priors}: pairs of this experiment's methods and their labels, in order; all methods of the configuration,
+            which fix the colours; the versions that figures of lines and of points show; that of the true equation, or
+            null; whether the states were measured; ranges of the expert parameters where they are known, else empty;
+            priors by method.
 
     Raises:
         InputError: a file is missing or broken.
@@ -32,7 +33,7 @@ def plot(
     ranges = {key: settings[key] for key in ("training_range", "priors") if settings[key]}
     shared = {k: settings[k] for k in ("labels", "all_methods", "set_titles", "title")}
     floor, traced = {"floor": settings["floor"]}, {m: by_method[m] for m in settings["traced"]}
-    rest = {"left_out": len(by_method) - len(traced)}
+    rest = {"left_out": len(by_method) - len(traced), "measured": settings["measured"]}
 
     def output(name: str) -> Path:
         return Path(f"{prefix}_{name}")

@@ -38,7 +38,7 @@ def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], set
         settings: all optional: ``labels`` (pairs of a method and what is printed for it), ``all_methods`` (those of the
             configuration, in order), ``set`` (default "test"), ``samples`` (positions among those kept; default the
             first three), ``seed`` (default the first that could be trained), ``set_titles``, ``left_out`` (how many
-            versions are not drawn).
+            versions are not drawn), ``measured`` (whether the states were measured, not simulated).
 
     Raises:
         InputError: a file is broken, holds other samples than the first one, or lacks the set, the seed or a sample.
@@ -96,7 +96,8 @@ def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts:
             grid[row, 0].set_ylabel(plotting.quantity(first.state_names[dimension], first.state_units[dimension]))
         grid[0, 0].set_xlim(first.t[0], first.t[-1])
         figure.align_ylabels(grid[:, 0])
-        handles = [Line2D([], [], color=TRUTH, linewidth=1.0, label="measured" if gaps else "truth")]
+        told = "measured" if gaps or settings.get("measured") else "truth"
+        handles = [Line2D([], [], color=TRUTH, linewidth=1.0, label=told)]
         handles += _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.92", label="observed window"))
         if any(name in one.band for one in found.values()):
