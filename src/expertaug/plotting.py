@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -112,6 +113,11 @@ def text(words: str) -> str:
     return re.sub(r"(?<!\$)\b([zF])_([ae])\b", r"$\1_\2$", words)
 
 
+def wrapped(words: str, width: float, size: float = RC["axes.titlesize"]) -> str:
+    """Words in lines of at most so many inches, about, at a font size in points; longer words stay whole."""
+    return textwrap.fill(words, max(1, int(width / (0.55 * size / 72))), break_long_words=False, break_on_hyphens=False)
+
+
 def quantity(name: str, unit: str) -> str:
     """Symbol and unit of an axis."""
     return f"{symbol(name)} [{unit}]" if unit else symbol(name)
@@ -147,7 +153,7 @@ def save_note(text: str, outputs: Path | Iterable[Path]) -> None:
     """Save a figure that says only why there is nothing to draw: what a workflow expects is then there all the same."""
     with styled():
         figure = new_figure(0.8, 5.2)
-        figure.text(0.5, 0.5, text, ha="center", va="center", color="0.35")
+        figure.text(0.5, 0.5, wrapped(text, 5.0, RC["font.size"]), ha="center", va="center", color="0.35")
         save(figure, outputs)
 
 

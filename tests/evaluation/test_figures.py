@@ -288,3 +288,9 @@ def test_a_figure_has_no_date_and_the_resolution_asked_for(tmp_path):
         b"CreationDate" not in (tmp_path / "a.pdf").read_bytes()
         and b"Software" not in (tmp_path / "a.png").read_bytes()
     )
+
+
+def test_words_keep_to_the_width_that_they_have():
+    lines = plotting.wrapped("APHYNITY (diffusion alone), the other way round", 1.1).splitlines()
+    assert len(lines) > 2 and max(map(len, lines)) <= 17
+    assert plotting.wrapped("APHYNITY", 0.3) == "APHYNITY", "a word stays whole"

@@ -138,12 +138,13 @@ def test_overview(tmp_path, drawn):
 
     metrics = write_metrics(tmp_path) + write_metrics(tmp_path, "double_swing")
     one = {"name": "swing", "shown": True, "shifted": "test", "convention": "sum", "set_titles": {}}
-    other = one | {"name": "double_swing", "shifted": None, "convention": "dim", "title": "two swings"}
+    one["opponents"] = ["mean"]
+    other = one | {"name": "double_swing", "shifted": None, "convention": "dim", "title": "two swings", "opponents": []}
     settings = {"experiments": [one, other], "all_methods": ["mean", "hybrid"]}
     overview(metrics, tmp_path / "figures", settings)
     names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "figures").iterdir()} == names
     left, right = drawn[0].axes
-    assert marks(left) == 4, "two sets, Hybrid and Hybrid+"
+    assert (marks(left), marks(right)) == (6, 4), "two sets, Hybrid and Hybrid+; on the left Mean beside them"
     assert left.get_title().startswith("swing (summed") and right.get_title().startswith("two swings (averaged")
-    assert len(drawn[2].axes) == 1 and marks(drawn[2].axes[0]) == 2
+    assert len(drawn[2].axes) == 1 and marks(drawn[2].axes[0]) == 3

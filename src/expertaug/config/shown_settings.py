@@ -13,6 +13,7 @@ from expertaug.config.jobs import horizons, label, studied, variants
 from expertaug.config.methods import experiment_of
 
 TRACED = 6  # lines of one figure
+OPPONENTS = ("least_squares", "alternating")  # kinds that are never augmented, shown beside those that are
 # Keys of an evaluation that say how its numbers are read.
 READING = ("convention", "set_titles", "title")
 
@@ -77,7 +78,13 @@ def overview(config: Mapping, experiments: list[str]) -> dict:
     shifted = [one["studies"].get("out_of_expertise", {}).get("overview") for one in all_of]
     return {
         "experiments": [
-            {"name": name, "shown": one["evaluation"]["overview"], "shifted": far, **reading(config, name)}
+            {
+                "name": name,
+                "shown": one["evaluation"]["overview"],
+                "shifted": far,
+                "opponents": [m for m in one["methods"] if config["methods"][m]["kind"] in OPPONENTS],
+                **reading(config, name),
+            }
             for name, one, far in zip(experiments, all_of, shifted, strict=True)
             if one["evaluation"]["overview"] or far
         ],

@@ -15,7 +15,7 @@ from expertaug import plotting
 from expertaug.evaluation.summary import labels_of, order_sets, set_title, summarise
 from expertaug.labels import base, ordered
 
-ROW = 0.165  # inches
+ROW, LABELS = 0.165, 1.6  # inches: height of a row, width of the labels beside them
 # Sets of the training's domain are hollow; those beside the three of each experiment look like the test set.
 LOOKS = {"train": ("|", "none"), "validation": ("o", "white"), "iid": ("o", "white"), "test": ("D", "own")}
 APART = 0.17  # of two sets of one row, in rows
@@ -65,7 +65,7 @@ def draw_dots(
         grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
         for axis, panel in zip(grid.flat, panels, strict=False):
             _panel(axis, panel, methods, colours, settings.get("floor"))
-            axis.set_title(panel.title)
+            axis.set_title(plotting.wrapped(panel.title, (figure.get_figwidth() - LABELS) / columns))
             if logarithmic:
                 axis.set_xscale("log")
         for axis in grid.flat[len(panels) :]:

@@ -123,7 +123,7 @@ def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure
                 for method, axis in axes.items():
                     axis.set_xlabel(f"estimated {quantity}")
                     if row == 0:
-                        axis.set_title(plotting.text(labels.get(method, method)))
+                        axis.set_title(plotting.wrapped(plotting.text(labels.get(method, method)), side))
                 grid[row, 0].set_ylabel("windows\n(truth unknown)")
                 continue
             low, high = _show_ranges(dict(zip(methods, grid[row], strict=True)), first, row, name, settings)
@@ -131,7 +131,7 @@ def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure
                 _scatter(axis, found[method], row, (low, high), colours[method])
                 axis.set_xlabel(f"true {quantity}")
                 if row == 0:
-                    axis.set_title(plotting.text(labels.get(method, method)))
+                    axis.set_title(plotting.wrapped(plotting.text(labels.get(method, method)), side))
             grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, settings)
     return figure

@@ -15,14 +15,15 @@ from expertaug.labels import paired
 
 def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
     """Draw log_mse (paper's figure log_mse), parameter_errors (param_acc) and, where an experiment asks for it,
-    za_shifted, each as .png and .pdf: a panel for each experiment, methods with their augmented versions.
+    za_shifted, each as .png and .pdf: a panel for each experiment, methods with their augmented versions and opponents.
 
     Arguments:
         metrics: metrics.csv of every experiment, method and group of seeds.
         output: folder of the figures.
         settings: {experiments, all_methods}: of each experiment its name, whether the first two figures show it
-            (``shown``), the set that za_shifted shows (``shifted``, or null) and how its numbers are read (convention,
-            set_titles, title, from_s); all methods of the configuration, which fix the colours.
+            (``shown``), the set that za_shifted shows (``shifted``, or null), ``opponents`` that are never augmented,
+            and how its numbers are read (convention, set_titles, title, from_s); all methods of the configuration,
+            which fix the colours.
 
     Raises:
         InputError: a file is broken.
@@ -35,11 +36,11 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
         panels = []
         for one in shown:
             how = CONVENTIONS[one["convention"]].partition(" over")[0]
-            part = _shown(table, one["name"], log_mse_name(one["convention"]))
+            part = _shown(table, one, log_mse_name(one["convention"]))
             panels.append(Panel(f"{_title(one)} ({how})", part, one))
         note = "log-MSE, squared error summed or averaged over the observed dimensions"
         draw_dots(panels, folder / "log_mse", shared, "log-MSE", note)
-        panels = [Panel(_title(one), _shown(table, one["name"], "relative_error"), one) for one in shown]
+        panels = [Panel(_title(one), _shown(table, one, "relative_error"), one) for one in shown]
         panels = [panel for panel in panels if len(panel.table)]
         if panels:
             note = "mean relative error of the expert parameters"
@@ -47,7 +48,7 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
         else:
             plotting.save_note("no method estimates parameters", folder / "parameter_errors")
     panels = [
-        Panel(_title(one), _shown(table, one["name"], log_mse_name(one["convention"]), [one["shifted"]]), one)
+        Panel(_title(one), _shown(table, one, log_mse_name(one["convention"]), [one["shifted"]]), one)
         for one in settings["experiments"]
         if one["shifted"]
     ]
@@ -56,15 +57,16 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
         draw_dots(panels, folder / "za_shifted", shared, "log-MSE", note)
 
 
-def _shown(table: pd.DataFrame, experiment: str, metric: str, sets: Sequence[str] = ()) -> pd.DataFrame:
-    """Rows of the methods that have an augmented version, and of these versions; of all where there is none.
+def _shown(table: pd.DataFrame, one: Mapping, metric: str, sets: Sequence[str] = ()) -> pd.DataFrame:
+    """Rows of the methods that have an augmented version, and of these versions, or of all where there is none; and of
+    the opponents that never have one.
 
     Arguments:
         sets: by default the set of the training's domain and the test set.
     """
-    part = table[(table["experiment"] == experiment) & (table["metric"] == metric)]
+    part = table[(table["experiment"] == one["name"]) & (table["metric"] == metric)]
     part = part[part["set"].isin(sets or (in_domain(part["set"]), "test"))]
-    return part[part["method"].isin(paired(part["method"]))]
+    return part[part["method"].isin([*paired(part["method"]), *one["opponents"]])]
 
 
 def _title(one: Mapping) -> str:
