@@ -41,3 +41,10 @@ def test_which_file_a_version_uses_and_what_it_is():
     assert [labels.is_flow(v) for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, True, True]
     assert [labels.is_refined(v) for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, False, True]
     assert labels.ordered(["a+~refined", "a+", "a=", "a~refined", "a"]) == ["a~refined", "a", "a=", "a+~refined", "a+"]
+
+
+def test_figures_compare_the_classical_estimator_first():
+    versions = ["least_squares", *(f"m{k}{v}" for k in range(labels.LINES) for v in ("", "~refined"))]
+    assert "least_squares" not in labels.compared(versions)
+    assert labels.compared(versions, "least_squares")[0] == "least_squares"
+    assert len(labels.compared(versions, "least_squares")) == labels.LINES

@@ -83,18 +83,18 @@ def is_refined(variant: str) -> bool:
     return REFINED in parse(variant).estimators
 
 
-def compared(versions: Sequence[str]) -> list[str]:
+def compared(versions: Sequence[str], classical: str | None = None) -> list[str]:
     """The versions that one figure compares, at most LINES.
 
-    First methods that have flows or refined versions, as trained and augmented, then the flows, then other methods as
-    trained; no controls, no refined versions.
+    First the classical estimator and methods that have flows or refined versions, as trained and augmented, then the
+    flows, then other methods as trained; no controls, no refined versions.
     """
     studied = {base(v) for v in versions if is_flow(v) or is_refined(v)}
 
     def rank(version: str) -> int:
         if is_flow(version):
             return 1
-        return 0 if base(version) in studied else 2 if not is_augmented(version) else 3
+        return 0 if version == classical or base(version) in studied else 2 if not is_augmented(version) else 3
 
     chosen = sorted((v for v in versions if not is_control(v) and not is_refined(v)), key=rank)[:LINES]
     return [v for v in versions if v in chosen]

@@ -26,6 +26,7 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
         "labels": _labels(config, studied(config, experiment, name)),
         "all_methods": all_methods(config),
         "sets": one["data"].get("sets", {}),
+        "classical": _classical(config, experiment),
         **reading(config, experiment),
     }
     if name == "prior_width":
@@ -104,8 +105,7 @@ def _traced(config: Mapping, experiment: str) -> list[str]:
     """As many versions as can be told apart in a figure of lines: the classical estimator, the hybrids with and without
     augmentation, then refined ones, then what is left, as hybrids of another expert than the experiment's."""
     named, builds = variants(config, experiment), config["methods"]
-    estimators = [m for m in named if builds[naming.base(m)]["kind"] == "least_squares"]
-    classical = next((m for m in estimators if not builds[naming.base(m)].get("truth")), None)
+    classical = _classical(config, experiment)
     system = config["experiments"][experiment]["system"]
 
     def rank(variant: str) -> int:
@@ -122,6 +122,12 @@ def _traced(config: Mapping, experiment: str) -> list[str]:
         return 2 if found.estimators else 0 if method in _augmented(config, experiment) else 1
 
     return sorted(sorted(named, key=rank)[:TRACED], key=named.index)
+
+
+def _classical(config: Mapping, experiment: str) -> str | None:
+    """Least squares with the experiment's expert."""
+    builds = [(m, config["methods"][m]) for m in config["experiments"][experiment]["methods"]]
+    return next((m for m, build in builds if build["kind"] == "least_squares" and not build.get("truth")), None)
 
 
 def _augmented(config: Mapping, experiment: str) -> list[str]:
@@ -168,6 +174,7 @@ def windows(config: Mapping, experiment: str) -> dict:
         "interaction_range": one["data"]["sets"]["train"]["z_a"] if simulated else {},
         "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
         "mean": next((m for m in one["methods"] if config["methods"][m]["kind"] == "mean"), None),
+        "classical": _classical(config, experiment),
         **reading(config, experiment),
     }
 

@@ -180,6 +180,7 @@ class Study(Reading):
     labels: Labels = key(..., "version and label of each method, in order")
     all_methods: list[str] = key(..., "of the configuration, which fix the colours")
     sets: dict[str, Any] = key(..., "the simulated sets; of measurements none")
+    classical: str | None = key(..., "least squares with the expert, where there is one")
     options: dict[str, Any] = key(LEFT_OUT, "of the study")
 
 

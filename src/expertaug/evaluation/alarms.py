@@ -15,6 +15,7 @@ from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
+from expertaug.labels import is_augmented, is_flow, is_refined
 
 KNOWN, IID = "validation", "iid"
 SCORES = {"misfit": "misfit", "spread": "spread of seeds", "density": "density of estimates"}
@@ -62,8 +63,10 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
 
 
 def _shown(found: Mapping[str, Mapping]) -> str:
-    """The version that the figure shows: the first with every score, of those where some forecasts fail."""
-    for v, sets in found.items():
+    """The version that the figure shows: the first with every score, of those where some forecasts fail, augmented
+    models before others."""
+    ranked = sorted(found, key=lambda v: not is_augmented(v) or is_flow(v) or is_refined(v))
+    for v, sets in ((v, found[v]) for v in ranked):
         of_test = {score: one for (name, score, _), one in sets.items() if name == "test"}
         if set(of_test) == set(SCORES) and of_test["misfit"].failing.any() and not of_test["misfit"].failing.all():
             return v

@@ -44,7 +44,7 @@ def distance(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
         outputs: any of .csv, .md, .tex, .png and .pdf.
         settings: {labels, all_methods, training_range, interaction_range, floor, mean, title}: pairs of a version and
             its printed label; [low, high] by parameter of z_e and of z_a; names of the versions that skill is measured
-            by, or null.
+            by, or null; ``classical``, least squares with the expert, if any.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
@@ -154,7 +154,7 @@ def _draw(long: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, title:
     """A panel a metric, a line a version: those that people choose between."""
     floor = settings.get("floor")
     named = list(dict.fromkeys(long["method"]))
-    chosen = compared([v for v in named if v != floor])
+    chosen = compared([v for v in named if v != floor], settings.get("classical"))
     colours = plotting.colours(chosen, settings["all_methods"])
     with plotting.styled():
         shifted = list(dict.fromkeys(long["of"]))

@@ -48,11 +48,11 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -
     Arguments:
         metrics: metrics.csv (of the study along training: during_training.csv) of all variants and groups of seeds.
         outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
-        settings: {study, labels, all_methods, sets, convention, set_titles, title, from_s} and, of out_of_expertise,
-            horizons and along, ``options`` (the study's configuration), of prior_width ``priors`` (ranges by method and
-            name, "" = the method's own); ``labels`` has pairs of a variant and its printed label, in order,
-            ``options["panels"]`` pairs of a title (of horizons: a split) and the sets of a panel, ``sets`` the
-            simulated sets' ranges.
+        settings: {study, labels, all_methods, sets, classical, convention, set_titles, title, from_s} and, of
+            out_of_expertise, horizons and along, ``options`` (the study's configuration), of prior_width ``priors``
+            (ranges by method and name, "" = the method's own); ``labels`` has pairs of a variant and its printed label,
+            in order, ``options["panels"]`` pairs of a title (of horizons: a split) and the sets of a panel, ``sets``
+            the simulated sets' ranges, ``classical`` the method that is least squares with the expert, or null.
 
     Raises:
         InputError: a file is broken or lacks what the study compares, or an output's suffix is unknown.

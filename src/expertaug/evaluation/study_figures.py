@@ -71,7 +71,10 @@ def horizons(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) 
 
 def _by_set(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, xlabel: str) -> None:
     options, metric = settings["options"], log_mse_name(settings["convention"])
-    labels = {version: settings["labels"][version] for version in compared(list(settings["labels"]))}
+    labels = {
+        version: settings["labels"][version]
+        for version in compared(list(settings["labels"]), settings.get("classical"))
+    }
     colours = plotting.colours(list(labels), settings["all_methods"])
     chosen = summary[summary["metric"] == metric].set_index(["method", "set"])
     panels = options["panels"]
