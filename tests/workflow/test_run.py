@@ -54,7 +54,14 @@ def without_effect(package: Path, module: str) -> list[str]:
 
 AT_REQUEST = ("review_recording", "review", "export_recording")
 # Of other sources, or of a p⁺ without given ranges.
-ELSEWHERE = ("unpack_markers", "import_markers", "cut_measurements", "own_prior", "own_priors")
+ELSEWHERE = (
+    "unpack_markers",
+    "import_markers",
+    "cut_measurements",
+    "cut_measured_horizon",
+    "own_prior",
+    "own_priors",
+)
 
 
 def test_declared_modules_cover_what_every_job_has_loaded(smoke_run):
