@@ -6,6 +6,7 @@ import errno
 import json
 import logging
 import os
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -205,6 +206,33 @@ def test_what_needs_no_numerical_library_loads_none(arguments):
     command = [sys.executable, "-c", code, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.splitlines()[-1] == "set()"
+
+
+def faults(kept: bool) -> int:
+    """Pages that the system has to give while blocks of 8 MiB come and go."""
+    code = f"""if True:
+        import resource, numpy as np
+        from expertaug import cli
+        {"cli.keep_freed_memory()" if kept else ""}
+        for _ in range(50):
+            held = [np.ones(2**20) for _ in range(8)]
+            del held
+        print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return int(done.stdout)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="mallopt is glibc's")
+def test_freed_memory_is_kept_for_the_next_tensors():
+    assert faults(True) < faults(False) / 5
+
+
+def test_commands_keep_freed_memory(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(cli, "keep_freed_memory", lambda: asked.append(True))
+    run("simulate", "train", "--output", tmp_path / "x.npz", "--settings", json.dumps(PENDULUM))
+    assert asked == [True]
 
 
 def test_one_thread_a_job():

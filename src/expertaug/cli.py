@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import logging
 import os
@@ -17,6 +18,8 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 3, 130
+# Of glibc's malloc.h: options of mallopt, and how many bytes may lie unused (at most what its int holds).
+TRIM_THRESHOLD, MMAP_THRESHOLD, KEPT = -1, -3, 2**30
 logger = logging.getLogger("expertaug")
 
 
@@ -24,6 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a stage; 0 when it went well, 2 for bad input, 3 for a failed solve, 1 for a bug."""
     arguments = commands.parse(argv)
     stage = arguments.stage
+    keep_freed_memory()
     try:
         _log_to(arguments.log)
         arguments.run(arguments)
@@ -49,6 +53,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception:
         return _bug(stage)
     return 0
+
+
+def keep_freed_memory() -> bool:
+    """Have the C library keep the memory of tensors that are gone for the next ones; whether it can.
+
+    glibc gives large blocks back to the system at once, and every step of a solver then has its pages mapped and zeroed
+    again: up to half of an evaluation's time (benchmarks/allocation.py).  Numbers do not depend on it.
+    """
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):  # another C library
+        return False
+    return bool(mallopt(MMAP_THRESHOLD, KEPT)) & bool(mallopt(TRIM_THRESHOLD, KEPT))
 
 
 def _bug(stage: str) -> int:

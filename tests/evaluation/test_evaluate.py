@@ -283,6 +283,16 @@ def test_an_evaluation_needs_neither_figures_nor_a_store():
     assert not {"matplotlib", "mlflow", "pandas", "scipy"} & set(ast.literal_eval(done.stdout))
 
 
+@pytest.mark.parametrize(
+    "stage", ["tables", "alarms", "coverage", "distance", "studies", "plot", "overview", "published"]
+)
+def test_what_reads_evaluations_does_without_torch(stage):
+    """Its import takes longer than they do."""
+    code = f"import sys, expertaug.evaluation.{stage}; print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
 def test_other_seeds_are_refused(folder):
     with pytest.raises(InputError, match=r"holds seeds \[4, 7\].*expected \[1\]"):
         evaluate(

@@ -40,7 +40,6 @@ def snakemake(folder, *arguments, **recordings):
     (folder / "change.yaml").write_text(yaml.safe_dump(change))
     files = [ROOT / "config" / "smoke.yaml", folder / "change.yaml"]
     command = [sys.executable, "-m", "snakemake", "-s", ROOT / "Snakefile", "--cores", "2", "recordings", *arguments]
-    command += ["--max-jobs-per-timespan", "300/3s"]
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     return subprocess.run(
         [*map(str, command), "--configfile", *map(str, files)],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import shlex
+import threading
 import time
 from collections.abc import Sized
 from pathlib import Path
@@ -145,6 +146,14 @@ class Watch(logging.Handler):
         if job.benchmark is None:
             return f"{OTHERS}/{job.jobid}"
         return Path(str(job.benchmark)).relative_to(self.benchmarks).with_suffix("").as_posix()
+
+
+def cancel_timers() -> None:
+    """Cancel Snakemake's timers, each of which would look for jobs once more: a process ends when all of its threads
+    have, and these took ten seconds after everything had been said."""
+    for thread in threading.enumerate():
+        if isinstance(thread, threading.Timer):
+            thread.cancel()
 
 
 def count(jobs: Sized) -> str:

@@ -16,8 +16,7 @@ from expertaug.evaluation.samples import OWN
 from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.evaluation.windows import Drawn, Version, experiment_of, read_windows
 from expertaug.inference.calibration import Calibration
-from expertaug.inference.coverage import area_to_curve, interval_coverage
-from expertaug.inference.posterior_draws import LEVELS
+from expertaug.inference.coverage import TABLE_LEVELS, area_to_curve, interval_coverage
 from expertaug.labels import is_flow
 
 EMPTY = "No version has intervals of parameters that are known (those of forecasts: see the experiment's table)."
@@ -49,7 +48,15 @@ def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
     versions, labels = read_windows(forecasts), dict(settings["labels"])
     known = [v for v in labels if v in versions and any(s.drawn for s in versions[v].sets.values())]
     rows = [row for v in known for row in _rows(v, labels[v], versions[v])]
-    columns = ["method", "label", "set", "parameter", *(f"coverage_{round(100 * x)}" for x in LEVELS), "atc", "windows"]
+    columns = [
+        "method",
+        "label",
+        "set",
+        "parameter",
+        *(f"coverage_{round(100 * x)}" for x in TABLE_LEVELS),
+        "atc",
+        "windows",
+    ]
     long = pd.DataFrame(rows, columns=columns)
     title = f"{experiment_title(experiment_of(forecasts), settings)}: coverage of intervals"
     drawn = write_study(outputs, long, (*_table(long, settings), 3), CAPTION, "coverage", title, EMPTY)
@@ -78,23 +85,23 @@ def _rows(version: str, label: str, of: Version) -> list[dict]:
         if one is None or name == "train":
             continue
         of_seeds = [_calibration(one, k) for k in range(len(of.seeds))]
-        each = np.mean([interval_coverage(c.marginal, one.count, LEVELS).share for c in of_seeds], axis=0)
+        each = np.mean([interval_coverage(c.marginal, one.count, TABLE_LEVELS).share for c in of_seeds], axis=0)
         atc = float(np.mean([area_to_curve(c.tarp, one.count) for c in of_seeds]))
         parts = [(p, each[:, k], atc, one.tarp.shape[1]) for k, p in enumerate(of.parameters)]
         if one.inside is not None:
             parts.append((FORECAST, one.inside.mean((0, 1)), np.nan, one.inside.shape[1]))
         for parameter, share, area, windows in parts:
-            shares = {f"coverage_{round(100 * x)}": float(share[j]) for j, x in enumerate(LEVELS)}
+            shares = {f"coverage_{round(100 * x)}": float(share[j]) for j, x in enumerate(TABLE_LEVELS)}
             identity = {"method": version, "label": label, "set": name, "parameter": parameter}
             found.append({**identity, **shares, "atc": area, "windows": windows})
     return found
 
 
 def _table(long: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]]]:
-    header = ["method", "set", "parameter", *(f"in {100 * x:.0f} % [%]" for x in LEVELS), "ATC"]
+    header = ["method", "set", "parameter", *(f"in {100 * x:.0f} % [%]" for x in TABLE_LEVELS), "ATC"]
     rows = []
     for _, row in long.iterrows():
-        shares = [f"{100 * row[f'coverage_{round(100 * x)}']:.1f}" for x in LEVELS]
+        shares = [f"{100 * row[f'coverage_{round(100 * x)}']:.1f}" for x in TABLE_LEVELS]
         atc = f"{row['atc']:.3f}".replace("-", "−") if np.isfinite(row["atc"]) else DASH
         title = OWN_TITLE if row["set"] == OWN else set_title(row["set"], settings)
         rows.append([row["label"], title, row["parameter"], *shares, atc])

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.inference.coverage import inside
-from expertaug.inference.posterior_draws import LEVELS, joint_draws
+from expertaug.inference.coverage import TABLE_LEVELS, inside
+from expertaug.inference.posterior_draws import joint_draws
 from expertaug.inference.predictive import forecasts
 from expertaug.inference.predictive_scores import crps, energy_score
 from expertaug.inference.ranks import ranks
@@ -56,7 +56,7 @@ class DrawnScores:
         told, each = ~np.isnan(self.crps).any(0), (self.crps, self.energy, self.inside)
         means, energy, held = each if told.all() else (one[:, told] for one in each)
         found = {"crps": means.mean(1), "energy_score": energy.mean(1)}
-        for k, level in enumerate(LEVELS):
+        for k, level in enumerate(TABLE_LEVELS):
             found[f"forecast_coverage_{round(100 * level)}"] = 100 * held[..., k].mean(1)
         return {name: torch.from_numpy(value) for name, value in found.items()}
 
@@ -136,7 +136,7 @@ class Drawing:
             drawn, true = np.where(known, drawn, 0.0), np.where(known, true, 0.0)
         each = ([], [], [])
         for k, told in enumerate(known):
-            held = inside(ranks(drawn[:, k], true[k]), self.count, LEVELS)
+            held = inside(ranks(drawn[:, k], true[k]), self.count, TABLE_LEVELS)
             each[0].append(_mean_where(told, crps(drawn[:, k], true[k]), (1, 2)))
             each[1].append(_mean_where(told.any(-1), energy_score(drawn[:, k], true[k]), 1))
             each[2].append(_mean_where(np.broadcast_to(told, held.shape), held, (2, 3)).T)

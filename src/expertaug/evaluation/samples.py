@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecast_scores import DrawnScores
 from expertaug.evaluation.intervals import Interval, Resampled, interval, log_mean, log_median, mean, units_of
 from expertaug.files import read_npz
 from expertaug.inference.calibration import calibration
@@ -18,6 +17,8 @@ from expertaug.trajectories import Trajectories
 
 if TYPE_CHECKING:  # tables are made without torch
     from torch import Tensor
+
+    from expertaug.evaluation.forecast_scores import DrawnScores
 
 VERSION = ("experiment", "preset", "method")  # what tells one forecasts.npz from another, but for its seeds
 OWN = "own"  # the set of a model's own windows

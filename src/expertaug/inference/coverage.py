@@ -12,6 +12,7 @@ from expertaug.inference import ranks as rank_arrays
 from expertaug.inference.sample_arrays import Array
 
 LEVELS = tuple(np.arange(1, 20) / 20)
+TABLE_LEVELS = (0.5, 0.9)  # of the intervals that tables show
 EXACT = 1e-9  # what rounding may add to level · (K + 1)
 
 

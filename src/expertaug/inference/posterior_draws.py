@@ -19,7 +19,6 @@ from expertaug.systems import System
 
 COUNT = 119  # so that intervals of 50 % and 90 % end at draws
 DRAWS = 6  # of the keys of random numbers
-LEVELS = (0.5, 0.9)  # of the intervals that tables show
 
 
 def z_e_draws(found: Estimates, count: int = COUNT) -> Tensor | None:
