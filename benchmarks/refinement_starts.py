@@ -1,0 +1,62 @@
+"""What starts are worth when a trained model's estimates are refined, on the validation set.
+
+    python benchmarks/refinement_starts.py config/config.yaml [FILE…] [--experiment double_pendulum]
+        [--method aphynity] [--windows 150] [--settings 0,1,15 64,1,30 256,3,30]
+
+The files are those of a finished run, started in this folder.  A setting is starts,tries,steps: points of p⁺ at which
+each window is compared with the model, the best of them from which a fit starts beside the model's own estimate,
+Levenberg–Marquardt steps at most.  Printed for each: log-MSE of every seed, per dimension, of the mean and of the
+median over windows, and processor time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from expertaug.cli import keep_freed_memory
+from expertaug.config import load as configuration
+from expertaug.config import stage_settings
+from expertaug.config.complete import completed
+from expertaug.evaluation.evaluate import score, spread
+from expertaug.inference import store
+from expertaug.inference.least_squares import estimator_of
+from expertaug.trajectories import Trajectories
+
+
+def main() -> None:
+    """Print a line a setting."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", type=Path, nargs="+")
+    parser.add_argument("--experiment", default="double_pendulum")
+    parser.add_argument("--method", default="aphynity")
+    parser.add_argument("--windows", type=int, default=150)
+    parser.add_argument("--settings", nargs="+", default=["0,1,15", "64,1,30", "256,3,30"])
+    options = parser.parse_args()
+    keep_freed_memory()
+    torch.set_num_threads(1)
+    config = completed(configuration.load(options.files))
+    device, folder = torch.device("cpu"), Path(config["results"]) / options.experiment
+    model = sorted((folder / options.method).glob("*/model.safetensors"))[0]
+    settings = stage_settings.evaluate(config, options.experiment, f"{options.method}~refined", model.parent.name)
+    refinement, evaluation = settings["refinement"], {**settings["evaluation"], "noise": settings["noise"], "draws": 0}
+    stored = store.load(model, device)
+    windows = spread(Trajectories.load(folder / "data" / "validation.npz"), options.windows)
+    for text in options.settings:
+        names = ("starts", "tries", "steps")
+        how = {**refinement["settings"], **dict(zip(names, map(int, text.split(",")), strict=True))}
+        before = time.process_time()
+        refined = replace(stored, model=estimator_of(stored, **{**refinement, "settings": how}))
+        values = score(refined, windows, evaluation, settings["choices"]["forecast_start"], device).values
+        taken = time.process_time() - before
+        mean, median = (values[f"log_mse{kind}_dim"].tolist() for kind in ("", "_median"))
+        found = [" ".join(f"{value:.2f}" for value in each) for each in (mean, median)]
+        print(f"{text}: mean {found[0]}, median {found[1]}, {taken:.1f} CPU-s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
