@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
+import threading
 from types import SimpleNamespace
 
 import pytest
 
 from expertaug.config import eta
-from expertaug.config.progress import Watch, logger
+from expertaug.config.progress import Watch, cancel_timers, logger
 from expertaug.evaluation import costs
 
 COSTS = {"train/a_x_seeds_0_1": 600.0, "train/a_x_seeds_2": 200.0, "train/b_x_seeds_0_1": 1000.0, "simulate/a": 40.0}
@@ -175,3 +176,11 @@ def test_a_run_ends_with_where_to_look(tmp_path):
         assert watch.where_to_look()[-1] == f"Dashboard: {line}"
     (tmp_path / "mlflow" / "tracking.json").write_text('{"enabled": false}')
     assert watch.where_to_look() == places
+
+
+def test_a_run_does_not_wait_for_timers():
+    timer = threading.Timer(60, lambda: None)
+    timer.start()
+    cancel_timers()
+    timer.join(5)
+    assert not timer.is_alive()
