@@ -20,7 +20,6 @@ DATA += ["split_chunks", "calibrate", "cut_measurements"]
 LEARNING_TARGETS = ["train", "augment", "finetune", "during_training", "evaluate", "studies", "report"]
 LEARNING_TARGETS += ["pendulum", "double_pendulum"]
 TARGETS = [*DATA, "simulate", *LEARNING_TARGETS, "everything", "all"]
-# Short runs do not wait ten seconds for jobs that do not come, as the profile has it.
 OPTIONS = ["--cores", "2"]
 COMMAND = [sys.executable, "-m", "snakemake", *OPTIONS]
 DRY_RUNS: dict[Path, DryRuns] = {}  # by project, of those with many
