@@ -129,6 +129,9 @@ class Evaluation(Settings):
         dict, "how tables and figures call the sets; default train, validation (set of choices), IID test, test (OOD)"
     )
     max_samples: Count | None = key(None, "samples of each set, at most, evenly spread; null = all")
+    train_samples: Count | None = key(
+        200, "samples of the training set, at most, evenly spread: no verdict rests on them; null = as of each set"
+    )
     draws: Annotated[int, Field(ge=0, le=1000)] = key(
         39,
         "forecasts that are drawn of a window, for CRPS, energy score and bands of every version with a distribution; "

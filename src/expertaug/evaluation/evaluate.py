@@ -51,8 +51,9 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
             longer than the training's); ``evaluation`` has
             ``samples`` (forecasts kept of each set), ``from_s`` (the metric sees times from there on; null = those
             after the observed window, which ``log_mse_after_sum`` and ``_dim`` see alone where others count too),
-            ``max_samples`` (of each set, evenly spread; null = all), ``solver``, and ``draws`` and ``drawn_samples``:
-            how many forecasts are drawn of how many windows of each set, where a version has a distribution;
+            ``max_samples`` and ``train_samples`` (of each set, and of the training set, evenly spread; null = all),
+            ``solver``, and ``draws`` and ``drawn_samples``: how many forecasts are drawn of how many windows of each
+            set, where a version has a distribution;
             ``noise``, standard deviation of the data's noise; ``refinement`` ({settings, noise, prior}, as
             :func:`estimator_of`): the model's estimates are refined by least squares; ``own`` ({prior, resample_x,
             z_a_from}): windows of the model's own making are one more set, of ranks and scores of draws alone.
@@ -75,6 +76,8 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
     options = {**options, "noise": settings.get("noise", 0.0)}
     for name in settings.get("sets", MAIN_SETS):
         truth = spread(Trajectories.load(Path(data) / f"{name}.npz"), options.get("max_samples"))
+        if name == "train":
+            truth = spread(truth, options.get("train_samples"))
         kept = int(options.get("samples", 3)) if name in SHOWN_SETS[1:] else 0
         plain = options if name in SHOWN_SETS[1:] else {**options, "draws": 0}
         scored = score(stored, truth, plain, start, device, kept)
