@@ -27,6 +27,7 @@ MOVES = (aten._to_copy.default, aten.copy_.default)
 INDEXING = (aten.index.Tensor, aten.index_put.default, aten.index_put_.default, aten._index_put_impl_.default)
 # Their result's shape or value is needed on the CPU.
 WAITS = (aten._local_scalar_dense.default, aten.equal.default, aten.nonzero.default, aten.masked_select.default)
+ITEMS = (Tensor.__getitem__, Tensor.__setitem__)
 FROM_NUMBERS = (torch.tensor, torch.as_tensor, Tensor.new_tensor)
 
 
@@ -68,7 +69,7 @@ class Card(TorchDispatchMode):
     def __init__(self) -> None:
         super().__init__()
         self.waits: collections.Counter[str] = collections.Counter()
-        self.numbers = Numbers()
+        self.numbers = Numbers(self.waits)
 
     def __enter__(self) -> Card:
         self.numbers.__enter__()
@@ -125,10 +126,16 @@ class Card(TorchDispatchMode):
 
 
 class Numbers(TorchFunctionMode):
-    """Tensors of plain numbers: torch would make them on ``meta`` without values."""
+    """Tensors of plain numbers, and lists as indices: torch would make them on ``meta`` without values."""
+
+    def __init__(self, waits: collections.Counter[str]) -> None:
+        super().__init__()
+        self.waits = waits
 
     def __torch_function__(self, func, types, args=(), kwargs=None):
         kwargs = dict(kwargs or {})
+        if func in ITEMS and isinstance(args[0], OnCard):
+            return func(args[0], self._index(args[1]), *args[2:])
         if func is Tensor.tolist and isinstance(args[0], OnCard):
             return args[0].cpu().tolist()
         if func not in FROM_NUMBERS:
@@ -142,6 +149,15 @@ class Numbers(TorchFunctionMode):
             device = args[0].device
         found = func(*args, **kwargs)
         return found if device is None else found.to(device)
+
+    def _index(self, index):
+        """An index whose lists are tensors: a list is sent to the card, which the program waits for."""
+        if isinstance(index, tuple):
+            return tuple(self._index(one) for one in index)
+        if not isinstance(index, list):
+            return index
+        self.waits[_place()] += 1
+        return torch.tensor(index)
 
 
 def _value(x):

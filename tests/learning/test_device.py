@@ -1,6 +1,5 @@
-"""On a card every tensor lies on it, and a step waits for it twice; without a card, on one that is pretended."""
+"""On a card every tensor lies on it, and a step waits for it once, at its end; here it is a pretended one."""
 
-import contextlib
 from collections import Counter
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 import torch
 
 import expertaug as ea
-from expertaug.errors import SolveError
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.trainer import Trainer
 from expertaug.models.decoder import Decoder
@@ -22,9 +20,10 @@ FLOW = {"steps": 4, "batch_size": 2, "pool": 8, "held_out": 8, "layers": [8], "s
 FLOW |= {"hidden": [4], "latent": 1, "samples": 4}
 MLP, RECURRENT = {"kind": "mlp", "layers": [4]}, {"kind": "recurrent", "hidden": 4, "layers": [4]}
 DRIVEN = MLP | {"inputs": True, "time": True}
-# Did a forecast run away, and is a gradient finite: what a step does next depends on it.
-ASKED = {"learning/objectives.py", "learning/gradients.py"}
-RUNAWAY = "learning/squared_error.py"  # asks again, where one did
+# Did no forecast run away, and is each gradient finite: before the update, after all that it is made of.
+ASKED = {"learning/gradients.py"}
+# Where a forecast ran away the step is done again, and asks which.
+ASKED_AGAIN = {"learning/objectives.py", "learning/squared_error.py"}
 
 
 def window(*names):
@@ -104,26 +103,41 @@ def fitted(name, objective="aphynity", device=str(DEVICE)):
 
 
 def asked(waits):
-    """Places of the waits of all steps but the first, with which an objective begins; none is asked twice a step."""
-    assert len(waits) > 2 and all(set(one.values()) <= {1} for one in waits[1:]), waits
-    return {place.partition(":")[0] for one in waits[1:] for place in one} - {RUNAWAY}
+    """Places of the waits of a step, each asked once: of all but the first, with which an objective begins, and those
+    that were done again since a forecast ran away."""
+    again = [one for one in waits[1:] if max(one.values()) > 1]
+    for one in again:
+        assert {place.partition(":")[0] for place in one} <= {*ASKED, *ASKED_AGAIN} and max(one.values()) == 2, one
+    once = [one for one in waits[1:] if one not in again]
+    return {place.partition(":")[0] for one in once for place in one}
 
 
 @pytest.mark.parametrize("objective", ["aphynity", "hvae"])
 @pytest.mark.parametrize("name", ["pendulum", "rlc", "double_pendulum", "fields", "driven", "stiff"])
 def test_training_and_finetuning(waits, name, objective):
     model, sets, ranges = fitted(name, objective)
-    assert asked(waits) == ASKED
+    expected = [ASKED, set()] if name == "double_pendulum" else [ASKED]  # untrained it runs away in every step
+    assert asked(waits) in expected
     waits.clear()
     plus = ea.finetune(model, *sets, prior=ranges, noise=0.01, choices={"resample": "epoch"}, **OPTIONS)
-    assert asked(waits) == ASKED
+    assert asked(waits) in expected
     assert on_card(model) and on_card(plus)
 
 
-def test_the_values_are_those_of_the_cpu(card):
+@pytest.mark.parametrize("objective", ["aphynity", "hvae"])
+@pytest.mark.parametrize("name", ["pendulum", "rlc", "double_pendulum"])
+def test_the_values_are_those_of_the_cpu(card, name, objective):
     """What is pretended is where tensors lie, no more."""
-    found = fitted("pendulum")[0].history["value"]
-    assert found.equals(fitted("pendulum", device="cpu")[0].history["value"])
+    found = fitted(name, objective)[0].history["value"]
+    assert found.equals(fitted(name, objective, device="cpu")[0].history["value"])
+
+
+@pytest.mark.parametrize("objective", ["aphynity", "hvae"])
+def test_a_step_is_done_again_where_a_forecast_ran_away(waits, objective, monkeypatch):
+    monkeypatch.setattr("expertaug.learning.bound.FACTOR", 0.9)
+    found = fitted("pendulum", objective)[0].history["value"]
+    assert any(max(one.values()) > 1 for one in waits[1:])
+    assert found.equals(fitted("pendulum", objective, device="cpu")[0].history["value"])
 
 
 def test_what_follows_a_training(waits):
@@ -138,12 +152,13 @@ def test_what_follows_a_training(waits):
 def test_a_flow(waits):
     model, sets, ranges = fitted("pendulum")
     waits.clear()
-    # Here some of its numbers are not those of the CPU, whence a seed, or all, may fail; its steps are the same.
-    with contextlib.suppress(SolveError):
-        flow = ea.fit_posterior(model, *sets, prior=ranges, noise=0.01, **FLOW)
-        assert on_card(flow)
-        assert ea.predictive(flow, sets[1].y[:, :6], sets[1].t, draws=4).mean.shape == (2, 4, 11, 2)
+    flow = ea.fit_posterior(model, *sets, prior=ranges, noise=0.01, **FLOW)
+    assert on_card(flow)
     assert asked(waits) == {"learning/gradients.py"}
+    found = ea.predictive(flow, sets[1].y[:, :6], sets[1].t, draws=4).mean
+    assert found.shape == (2, 4, 11, 2)
+    there = ea.fit_posterior(fitted("pendulum", device="cpu")[0], *sets, prior=ranges, noise=0.01, **FLOW)
+    assert np.array_equal(found, ea.predictive(there, sets[1].y[:, :6], sets[1].t, draws=4).mean)
 
 
 def test_gaps(waits):

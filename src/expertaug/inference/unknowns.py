@@ -12,6 +12,7 @@ from expertaug.inference.window_problem import SMALLEST, free_components, given_
 from expertaug.models.gaps import ends_of
 from expertaug.models.measurement_noise import NoiseLike, is_some
 from expertaug.systems import System
+from expertaug.systems.numbers import beside
 
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of a uniform number
 DEAD = 1e-5  # of the whole: a principal component with a smaller standard deviation does not vary
@@ -95,7 +96,7 @@ class Unknowns(nn.Module):
         parts = [torch.logit(share) / LOGISTIC, scores]
         if self.given:
             around, unit = self._first(first)
-            parts.append((y0[..., self.given] - around) / unit)
+            parts.append((self._of_given(y0) - around) / unit)
         return torch.cat(parts, dim=-1)
 
     def unpack(self, theta: Tensor, first: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -105,18 +106,23 @@ class Unknowns(nn.Module):
         y0 = first.expand(*theta.shape[:-1], *self.state_shape)
         if self.given:
             around, unit = self._first(first)
-            y0 = (y0 if self.middle is None else torch.where(torch.isnan(y0), y0.new_tensor(self.middle), y0)).clone()
-            y0[..., self.given] = around + unit * moved
+            if self.middle is not None:
+                y0 = torch.where(torch.isnan(y0), beside(y0, self.middle, y0.dtype), y0)
+            y0 = y0.index_copy(-1, beside(y0, self.given, torch.long), around + unit * moved)
         return z_e, self.latent(scores), y0
 
     def _first(self, first: Tensor) -> tuple[Tensor, Tensor]:
         """What the given components of first points (…, B, *state) are around, and in which units."""
-        first = first[..., self.given]
+        first = self._of_given(first)
         if self.ranges is None:
-            return first, first.new_tensor(self.noise)
-        middle, width = (first.new_tensor(values) for values in self.ranges)
+            return first, beside(first, self.noise, first.dtype)
+        assert self.units is not None, "ranges come with units"
+        middle, width, units = (beside(first, values, first.dtype) for values in (*self.ranges, self.units))
         unknown = torch.isnan(first)
-        return torch.where(unknown, middle, first), torch.where(unknown, width, first.new_tensor(self.units))
+        return torch.where(unknown, middle, first), torch.where(unknown, width, units)
+
+    def _of_given(self, y0: Tensor) -> Tensor:
+        return y0.index_select(-1, beside(y0, self.given, torch.long))
 
     def log_slope(self, theta: Tensor, first: Tensor) -> Tensor:
         """Logarithm of |∂(z_e, components of z_a, y0) / ∂θ|, (…, B)."""

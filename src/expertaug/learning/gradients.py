@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import torch
 from torch import Tensor
 
 
-def clip_each_seed(parameters: Iterable[Tensor], limit: float | None, alive: Tensor) -> Tensor:
+def clip_each_seed(
+    parameters: Iterable[Tensor], limit: float | None, alive: Tensor, doubts: Sequence[Tensor] = ()
+) -> Tensor | None:
     """Clip each seed's gradient by its own norm; one that is not finite, or of a seed that has failed, becomes zero.
 
     Arguments:
         parameters: stacked, seeds first.
         limit: largest norm; None for no clipping.
         alive: which seeds (S,) have not failed.
+        doubts: truth values on which the gradients rest.
 
     Returns:
-        which seeds (S,) have a gradient that can be used, on the CPU: all that a step waits for.
+        which seeds (S,) have a gradient that can be used, on the CPU: all that a step waits for.  None where a doubt
+        was right: the gradients are then as they were.
     """
     gradients = [p.grad for p in parameters if p.grad is not None]
     norm = torch.stack([g.reshape(len(g), -1).square().sum(1) for g in gradients]).sum(0).sqrt()
     good = torch.isfinite(norm) & alive.to(norm.device, non_blocking=True)
     factor = torch.where(good, ((limit or math.inf) / norm.clamp_min(1e-12)).clamp_max(1.0), torch.zeros_like(norm))
-    known = good.cpu()
+    told = torch.cat((good, *(doubt.reshape(1) for doubt in doubts))).cpu()
+    known = told[: len(good)]
+    if not told[len(good) :].all():
+        return None
     some = not known.all()
     for g in gradients:
         if some:

@@ -25,6 +25,8 @@ class Task:
         z_e_scale: (P,), standard deviation of p⁺ for the supervision of z_e.
         supervision_weight: of the z_e term.
         bound: (K,), how far a forecast's components may go (:mod:`expertaug.learning.bound`); None for no bound.
+        doubts: where a loss leaves what it takes for granted, each one truth value on the device, instead of waiting
+            for it; None: it waits, and acts on it.
     """
 
     t: Tensor
@@ -34,6 +36,7 @@ class Task:
     z_e_scale: Tensor | float = 1.0
     supervision_weight: float = 1.0
     bound: Tensor | None = None
+    doubts: list[Tensor] | None = None
 
     def shortened(self, points: int) -> Task:
         """The same over the first ``points`` times."""

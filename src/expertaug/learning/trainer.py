@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 import math
 import time
@@ -91,20 +92,44 @@ class Trainer:
         window = self.objective.window(self.task)
         if step == 0:
             self.objective.begin(self.model, batch, replace(self.task, horizon=window))
-        points = self.settings.points(window, step, steps)
+        task = replace(self.task, horizon=self.settings.points(window, step, steps))
         with self.model.decoder.expert_alone() if self.settings.alone(step, steps) else nullcontext():
-            loss, parts = self.objective.loss(self.model, batch, replace(self.task, horizon=points))
-        self.optimiser.zero_grad(set_to_none=True)
-        check_loss(self.objective, loss, len(self.seeds)).sum().backward()
-        self._tame()
+            parts, good = self._gradients(batch, task)
+        self._count_skipped(good)
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate(step, steps)
         self.optimiser.step()
         return parts
 
-    def _tame(self) -> None:
-        """Clip each seed's gradient by its own norm; a seed whose gradient is not finite sits this step out."""
-        good = clip_each_seed(self.parameters, self.settings.clip_norm, self._alive())
+    def _gradients(self, batch: Batch, task: Task) -> tuple[dict[str, Tensor], Tensor]:
+        """The loss's parts, and which seeds (S,) have gradients, clipped, that can be used.
+
+        Elsewhere than on the CPU nothing waits for the device before the last gradient: forecasts are taken to stay
+        within the bound, and where one did not, all is done again from what was before.
+        """
+        if self.parameters[0].device.type != "cpu":
+            kept = copy.deepcopy(self.objective.state())
+            buffers = {name: value.clone() for name, value in self.model.named_buffers()}
+            doubts: list[Tensor] = []
+            parts, good = self._backward(batch, replace(task, doubts=doubts))
+            if good is not None:
+                return parts, good
+            self.objective.restore(kept)
+            for name, value in self.model.named_buffers():
+                value.copy_(buffers[name])
+        parts, good = self._backward(batch, task)
+        assert good is not None, "no doubts"
+        return parts, good
+
+    def _backward(self, batch: Batch, task: Task) -> tuple[dict[str, Tensor], Tensor | None]:
+        """The loss's parts and gradients; of the latter what :func:`clip_each_seed` says."""
+        loss, parts = self.objective.loss(self.model, batch, task)
+        self.optimiser.zero_grad(set_to_none=True)
+        check_loss(self.objective, loss, len(self.seeds)).sum().backward()
+        return parts, clip_each_seed(self.parameters, self.settings.clip_norm, self._alive(), task.doubts or ())
+
+    def _count_skipped(self, good: Tensor) -> None:
+        """A seed that is not ``good`` (S,), its gradient not being finite, sits this step out."""
         self.skipped = torch.where(good, 0, self.skipped + 1)
         reason = f"the gradient was not finite in {SKIPPED_LIMIT} steps in a row"
         self._fail(self.skipped > SKIPPED_LIMIT, f"{reason}; lower training.learning_rate or clip_norm")

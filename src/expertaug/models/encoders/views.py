@@ -14,6 +14,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.models.networks.layers import feature_count
 from expertaug.systems import System
+from expertaug.systems.numbers import beside
 
 
 class States:
@@ -59,7 +60,10 @@ class Windows:
         self.inputs = sum(3 * len(points) - 1 if angle else len(points) for _, points, angle in self.points)
 
     def __call__(self, observed: Tensor) -> Tensor:
-        columns = [observed[points][..., component] for component, points, _ in self.points]
+        columns = [
+            observed[..., component].index_select(0, beside(observed, points, torch.long))
+            for component, points, _ in self.points
+        ]
         return torch.cat(columns).movedim(0, -1)
 
     def features(self, seen: Tensor) -> Tensor:

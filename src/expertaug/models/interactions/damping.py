@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import Linear
 from expertaug.systems import System
+from expertaug.systems.numbers import beside
 
 START = -2.0  # of the argument of softplus: a damping of .13 per unit of time
 
@@ -46,5 +48,6 @@ class DampingInteraction(Interaction):
 
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y."""
-        damped = y if len(self.sees) == y.shape[self._axis] else y[(..., self.sees, *[slice(None)] * self._space)]
+        every = len(self.sees) == y.shape[self._axis]
+        damped = y if every else y.index_select(self._axis, beside(y, self.sees, torch.long))
         return self.placed(-context[(..., *[None] * self._space)] * damped, y)
