@@ -7,9 +7,10 @@ from drawn import ARMS, MARKS, PAINT, PIVOT, RATE, SIZE, _disk, compressed, draw
 
 from expertaug.recordings.inspection.detect import look_for_pendulum
 from expertaug.recordings.inspection.inspect import inspect
-from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
+from expertaug.recordings.markers.geometry import Geometry, estimate_geometry, sound
+from expertaug.recordings.markers.plain_disks import fitter
 from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.tracker import Tracker, track_frames
+from expertaug.recordings.markers.tracker import STIFFNESS, Tracker, track_frames
 from expertaug.recordings.rendering.render import render_recording
 
 NAMES = ("red", "green", "blue")
@@ -58,6 +59,26 @@ def test_large_disks_with_something_burnt_in_are_seen_whole(mark):
     assert found is not None
     for spots in found.spots:
         assert np.median([spot.diameter for spot in spots.values()]) == pytest.approx(50, abs=1)
+
+
+@pytest.mark.parametrize("mark", ["", "dot"])
+def test_a_disk_that_was_expected_elsewhere_is_measured_where_it_is_or_not_at_all(mark):
+    """Between frames that are far apart and unevenly timed a marker is off its predicted place by a third of itself."""
+    place = np.array([150.3, 140.8])
+    blue = [PAINT["blue"], None, None]
+    (frame,) = draw(np.tile(place, (1, 3, 1)), (300, 300), blue, 60.0, background=DARK, mark=mark)
+    colours = {"pivot": "red", "joint": "green", "tip": "blue"}
+    settings = TrackSettings.from_mapping({"markers": {"style": "disk", **colours}, "marker_diameter_px": 60.0})
+    finder = fitter(60.0, settings.min_level, settings.rim_tolerance, settings.markers, STIFFNESS)
+    found = 0
+    for angle in np.arange(0, 2 * np.pi, 0.3):
+        for far in (6.0, 12.0, 16.0, 20.0, 24.0):
+            disks = finder.fit(frame, (place + far * np.array([np.cos(angle), np.sin(angle)]))[None])
+            if sound(disks, settings)[0] and disks.identity[0] == 2:
+                found += 1
+                assert np.linalg.norm(disks.centre[0] - place) < 0.1, (angle, far)
+            assert far > 16 or disks.identity[0] == 2, (angle, far)
+    assert found > 60
 
 
 def test_light_from_one_side_does_not_shift_the_centre(centres, tmp_path):

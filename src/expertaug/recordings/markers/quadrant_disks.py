@@ -28,6 +28,9 @@ LARGE = 32.0  # px of diameter, above which both grow with it
 CROSS_WEIGHT = 0.4  # of the quadrants' centre: its error is uncorrelated with the rim's and a little larger
 MAX_CROSS = 0.6  # px between the two beyond which something covers the quadrants and the rim alone counts
 NEAR = 0.4  # px from the true centre within which both measurements are linear
+PASSES, MOST_PASSES = 3, 8  # of a fit: of whatever is there, and of what is a disk but was expected elsewhere
+MOST_MOVING = 2 * NEAR  # px by which the last pass may still move what is called a disk
+DISK_SHARE = 0.3  # of the rim, from which on it is one
 RIDGE, UNIT = np.float32(1e-3) * np.eye(3, dtype=np.float32), np.eye(2, dtype=np.float32)
 LUMA = np.array([0.114, 0.587, 0.299], np.float32)
 
@@ -130,21 +133,25 @@ class DiskFitter:
         return centre[1:][order[area[order] < largest]]
 
     def fit(self, frame: np.ndarray, centre: np.ndarray) -> Disks:
-        """Fit a disk near each of ``centre`` (m, 2), which may be wrong by about 3 px, in a BGR frame (H, W, 3)."""
+        """Fit a disk near each of ``centre`` (m, 2), which may be wrong by a quarter of the diameter, in a BGR frame (H,
+        W, 3)."""
         centre = np.asarray(centre, np.float32)
-        for last in (False, False, True):
+        for number in range(1, MOST_PASSES + 1):
             values = self._sample(frame, centre)
             level = self._level(values)
             inner = level[:, :, :INNER]
             solution, share = self._circle(*self._rim(inner, level[:, :, INNER:]))
             shift = np.minimum(np.maximum(solution[:, :2], -self._reach), self._reach)
             far = np.maximum.reduce(np.abs(shift), 1)
-            if last or max(far.tolist()) < NEAR:
+            # Where it still moves a wrong place is measured; what is no disk never comes to rest.
+            moving = far if number < PASSES else far[share > DISK_SHARE]
+            if number == MOST_PASSES or max(moving.tolist(), default=0.0) < NEAR:
                 break
             centre = centre + shift
         apart = self._apart(inner, shift)
         near = (np.maximum.reduce(np.abs(apart), 1) < MAX_CROSS) & (far < NEAR)
         centre = centre + shift + (np.float32(self.inside_weight) * near)[:, None] * apart
+        share = np.where(far < MOST_MOVING, share, 0)
         colour, shaped = self._colour(values[:, :, :INNER], inner)
         identity = np.where(shaped, self._palette.identify(colour), -1)
         radius = self.radius + (1 + self.stiffness) * solution[:, 2]
