@@ -81,9 +81,11 @@ def test_a_disk_that_was_expected_elsewhere_is_measured_where_it_is_or_not_at_al
     assert found > 60
 
 
-def test_light_from_one_side_does_not_shift_the_centre(centres, tmp_path):
-    frames = compressed(draw(centres, SIZE, COLOURS, background=DARK, light=0.4), tmp_path / "clip.mp4", RATE)
-    track, *_ = tracked(frames)
+@pytest.mark.parametrize(("behind", "mark"), [(DARK, ""), ((60, 58, 55), ""), ((60, 58, 55), "ring")])
+def test_light_from_one_side_does_not_shift_the_centre(behind, mark, centres, tmp_path):
+    """Also where the wall is as bright as the disks' dark sides, which differ from it by their colour alone."""
+    frames = draw(centres, SIZE, COLOURS, background=behind, light=0.4, mark=mark)
+    track, *_ = tracked(compressed(frames, tmp_path / "clip.mp4", RATE))
     error, used = errors(track, centres)
     assert used > 0.95 and np.median(error) < 0.12
     assert np.abs(np.mean(track.position - centres, axis=(0, 1))).max() < 0.1

@@ -19,8 +19,10 @@ METRIC = np.outer(LUMA, LUMA) + np.float32(COLOUR_WEIGHT) * np.eye(3, dtype=np.f
 MIN_CONTRAST = 6.0  # grey levels, in this metric, between the disk and beyond: below, a ray tells nothing
 FULL = 200.0  # level of the disk's colour; what lies beyond has 0
 VALID = (0.6, 1.4)  # of the disk's level: what is outside of it is something else
+ALIKE = 1.15  # over 1 by the squared tangent of the angle between two colours: of one hue and chroma in any light
 UNEVEN = (0.4, 0.25)  # off the plane of light, relative to all of the disk: samples further off do not tell it
-RIDGE = 4 * np.eye(3, dtype=np.float32)  # samples' worth of an even light
+# Samples' worth of an even light, and of one that is the disk's own in its middle, by whose colour it is told.
+RIDGE = np.diag(np.float32([40, 4, 4]))
 LIGHT = (0.3, 3.0)  # of the light, at the least and at the most
 ENOUGH = 2  # samples of a ray that are of the disk's level: the others may be burnt in
 MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone
@@ -41,6 +43,7 @@ class PlainFitter(DiskFitter):
         area = np.hypot(dx, dy)  # of a polar grid's cells
         self._moments = np.stack((area, area * dx, area * dy), 1)
         self._area = area.reshape(RAYS, INNER)[0]
+        self._middle = (self._dx.shape[1] - INNER) // 2  # the sample at the expected rim
         # of a plane over the disk, for every sample and for those that tell it
         plane = np.stack((np.ones_like(self._dx), self._dx / self.radius, self._dy / self.radius), 2)
         self._everywhere = np.ascontiguousarray(plane.reshape(-1, 3).T)
@@ -49,15 +52,21 @@ class PlainFitter(DiskFitter):
         self._products = np.einsum("si,sj->sij", self._known, self._known).reshape(-1, 9)
 
     def _level(self, values: np.ndarray) -> np.ndarray:
-        """Share (m, rays, radii) of the disk's colour in a sample, from what lies beyond the ray's end: 0 to FULL."""
-        disk = self._disk(values[:, ::2, :INNER])[:, None]
+        """Share (m, rays, radii) of the disk's colour in a sample, from what lies beyond the ray's end: 0 to FULL.
+
+        The disk's colour is that of its light there: what lies beyond has a light of its own.
+        """
+        inner = values[:, :, :INNER]
+        disk = self._disk(inner[:, ::2])
+        light = self._light(inner[:, :, MIDDLE], disk)
+        at_rim = light[:, :, INNER + self._middle]
         beyond = np.add.reduce(values[:, :, -OUTSIDE:], 2) * np.float32(1 / OUTSIDE)
-        step = disk - beyond
+        step = disk[:, None] * at_rim[..., None] - beyond
         axis = step @ METRIC
         contrast = np.einsum("mrc,mrc->mr", step, axis)
         step = axis * ((contrast > MIN_CONTRAST**2) * np.float32(FULL) / np.maximum(contrast, 1))[..., None]
-        level = (values @ step[..., None])[..., 0] - np.einsum("mrc,mrc->mr", beyond, step)[..., None]
-        return level / self._light(level)
+        lit = np.concatenate((inner * (at_rim[..., None] / light[:, :, :INNER])[..., None], values[:, :, INNER:]), 2)
+        return (lit @ step[..., None])[..., 0] - np.einsum("mrc,mrc->mr", beyond, step)[..., None]
 
     def _disk(self, inner: np.ndarray) -> np.ndarray:
         """The disk's colour (m, 3) among samples (m, rays, radii, 3): of the medians at each radius the one with the
@@ -70,19 +79,24 @@ class PlainFitter(DiskFitter):
         chosen = (chroma * (alike @ self._area)).argmax(1)
         return medians[np.arange(len(inner)), chosen]
 
-    def _light(self, level: np.ndarray) -> np.ndarray:
+    def _light(self, inner: np.ndarray, disk: np.ndarray) -> np.ndarray:
         """How bright the disk is at each sample, relative to all of it, (m, rays, radii): a plane, as light from one
-        side makes it.  What is burnt in or covers a part is left out."""
-        inner = level[:, :, MIDDLE].reshape(len(level), -1) / np.float32(FULL)
-        plane = np.zeros((len(level), 3), np.float32)
+        side makes it, through the samples (m, rays, radii inside, 3) of the disk's own hue and chroma.  What is burnt
+        in or covers a part is left out."""
+        inner = inner.reshape(len(inner), -1, 3)
+        own = np.maximum(np.einsum("mc,mc->m", disk, disk), 1)[:, None]
+        bright = (inner @ (disk / own)[..., None])[..., 0]
+        strength = np.einsum("msc,msc->ms", inner, inner)
+        alike = strength < ALIKE * own * bright**2
+        plane = np.zeros((len(inner), 3), np.float32)
         plane[:, 0] = 1
         for reach in UNEVEN:
-            used = (np.abs(inner - plane @ self._known_turned) < reach).astype(np.float32)
+            used = (alike & (np.abs(bright - plane @ self._known_turned) < reach)).astype(np.float32)
             normal = (used @ self._products).reshape(-1, 3, 3) + RIDGE
-            off = (used * (inner - 1)) @ self._known
+            off = (used * (bright - 1)) @ self._known
             plane = np.linalg.solve(normal, off[..., None])[..., 0]
             plane[:, 0] += 1
-        light = (plane @ self._everywhere).reshape(level.shape)
+        light = (plane @ self._everywhere).reshape(len(inner), *self._dx.shape)
         return np.minimum(np.maximum(light, LIGHT[0]), LIGHT[1])
 
     def _inside(self, inner: np.ndarray) -> np.ndarray:

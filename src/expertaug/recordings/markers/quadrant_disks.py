@@ -133,8 +133,8 @@ class DiskFitter:
         return centre[1:][order[area[order] < largest]]
 
     def fit(self, frame: np.ndarray, centre: np.ndarray) -> Disks:
-        """Fit a disk near each of ``centre`` (m, 2), which may be wrong by a quarter of the diameter, in a BGR frame (H,
-        W, 3)."""
+        """Fit a disk near each of ``centre`` (m, 2) in a BGR frame (H, W, 3); a centre may be wrong by a quarter of the
+        diameter."""
         centre = np.asarray(centre, np.float32)
         for number in range(1, MOST_PASSES + 1):
             values = self._sample(frame, centre)
