@@ -10,7 +10,7 @@ from expertaug.measurements.splitting import SPLITS, keep_apart, number_segments
 from expertaug.recordings.angles.measure import measure_angles
 from expertaug.recordings.chunks.cut import split_chunks
 from expertaug.recordings.chunks.horizons import cut_horizon
-from expertaug.recordings.chunks.settings import ChunkSettings
+from expertaug.recordings.chunks.settings import ChunkKeys, ChunkSettings
 from expertaug.recordings.imports.ibm import import_markers, list_marker_files
 from expertaug.recordings.reports.splits import plot_splits
 from expertaug.systems.double_pendulum import energy
@@ -166,6 +166,19 @@ def test_too_few_chunks_in_a_split_names_it(tmp_path):
     angles = write_angles(tmp_path / "r0", y, gaps=[(0, 2400)])
     with pytest.raises(InputError, match="too few chunks for the test split"):
         split_chunks([angles], tmp_path / "data", {"by": "time", "min_chunks": 5})
+
+
+def test_chunks_of_a_short_recording_lie_nearer_until_there_are_enough(tmp_path, caplog):
+    """600 frames at 40 Hz, as another laboratory's series, by the settings that nobody wrote for it."""
+    angles = write_angles(tmp_path / "r0", truth()[0, :6000:10], 40.0)
+    settings = ChunkKeys().at(40.0, "split")
+    split_chunks([angles], tmp_path / "data", settings.model_dump())
+    counts = json.loads((tmp_path / "data" / "splits.json").read_text())["chunks"]
+    assert min(counts.values()) >= settings.min_chunks == 30
+    assert "the test split's chunks begin every 4 points instead of every 8" in caplog.text
+    assert "they overlap" in caplog.text and "train" not in caplog.text
+    held = frames_of(tmp_path / "data", 1, settings.length)
+    assert not held["validation"] & held["test"] and not held["train"] & (held["validation"] | held["test"])
 
 
 def test_two_recordings_of_one_name_and_a_broken_table(tmp_path):

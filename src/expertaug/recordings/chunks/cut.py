@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from expertaug.trajectories import Trajectories
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
 SINGLE = ("theta1", "omega1")  # of a single pendulum
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -115,8 +117,25 @@ def divide(angles: Sequence[str | Path], output: Path, options: ChunkSettings) -
 
 def _choose(output_dir: Path, division: Division, options: ChunkSettings) -> dict[str, np.ndarray]:
     """Per split, rows (recording, first row of the chunk), (N, 2)."""
-    each = {name: rows_of(division.labels, division.steps, name, options, stride_of(name, options)) for name in SPLITS}
+    each = {name: _enough(division, name, options) for name in SPLITS}
     return chosen(output_dir, each, options, "recordings")
+
+
+def _enough(division: Division, split: str, options: ChunkSettings) -> np.ndarray:
+    """A split's chunks, (N, 2): as far apart as the settings say, or nearer where these are too few.
+
+    Recordings of some hundred frames would otherwise be refused for a stride that nobody chose for them.
+    """
+    wanted = stride = stride_of(split, options)
+    rows = rows_of(division.labels, division.steps, split, options, stride)
+    while len(rows) < options.min_chunks and stride > 1:
+        stride //= 2
+        rows = rows_of(division.labels, division.steps, split, options, stride)
+    if stride < wanted and len(rows) >= options.min_chunks:
+        text = "the %s split's chunks begin every %d points instead of every %d, for there to be %d%s"
+        overlap = ": they overlap, and intervals of its scores are too narrow" if stride < options.length else ""
+        logger.warning(text, split, stride, wanted, options.min_chunks, overlap)
+    return rows
 
 
 def _pooled_fit(recordings: list[Recording], steps: list[int], options: ChunkSettings) -> Fit:
