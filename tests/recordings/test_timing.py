@@ -56,6 +56,21 @@ def test_uneven_frames_are_resampled_and_the_cost_is_estimated(tmp_path, rate):
     assert seen.timing.uneven_ms == pytest.approx(1000 * 0.2 / rate, rel=0.2) or seen.timing.uneven_ms > 200 / rate
 
 
+@pytest.mark.parametrize("rate", [30, 60])
+def test_uncertainties_of_uneven_frames_hold_what_interpolating_costs(tmp_path, rate):
+    """Right within a factor of 1.5 also where most of the error is not the markers'."""
+    rng = np.random.default_rng(0)
+    t = (np.arange(20 * rate) + rng.uniform(-0.2, 0.2, 20 * rate)) / rate
+    files = [tmp_path / name for name in ("markers.csv", "angles.csv", "angles.json")]
+    table_at(t, noise=0.07).to_csv(files[0], index=False)
+    measure_angles(*files, {"rate_hz": float(rate)})
+    table = pd.read_csv(files[1])
+    table = table[table["quality"] == 1]
+    off = np.angle(np.exp(1j * (table[["theta1", "theta2"]].to_numpy() - true_angles(table["t"]))))
+    ratio = np.sqrt(np.mean(table[["theta1_std", "theta2_std"]].to_numpy() ** 2, axis=0) / np.mean(off**2, axis=0))
+    assert ((ratio > 1 / 1.5) & (ratio < 1.5)).all(), ratio
+
+
 def test_another_even_rate_is_resampled(tmp_path):
     seen = read(tmp_path, table_at(np.arange(2400) / 120), 100.0)
     assert (len(seen), seen.rate_hz, seen.timing.frames_hz) == (2000, 100, 120)

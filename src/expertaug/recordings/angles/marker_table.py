@@ -69,6 +69,8 @@ class MarkerTable:
         source: (n,), rows of the file that are nearest to them.
         corrected: (n,), frames in which a marker was placed by hand.
         timing: what was found of their times.
+        interpolation: (n, 2) in rad, by how much the angles are estimated to be off by having been interpolated between
+            frames; None where none was.
     """
 
     frame: np.ndarray
@@ -82,6 +84,7 @@ class MarkerTable:
     source: np.ndarray
     corrected: np.ndarray
     timing: Timing = field(default_factory=Timing)
+    interpolation: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -174,7 +177,8 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     level = np.where(lost, 0.0, quality[made.source])
     number = np.arange(len(made.t))
     by_hand = seen.corrected[made.source] & made.kept
-    return MarkerTable(number, made.t, wanted, pivot, joint, tip, level, why, made.source, by_hand, timing)
+    source, off = made.source, made.error
+    return MarkerTable(number, made.t, wanted, pivot, joint, tip, level, why, source, by_hand, timing, off)
 
 
 def _off_even_ms(t: np.ndarray) -> float:

@@ -124,6 +124,8 @@ def _measure(path: Path, markers: MarkerTable, options: AngleSettings) -> Angles
     marker_std = marker_noise(length_std, markers.pivot, arms.pivot)
     theta = np.where(fitting[:, None], arms.angles(options.rotation_deg), np.nan)
     motion = smooth_motion(theta, rate, noise, how)
+    if markers.interpolation is not None:
+        motion = motion.with_error(markers.interpolation)
     quality, reason = judge(motion, fitting, reason, arms.borrowed)
     good = quality == MEASURED
     reason[good & markers.corrected] = CORRECTED

@@ -22,22 +22,30 @@ class Resampled:
         source: (m,), the row of the nearest frame.
         place: (m, 3, 2) in px; NaN where the frames round a time were not all usable.
         kept: (m,), times that are a frame's own.
-        error_deg: median and 99th percentile of the angles' estimated errors by interpolation, in degrees; None where
-            nothing was interpolated or too little is known.
+        error: (m, 2) in rad, the angles' estimated errors by interpolation; 0 where a time is a frame's own, NaN where
+            too little is known.
     """
 
     t: np.ndarray
     source: np.ndarray
     place: np.ndarray
     kept: np.ndarray
-    error_deg: tuple[float, float] | None
+    error: np.ndarray
+
+    @property
+    def error_deg(self) -> tuple[float, float] | None:
+        """Median and 99th percentile of the worse angle's error in degrees; None where nothing was interpolated or too
+        little is known."""
+        between = np.isfinite(self.error).all(1) & ~self.kept & np.isfinite(self.place).all((1, 2))
+        known = np.rad2deg(self.error[between].max(axis=1))
+        return (float(np.median(known)), float(np.quantile(known, 0.99))) if len(known) else None
 
 
 def resample(t: np.ndarray, place: np.ndarray, usable: np.ndarray, rate_hz: float) -> Resampled:
     """Interpolate the arms' angles and lengths by the cubic through four frames: a steady rotation stays one.
 
-    The error is that of the cubic's remainder, with the fourth derivative that each frame shows which is left out of
-    the cubic through its neighbours; the markers' noise adds to it, so that it is rather too large.
+    The error is that of the cubic's remainder, with the fourth derivative that each frame shows that is left out of the
+    cubic through its neighbours; the markers' noise adds to it, so that it is rather too large.
 
     Arguments:
         t: times (n,) in s, growing.
@@ -64,7 +72,8 @@ def resample(t: np.ndarray, place: np.ndarray, usable: np.ndarray, rate_hz: floa
     turned = theta[:, :1] + np.concatenate((np.zeros_like(theta[:, :1]), _cumulative(theta)), axis=1)
     at = [np.einsum("nm,nm...->n...", weights, part) for part in (pivot, length, turned)]
     out[between] = _places(*at)
-    error = _error_deg(t, np.where(usable[:, None], arms[2], np.nan), interval, even[between], source[between])
+    error = np.where(kept[:, None], 0.0, np.full((len(even), 2), np.nan))
+    error[between] = _errors(t, np.where(usable[:, None], arms[2], np.nan), interval, even[between])
     return Resampled(even, source, out, kept, error)
 
 
@@ -94,13 +103,11 @@ def _weights(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     return weights
 
 
-def _error_deg(
-    t: np.ndarray, theta: np.ndarray, interval: float, at: np.ndarray, source: np.ndarray
-) -> tuple[float, float] | None:
-    """Of the worse angle; ``theta`` (n, k) has NaN where a frame is not usable."""
+def _errors(t: np.ndarray, theta: np.ndarray, interval: float, at: np.ndarray) -> np.ndarray:
+    """Of both angles at the times ``at`` (m,), (m, 2) in rad; ``theta`` (n, 2) has NaN where a frame is not usable."""
     count = len(t) - POINTS
     if count < 1 or not len(at):
-        return None
+        return np.full((len(at), theta.shape[1]), np.nan)
     rows = np.arange(count)[:, None] + np.arange(POINTS + 1)
     turned = np.concatenate((np.zeros((count, 1, theta.shape[1])), np.cumsum(turns(theta)[rows[:, :-1]], axis=1)), 1)
     turned += 0 * theta[rows[:, :1]]
@@ -113,6 +120,6 @@ def _error_deg(
     # The cubic through the two frames on either side of a time.
     after = np.clip(np.searchsorted(t, at, side="right"), 2, len(t) - 2)
     span = np.prod(np.abs(at[:, None] - t[after[:, None] + np.arange(-2, 2)]), axis=1)
-    errors = np.rad2deg(np.abs(bent[source]) * span[:, None])
-    known = errors[np.isfinite(errors).all(1)].max(axis=1)
-    return (float(np.median(known)), float(np.quantile(known, 0.99))) if len(known) else None
+    # The larger of what the frames on either side show: in fast motion it changes from frame to frame.
+    bent = np.fmax(np.abs(bent[after - 1]), np.abs(bent[after]))
+    return bent * span[:, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -57,6 +57,15 @@ class Motion:
     unsmoothed: np.ndarray
     margin: np.ndarray
     outlier: np.ndarray
+
+    def with_error(self, error: np.ndarray) -> Motion:
+        """The same with errors (n, 2) in rad that the measured angles have besides their noise; NaN where nothing is
+        known of it: there the largest that is."""
+        known = np.isfinite(error)
+        error = np.where(known, error, error[known].max(initial=0.0))
+        std = self.std.copy()
+        std[:, :2] = np.hypot(std[:, :2], error)
+        return replace(self, std=std)
 
 
 def window_frames(seconds: float, order: int, rate: float) -> int:
