@@ -81,14 +81,16 @@ def test_a_disk_that_was_expected_elsewhere_is_measured_where_it_is_or_not_at_al
     assert found > 60
 
 
-@pytest.mark.parametrize(("behind", "mark"), [(DARK, ""), ((60, 58, 55), ""), ((60, 58, 55), "ring")])
-def test_light_from_one_side_does_not_shift_the_centre(behind, mark, centres, tmp_path):
+@pytest.mark.parametrize(
+    ("behind", "mark", "most"), [(DARK, "", 0.1), ((60, 58, 55), "", 0.15), ((60, 58, 55), "ring", 0.15)]
+)
+def test_light_from_one_side_does_not_shift_the_centre(behind, mark, most, centres, tmp_path):
     """Also where the wall is as bright as the disks' dark sides, which differ from it by their colour alone."""
     frames = draw(centres, SIZE, COLOURS, background=behind, light=0.4, mark=mark)
     track, *_ = tracked(compressed(frames, tmp_path / "clip.mp4", RATE))
     error, used = errors(track, centres)
-    assert used > 0.95 and np.median(error) < 0.12
-    assert np.abs(np.mean(track.position - centres, axis=(0, 1))).max() < 0.1
+    assert used > 0.95 and np.median(error) < 1.2 * most
+    assert np.abs(np.mean(track.position - centres, axis=(0, 1))).max() < most
 
 
 def test_a_joint_off_its_hinge_costs_no_frame(centres):

@@ -23,6 +23,8 @@ ALIKE = 1.15  # over 1 by the squared tangent of the angle between two colours: 
 UNEVEN = (0.4, 0.25)  # off the plane of light, relative to all of the disk: samples further off do not tell it
 # Samples' worth of an even light, and of one that is the disk's own in its middle, by whose colour it is told.
 RIDGE = np.diag(np.float32([40, 4, 4]))
+# An even light, and its lean towards one side (at the rim, as a share) that edges of what is burnt in may feign.
+EVEN, LEAN = np.float32([1, 0, 0]), np.float32(0.1)
 LIGHT = (0.3, 3.0)  # of the light, at the least and at the most
 ENOUGH = 2  # samples of a ray that are of the disk's level: the others may be burnt in
 MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone
@@ -96,6 +98,9 @@ class PlainFitter(DiskFitter):
             off = (used * (bright - 1)) @ self._known
             plane = np.linalg.solve(normal, off[..., None])[..., 0]
             plane[:, 0] += 1
+        lean = plane - EVEN  # a little of it makes centres worse, not better
+        steep = np.hypot(lean[:, 1:2], lean[:, 2:]) ** 4
+        plane = EVEN + lean * (steep / (steep + LEAN**4))
         light = (plane @ self._everywhere).reshape(len(inner), *self._dx.shape)
         return np.minimum(np.maximum(light, LIGHT[0]), LIGHT[1])
 
