@@ -52,10 +52,11 @@ def draw(
 ):
     """Frames (n, H, W, 3) of markers at (n, 3, 2) px; a colour (B, G, R) of None leaves its marker out.
 
-    ``background`` is a colour or an image (H, W, 3); ``mark`` (of MARKS) is what the disks have burnt in, and ``light``
-    the share by which they are brighter on the image's right and darker on its left.
+    ``background`` is a colour or an image (H, W, 3); ``mark`` (of MARKS) is what the disks have burnt in, or one
+    for each, and ``light`` the share by which they are brighter on the image's right and darker on its left.
     """
     width, height = size
+    marks = (mark,) * len(colours) if isinstance(mark, str) else mark
     rng = np.random.default_rng(seed)
     empty = np.zeros((height, width, 3), np.uint8)
     empty[:] = background
@@ -67,7 +68,7 @@ def draw(
         lean = np.arctan2(*(points[1:] - points[:-1])[[0, 0, 1]].T)
         for k, colour in enumerate(colours):
             if colour is not None:
-                _disk(frame, points[k], diameter / 2, colour, style, lean[k], mark, light)
+                _disk(frame, points[k], diameter / 2, colour, style, lean[k], marks[k], light)
         y, x = rng.integers(SPARE, size=2)
         frame[:] = np.clip(frame + grain[y : y + height, x : x + width], 0, 255)
     return frames
