@@ -5,7 +5,8 @@
 Pictures (JPEG) of 1000×1000 px at 38 Hz with a third of the intervals more than 10 % off: disks of 60 px with a ring, a
 line and a dot burnt in, the joint's 3.6 px off its hinge, on a wall as bright as they are.  OUTPUT (default
 results/other_labs) gets series.csv: of the frames whose markers are all within 1 px the share that is used, the largest
-error of a used marker, the share of angles that are used with their errors in degrees, and stated over actual errors.
+error of a used marker, the share of angles that are used with their errors in degrees (without the proposed direction
+of gravity's, which is told apart), and stated over actual errors.
 Exit status 1 where less than 95 % of a series' right frames are used, a used marker is off by more than 1 px, or an
 angle by more than .1° in the median.
 """

@@ -92,13 +92,16 @@ def to_tables(series: Path, stated: dict[str, object], work: Path) -> tuple[pd.D
 
 def scores(series: Series, markers: pd.DataFrame, angles: pd.DataFrame) -> dict[str, float]:
     """Share of the frames whose markers are right (within 1 px) that are used, largest error of a used marker in px;
-    of the angles that are used their share, and the errors of the worse one in degrees; stated over actual errors."""
+    of the angles that are used their share and errors in degrees, stated over actual errors, and by how much the
+    direction of gravity that inspect proposes is off: that is no error of theirs."""
     places = [f"{role}_{axis}" for role in ("pivot", "joint", "tip") for axis in "xy"]
     off = np.linalg.norm(markers[places].to_numpy().reshape(-1, 3, 2) - series.centres(), axis=2)
     used, right = markers["quality"].to_numpy() > 0, (off < 1).all(axis=1)
     good = angles[angles["quality"] == 1]
     error = good[["theta1", "theta2"]].to_numpy() - series.angles(good["t"].to_numpy() - angles["t"][0])
-    error = np.abs(np.rad2deg(np.angle(np.exp(1j * error))))
+    error = np.rad2deg(np.angle(np.exp(1j * error)))
+    turned = float(np.median(error))
+    error = np.abs(error - turned)
     stated = np.rad2deg(good[["theta1_std", "theta2_std"]].to_numpy())
     return {
         "used_of_right": float(used[right].mean()),
@@ -107,5 +110,6 @@ def scores(series: Series, markers: pd.DataFrame, angles: pd.DataFrame) -> dict[
         "deg": float(np.median(error)),
         "p99_deg": float(np.quantile(error, 0.99)),
         "largest_deg": float(error.max()),
+        "gravity_deg": turned,
         "stated": float(np.sqrt(np.mean(stated**2) / np.mean(error**2))),
     }

@@ -13,5 +13,6 @@ def test_from_inspect_to_tables_without_an_edit_by_hand(tmp_path):
     found = scores(series, markers, angles)
     assert found["used_of_right"] > 0.95 and found["largest_px"] < 1
     assert found["angles_used"] > 0.9 and found["deg"] < 0.1 and found["largest_deg"] < 0.5
+    assert abs(found["gravity_deg"]) < 0.5
     assert found["stated"] == pytest.approx(1, rel=0.5)
     assert all(len(Trajectories.load(sets / f"{name}.npz")) >= 30 for name in SPLITS)
