@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from expertaug.recordings.markers.appearance import Appearance, Colour
-from expertaug.recordings.markers.quadrant_disks import INNER, LUMA, RAYS, DiskFitter, hsv
+from expertaug.recordings.markers.quadrant_disks import INNER, LUMA, NEAR, RAYS, DiskFitter, hsv
 
 OUTSIDE = 3  # samples at the end of a ray that tell what lies beyond the rim
 COLOUR_WEIGHT = 0.01
@@ -38,6 +38,8 @@ class PlainFitter(DiskFitter):
     """
 
     inside_weight = 0.0
+    # Of quadrants under strong motion blur further passes give centres that are off by a pixel.
+    most_passes, most_moving = 8, 2 * NEAR
 
     def __init__(self, *arguments: object, **options: object) -> None:
         super().__init__(*arguments, **options)

@@ -28,8 +28,7 @@ LARGE = 32.0  # px of diameter, above which both grow with it
 CROSS_WEIGHT = 0.4  # of the quadrants' centre: its error is uncorrelated with the rim's and a little larger
 MAX_CROSS = 0.6  # px between the two beyond which something covers the quadrants and the rim alone counts
 NEAR = 0.4  # px from the true centre within which both measurements are linear
-PASSES, MOST_PASSES = 3, 8  # of a fit: of whatever is there, and of what is a disk but was expected elsewhere
-MOST_MOVING = 2 * NEAR  # px by which the last pass may still move what is called a disk
+PASSES = 3  # of a fit of whatever is there
 DISK_SHARE = 0.3  # of the rim, from which on it is one
 RIDGE, UNIT = np.float32(1e-3) * np.eye(3, dtype=np.float32), np.eye(2, dtype=np.float32)
 LUMA = np.array([0.114, 0.587, 0.299], np.float32)
@@ -69,6 +68,7 @@ class DiskFitter:
     """
 
     inside_weight = CROSS_WEIGHT
+    most_passes, most_moving = PASSES, np.inf  # of a disk that was expected elsewhere; px that the last may still move
 
     def __init__(
         self,
@@ -136,7 +136,7 @@ class DiskFitter:
         """Fit a disk near each of ``centre`` (m, 2) in a BGR frame (H, W, 3); a centre may be wrong by a quarter of the
         diameter."""
         centre = np.asarray(centre, np.float32)
-        for number in range(1, MOST_PASSES + 1):
+        for number in range(1, self.most_passes + 1):
             values = self._sample(frame, centre)
             level = self._level(values)
             inner = level[:, :, :INNER]
@@ -145,13 +145,13 @@ class DiskFitter:
             far = np.maximum.reduce(np.abs(shift), 1)
             # Where it still moves a wrong place is measured; what is no disk never comes to rest.
             moving = far if number < PASSES else far[share > DISK_SHARE]
-            if number == MOST_PASSES or max(moving.tolist(), default=0.0) < NEAR:
+            if number == self.most_passes or max(moving.tolist(), default=0.0) < NEAR:
                 break
             centre = centre + shift
         apart = self._apart(inner, shift)
         near = (np.maximum.reduce(np.abs(apart), 1) < MAX_CROSS) & (far < NEAR)
         centre = centre + shift + (np.float32(self.inside_weight) * near)[:, None] * apart
-        share = np.where(far < MOST_MOVING, share, 0)
+        share = np.where(far < self.most_moving, share, 0)
         colour, shaped = self._colour(values[:, :, :INNER], inner)
         identity = np.where(shaped, self._palette.identify(colour), -1)
         radius = self.radius + (1 + self.stiffness) * solution[:, 2]
