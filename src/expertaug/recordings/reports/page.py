@@ -21,7 +21,8 @@ from expertaug.recordings.provenance import RENDERED
 from expertaug.recordings.tables import read_table
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
-COLUMNS = ("t", *STATE, "energy", "quality", "source", "theta1_raw", "theta2_raw", *(f"{name}_std" for name in STATE))
+UNCERTAIN = tuple(f"{name}_std" for name in (*STATE, "pivot", "joint", "tip"))
+COLUMNS = ("t", *STATE, "energy", "quality", "source", "theta1_raw", "theta2_raw", *UNCERTAIN)
 WRONG = "#B00020"
 FIRST, SECOND = "#0072B2", "#D55E00"  # of the two arms
 STATES = ((MEASURED, "measured", "#009E73"), (INTERPOLATED, "not used", "#E69F00"), (UNUSABLE, "unusable", WRONG))
@@ -31,9 +32,10 @@ WIDTH, LINE = 112, 0.165  # of text: characters in a line, and its height in inc
 def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path, output: str | Path) -> None:
     """Draw a recording's page.
 
-    Panels over time: each arm's length against its median, both angles, by how much they are smoothed with the band of
-    their standard uncertainty, the same band of the speeds, the energy and which frames are used; below, how many
-    frames have which reason.  Frames that are not used have lighter dots.
+    Panels over time: each arm's length against its median with the band that its two markers' standard uncertainties
+    make, both angles, by how much they are smoothed with the band of their standard uncertainty, the same band of the
+    speeds, the energy and which frames are used; below, how many frames have which reason.  Frames that are not used
+    have lighter dots.
 
     Arguments:
         markers, angles, summary: what :func:`expertaug.recordings.angles.measure.measure_angles` read and wrote.
@@ -65,7 +67,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         write(0.35, heading)
         write(0.35 + LINE * (lines + 0.2), warned, color=WRONG, fontweight="bold")
         t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
-        _lengths(over_time[:2], t, points.to_numpy(float)[source], quality)
+        _lengths(over_time[:2], t, points.to_numpy(float)[source], table, quality)
         _angles(over_time[2], t, table, quality)
         _smoothed(over_time[3:5], t, table, quality)
         _speeds(over_time[5], t, table)
@@ -186,16 +188,19 @@ def _dots(axis: Axes, t: np.ndarray, values: np.ndarray, quality: np.ndarray, co
     axis.plot(t[used], values[used], ".", color=colour, markersize=1.3, label=label, rasterized=True)
 
 
-def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, quality: np.ndarray) -> None:
-    """Distances between the markers, off their medians."""
+def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, table: pd.DataFrame, quality: np.ndarray) -> None:
+    """Distances between the markers, off their medians, and how uncertain the markers make them."""
     length = np.linalg.norm(np.diff(points.reshape(-1, 3, 2), axis=1), axis=2)
     off = length - np.nanmedian(length, axis=0)
     reach = 1.3 * float(np.nanquantile(np.abs(off), 0.999)) + 0.05
+    each = table[list(UNCERTAIN[len(STATE) :])].to_numpy(float)
     for k, (axis, colour) in enumerate(zip(axes, (FIRST, SECOND), strict=True)):
+        band = np.hypot(each[:, k], each[:, k + 1])
         _dots(axis, t, off[:, k], quality, colour, "")
+        axis.fill_between(t, -band, band, color="0.1", alpha=0.4, linewidth=0, zorder=3, rasterized=True)
         axis.set_ylim(-reach, reach)
         axis.axhline(0, color="0.6", linewidth=0.6)
-        axis.set_ylabel(f"arm {k + 1}, off\nits length [px]")
+        axis.set_ylabel(f"arm {k + 1} off\n± std [px]")
 
 
 def _angles(axis: Axes, t: np.ndarray, table: pd.DataFrame, quality: np.ndarray) -> None:
@@ -213,7 +218,7 @@ def _smoothed(axes: Sequence[Axes], t: np.ndarray, table: pd.DataFrame, quality:
     for axis, name, colour, label in zip(axes, STATE, (FIRST, SECOND), (r"$\theta_1$", r"$\theta_2$"), strict=False):
         taken, band = (np.rad2deg(v) for v in (table[f"{name}_raw"] - table[name], table[f"{name}_std"]))
         _dots(axis, t, taken.to_numpy(float), quality, "0.7", "")
-        axis.fill_between(t, -band, band, color=colour, alpha=0.5, linewidth=0, rasterized=True)
+        axis.fill_between(t, -band, band, color=colour, alpha=0.7, linewidth=0, zorder=3, rasterized=True)
         reach = 4 * float(np.nanquantile(band, 0.9)) if band.notna().any() else 1.0
         axis.set_ylim(-reach, reach)
         axis.set_ylabel(f"{label} ± std,\nmeasured [°]")
