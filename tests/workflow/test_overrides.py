@@ -59,6 +59,16 @@ def test_another_kind_brings_its_own_arguments_and_own_methods_come_last(tmp_pat
     assert methods[0] == "mean" and methods[-1] == "later"
 
 
+def test_numbers_within_braces_on_the_command_line_are_numbers(tmp_path):
+    said = "experiments={pendulum: {seeds: [3, 4], training: {learning_rate: 2e-3, epochs: 7}}}"
+    done = plan(tmp_path, TEXT, "--config", said)
+    assert done.returncode == 0, done.stderr
+    settings = [json.loads(text) for text in re.findall(r"--settings '(\{.*?\})' ", done.stdout + done.stderr)]
+    later = next(one for one in settings if one.get("method") == "later" and "model" in one)
+    assert later["seeds"] == [3, 4]
+    assert (later["training"]["learning_rate"], later["training"]["epochs"]) == (0.002, 7)
+
+
 def test_everything_that_is_wrong_is_told_with_status_2(tmp_path):
     done = plan(tmp_path, f"{TEXT}    training: {{epoch: 1, batch_size: x}}\n", "--config", "device=gpu")
     assert done.returncode == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -9,6 +10,8 @@ from expertaug.config.yaml_file import Located
 from expertaug.errors import InputError
 from expertaug.wording import suggest
 
+# As YAML reads one; long ones stay texts, which nothing takes for a number.
+NUMBER = re.compile(r"[-+]?((0|[1-9]\d{0,30})(\.\d{0,30})?|\.\d{1,30})([eE][-+]?\d{1,3})?")
 CHAIN = 100  # experiments of which one is based on the next, at most
 # Keys of an experiment's data that say something of one source alone.
 OF_SOURCE = {"simulation": ("step_s", "t2_s", "sets"), "recordings": ("split",), "files": ("files",)}
@@ -33,10 +36,25 @@ def merge(base: Mapping, over: Mapping) -> Located:
 
 
 def of_command_line(values: Mapping) -> Located:
-    """What ``--config`` says; Snakemake takes true, false and null of its ``key=value`` for texts."""
-    words = {"true": True, "false": False, "null": None}
-    read = {k: words.get(v, v) if isinstance(v, str) else v for k, v in values.items()}
+    """What ``--config`` says; of its ``key=value`` Snakemake takes true, false and null for texts, and within braces
+    and brackets numbers as well."""
+    read = {k: _word(v) if isinstance(v, str) else _spoken(v) for k, v in values.items()}
     return Located(_copied(read), dict.fromkeys(read, "--config"))
+
+
+def _spoken(value: Any) -> Any:
+    """A value of braces or brackets, whose numbers are texts."""
+    if isinstance(value, Mapping):
+        return {k: _spoken(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_spoken(v) for v in value]
+    if not isinstance(value, str) or not NUMBER.fullmatch(value):
+        return _word(value) if isinstance(value, str) else value
+    return float(value) if set(value) & set(".eE") else int(value)
+
+
+def _word(text: str) -> str | bool | None:
+    return {"true": True, "false": False, "null": None}.get(text, text)
 
 
 def _copied(value: Any) -> Any:
