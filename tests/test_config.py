@@ -339,8 +339,9 @@ def test_completed_configuration_is_valid_again(base):
 def test_slices_are_settings_of_their_stages(base, tmp_path):
     (tmp_path / "a.mp4").touch()
     for source in ("rendered", "videos", "markers"):
-        over = {"recordings": {"source": source, source: {"path": str(tmp_path)} if source != "rendered" else {}}}
-        found = config.validate(config.merge(base, over))
+        own = {"rendered": {}, "videos": {"path": str(tmp_path), "from_s": 0.5, "to_s": 2.0}}
+        over = {"recordings": {"source": source, source: own.get(source, {"path": str(tmp_path)})}}
+        found = json.loads(json.dumps(config.validate(config.merge(base, over))))  # as a stage reads them
         RenderSettings.from_mapping(stage_settings.render_video(found))
         ExtractSettings.from_mapping(stage_settings.extract_frames(found))
         TrackSettings.from_mapping(stage_settings.track_markers(found))

@@ -79,7 +79,9 @@ class AngleSettings(AngleKeys):
     arm1_m: Positive | None = key(0.091, "length of the first arm, for the implied frame rate; null = not known", "m")
     rate_provenance: str = key("not stated", "where the frame rate comes from")
     rate_hz: Positive | None = key(None, "frames per second to which others are resampled; null = the file's", "Hz")
-    span_s: tuple[float, float | None] | None = key(None, "first and last second that are used of a longer one", "s")
+    span_s: Annotated[tuple[float, float | None], Field(strict=False)] | None = key(
+        None, "first and last second that are used of a longer one; null = its end", "s"
+    )
     single: bool = key(False, "whether it is a single pendulum, without a tip")
     corrections: list[Correction] = key(list, "markers that were placed by hand")
 
