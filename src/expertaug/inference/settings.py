@@ -66,8 +66,8 @@ class FlowSettings(Settings):
     margin: Positive = key(0.02, "by which p⁺ is widened at both ends where the flow has its bounds, in its widths")
     samples: Count = key(
         119,
-        "draws of the posterior in an estimate; 119 make exact 50 % and 90 % intervals. A forecast is the mean of those "
-        "from the first 32",
+        "draws of the posterior in an estimate; 119 make exact 50 % and 90 % intervals. A forecast is the mean of what "
+        "the first 32 give",
     )
     checkpoint_s: NotNegative = key(30.0, "least time between two checkpoints", "s")
     solver: SolverSettings = key(LEFT_OUT, "of the draws; left out = that of the model's forecasts")
