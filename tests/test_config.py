@@ -415,6 +415,10 @@ def test_blocks_and_variants(base):
         ({"refined": ["least_squares"]}, "refined[0]: 'least_squares' is of kind least_squares"),
         ({"refinement": {"windows": {"speed": [0, 1]}}}, "refinement.windows[0]: 'speed' is no component of the state"),
         ({"refinement": {"starts": 0}}, "refinement.starts: found 0; truth has no other starts"),
+        (
+            {"overrides": {"alternating": {"refinement": {"starts": 0}}}},
+            "overrides.alternating.refinement.starts: found 0; alternating has no other starts",
+        ),
         ({"refinement": {"tries": 0}}, "refinement.tries: found 0"),
     ],
 )

@@ -15,12 +15,14 @@ from expertaug.inference.draws import HELD_OUT, Pool
 from expertaug.inference.flow_training import flow, prepare
 from expertaug.inference.predictive import predictive
 from expertaug.inference.unknowns import Unknowns
+from expertaug.learning.noise import Noise
 from expertaug.learning.train import prepare as prepare_training
 from expertaug.learning.train import train
 from expertaug.models import store as models
 from expertaug.models.describe import describe
 from expertaug.models.recipe import HybridModel
 from expertaug.models.store import StoredModel
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -211,6 +213,18 @@ def test_a_pool_is_renewed_by_parts_and_follows_from_the_pass_alone(pendulum):
     assert len(first) == 80 and torch.equal(first.theta[:, 40:], second.theta[:, :40])
     assert not torch.equal(first.theta[:, :40], second.theta[:, 40:])
     assert torch.equal(Pool(made.simulator, 40, 2)(4).x, second.x)
+
+
+@pytest.mark.parametrize(
+    ("row", "flow", "anew"), [("data", {}, 0), ("resampled", {}, 1), ("data", {"resample_x": True}, 1)]
+)
+def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch, row, flow, anew):
+    elsewhere = lambda self, y0, uniform: torch.cat((5.0 + uniform(1), y0[..., 1:]), dim=-1)  # noqa: E731
+    monkeypatch.setattr(DampedPendulum, "resample_known", elsewhere)
+    told = PENDULUM | {"choices": PENDULUM["choices"] | {"augmented_x": row}, "flow": SMALL | flow}
+    made = prepare(models.load(pendulum / "both.safetensors"), Trajectories.load(pendulum / "train.npz"), told)
+    first = made.trainer.pool.simulator.simulated(20, Noise([0, 1], 7)).y0[..., 0]
+    assert bool((first > 4.9).all()) == bool(anew) and (anew or bool((first < 4.9).all()))
 
 
 @pytest.mark.parametrize(

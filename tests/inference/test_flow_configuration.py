@@ -6,6 +6,8 @@ from expertaug.config import jobs, show, stage_settings
 from expertaug.config.load import default_files, load, validate
 from expertaug.errors import InputErrors
 
+VERSIONS = ("aphynity+", "aphynity+~flow", "aphynity+~flow~refined")
+
 
 def completed(**pendulum):
     given = load(default_files())
@@ -39,6 +41,13 @@ def test_its_stage_gets_its_prior_noise_and_own_settings():
     assert set(one["choices"]) == {"augmentation_noise", "augmented_x", "augmented_z_a"}
     wide = stage_settings.flow(config, "pendulum", "aphynity+wide~flow", "seeds_0_1_2")
     assert wide["prior"] == {"omega0": [0.1, 7.0]}
+
+
+def test_windows_of_its_own_making_begin_where_its_draws_do():
+    over = {"augmented": ["aphynity"], "controls": [], "refined": ["aphynity+~flow"]}
+    config = completed(flows=["aphynity"], methods=["aphynity"], flow={"resample_x": True}, **over)
+    found = {v: stage_settings.evaluate(config, "pendulum", v, "seeds_0_1_2")["own"]["resample_x"] for v in VERSIONS}
+    assert found == {"aphynity+": False, "aphynity+~flow": True, "aphynity+~flow~refined": True}
 
 
 def test_what_it_runs_with_is_shown():

@@ -34,6 +34,7 @@ class FlowOptions(TypedDict, total=False):
     uses: int
     held_out: int
     transforms: int
+    resample_x: bool
     samples: int
     solver: Mapping
 

@@ -32,8 +32,12 @@ def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None)
                 yield InputError(f"{where}.{key}", "missing", f"methods under {block} need it")
     yield from _refined(f"{where}.refined", one["refined"], methods)
     fitted = [m for m in one["methods"] if _kind(methods, m) in FITTED]
-    if fitted and not one["refinement"]["starts"]:
-        yield InputError(f"{where}.refinement.starts", "found 0", f"{fitted[0]} has no other starts: give 1 or more")
+    for method in fitted:
+        own = one["overrides"].get(method, {}).get("refinement") or {}
+        if not own.get("starts", one["refinement"]["starts"]):
+            at = f"overrides.{method}.refinement.starts" if "starts" in own else "refinement.starts"
+            yield InputError(f"{where}.{at}", "found 0", f"{method} has no other starts: give 1 or more")
+            break
     for k, method in enumerate(one["methods"]):
         if methods.get(method, {}).get("truth") and one["data"]["source"] != "simulation":
             found = f"'{method}' takes the equation that made the data"

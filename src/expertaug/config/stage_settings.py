@@ -85,8 +85,6 @@ CHOICES = {
     "flow": ("augmentation_noise", "augmented_x", "augmented_z_a"),
     "evaluate": ("forecast_start",),
 }
-
-
 # Keys of an evaluation that change none of its numbers.
 SHOWING = (*READING, "published", "overview")
 
@@ -166,8 +164,8 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
 
 def flow(config: Mapping, experiment: str, variant: str, group: str) -> dict:
     one = experiment_of(config, experiment, naming.base(variant))
-    own = {"flow": one["flow"], "choices": _choices(one, "flow"), "worst": 0.0}
-    return augment(config, experiment, variant, group) | _identity(config, experiment, variant) | own
+    told = augment(config, experiment, variant, group) | _identity(config, experiment, variant)
+    return told | {"flow": one["flow"], "choices": _choices(one, "flow"), "worst": 0.0}
 
 
 def own_prior(config: Mapping, experiment: str, variant: str, group: str | None) -> dict:
@@ -220,9 +218,8 @@ def dissipation(config: Mapping, experiment: str) -> dict:
     versions = dissipating(config, experiment)
     fits = [_estimator(config, experiment, v).get("refinement") for v in versions]
     # What a fitted method starts within its file says; refined versions start at their own estimates then.
-    fits = [
-        _without_search(fit, v) if fit and fit["prior"] == "own" else fit for fit, v in zip(fits, versions, strict=True)
-    ]
+    pairs = zip(fits, versions, strict=True)
+    fits = [_without_search(fit, v) if fit and fit["prior"] == "own" else fit for fit, v in pairs]
     own = [foreign(config, experiment, naming.base(v)).get("classes", []) for v in versions]
     classes = list(dict.fromkeys(name for names in own for name in names))
     return {
@@ -273,12 +270,15 @@ def _without_search(fit: Mapping, variant: str) -> dict | None:
 
 def _drawn(config: Mapping, experiment: str, variant: str) -> dict:
     """The data's noise, and what a version's own windows are made with, where the experiment has p⁺."""
-    one, name = experiment_of(config, experiment, naming.base(variant)), naming.parse(variant).prior
-    if config["methods"][naming.base(variant)]["kind"] == "mean":
+    version = naming.parse(variant)
+    one = experiment_of(config, experiment, version.method)
+    if config["methods"][version.method]["kind"] == "mean":
         return {"noise": _noise(one)}
-    prior = _prior(one["augmentations"][name] if name else one["augmentation"])
-    anew, latents = (one["choices"][row] for row in ("augmented_x", "augmented_z_a"))
-    return {"noise": _noise(one), "own": {"prior": prior, "resample_x": anew == "resampled", "z_a_from": latents}}
+    anew = one["choices"]["augmented_x"] == "resampled"
+    anew = one["flow"].get("resample_x", anew) if naming.FLOW in version.estimators else anew
+    own = {"resample_x": anew, "z_a_from": one["choices"]["augmented_z_a"]}
+    own["prior"] = _prior(one["augmentations"][version.prior] if version.prior else one["augmentation"])
+    return {"noise": _noise(one), "own": own}
 
 
 def _prior(augmentation: Mapping) -> dict | str:

@@ -111,7 +111,7 @@ def prepare(
         high=high.to(device),
         noise=description["noise"],
         jitter=options.jitter,
-        resample_x=choices["augmented_x"] == "resampled",
+        resample_x=choices["augmented_x"] == "resampled" if options.resample_x is None else options.resample_x,
         task=_task(base, options, device, system),
         seeds=seeds,
     )

@@ -63,6 +63,12 @@ class FlowSettings(Settings):
         "width of the kernel that smooths the training windows' z_a and first points, in their standard deviations",
         le=1,
     )
+    resample_x: bool = key(
+        LEFT_OUT,
+        "whether draws begin anywhere, as far as the system says where (the double pendulum's angles: on the whole "
+        "circle), not where training windows do; else windows that begin elsewhere are read wrongly; left out = as "
+        "augmented_x says",
+    )
     margin: Positive = key(0.02, "by which p⁺ is widened at both ends where the flow has its bounds, in its widths")
     samples: Count = key(
         119,
