@@ -20,9 +20,10 @@ GROWTH = 1.35  # from one window to the next
 LONGEST_S = 0.08  # of a window; it reaches half of that into the future of a frame
 FEWEST = 9  # frames over which the bias is averaged, and of the longest window where frames are far apart
 SPAN_S = 0.08  # seconds over which it is averaged
-# Where frames are far apart, a slope errs by what happens between them: so many times what the step from 5 frames to 7
-# changes (1.3 to 5.5 on rendered recordings of 24 to 60 Hz), and higher degrees hardly err less.
-UNSEEN = 2.5
+# Where frames are far apart, a slope errs by what happens between them: by a multiple of what the step from 5 frames to
+# 7 changes, which grows with that step's share of the one from 3 to 5 (benchmarks/speed_uncertainty.py); higher degrees
+# hardly err less.
+UNSEEN, FEW, MANY = 8.5, 0.5, 3.5  # times that share; and the multiple's limits
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,8 @@ def _bias(
             share = (before.half / window.half) ** (window.degree + 1)
             bias[j] = excess[j] / (1 - share) ** 2
         elif before.before >= 0:
-            bias[j] = UNSEEN**2 * excess[j]
+            share = np.sqrt(excess[j] / np.maximum(excess[window.before], 1e-30))
+            bias[j] = np.clip(UNSEEN * share, FEW, MANY) ** 2 * excess[j]
     return bias
 
 
