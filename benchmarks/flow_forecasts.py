@@ -3,7 +3,7 @@
     python benchmarks/flow_forecasts.py results/pendulum [--version aphynity+~flow] [--windows 100]
 
 The folder is an experiment's of a finished run.  Printed for each number of draws: log-MSE of every seed, its median
-over windows, and processor time.  What the package takes is ``expertaug.inference.flow.FORECASTS``.
+over windows, and processor time.  The key ``flow.forecasts`` sets it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import torch
 
 from expertaug.cli import keep_freed_memory
 from expertaug.evaluation.evaluate import spread
-from expertaug.inference import flow, store
+from expertaug.inference import store
 from expertaug.learning.bound import Stopping, stored_bound
 from expertaug.models.device import device_of
 from expertaug.systems.inputs import joined
@@ -49,7 +49,7 @@ def main() -> None:
     solver, bound = Solver("dopri5", rtol=1e-6, atol=1e-6), stored_bound(stored.description, device)
     assert found.draws is not None and bound is not None
     for draws in DRAWS:
-        flow.FORECASTS = draws
+        stored.model.forecasts = draws
         some = replace(found, draws=tuple(value[..., :draws, :] for value in found.draws))
         start = time.process_time()
         states = stored.model.predicted(some, windows, t, Stopping(solver, bound), u=u)

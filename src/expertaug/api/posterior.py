@@ -36,6 +36,7 @@ class FlowOptions(TypedDict, total=False):
     transforms: int
     resample_x: bool
     samples: int
+    forecasts: int
     solver: Mapping
 
 

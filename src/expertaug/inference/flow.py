@@ -24,9 +24,6 @@ from expertaug.systems import System
 from expertaug.systems.inputs import states_of
 from expertaug.systems.solver import Solver
 
-# Forecasts from the first of the draws, which are as evenly spread, have the mean of all to .02 of a log-MSE at a
-# third of the cost (benchmarks/flow_forecasts.py); intervals are made of all.
-FORECASTS = 32
 CHUNK = 2**11  # draws made at a time: 2**17 take eight times the memory and no less time (benchmarks/flow_draws.py)
 
 
@@ -50,12 +47,16 @@ class FlowEstimator(Predictor, nn.Module):
         base: the trained model, stacked, whose decoder forecasts; or a decoder that was trained without an encoder.
         head: stacked over the same seeds.
         samples: K, draws in an estimate.
+        forecasts: of the first so many of them a forecast is the mean.
         bound: (C,), how far a forecast's components may go.
     """
 
-    def __init__(self, base: HybridNet | Decoder, head: Head, samples: int, bound: Tensor | None) -> None:
+    def __init__(
+        self, base: HybridNet | Decoder, head: Head, samples: int, forecasts: int, bound: Tensor | None
+    ) -> None:
         super().__init__()
-        self.base, self.head, self.samples, self.bound = base, head, samples, bound
+        self.base, self.head, self.bound = base, head, bound
+        self.samples, self.forecasts = samples, forecasts
 
     @property
     def system(self) -> System:
@@ -133,10 +134,10 @@ class FlowEstimator(Predictor, nn.Module):
         start: str = "y0",
         u: Tensor | None = None,
     ) -> Tensor:
-        """The mean of the forecasts from the estimates' draws, from :data:`FORECASTS` of them: posterior predictive; as
+        """The mean of the forecasts from the estimates' draws, from ``forecasts`` of them: posterior predictive; as
         :meth:`Predictor.predicted`."""
         assert found.draws is not None, "estimates of a flow"
-        z_e, z_a, y0 = (value.movedim(2, 0)[:FORECASTS] for value in found.draws)
+        z_e, z_a, y0 = (value.movedim(2, 0)[: self.forecasts] for value in found.draws)
         bound = solver.bound if isinstance(solver, Stopping) else self.bound
         if start == "y0" or torch.isnan(observed).any():
             return mean_forecast(self.decoder, z_e, z_a, y0, t, solver, bound, u)
@@ -167,6 +168,5 @@ def build(base: HybridNet | Decoder, description: Mapping, latents: Tensor | Non
             torch.manual_seed(seed)
             unknowns = Unknowns(system, low, high, own, components, description["noise"], ranges)
             heads.append(Head(Context(system, times, of_base["model"].get("encoder", {}), ranges), unknowns, settings))
-    return FlowEstimator(
-        copy.deepcopy(base).requires_grad_(False), stack(heads), settings.samples, stored_bound(of_base)
-    )
+    base, bound = copy.deepcopy(base).requires_grad_(False), stored_bound(of_base)
+    return FlowEstimator(base, stack(heads), settings.samples, settings.forecasts, bound)

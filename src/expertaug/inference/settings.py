@@ -72,8 +72,12 @@ class FlowSettings(Settings):
     margin: Positive = key(0.02, "by which p⁺ is widened at both ends where the flow has its bounds, in its widths")
     samples: Count = key(
         119,
-        "draws of the posterior in an estimate; 119 make exact 50 % and 90 % intervals. A forecast is the mean of what "
-        "the first 32 give",
+        "draws of the posterior in an estimate; 119 make exact 50 % and 90 % intervals",
+    )
+    forecasts: Count = key(
+        32,
+        "how many of these are forecast, the mean being the forecast: they are spread evenly, and 32 have the mean of "
+        "all to .02 of a log-MSE",
     )
     checkpoint_s: NotNegative = key(30.0, "least time between two checkpoints", "s")
     solver: SolverSettings = key(LEFT_OUT, "of the draws; left out = that of the model's forecasts")
