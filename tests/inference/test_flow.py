@@ -233,6 +233,7 @@ def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch
         ({"prior": {"omega": [1.0, 2.0]}}, "augmentation.prior"),
         ({"flow": {"transforms": 0}}, "flow.transforms"),
         ({"flow": {"step": 3}}, "flow.step"),
+        ({"flow": {"resample_x": True}}, "flow.resample_x: DampedPendulum does not say where"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):

@@ -72,12 +72,17 @@ def prepare(
         validation: whose misfits are kept for alarms; None: none are.
 
     Raises:
-        InputError: the model is no hybrid one, or the prior does not name its expert parameters.
+        InputError: the model is no hybrid one, the prior does not name its expert parameters, or draws are to begin
+            anywhere and the system does not say where that is.
     """
     base, device = dict(stored.description), device_of(settings["device"])
     if base["kind"] not in ("hybrid", "alternating"):
         raise InputError(where, f"a {base['kind']} model", "a flow learns from a trained hybrid model")
     options, choices, seeds = FlowSettings.from_mapping(settings["flow"]), settings["choices"], stored.seeds
+    kind = type(stored.model.system)
+    if options.resample_x and kind.resample_known is System.resample_known:
+        found = f"{kind.__name__} does not say where first points may lie"
+        raise InputError("flow.resample_x", found, "leave it out, or give the system a resample_known of its own")
     description = {k: v for k, v in base.items() if k not in ("misfit", "refinement")}  # of the base's own estimates
     description |= {k: settings[k] for k in IDENTITY}
     description |= {
