@@ -225,6 +225,10 @@ def test_curves(tmp_path, drawn):
     assert len(long_loss.lines[0].get_xdata()) <= traces.CURVE_POINTS
     assert long_loss.get_yscale() == "log"
     assert_nothing_is_cut(drawn[-1])
+    traces.curves(logs, [tmp_path / "c.png"], pairs() | {"traced": ["hybrid", "hybrid+"]})
+    assert len(drawn[-1].axes[0].lines) == 2
+    assert drawn[-1].get_suptitle() == "curves of 1 more are in the dashboard"
+    assert_nothing_is_cut(drawn[-1])
 
 
 def test_bad_input(tmp_path):

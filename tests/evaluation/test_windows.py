@@ -72,6 +72,14 @@ def test_an_alarm_that_knows_is_told_from_one_that_does_not(files, tmp_path):
     assert "| A | test (OOD) |" in outputs[1].read_text(encoding="utf-8")
 
 
+def test_an_alarm_is_drawn_of_a_traced_version_first(tmp_path, drawn):
+    files = [fake(tmp_path / f"{k}.npz", method, [0, 1]) for k, method in enumerate(("a+", "b+", "c"))]
+    labels = {"labels": [["a+", "A+"], ["b+", "B+"], ["c", "C"]]}
+    for traced, shown in (["a+", "b+"], "A+"), (["c", "b+"], "B+"), (["c"], "A+"):
+        alarm(files, [tmp_path / "alarm.png"], SETTINGS | labels | {"traced": traced})
+        assert f"of {shown}, seed 0" in drawn[-1].get_suptitle()
+
+
 def test_few_validation_windows_promise_the_share_that_they_can(files, tmp_path):
     for path in files:
         arrays = dict(np.load(path))

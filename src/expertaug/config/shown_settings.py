@@ -175,6 +175,7 @@ def windows(config: Mapping, experiment: str) -> dict:
         "floor": next((m for m in one["methods"] if config["methods"][m].get("truth")), None),
         "mean": next((m for m in one["methods"] if config["methods"][m]["kind"] == "mean"), None),
         "classical": _classical(config, experiment),
+        "traced": _traced(config, experiment),
         **reading(config, experiment),
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +36,8 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
         forecasts: forecasts.npz of all versions and groups of seeds.
         outputs: any of .csv (a row for each version, set, score and seed), .md, .tex, .png and .pdf.
         settings: {labels, floor, set_titles, title}; ``labels`` has pairs of a version and its printed label, in order;
-            ``floor`` is the version of the true equation, which is not drawn, or null.
+            ``floor`` is the version of the true equation, which is not drawn, or null; ``traced`` are the versions that
+            are drawn before others.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
@@ -56,16 +57,17 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
     caption = CAPTION.format(share=f"{100 * attainable(fewest):.2g}")
     drawn = write_study(outputs, long, (*_table(long, settings), 2), caption, "alarms", title)
     if drawn:
-        shown = _shown({v: sets for v, sets in found.items() if v != settings.get("floor")} or found)
+        drawable = {v: sets for v, sets in found.items() if v != settings.get("floor")} or found
+        shown = _shown(drawable, settings.get("traced", ()))
         seed = next(iter(found[shown]))[2]
         of_test = {SCORES[s]: one for (name, s, k), one in found[shown].items() if name == "test" and k == seed}
         plotting.save(draw_alarm(of_test, f"{title} of {labels[shown]}, seed {seed}"), drawn)
 
 
-def _shown(found: Mapping[str, Mapping]) -> str:
+def _shown(found: Mapping[str, Mapping], traced: Collection[str]) -> str:
     """The version that the figure shows: the first with every score, of those where some forecasts fail, augmented
     models before others."""
-    ranked = sorted(found, key=lambda v: not is_augmented(v) or is_flow(v) or is_refined(v))
+    ranked = sorted(found, key=lambda v: (not is_augmented(v) or is_flow(v) or is_refined(v), v not in traced))
     for v, sets in ((v, found[v]) for v in ranked):
         of_test = {score: one for (name, score, _), one in sets.items() if name == "test"}
         if set(of_test) == set(SCORES) and of_test["misfit"].failing.any() and not of_test["misfit"].failing.all():

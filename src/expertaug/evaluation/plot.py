@@ -42,4 +42,4 @@ def plot(
     figures.parameter_errors(metrics, output("parameter_errors"), shared)
     figures.parameters(traced, output("parameters"), shared | ranges)
     traces.forecasts(traced, output("forecasts"), shared | rest)
-    traces.curves(logs, output("curves"), shared)
+    traces.curves(logs, output("curves"), shared | {"traced": list(traced)})

@@ -117,7 +117,7 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
         logs: log.jsonl of every method and group of seeds.
         outputs: as in :func:`forecasts`.
         settings: all optional: ``all_methods`` (those of the configuration, in order), ``title`` (of a single
-            experiment).
+            experiment), ``traced`` (the versions to draw; default all).
 
     Raises:
         InputError: a log is broken or holds none of the metrics.
@@ -125,10 +125,10 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
     settings = dict(settings or {})
     all_methods, labels = settings.get("all_methods", ()), {}
     found: dict[str, dict[str, list[Log]]] = {}
-    for path in logs:
-        log = read_log(path)
-        if is_flow(log.header["method"]):  # its loss and its score are densities
-            continue
+    read = [log for log in map(read_log, logs) if not is_flow(log.header["method"])]  # their scores are densities
+    trained = {log.header["method"] for log in read}
+    shown = trained & set(settings.get("traced") or trained) or trained
+    for log in (log for log in read if log.header["method"] in shown):
         labels[log.header["method"]] = log.header["label"]
         found.setdefault(log.header["experiment"], {}).setdefault(log.header["method"], []).append(log)
     known = {key for group in found.values() for logs in group.values() for log in logs for s in log.steps for key in s}
@@ -151,6 +151,8 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
         handles = _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
         plotting.legend(figure, handles)
+        if left_out := len(trained - shown):
+            plotting.heading(figure, plotting.text(f"curves of {left_out} more are in the dashboard"))
         plotting.save(figure, outputs)
 
 
@@ -199,6 +201,7 @@ def _scale(axis: Axes) -> None:
         axis.set_yscale("log")
     elif len(values) and values.min() <= 0 and values.max() > 30 * (typical := max(np.median(np.abs(values)), 1.0)):
         axis.set_yscale("symlog", linthresh=typical)
+        axis.yaxis.get_major_locator().set_params(numticks=6)
 
 
 def _check_same(paths: Mapping[str, object], found: Mapping[str, Forecasts], name: str) -> None:
