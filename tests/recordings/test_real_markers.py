@@ -42,10 +42,12 @@ def test_what_is_burnt_in_does_no_harm(mark, centres, tmp_path):
     assert used > 0.95 and np.median(error) < 0.08 and error.max() < 0.4
 
 
-@pytest.mark.parametrize("thick", [0.1, 0.2])
-def test_a_ring_that_covers_half_of_a_small_disk_does_no_harm(thick, centres, tmp_path, monkeypatch):
-    """The disk's colour is that of its coloured parts, few as they are; its rim falls from that."""
-    monkeypatch.setitem(MARKS, "half", (lambda a, b, r: np.abs(np.hypot(a, b) - 0.55 * r) < thick * r, (20, 20, 20)))
+@pytest.mark.parametrize(("where", "thick"), [(0.55, 0.1), (0.55, 0.2), (0.75, 0.1)])
+def test_a_ring_that_covers_much_of_a_small_disk_does_no_harm(where, thick, centres, tmp_path, monkeypatch):
+    """The disk's colour is that of its coloured parts, few as they are; its rim falls from that.  The third ring leaves
+    a rim of 1.5 px and an inner disk with an edge as sharp."""
+    ring = (lambda a, b, r: np.abs(np.hypot(a, b) - where * r) < thick * r, (20, 20, 20))
+    monkeypatch.setitem(MARKS, "half", ring)
     frames = compressed(draw(centres, SIZE, COLOURS, 20.0, background=DARK, mark="half"), tmp_path / "clip.mp4", RATE)
     error, used = errors(tracked(frames, 20.0)[0], centres)
     assert used > 0.9 and np.median(error) < 0.1 and error.max() < 0.5

@@ -47,7 +47,12 @@ class PlainFitter(DiskFitter):
         area = np.hypot(dx, dy)  # of a polar grid's cells
         self._moments = np.stack((area, area * dx, area * dy), 1)
         self._area = area.reshape(RAYS, INNER)[0]
-        self._middle = (self._dx.shape[1] - INNER) // 2  # the sample at the expected rim
+        thin = max(3, len(self._kernel) // 2 | 1)
+        self._thin = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (thin, thin))
+        samples = self._dx.shape[1] - INNER
+        self._middle = samples // 2  # the sample at the expected rim
+        # Of a ring's edge and the rim about it that counts which is nearer to where the rim is expected.
+        self._nearness = (samples - np.abs(np.arange(samples) - (samples - 1) / 2)).astype(np.float32)
         # of a plane over the disk, for every sample and for those that tell it
         plane = np.stack((np.ones_like(self._dx), self._dx / self.radius, self._dy / self.radius), 2)
         self._everywhere = np.ascontiguousarray(plane.reshape(-1, 3).T)
@@ -113,7 +118,7 @@ class PlainFitter(DiskFitter):
     def _fall(self, below: np.ndarray) -> np.ndarray:
         falls = np.zeros_like(below)  # from the disk's level: what is burnt in near the rim is below it, too
         np.greater(below[:, 1:], below[:, :-1], out=falls[:, 1:])
-        return falls.argmax(1)
+        return (falls * self._nearness).argmax(1)
 
     def _apart(self, inner: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """Centre of gravity (m, 2) in px of the disk's colour inside the rim: off where something covers a part."""
@@ -137,7 +142,9 @@ class PlainFitter(DiskFitter):
             whole = cv2.morphologyEx(
                 mask_of(picture, colour), cv2.MORPH_CLOSE, self._kernel
             )  # a hub or a screw is filled
-            parts.append(self._centres(cv2.erode(whole, self._kernel), largest))
+            found = self._centres(cv2.erode(whole, self._kernel), largest)
+            # A ring close to the rim leaves a thinner core, and of the rim too little to see in a small image.
+            parts.append(found if len(found) else self._centres(cv2.erode(whole, self._thin), largest))
         return np.concatenate(parts)
 
 
