@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -229,6 +232,23 @@ def test_curves(tmp_path, drawn):
     assert len(drawn[-1].axes[0].lines) == 2
     assert drawn[-1].get_suptitle() == "curves of 1 more are in the dashboard"
     assert_nothing_is_cut(drawn[-1])
+
+
+def test_labels_of_a_loss_that_falls_below_zero_do_not_collide(tmp_path, drawn):
+    """A few values of hundreds, most of them of five, the last ones below zero."""
+    logs = write_logs(tmp_path, labels=("Hybrid",), steps=40)
+    for log in logs:
+        lines = [json.loads(line) for line in log.read_text().splitlines()]
+        steps = [line for line in lines if "loss" in line]
+        for line, value in zip(steps, [500.0, 150.0, 50.0, *[5.0] * 27, *[-10.0] * 10], strict=True):
+            line["loss"] = [value] * len(line["loss"])
+        log.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    traces.curves(logs, [tmp_path / "c.png"])
+    axis = drawn[-1].axes[0]
+    assert axis.get_yscale() == "symlog"
+    boxes = [tick.label1.get_window_extent() for tick in axis.yaxis.get_major_ticks() if tick.label1.get_text()]
+    shown = sorted((box.y0, box.y1) for box in boxes if axis.bbox.y0 <= (box.y0 + box.y1) / 2 <= axis.bbox.y1)
+    assert len(shown) >= 4 and all(one[1] < other[0] for one, other in itertools.pairwise(shown))
 
 
 def test_bad_input(tmp_path):

@@ -200,8 +200,7 @@ def _scale(axis: Axes) -> None:
     if len(values) and values.min() > 0 and values.max() / values.min() > 30:
         axis.set_yscale("log")
     elif len(values) and values.min() <= 0 and values.max() > 30 * (typical := max(np.median(np.abs(values)), 1.0)):
-        axis.set_yscale("symlog", linthresh=typical)
-        axis.yaxis.get_major_locator().set_params(numticks=6)
+        axis.set_yscale("symlog", linthresh=10 ** np.round(np.log10(typical)))  # ticks within the linear part collide
 
 
 def _check_same(paths: Mapping[str, object], found: Mapping[str, Forecasts], name: str) -> None:
