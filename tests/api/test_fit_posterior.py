@@ -29,6 +29,17 @@ def test_it_forecasts_with_bands(sets, flow):
     np.testing.assert_allclose(first.y, flow.forecast(window, data.t).y[0], rtol=1e-2, atol=1e-3)
 
 
+def test_seeds_make_one_posterior_together(sets, flow):
+    data = sets["test"]
+    window = data.y[:3, : flow.observed]
+    each, both = (ea.predictive(flow, window, data.t, draws=19, pooled=pooled) for pooled in (False, True))
+    assert both.mean.shape == data.y[:3].shape and both.quantiles.shape == (3, *data.y[:3].shape)
+    np.testing.assert_array_equal(both.z_e["omega0"], np.concatenate(each.z_e["omega0"].swapaxes(0, 1)))
+    np.testing.assert_allclose(both.mean, each.mean.mean(0), rtol=1e-4, atol=1e-5)
+    wide, widths = both.quantiles[2] - both.quantiles[0], each.quantiles[2] - each.quantiles[0]
+    assert wide.mean() > widths.mean()
+
+
 def test_a_refined_model_has_bands_too(sets, fit):
     data = sets["test"]
     found = ea.predictive(fit.refined(noise=0.01, steps=3), data.y[:2, :11], data.t, draws=9)

@@ -100,12 +100,25 @@ def test_coverage_says_too_narrow_right_and_too_wide(tmp_path, width, low, high)
     file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], width)
     outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md", "tex", "png")]
     coverage([file], outputs, SETTINGS)
-    table = pd.read_csv(outputs[0]).set_index(["set", "parameter"])
+    table = pd.read_csv(outputs[0]).query("not pooled").set_index(["set", "parameter"])
     assert low <= table.loc[("test", "omega0"), "coverage_90"] <= high
     assert table.loc[("own", "omega0"), "coverage_90"] == table.loc[("iid", "omega0"), "coverage_90"]
     assert table.loc[("own", "forecast"), "coverage_90"] == pytest.approx(0.8)
     assert table.loc[("test", "forecast"), "windows"] == 30 and np.isnan(table.loc[("test", "forecast"), "atc"])
     assert "| the model's own windows | forecast | 40.0 | 80.0 | – |" in outputs[1].read_text(encoding="utf-8")
+
+
+def test_draws_of_all_seeds_are_one_posterior_together(tmp_path):
+    random = np.random.default_rng(0)
+    centre = np.array([-3.0, 3.0])[:, None, None]  # each seed is sure of another side
+    ranks = (centre + random.standard_normal((2, 119, N)) < random.standard_normal(N)).sum(1)[..., None]
+    file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], spoiled={"test_ranks": ranks})
+    outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md")]
+    coverage([file], outputs, SETTINGS)
+    rows = pd.read_csv(outputs[0]).query("set == 'test' and parameter == 'omega0'").set_index("pooled")["coverage_90"]
+    assert rows[False] < 0.2 and rows[True] > 0.95
+    assert "| A+ flow | test (OOD) | omega0, seeds pooled |" in outputs[1].read_text(encoding="utf-8")
+    assert not pd.read_csv(outputs[0]).query("set == 'own'")["pooled"].any()
 
 
 def test_points_alone_have_no_coverage(tmp_path):

@@ -42,14 +42,15 @@ class FlowOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Band:
-    """A posterior's forecasts of N windows; of a group of S seeds every array has an axis (S,) before N.
+    """A posterior's forecasts of N windows; of a group of S seeds that are not pooled every array has an axis (S,)
+    before N.
 
     Attributes:
         t: times in s, (T,).
         mean: states (N, T, *state), what minimises the expected squared error.
         levels: L of them, between 0 and 1.
         quantiles: of every value on its own, (L, N, T, *state).
-        z_e: draws by name, (K, N) each.
+        z_e: draws by name, (K, N) each; pooled, (S·K, N).
     """
 
     t: np.ndarray
@@ -116,16 +117,20 @@ def predictive(
     levels: Sequence[float] = (0.05, 0.5, 0.95),
     draws: int = 119,
     solver: Solver | None = None,
+    pooled: bool = False,
 ) -> Band:
     """Posterior predictive forecasts: mean and quantiles over draws, without the noise of a measurement.
 
-    Of a flow, of Laplace's approximation of a refined model's fits, or of a hybrid-VAE's Gaussian.
+    Of a flow, of Laplace's approximation of a refined model's fits, or of a hybrid-VAE's Gaussian.  Each seed learned
+    another F_a, which its own posterior takes for the truth; the seeds' draws together know of that error as well
+    (ensembles of posteriors: Hermans et al. 2022).
 
     Arguments:
         model: of :func:`fit_posterior`, refined, of :func:`least_squares`, or trained as a hybrid-VAE.
         window, t, u, solver: as of :meth:`TrainedModel.forecast`.
         levels: of the quantiles.
-        draws: K.
+        draws: K, of each seed.
+        pooled: whether all S seeds' draws make one posterior, as of one seed with S·K draws.
 
     Raises:
         InputError: a model without a posterior that can be drawn from, or levels beyond 0 and 1.
@@ -138,10 +143,10 @@ def predictive(
         sampler = model.predictor
         if not isinstance(sampler, FlowEstimator):
             sampler = Drawn(sampler, model.seeds, stored_bound(model.stored.description, observed.device))
-        found = of_windows(sampler, observed, points, solver or model.solver, draws, levels, u=known)
+        found = of_windows(sampler, observed, points, solver or model.solver, draws, levels, u=known, pooled=pooled)
     mean, quantiles = found.mean.movedim(0, 2), found.quantiles.movedim(1, 3)
     z_e = found.z_e
-    if model.single:
+    if model.single or pooled:
         mean, quantiles, z_e = mean[0], quantiles[:, 0], z_e[:, 0]
     named = {p.name: arrays.like(z_e[..., k], window) for k, p in enumerate(model.system.expert_parameters)}
     return Band(times, arrays.like(mean, window), tuple(levels), arrays.like(quantiles, window), named)

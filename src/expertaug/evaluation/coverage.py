@@ -27,8 +27,9 @@ CAPTION = (
     "distribution, over all windows and seeds; the nominal share is right. Rows called forecast: share of the times "
     "and quantities of the forecast at which the data lie in the central intervals of forecasts drawn from that "
     "distribution, with the data's noise. The model's own windows are made by the model itself over p⁺: there alone "
-    "any deviation is an error of inference. Posteriors are a flow's, a hybrid-VAE's "
-    "Gaussian, or, of least squares and refined versions, Laplace's approximation. ATC: area between TARP's expected "
+    "any deviation is an error of inference. Seeds pooled: intervals of all seeds' draws together, an ensemble. "
+    "Posteriors are a flow's, a hybrid-VAE's Gaussian, or, of least squares and refined versions, Laplace's "
+    "approximation. ATC: area between TARP's expected "
     "coverage and the diagonal, 0 where right, above 0 too wide, below 0 too narrow. Versions that estimate a point "
     "alone are left out."
 )
@@ -53,6 +54,7 @@ def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
         "label",
         "set",
         "parameter",
+        "pooled",
         *(f"coverage_{round(100 * x)}" for x in TABLE_LEVELS),
         "atc",
         "windows",
@@ -84,17 +86,32 @@ def _rows(version: str, label: str, of: Version) -> list[dict]:
     for name, one in {OWN: of.own, **{name: s.drawn for name, s in of.sets.items()}}.items():
         if one is None or name == "train":
             continue
+        identity = {"method": version, "label": label, "set": name}
         of_seeds = [_calibration(one, k) for k in range(len(of.seeds))]
-        each = np.mean([interval_coverage(c.marginal, one.count, TABLE_LEVELS).share for c in of_seeds], axis=0)
-        atc = float(np.mean([area_to_curve(c.tarp, one.count) for c in of_seeds]))
-        parts = [(p, each[:, k], atc, one.tarp.shape[1]) for k, p in enumerate(of.parameters)]
+        found += [identity | row for row in _of_parameters(of.parameters, of_seeds)]
+        if name != OWN and (one.ranks != one.ranks[:1]).any():  # each seed's own windows are others
+            found += [identity | row | {"pooled": True} for row in _of_parameters(of.parameters, [_pooled(one)])]
         if one.inside is not None:
-            parts.append((FORECAST, one.inside.mean((0, 1)), np.nan, one.inside.shape[1]))
-        for parameter, share, area, windows in parts:
-            shares = {f"coverage_{round(100 * x)}": float(share[j]) for j, x in enumerate(TABLE_LEVELS)}
-            identity = {"method": version, "label": label, "set": name, "parameter": parameter}
-            found.append({**identity, **shares, "atc": area, "windows": windows})
+            shares = _shares(one.inside.mean((0, 1)))
+            row = {"parameter": FORECAST, "pooled": False, **shares, "atc": np.nan, "windows": one.inside.shape[1]}
+            found.append(identity | row)
     return found
+
+
+def _pooled(drawn: Drawn) -> Calibration:
+    """Of the draws of all seeds together: how many lie below the truth is the sum of how many do of each seed."""
+    return Calibration(drawn.count * len(drawn.ranks), drawn.ranks.sum(0), drawn.tarp.sum(0))
+
+
+def _of_parameters(names: Sequence[str], of_seeds: Sequence[Calibration]) -> list[dict]:
+    each = [interval_coverage(c.marginal, c.draws, TABLE_LEVELS).share for c in of_seeds]
+    atc = float(np.mean([area_to_curve(c.tarp, c.draws) for c in of_seeds]))
+    rest = {"pooled": False, "atc": atc, "windows": len(of_seeds[0].tarp)}
+    return [{"parameter": p, **_shares(share), **rest} for p, share in zip(names, np.mean(each, axis=0).T, strict=True)]
+
+
+def _shares(share: np.ndarray) -> dict[str, float]:
+    return {f"coverage_{round(100 * x)}": float(share[j]) for j, x in enumerate(TABLE_LEVELS)}
 
 
 def _table(long: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]]]:
@@ -104,5 +121,6 @@ def _table(long: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[
         shares = [f"{100 * row[f'coverage_{round(100 * x)}']:.1f}" for x in TABLE_LEVELS]
         atc = f"{row['atc']:.3f}".replace("-", "−") if np.isfinite(row["atc"]) else DASH
         title = OWN_TITLE if row["set"] == OWN else set_title(row["set"], settings)
-        rows.append([row["label"], title, row["parameter"], *shares, atc])
+        parameter = f"{row['parameter']}, seeds pooled" if row["pooled"] else row["parameter"]
+        rows.append([row["label"], title, parameter, *shares, atc])
     return header, rows

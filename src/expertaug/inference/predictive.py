@@ -62,6 +62,7 @@ def predictive(
     seed: int | None = None,
     keep: bool = False,
     u: Tensor | None = None,
+    pooled: bool = False,
 ) -> Predictive:
     """Forecast every window from draws of its posterior; a forecast that runs away is cut off at the bound.
 
@@ -73,6 +74,7 @@ def predictive(
         seed: of the draws; None: evenly spread points, the same for every window.
         keep: whether to return the samples.
         u: known inputs (T, S, B, U) at all times; None for a system without.
+        pooled: whether all seeds' draws are one posterior's: of one seed with S·K draws.
     """
     z_e, z_a, y0 = estimator.sample(windows, count, seed)
     if estimator.bound is not None:
@@ -85,9 +87,13 @@ def predictive(
         part = slice(start, start + size)
         draws, known = [x[:, :, part] for x in (y0, z_e, z_a)], None if u is None else u[:, :, part]
         y = forecasts(estimator.decoder, *draws, t, solver, estimator.bound, known)
+        if pooled:
+            y = _pooled(y, 2)
         means.append(y.mean(0))
         quantiles.append(torch.quantile(y, at, dim=0))
         kept += [y] if keep else []
+    if pooled:
+        z_e, z_a = _pooled(z_e, 1), _pooled(z_a, 1)
     return Predictive(
         torch.cat(means, dim=2), torch.cat(quantiles, dim=3), torch.cat(kept, dim=3) if keep else None, z_e, z_a
     )
@@ -133,6 +139,11 @@ def forecasts(
     y = solved(decoder, *one, t, solver, known)
     limit = bound if bound is None or bound.dim() == 1 else bound.repeat(draws, 1)
     return bounded(y, limit).unflatten(2, (draws, -1)).movedim(2, 0)
+
+
+def _pooled(draws: Tensor, axis: int) -> Tensor:
+    """Draws (K, …, S, …) with the seeds' axis as those of one seed, (S·K, …, 1, …)."""
+    return draws.movedim(axis, 0).flatten(0, 1).unsqueeze(axis)
 
 
 def _parts(y0: Tensor, times: int) -> Iterator[slice]:
