@@ -46,7 +46,7 @@ class TrackingKeys(Settings):
     """The MLflow store that mirrors the logs of the trainings."""
 
     enabled: bool = key(True, "whether to mirror the logs at all")
-    uri: str | None = key(None, "of the store; null = sqlite:///<results>/mlflow/mlflow.db")
+    uri: str | None = key(None, "URI of the store; null = sqlite:///<results>/mlflow/mlflow.db")
     experiment: str = key("expertaug", "name of the MLflow experiment")
 
 
@@ -57,28 +57,30 @@ class Method(Settings):
 
     kind: Literal["hybrid", "alternating", "least_squares", "mean"] = key(
         ...,
-        "hybrid = encoder, expert and interaction model; alternating = expert and interaction model, learned from fits "
-        "of each window, without an encoder; least_squares = the expert alone, fitted to each window, "
-        "without a network; mean = forecasts the training set's mean",
+        "hybrid = an encoder, an expert and an interaction model; alternating = an expert and an interaction model, "
+        "learned from fits to each window, without an encoder; least_squares = the expert alone, fitted to each "
+        "window, without a network; mean = forecasts the mean of the training set",
     )
-    label: str = key(..., "what tables and figures print; augmented versions get a +", min_length=1)
-    expert: bool = key(LEFT_OUT, "false takes the expert model away")
-    interaction: bool = key(LEFT_OUT, "false takes the interaction model away")
+    label: str = key(..., "name printed in tables and figures; augmented versions get a +", min_length=1)
+    expert: bool = key(LEFT_OUT, "false removes the expert model")
+    interaction: bool = key(LEFT_OUT, "false removes the interaction model")
     truth: bool = key(
-        LEFT_OUT, "of kind least_squares: true takes the equation that made simulated data, a floor for what learns it"
+        LEFT_OUT,
+        "for kind least_squares: true uses the equation that generated the simulated data, which gives a floor for "
+        "methods that learn it",
     )
     objective: str = key(LEFT_OUT, "name of the objective, or package.module:Class; left out = aphynity")
     known_form: bool = key(
         LEFT_OUT,
-        "true: its F_a has the form of the hidden term; tables and figures show it after the others",
+        "true = the F_a of this method has the form of the hidden term; tables and figures show it after the others",
     )
 
 
 class Model(Settings):
     """Of the methods of kind hybrid."""
 
-    encoder: dict[str, Any] = key(..., "kind (a name, or package.module:Class) and its class's arguments")
-    interaction: dict[str, Any] = key(..., "kind (a name, or package.module:Class) and its class's arguments")
+    encoder: dict[str, Any] = key(..., "kind (a name, or package.module:Class) and the arguments of its class")
+    interaction: dict[str, Any] = key(..., "kind (a name, or package.module:Class) and the arguments of its class")
 
 
 class Augmentation(Settings):
@@ -86,16 +88,16 @@ class Augmentation(Settings):
 
     prior: Ranges | None = key(
         None,
-        "p⁺(z_e), uniform over a range for each expert parameter, in its unit; null = it finds its own ranges, which "
+        "p⁺(z_e), uniform over a range for each expert parameter, in its unit; null = p⁺ finds its own ranges, which "
         "grow from those of the training windows' estimates",
     )
     windows: Names = key(
         list,
-        "of a p⁺ that finds its own ranges: sets that it is to cover, of which only the observed windows are used; "
-        "none = until the budget",
+        "for a p⁺ that finds its own ranges: the sets that it should cover, of which only the observed windows are "
+        "used; none = the ranges are widened until the budget is reached",
     )
     budget: Annotated[float, Field(gt=1)] = key(
-        2.0, "of a p⁺ that finds its own ranges without windows: by which factor they are widened, at most"
+        2.0, "for a p⁺ that finds its own ranges without windows: the largest factor by which they are widened"
     )
     worst: Share = key(
         0.0, "share of the augmented samples that are drawn where the trained model's own estimates are bad; 0 = none"
@@ -111,36 +113,42 @@ class FurtherPrior(Augmentation):
 class Evaluation(Settings):
     """What is measured and kept of each set."""
 
-    samples: Count = key(3, "forecasts of each set that are kept for figures")
+    samples: Count = key(3, "number of forecasts of validation, iid and test that are kept for figures")
     published: str | None = key(
         None,
         "system whose published numbers (src/expertaug/evaluation/paper.csv) this experiment is compared with; "
         "null = none",
     )
     overview: bool = key(True, "whether the figures over all experiments of the run show this one")
-    from_s: NotNegative | None = key(None, "first time that the metric sees; null = after the observed window", "s")
+    from_s: NotNegative | None = key(None, "first time included in the metric; null = after the observed window", "s")
     convention: Literal["sum", "dim"] = key(
         "sum",
-        "which log-MSE tables and figures show; sum = squared errors summed over the observed dimensions, dim = "
-        "averaged over them",
+        "which log-MSE is shown in tables and figures: sum = squared errors summed over the observed dimensions, "
+        "dim = averaged over them",
     )
-    title: str | None = key(None, "how figures call the experiment; null = its name")
+    title: str | None = key(None, "title of the experiment in figures; null = its name")
     set_titles: dict[str, str] = key(
-        dict, "how tables and figures call the sets; default train, validation (set of choices), IID test, test (OOD)"
+        dict,
+        "names of the sets in tables and figures; default train, validation (set of choices), IID test, test (OOD)",
     )
-    max_samples: Count | None = key(None, "samples of each set, at most, evenly spread; null = all")
+    max_samples: Count | None = key(None, "maximum number of samples from each set, spread evenly; null = all")
     train_samples: Count | None = key(
-        200, "samples of the training set, at most, evenly spread: no verdict rests on them; null = as of each set"
+        200,
+        "maximum number of samples from the training set, spread evenly: no verdict rests on them; null = as for "
+        "every set",
     )
     draws: Annotated[int, Field(ge=0, le=1000)] = key(
         39,
-        "forecasts that are drawn of a window, for CRPS, energy score and bands of every version with a distribution; "
-        "39 (or 19) make exact 50 % and 90 % bands, 0 = none",
+        "number of forecasts drawn for each window, for the CRPS, the energy score and the bands of every version "
+        "with a distribution; 39 (or 19) give exact 50 % and 90 % bands, 0 = none",
     )
-    drawn_samples: Count = key(200, "windows of each set whose forecasts are drawn, at most, evenly spread")
+    drawn_samples: Count = key(
+        200, "maximum number of windows of each set for which forecasts are drawn, spread evenly"
+    )
     solver: SolverSettings = key(
         LEFT_OUT,
-        "of the forecasts; left out = dopri5 with tolerances of 1.0e-6, rk4 with 10 substeps where there are events",
+        "solver for the forecasts; left out = dopri5 with tolerances of 1.0e-6, or rk4 with 10 substeps where there "
+        "are events",
     )
 
 
@@ -160,57 +168,57 @@ class Override(Settings):
 class Experiment(Settings):
     """An experiment: a system, its data, a model, how it is trained, and by which methods."""
 
-    based_on: str = key(LEFT_OUT, "name of an experiment whose keys are taken over")
+    based_on: str = key(LEFT_OUT, "name of an experiment from which keys are inherited")
     seeds: Annotated[list[Seed], Field(min_length=1)] = key(
-        LEFT_OUT, "seeds of this experiment's trainings; left out = those of the top level"
+        LEFT_OUT, "seeds of this experiment's training runs; left out = those of the top level"
     )
     choices: Annotated[dict[str, str], AfterValidator(_choices)] = key(
-        dict, "rows of the preset's table (expertaug/config/presets.py) that are to differ from it"
+        dict, "rows of the preset's table (expertaug/config/presets.py) in which this experiment differs"
     )
-    presets: Presets = key(LEFT_OUT, "what this experiment overrides of itself under a preset")
-    overrides: dict[str, Override] = key(dict, "what a method of this experiment has otherwise")
+    presets: Presets = key(LEFT_OUT, "keys that this experiment overrides under a preset")
+    overrides: dict[str, Override] = key(dict, "keys that differ for one method of this experiment")
     system: dict[str, Any] = key(
-        ..., "name (a module of expertaug.systems, or a dotted path) and its class's arguments"
+        ..., "name (a module of expertaug.systems, or a dotted path) and the arguments of its class"
     )
     data: Data = key(..., "where the trajectories come from")
-    model: Model = key(..., "of the methods of kind hybrid")
+    model: Model = key(..., "model of the methods of kind hybrid; those of kind alternating use its interaction alone")
     training: TrainSettings = key(..., "how a model is trained")
     augmentation: Augmentation = key(Augmentation, "how augmented samples are drawn")
     augmentations: dict[Name, FurtherPrior | None] = key(
         dict,
         "further priors by name, which show how the gain depends on the width of p⁺; each makes a version METHOD+NAME "
-        "of every augmented method from the same trained model; null takes an inherited one away",
+        "of every augmented method from the same trained model; null removes an inherited prior",
     )
     studies: Studies = key(
-        Studies, "further questions to the experiment's models, each with a table and a figure of its own"
+        Studies, "further questions about the experiment's models, each with its own table and figure"
     )
     finetuning: TrainSettings = key(LEFT_OUT, "how a model is fine-tuned")
-    evaluation: Evaluation = key(Evaluation, "what is measured and kept of each set")
+    evaluation: Evaluation = key(Evaluation, "what is measured and kept for each set")
     methods: SomeNames = key(..., "names of the methods to train")
-    augmented: Names = key(list, "those of them that are also fine-tuned on augmented data")
+    augmented: Names = key(list, "which of the methods are also fine-tuned on augmented data")
     controls: Names = key(
         list,
-        "those of them that are also trained on for the steps of a fine-tuning, on the real data alone (METHOD=): what "
-        "an augmented version is to be compared with; methods that the experiment does not train are left out",
+        "which of the methods are also trained further on the real data alone, for as many steps as a fine-tuning has "
+        "(METHOD=), as controls for the augmented versions; methods that the experiment does not train are ignored",
     )
     refined: Names = key(
         list,
-        "versions (METHOD, METHOD=, METHOD+ …) whose estimates are refined on each window by least squares "
-        "(VERSION~refined); versions that the experiment does not make are left out",
+        "for which versions (METHOD, METHOD=, METHOD+ …) the estimates are refined on each window by least squares "
+        "(VERSION~refined); versions that the experiment does not make are ignored",
     )
     refinement: RefinementSettings = key(
         RefinementSettings,
-        "least squares on each window: of methods of kind least_squares and alternating, and of refined versions",
+        "least squares on each window, for methods of kind least_squares and alternating and for refined versions",
     )
     flows: Names = key(
         list,
-        "those of them beside which a flow learns the posterior under p⁺ (METHOD+~flow); methods that the experiment "
-        "does not train are left out",
+        "for which of the methods a flow learns the posterior under p⁺ (METHOD+~flow); methods that the experiment "
+        "does not train are ignored",
     )
     flow: FlowSettings = key(FlowSettings, "how a flow learns the posterior from draws of a trained model")
     alternation: AlternatingSettings = key(AlternatingSettings, "how methods of kind alternating are trained")
     validity: ValiditySettings = key(
-        ValiditySettings, "the check whether F_a holds where z_e has moved, of every trained interaction model"
+        ValiditySettings, "the check whether F_a still holds where z_e has moved, for every trained interaction model"
     )
 
     @field_serializer("overrides")
@@ -239,12 +247,12 @@ class Common(Settings):
     overwrite: bool = key(
         False, "whether a run may take over a results folder that holds the tables of other configuration files"
     )
-    device: Literal["auto", "cpu", "cuda"] = key(
-        "auto", "where to train and evaluate; auto takes a GPU if there is one"
+    device: Literal["auto", "cpu", "cuda"] = key("auto", "where to train and evaluate; auto uses a GPU if there is one")
+    seeds: Annotated[list[Seed], Field(min_length=1)] = key(
+        lambda: [0, 1, 2], "seeds of the training runs, one model each"
     )
-    seeds: Annotated[list[Seed], Field(min_length=1)] = key(lambda: [0, 1, 2], "seeds of the trainings, each one model")
-    seeds_per_job: Count = key(3, "seeds that one job trains together")
-    tracking: TrackingKeys = key(TrackingKeys, "the MLflow store that mirrors the logs of the trainings")
+    seeds_per_job: Count = key(3, "number of seeds that one job trains together")
+    tracking: TrackingKeys = key(TrackingKeys, "the MLflow store that mirrors the training logs")
     recordings: RecordingKeys = key(RecordingKeys, "recordings of a double pendulum, from their source to angles")
     methods: Annotated[dict[Name, Method], Field(min_length=1)] = key(
         ..., "ways of building and training a model, by name"
@@ -256,7 +264,7 @@ class Configuration(Common):
     """Every key with its type, unit, default and limits."""
 
     experiments: Annotated[dict[Name, Experiment], Field(min_length=1)] = key(
-        ..., "experiments by name; based_on takes over another one, whose keys are overridden"
+        ..., "experiments by name; based_on inherits the keys of another one, which can then be overridden"
     )
 
 

@@ -30,7 +30,7 @@ class Row:
 
 ROWS: dict[str, Row] = {
     "loss_window": Row(
-        "points of a trajectory that the loss sees where data.t1_s limits it: observed = [t0, t1] only; "
+        "points of a trajectory that enter the loss where data.t1_s limits it: observed = [t0, t1] only; "
         "half_batch = all of [t0, t2] for half of each batch (the authors' slip: the forecast leaks)",
         ("observed", "half_batch"),
         paper="observed",
@@ -45,25 +45,25 @@ ROWS: dict[str, Row] = {
         corrected="inclusive",
     ),
     "multiplier": Row(
-        "the multiplier of the Lagrangian: lagrangian = raised by tau2 times the data term every so many passes; "
-        "fixed = stays at its first value",
+        "the multiplier of the Lagrangian: lagrangian = raised by tau2 times the data term at regular intervals of "
+        "passes; fixed = stays at its first value",
         ("lagrangian", "fixed"),
         paper="lagrangian",
         code="fixed",
         corrected="lagrangian",
     ),
     "penalty": Row(
-        "size of F_a in the loss: rms = root mean square along the predicted trajectory; rms_mixed = where each "
-        "component of the state is taken from another window and time, since angle and speed of a swing that dies away "
-        "are correlated, and the smallest damping along it has a share of the restoring force; "
-        "norm_data = mean Euclidean norm on the data's states",
+        "size of F_a in the loss: rms = root mean square along the predicted trajectory; rms_mixed = the same with "
+        "each component of the state taken from a different window and time, since the angle and the speed of a "
+        "decaying swing are correlated, and the smallest F_a that damps it contains a share of the restoring force; "
+        "norm_data = mean Euclidean norm on the states of the data",
         ("rms", "rms_mixed", "norm_data"),
         paper="rms",
         code="norm_data",
         corrected="rms",
     ),
     "loss_normalisation": Row(
-        "whether the data term is divided by its first value, over the full loss window",
+        "whether the data term is divided by its first value, taken over the full loss window",
         ("none", "first"),
         paper="none",
         code="first",
@@ -77,14 +77,15 @@ ROWS: dict[str, Row] = {
         corrected="config",
     ),
     "frozen": Row(
-        "what fine-tuning leaves alone: interaction = F_a only; interaction_and_z_e_head = also the encoder's z_e head",
+        "what fine-tuning leaves unchanged: interaction = F_a only; interaction_and_z_e_head = also the encoder's z_e "
+        "head",
         ("interaction", "interaction_and_z_e_head"),
         paper="interaction",
         code="interaction_and_z_e_head",
         corrected="interaction",
     ),
     "resample": Row(
-        "augmented samples are drawn once, or anew for every pass",
+        "whether augmented samples are drawn once, or anew for every pass",
         ("once", "epoch"),
         paper="once",
         code="once",
@@ -98,25 +99,25 @@ ROWS: dict[str, Row] = {
         corrected="as_data",
     ),
     "augmented_x": Row(
-        "x of augmented samples: data = the sample's own; resampled = drawn anew where the system can "
-        "(the double pendulum's two angles), which the authors' code does",
+        "x of augmented samples: data = the sample's own; resampled = drawn anew where the system can do so (the "
+        "double pendulum's two angles), as in the authors' code",
         ("data", "resampled"),
         paper="data",
         code="resampled",
         corrected="data",
     ),
     "augmented_z_a": Row(
-        "z_a of augmented samples: posterior = drawn from q(z_a | x, y), the paper's Algorithm 1; prior = from N(0, I) "
-        "where the posterior is no point estimate, which the paper's appendix says of the hybrid-VAE, and its release "
-        "does",
+        "z_a of augmented samples: posterior = drawn from q(z_a | x, y), the paper's Algorithm 1; prior = from "
+        "N(0, I) where the posterior is not a point estimate, as the paper's appendix says of the hybrid-VAE and the "
+        "release does",
         ("posterior", "prior"),
         paper="posterior",
         code="prior",
         corrected="posterior",
     ),
     "hvae_z_e": Row(
-        "the hybrid-VAE's z_e in training: sampled = a sample of q(z_e | x, y); mean = its mean, without a divergence "
-        "(the authors' pendulum)",
+        "the hybrid-VAE's z_e in training: sampled = a sample from q(z_e | x, y); mean = its mean, without a "
+        "divergence (the authors' pendulum)",
         ("sampled", "mean"),
         paper="sampled",
         code="mean",
@@ -138,7 +139,7 @@ ROWS: dict[str, Row] = {
         corrected="y0",
     ),
     "selection": Row(
-        "points of the validation set that choose the best model: observed = [t0, t1], forecast = (t1, t2]",
+        "points of the validation set by which the best model is chosen: observed = [t0, t1], forecast = (t1, t2]",
         ("observed", "forecast"),
         paper="observed",
         code="forecast",
@@ -168,8 +169,9 @@ SIMULATED = (
     Simulated(
         "rlc",
         "system.equations",
-        "three circuits, by what the resistance adds to dI/dt: additive = −(R/C) I, the paper's F_a as printed; code = "
-        "−R I / (L C), what the release simulates; kirchhoff = −R I / L, the one that obeys V = U + R I + L dI/dt",
+        "three circuits, which differ in what the resistance adds to dI/dt: additive = −(R/C) I, the paper's F_a as "
+        "printed; code = −R I / (L C), what the release simulates; kirchhoff = −R I / L, the one that obeys "
+        "V = U + R I + L dI/dt",
         paper="additive",
         code="code",
         corrected="kirchhoff",
@@ -177,8 +179,8 @@ SIMULATED = (
     Simulated(
         "rlc",
         "system.source_rad_s",
-        "ω of the source V(t) = 2.5 sin(ω t) + 1: the paper prints 4π, which .1 s samples five times a period; the "
-        "release has 2, which made the published numbers",
+        "ω of the source V(t) = 2.5 sin(ω t) + 1: the paper prints 4π, which steps of .1 s sample five times per "
+        "period; the release has 2, which produced the published numbers",
         paper=12.566370614359172,
         code=2.0,
         corrected=2.0,
@@ -186,7 +188,8 @@ SIMULATED = (
     Simulated(
         "rlc",
         "data.sets.train.size",
-        "samples of the circuit's training set; the release has 1,000 in the other sets too, the paper 100",
+        "number of samples in the circuit's training set; the other sets have 1,000 samples in the release, 100 in "
+        "the paper",
         paper=2000,
         code=3000,
         corrected=2000,
@@ -194,8 +197,8 @@ SIMULATED = (
     Simulated(
         "reaction_diffusion",
         "data.sets.test.z_e.b",
-        "range of b in the test set: the paper prints .1 as its end, the release .01; p+ of both ends at .01, so that "
-        ".1 is taken for a slip: nine tenths of that test set would lie outside of what is augmented",
+        "range of b in the test set: the paper prints .1 as its upper end, the release .01; p+ ends at .01 in both, "
+        "so that .1 is taken for a slip: nine tenths of that test set would lie outside the augmented range",
         paper=[0.001, 0.1],
         code=[0.001, 0.01],
         corrected=[0.001, 0.01],
@@ -203,8 +206,9 @@ SIMULATED = (
     Simulated(
         "reaction_diffusion",
         "system.reaction",
-        "what the expert knows of the local reaction: false = nothing (diffusion alone, the paper's text); without_k = "
-        "all but its constant k (the release, and so the published numbers; diffusion alone has rows of its own)",
+        "what the expert knows of the local reaction: false = nothing (diffusion alone, the paper's text); "
+        "without_k = all but its constant k (the release, and so the published numbers; diffusion alone has its own "
+        "rows)",
         paper=False,
         code="without_k",
         corrected="without_k",
@@ -212,7 +216,8 @@ SIMULATED = (
     Simulated(
         "pendulum_shift",
         "data.sets.train.z_a.alpha",
-        "friction that the study of its shifts is trained on: [0, .3] in the paper, [0, .6] everywhere in the release",
+        "range of friction on which the study of friction shifts is trained: [0, .3] in the paper, [0, .6] everywhere "
+        "in the release",
         paper=[0.0, 0.3],
         code=[0.0, 0.6],
         corrected=[0.0, 0.3],

@@ -20,23 +20,32 @@ class RefinementSettings(Settings):
     WHERE: ClassVar[str] = "refinement"
 
     starts: Annotated[int, Field(ge=0, le=100_000)] = key(
-        32, "points of p⁺ at which a window is compared with the model; 0 = only from the trained model's estimate"
+        32,
+        "number of points of p⁺ at which each window is compared with the model; 0 = only from the trained model's "
+        "estimate",
     )
-    tries: Count = key(3, "the best of them from which the fit starts, beside the trained model's own estimate")
-    steps: Count = key(30, "Levenberg–Marquardt steps, at most")
+    tries: Count = key(
+        3,
+        "how many of these points, the best ones, the fit starts from in addition to the trained model's own estimate",
+    )
+    steps: Count = key(30, "maximum number of Levenberg–Marquardt steps")
     noise: Positive = key(
         LEFT_OUT,
-        "standard deviation of the observation; left out = the data's, and where they have none a thousandth of the "
-        "training set's largest value",
+        "standard deviation of the observation noise; left out = that of the data, or, where they have none, a "
+        "thousandth of the training set's largest value",
     )
-    free_start: bool = key(LEFT_OUT, "whether the first point is estimated too; left out = where the data have noise")
+    free_start: bool = key(
+        LEFT_OUT, "whether the first point is estimated too; left out = only where the data have noise"
+    )
     latent_width: Positive = key(
-        3.0, "how far z_a may go from the training windows' mean, in their standard deviations: a weak Gaussian prior"
+        3.0,
+        "how far z_a may move from its mean over the training windows, in its standard deviations over them: a weak "
+        "Gaussian prior",
     )
     windows: dict[str, Range] = key(
-        LEFT_OUT, "from when to when each component counts, in s; left out = all of the observed window"
+        LEFT_OUT, "first and last time at which each component counts, in s; left out = the whole observed window"
     )
-    solver: SolverSettings = key(LEFT_OUT, "of the fit; left out = the training's")
+    solver: SolverSettings = key(LEFT_OUT, "solver for the fit; left out = that of training")
 
 
 class FlowSettings(Settings):
@@ -44,43 +53,50 @@ class FlowSettings(Settings):
 
     WHERE: ClassVar[str] = "flow"
 
-    steps: Count = key(8000, "of the training")
-    batch_size: Count = key(256, "draws of each seed in a step")
-    learning_rate: Positive = key(4.0e-3, "of Adam, at the peak of a linear warm-up and a cosine to zero")
+    steps: Count = key(8000, "number of training steps")
+    batch_size: Count = key(256, "draws per seed in each step")
+    learning_rate: Positive = key(
+        4.0e-3, "learning rate of Adam, at its peak between a linear warm-up and a cosine decay to zero"
+    )
     warmup: Share = key(0.1, "share of all steps over which the learning rate warms up")
-    clip_norm: Positive | None = key(1.0, "largest norm of a seed's gradient; null = not clipped")
-    pool: Count = key(4096, "draws of each seed that are at hand at a time")
-    uses: Count = key(1, "steps in which each draw is used; 1 = fresh draws in every step, more where they are dear")
-    held_out: Count = key(2000, "further draws of each seed, whose loss selects the best state")
-    layers: Hidden = key((256, 256), "widths of the network on the observed window")
-    summary: Width = key(64, "numbers that this network gives the flow")
-    transforms: Annotated[int, Field(ge=1, le=100)] = key(2, "splines, each autoregressive over the parameters")
-    hidden: Hidden = key((64, 64), "widths of the hidden layers that set a spline")
-    bins: Annotated[int, Field(ge=2, le=1000)] = key(8, "of a spline")
-    latent: Count = key(8, "principal components of z_a that are inferred, at most; the others stay at their mean")
+    clip_norm: Positive | None = key(1.0, "largest norm of a seed's gradient; null = no clipping")
+    pool: Count = key(4096, "number of draws per seed that are available at a time")
+    uses: Count = key(
+        1,
+        "number of steps in which each draw is used; 1 = fresh draws in every step; use more where draws are expensive",
+    )
+    held_out: Count = key(2000, "number of further draws per seed; the loss on them selects the best state")
+    layers: Hidden = key((256, 256), "widths of the hidden layers of the network that reads the observed window")
+    summary: Width = key(64, "number of values that this network passes to the flow")
+    transforms: Annotated[int, Field(ge=1, le=100)] = key(
+        2, "number of splines, each autoregressive over the parameters"
+    )
+    hidden: Hidden = key((64, 64), "widths of the hidden layers of the networks that set the splines")
+    bins: Annotated[int, Field(ge=2, le=1000)] = key(8, "number of bins in a spline")
+    latent: Count = key(
+        8, "maximum number of principal components of z_a that are inferred; the others stay at their mean"
+    )
     jitter: NotNegative = key(
         0.1,
-        "width of the kernel that smooths the training windows' z_a and first points, in their standard deviations",
+        "width of the kernel that smooths z_a and the first points of the training windows, in their standard "
+        "deviations",
         le=1,
     )
     resample_x: bool = key(
         LEFT_OUT,
-        "whether draws begin anywhere, as far as the system says where (the double pendulum's angles: on the whole "
-        "circle), not where training windows do; else windows that begin elsewhere are read wrongly; left out = as "
-        "augmented_x says",
+        "whether draws start anywhere, as far as the system defines this (the double pendulum's angles: on the whole "
+        "circle), rather than where training windows start; otherwise windows that start elsewhere are misread; left "
+        "out = as augmented_x says",
     )
-    margin: Positive = key(0.02, "by which p⁺ is widened at both ends where the flow has its bounds, in its widths")
-    samples: Count = key(
-        119,
-        "draws of the posterior in an estimate; 119 make exact 50 % and 90 % intervals",
-    )
+    margin: Positive = key(0.02, "how far the flow's bounds lie beyond p⁺ at both ends, as a share of the width of p⁺")
+    samples: Count = key(119, "number of posterior draws in an estimate; 119 give exact 50 % and 90 % intervals")
     forecasts: Count = key(
         32,
-        "how many of these are forecast, the mean being the forecast: they are spread evenly, and 32 have the mean of "
-        "all to .02 of a log-MSE",
+        "how many of these draws are forecast; the forecast is their mean. They are spread evenly, and the mean over "
+        "32 agrees with the mean over all to within .02 of a log-MSE",
     )
-    checkpoint_s: NotNegative = key(30.0, "least time between two checkpoints", "s")
-    solver: SolverSettings = key(LEFT_OUT, "of the draws; left out = that of the model's forecasts")
+    checkpoint_s: NotNegative = key(30.0, "shortest time between two checkpoints", "s")
+    solver: SolverSettings = key(LEFT_OUT, "solver for the draws; left out = that of the model's forecasts")
 
     @property
     def training(self) -> TrainSettings:
@@ -112,9 +128,9 @@ class ValiditySettings(Settings):
 
     WHERE: ClassVar[str] = "validity"
 
-    samples: Count = key(60, "windows of each set that are fitted, at most, evenly spread")
-    steps: Count = key(40, "gradient steps on F_a, from what it is")
-    learning_rate: Positive = key(1.0e-3, "of Adam")
+    samples: Count = key(60, "maximum number of windows of each set that are fitted, spread evenly")
+    steps: Count = key(40, "number of gradient steps on F_a, starting from the trained F_a")
+    learning_rate: Positive = key(1.0e-3, "learning rate of Adam")
 
 
 class AlternatingSettings(Settings):
@@ -123,29 +139,33 @@ class AlternatingSettings(Settings):
     WHERE: ClassVar[str] = "alternation"
 
     latent: Annotated[int, Field(ge=0, le=100)] = key(1, "size of z_a")
-    steps: Count = key(400, "gradient steps, before each of which its windows' estimates are improved by one step")
-    batch_size: Count = key(100, "windows of each seed in a step")
-    learning_rate: Positive = key(3.0e-3, "of Adam, at its peak")
-    warmup: Share = key(0.2, "share of all steps over which the rate rises; then a cosine to zero")
-    clip_norm: Positive | None = key(5.0, "largest norm of a seed's gradient; null = not clipped")
+    steps: Count = key(
+        400, "number of gradient steps; before each, the estimates for its windows are improved by one step"
+    )
+    batch_size: Count = key(100, "windows per seed in each step")
+    learning_rate: Positive = key(3.0e-3, "learning rate of Adam, at its peak")
+    warmup: Share = key(
+        0.2, "share of all steps over which the learning rate rises; then it decays along a cosine to zero"
+    )
+    clip_norm: Positive | None = key(5.0, "largest norm of a seed's gradient; null = no clipping")
     penalty: NotNegative = key(
         30.0,
-        "weight of the mean of (F_a / the expert's root mean square rate)² beside the mean squared residual in units "
-        "of the noise",
+        "weight of the mean of (F_a / the expert's root mean square rate)² relative to the mean squared residual in "
+        "units of the noise",
     )
     share: NotNegative = key(
         300.0,
-        "weight of the same for the part of F_a that another z_e would give as well, which belongs to the expert; 0 "
-        "where the true F_a resembles it",
+        "weight of the same mean for the part of F_a that a different z_e would produce as well and that therefore "
+        "belongs to the expert; use 0 where the true F_a resembles that part",
     )
     threshold: Positive = key(
-        5.0, "residuals far beyond so many standard deviations of the noise hardly count (Cauchy's loss)"
+        5.0, "residuals far beyond this many standard deviations of the noise hardly count (Cauchy loss)"
     )
-    train_samples: Count | None = key(None, "training windows, at most, evenly spread; null = all")
-    validate_every: Count = key(50, "steps from one validation to the next")
-    validation_samples: Count | None = key(100, "validation samples, at most, evenly spread; null = all")
-    checkpoint_s: NotNegative = key(30.0, "least time between two checkpoints", "s")
+    train_samples: Count | None = key(None, "maximum number of training windows, spread evenly; null = all")
+    validate_every: Count = key(50, "number of steps from one validation to the next")
+    validation_samples: Count | None = key(100, "maximum number of validation samples, spread evenly; null = all")
+    checkpoint_s: NotNegative = key(30.0, "shortest time between two checkpoints", "s")
     horizon_s: Positive = key(
         LEFT_OUT, "end of the part of a training trajectory that is fitted; left out = data.t1_s", "s"
     )
-    solver: SolverSettings = key(LEFT_OUT, "of the differential equation in training; left out = its defaults")
+    solver: SolverSettings = key(LEFT_OUT, "solver for the differential equation in training; left out = its defaults")

@@ -28,9 +28,9 @@ class AphynitySettings(ObjectiveSettings):
 
     lambda0: Annotated[
         Annotated[NotNegative, ONE] | Annotated[Annotated[tuple[NotNegative, ...], Field(strict=False)], LIST], by_shape
-    ] = key(10.0, "first multiplier of the data term; one value, or one for each seed")
-    tau2: NotNegative = key(5.0, "by this times the data term the multiplier is raised")
-    every: Count = key(1, "passes from one raise to the next")
+    ] = key(10.0, "initial multiplier of the data term; one value, or one for each seed")
+    tau2: NotNegative = key(5.0, "the multiplier is raised by this times the data term")
+    every: Count = key(1, "number of passes from one raise of the multiplier to the next")
 
 
 class HvaeSettings(ObjectiveSettings):
@@ -38,9 +38,14 @@ class HvaeSettings(ObjectiveSettings):
 
     NEEDS = ("prior",)
 
-    alpha: NotNegative = key(0.01, "weight of the term that pulls the forecast towards the expert's")
-    beta: NotNegative = key(0.01, "weight of the terms that regularise by augmented samples")
-    gamma: NotNegative = key(1.0, "weight of the divergence from the prior")
+    alpha: NotNegative = key(
+        0.01,
+        "weight of the term R_PPC, which pulls the forecast towards the expert's and the posterior towards the prior",
+    )
+    beta: NotNegative = key(0.01, "weight of the term R_DA1, which makes the filtered window the expert's own")
+    gamma: NotNegative = key(
+        1.0, "weight of the term R_DA2, the error of z_e inferred from the expert's forecasts over p⁺"
+    )
 
 
 OBJECTIVES: Mapping[str, type[ObjectiveSettings]] = {"aphynity": AphynitySettings, "hvae": HvaeSettings}
@@ -51,34 +56,40 @@ class TrainSettings(Settings):
 
     WHERE: ClassVar[str] = "training"
 
-    epochs: Count = key(50, "passes over the training set")
-    batch_size: Count = key(100, "samples of each seed in a step")
-    learning_rate: Positive = key(5.0e-4, "of Adam; the peak where the schedule has one")
+    epochs: Count = key(50, "number of passes over the training set")
+    batch_size: Count = key(100, "samples per seed in each step")
+    learning_rate: Positive = key(5.0e-4, "learning rate of Adam; its peak where the schedule has one")
     schedule: Literal["one_cycle", "constant"] = key(
-        "one_cycle", "one_cycle = linear warm-up, then a cosine to zero; constant"
+        "one_cycle", "one_cycle = linear warm-up, then a cosine decay to zero; constant = the same rate throughout"
     )
     warmup: Share = key(0.1, "share of all steps over which one_cycle warms up")
-    clip_norm: Positive | None = key(1.0, "largest norm of a seed's gradient; null = not clipped")
-    validate_every: Count = key(1, "passes from one validation to the next")
-    validation_samples: Count | None = key(None, "validation samples, at most, evenly spread; null = all")
-    checkpoint_s: NotNegative = key(30.0, "least time between two checkpoints", "s")
-    supervision_weight: NotNegative = key(1.0, "of the z_e term of augmented samples")
+    clip_norm: Positive | None = key(1.0, "largest norm of a seed's gradient; null = no clipping")
+    validate_every: Count = key(1, "number of passes from one validation to the next")
+    validation_samples: Count | None = key(None, "maximum number of validation samples, spread evenly; null = all")
+    checkpoint_s: NotNegative = key(30.0, "shortest time between two checkpoints", "s")
+    supervision_weight: NotNegative = key(1.0, "weight of the z_e term of augmented samples")
     horizon_warmup: Share = key(
         0.0,
-        "share of all steps over which the loss window grows to its full length; against minima at wrong frequencies",
+        "share of all steps over which the loss window grows to its full length; this guards against minima at wrong "
+        "frequencies",
     )
     expert_first: Share = key(
         0.0,
-        "share of all steps in which F_a is absent; before z_e is found, F_a takes a part of what the expert can say",
+        "share of all steps, at the beginning, in which F_a is absent; otherwise F_a takes over part of what the "
+        "expert can explain before z_e is found",
     )
     horizon_s: Positive = key(
         LEFT_OUT,
-        "end of the part of a trajectory that the loss compares; left out = data.t1_s, for fine-tuning as in training",
+        "end of the part of a trajectory that the loss compares; left out = data.t1_s, or in fine-tuning that of "
+        "training",
         "s",
     )
-    objective: dict[str, Any] = key(LEFT_OUT, "options of the method's objective (fine-tuning takes over training's)")
+    objective: dict[str, Any] = key(
+        LEFT_OUT, "options of the method's objective (fine-tuning inherits those of training)"
+    )
     solver: SolverSettings = key(
-        LEFT_OUT, "of the differential equation in training; left out = its defaults, for fine-tuning as in training"
+        LEFT_OUT,
+        "solver for the differential equation in training; left out = its defaults, or in fine-tuning that of training",
     )
 
     def rate(self, step: int, steps: int) -> float:

@@ -29,29 +29,33 @@ from expertaug.settings import (
 class ChunkLimits(Settings):
     """Chunks of each set, at most."""
 
-    train: Count | None = key(LEFT_OUT, "of the training set; null = all")
-    validation: Count | None = key(LEFT_OUT, "of the validation set; null = all")
-    test: Count | None = key(LEFT_OUT, "of the test set; null = all")
+    train: Count | None = key(LEFT_OUT, "maximum number of chunks in the training set; null = all")
+    validation: Count | None = key(LEFT_OUT, "maximum number of chunks in the validation set; null = all")
+    test: Count | None = key(LEFT_OUT, "maximum number of chunks in the test set; null = all")
 
 
 class Cutting(Settings):
     """How series are cut into chunks."""
 
-    length: int = key(20, "points of a chunk", ge=2, le=MANY)
+    length: int = key(20, "number of points in a chunk", ge=2, le=MANY)
     phases: Literal["all", "first"] = key(
         "all",
-        "of a chunk of every n-th point: all = chunks from each of the n interleaved series; first = from one",
+        "where chunks take every n-th point: all = chunks from each of the n interleaved series; first = from one",
     )
-    stride: Count = key(5, "points from one training chunk's start to the next, at most the length")
+    stride: Count = key(
+        5, "number of points from the start of one training chunk to the start of the next, at most the length"
+    )
     evaluation_stride: Count = key(20, "the same for validation and test")
     max_chunks: Annotated[Annotated[Count, ONE] | Annotated[ChunkLimits, KEYS], by_shape] | None = key(
-        None, "at most so many chunks, evenly spread; null = all; one value, or one for each set"
+        None, "maximum number of chunks, spread evenly; null = all; one value, or one for each set"
     )
-    min_chunks: Count = key(30, "a set with fewer is refused")
+    min_chunks: Count = key(
+        30, "a set with fewer chunks is refused; a split of recordings first has them begin nearer to each other"
+    )
     horizons_s: list[Positive] = key(
         list,
-        "lengths of further sets of validation and test chunks, from the same points, which are evaluated alone: 1.0 "
-        "makes validation_1s and test_1s",
+        "chunk lengths of further validation and test sets, cut from the same points and used for evaluation only: "
+        "1.0 makes validation_1s and test_1s",
         "s",
     )
 
@@ -111,18 +115,20 @@ def check_shares(shares: tuple[float, float, float]) -> None:
 class Column(Settings):
     """A column of the files."""
 
-    name: str = key(..., "as the files call it", min_length=1)
-    unit: str | None = key(None, "of its numbers, as deg, mm or ms; null = the system's own; of the time datetime, too")
-    factor: float = key(1.0, "what the column is multiplied by before that")
-    offset: float = key(0.0, "what is added to it then, in the column's unit")
+    name: str = key(..., "the column's name in the files", min_length=1)
+    unit: str | None = key(
+        None, "its unit, such as deg, mm or ms; null = the system's own; for the time column also datetime"
+    )
+    factor: float = key(1.0, "what the column is multiplied by before its unit is converted")
+    offset: float = key(0.0, "what is then added, before the conversion, in the column's unit")
 
 
 class Label(Settings):
     """Where an expert parameter is known from: a column, or a component's value at a chunk's first point."""
 
-    name: str = key(LEFT_OUT, "the column, as the files call it", min_length=1)
-    unit: str | None = key(None, "of its numbers; null = the system's own")
-    start: str = key(LEFT_OUT, "the component whose first value in a chunk is the parameter", min_length=1)
+    name: str = key(LEFT_OUT, "the column's name in the files", min_length=1)
+    unit: str | None = key(None, "unit of its numbers; null = the system's own")
+    start: str = key(LEFT_OUT, "the component whose first value in a chunk is the parameter's value", min_length=1)
 
     @model_validator(mode="after")
     def _one_of_both(self) -> Self:
@@ -146,13 +152,13 @@ class TableKeys(Settings):
     """How a text file is read; of Parquet and NPZ nothing needs to be said."""
 
     names: Annotated[list[str], Field(min_length=2)] | None = key(
-        None, "names of the columns, of files without a header; null = the first row that is no comment has them"
+        None, "names of the columns, for files without a header; null = taken from the first row that is not a comment"
     )
     separator: Annotated[str, AfterValidator(_character)] | None = key(
-        None, "between cells: a character, tab, or space for any blanks; null = what the first row has"
+        None, "what separates the cells: a character, tab, or space for any blanks; null = as in the first row"
     )
-    decimal: Literal[".", ","] = key(".", "what separates a number's fraction")
-    skip_lines: int = key(0, "lines at the beginning of each file to leave out", ge=0, le=MANY)
+    decimal: Literal[".", ","] = key(".", "the decimal separator")
+    skip_lines: int = key(0, "number of lines to skip at the beginning of each file", ge=0, le=MANY)
 
 
 class SplitSettings(Settings):
@@ -160,29 +166,37 @@ class SplitSettings(Settings):
 
     by: Literal["random", "time", "quantity", "file", "column"] = key(
         "random",
-        "random = pieces drawn by seed; time = of each trajectory the beginning trains, the end tests; quantity = "
-        "pieces of low values train, of high ones test; file, column = as their names or a column's values say",
+        "random = pieces are drawn at random, by seed; time = the beginning of each trajectory is for training, its "
+        "end for testing; quantity = pieces with low values are for training, those with high values for testing; "
+        "file, column = as the names of the files or the values of a column say",
     )
     pieces: Literal["segments", "trajectories"] = key(
-        "segments", "of random and quantity: segments = as long as a chunk; trajectories = whole ones"
+        "segments", "for random and quantity: segments = pieces as long as a chunk; trajectories = whole trajectories"
     )
-    train_share: Share = key(0.6, "of the pieces, or of each trajectory's points")
+    train_share: Share = key(0.6, "share of the pieces, or of each trajectory's points, in the training set")
     validation_share: Share = key(0.2, "the same for validation")
     test_share: Share = key(0.2, "the same for test; the three sum to 1")
-    seed: Seed = key(0, "of random")
-    reverse: bool = key(False, "of time: the end trains and the beginning tests; of quantity: high values train")
+    seed: Seed = key(0, "for random: the seed of the draw")
+    reverse: bool = key(
+        False,
+        "for time: the end is for training and the beginning for testing; for quantity: high values are for training",
+    )
     quantity: str = key(
         LEFT_OUT,
-        "of quantity: arithmetic with components of the state (in their units) and other columns, as "
-        "omega**2 / 2 - 1.4 * cos(theta), with abs, sqrt, exp, log, sin, cos, tan, arctan2, hypot, sign, minimum, "
+        "for quantity: an arithmetic expression in components of the state (in their units) and other columns, such "
+        "as omega**2 / 2 - 1.4 * cos(theta), with abs, sqrt, exp, log, sin, cos, tan, arctan2, hypot, sign, minimum, "
         "maximum and pi",
     )
-    statistic: Literal["mean", "max", "min", "range"] = key("mean", "of quantity: what counts of a piece's values")
-    thresholds: Pair = key(
-        LEFT_OUT, "of quantity: pieces up to the first train, beyond the second test; left out = by the shares"
+    statistic: Literal["mean", "max", "min", "range"] = key(
+        "mean", "for quantity: which statistic of a piece's values counts"
     )
-    column: str = key(LEFT_OUT, "of column: its name; the value of a piece's rows says the set")
-    train: Texts = key(LEFT_OUT, "of file: names or globs, of column: values, that train; left out = train")
+    thresholds: Pair = key(
+        LEFT_OUT,
+        "for quantity: pieces up to the first threshold are for training, those beyond the second for testing; left "
+        "out = by the shares",
+    )
+    column: str = key(LEFT_OUT, "for column: its name; the value in a piece's rows assigns the set")
+    train: Texts = key(LEFT_OUT, "for file: names or globs, for column: values, of the training set; left out = train")
     validation: Texts = key(LEFT_OUT, "the same for validation; left out = validation")
     test: Texts = key(LEFT_OUT, "the same for test; left out = test")
     guard_s: NotNegative = key(0.0, "time left out between points of different sets, for smoothed columns", "s")
@@ -212,46 +226,55 @@ class MeasurementSettings(Cutting, TableKeys):
 
     WHERE: ClassVar[str] = "data.files"
 
-    paths: Texts = key(..., "files or globs: CSV (also .txt, .tsv, .dat), Parquet or NPZ; they are never changed")
-    checksums: str | None = key(None, "file of SHA-256 checksums of them, as sha256sum writes it; null = not checked")
+    paths: Texts = key(..., "files or globs: CSV (also .txt, .tsv, .dat), Parquet or NPZ; the files are never changed")
+    checksums: str | None = key(None, "file with their SHA-256 checksums, as sha256sum writes it; null = not checked")
     time: Named = key("t", "the column of times: its name, or name, unit, factor and offset")
-    trajectory: str | None = key(None, "the column that tells trajectories of one file apart; null = a file is one")
+    trajectory: str | None = key(
+        None, "the column that tells the trajectories in a file apart; null = each file is one"
+    )
     columns: Annotated[dict[str, Named], Field(min_length=1)] = key(
-        ..., "component of the state → its column; components without one are taken as not measured"
+        ..., "component of the state → its column; components without a column count as not measured"
     )
     inputs: dict[str, Named] = key(
-        dict, "known input or covariate of a driven system → its column; a chunk without all their values is left out"
+        dict,
+        "known input or covariate of a driven system → its column; a chunk lacking any of their values is left out",
     )
     z_e: dict[str, Annotated[Annotated[str, ONE] | Annotated[Label, KEYS], by_shape]] = key(
         dict,
-        "expert parameter → the column that knows it (cells may be empty), or start: COMPONENT, its value at a chunk's "
-        "first point; of the others nothing is known",
+        "expert parameter → the column that holds it (cells may be empty), or start: COMPONENT, that component's "
+        "value at a chunk's first point; the other parameters are unknown",
     )
     angles: list[str] = key(
         list,
-        "components that are angles and may jump by whole turns: they are unwrapped, and begin within half a turn",
+        "components that are angles and may jump by whole turns: they are unwrapped, and each chunk begins within "
+        "half a turn",
     )
-    unordered: Literal["refuse", "sort"] = key("refuse", "rows whose times go back: refuse, or sort them")
+    unordered: Literal["refuse", "sort"] = key("refuse", "rows with times that go back: refuse them, or sort them")
     duplicates: Literal["refuse", "first", "mean"] = key(
-        "refuse", "rows of one time that differ: refuse, or take the first, or the mean; rows that repeat count once"
+        "refuse",
+        "rows with the same time that differ: refuse them, or take the first or the mean; identical rows count once",
     )
     step_s: Positive | None = key(
-        None, "time from point to point of a chunk, a multiple of the rows' own; null = the rows' own", "s"
+        None,
+        "time between consecutive points of a chunk, a multiple of the time between rows where uneven is mask; "
+        "null = the time between rows",
+        "s",
     )
-    tolerance: Share = key(0.1, "how far a row's time may lie off the grid of points, as a part of the rows' step")
+    tolerance: Share = key(0.1, "how far a row's time may lie off the grid of points, as a share of the rows' step")
     uneven: Literal["mask", "interpolate", "own"] = key(
         "mask",
-        "mask = rows lie on a grid of times, points without a row count as not measured; interpolate = cubic splines "
-        "through the rows, whose error is told in splits.json; own = rows keep their times: they lie on a finer grid, "
-        "step_s apart (left out = a tenth of the usual time from row to row), in which lengths and strides count",
+        "mask = rows lie on a grid of times, and points without a row count as not measured; interpolate = cubic "
+        "splines through the rows, with their error given in splits.json; own = rows keep their times: they lie on a "
+        "finer grid with points step_s apart (left out = a tenth of the usual time between rows), and lengths and "
+        "strides count the points of that grid",
     )
-    longest_gap: int = key(5, "missing points in a row that a chunk may span; a longer gap ends it", ge=0, le=MANY)
+    longest_gap: int = key(5, "consecutive missing points that a chunk may span; a longer gap ends it", ge=0, le=MANY)
     min_seen: Share = key(
         0.7,
-        "part of a chunk's values that must have been measured, of the components with a column; at 1, with a column "
-        "for each component, models may rely on windows without gaps",
+        "share of a chunk's values, over the components with a column, that must have been measured; at 1, with a "
+        "column for each component, models may rely on windows without gaps",
     )
-    split: SplitSettings = key(SplitSettings, "which pieces train, which validate and which test")
+    split: SplitSettings = key(SplitSettings, "which pieces are for training, validation and testing")
 
     @model_validator(mode="after")
     def _horizons_are_longer(self) -> Self:

@@ -18,8 +18,8 @@ Powers = Annotated[tuple[Annotated[int, Field(ge=1, le=20)], ...], Field(strict=
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 Activation = Literal["relu", "silu", "selu", "tanh"]
 LATENT = "size of z_a"
-START = "of the last layer's usual first size; near zero the expert is alone at first"
-ACTIVATION = "of the network"
+START = "initial size of the last layer, as a multiple of the usual one; near zero the expert is alone at first"
+ACTIVATION = "activation function of the network"
 
 
 class PartSettings(Settings):
@@ -45,11 +45,14 @@ class WindowSettings(EncoderSettings):
 
     COMPONENTS = ("windows", "angles")
 
-    kind: Literal["window"] = key("window", "a fully connected network of windows of chosen components")
+    kind: Literal["window"] = key("window", "a fully connected network on windows of chosen components")
     windows: dict[str, Range] = key(
-        ..., "first and last time of each component that is seen; the first point is seen as well", "s", min_length=1
+        ...,
+        "first and last time at which each component named here is seen; the first point is seen as well",
+        "s",
+        min_length=1,
     )
-    angles: Names = key((), "components that enter as angles: by sine, cosine and the sines of their increments")
+    angles: Names = key((), "components that enter as angles: as sine, cosine and the sines of their increments")
     layers: Hidden = key((300, 300, 300), "widths of the hidden layers")
     latent: Width = key(10, LATENT)
     activation: Activation = key("relu", ACTIVATION)
@@ -59,7 +62,7 @@ class WindowSettings(EncoderSettings):
 class RecurrentSettings(EncoderSettings):
     """A recurrent network over the observed states."""
 
-    kind: Literal["recurrent"] = key("recurrent", "a GRU over the observed states, whose last state is z_a")
+    kind: Literal["recurrent"] = key("recurrent", "a GRU over the observed states; its last state is z_a")
     hidden: Width = key(128, "size of the recurrent state, which is z_a")
     layers: Widths = key((150, 150, 150), "widths of the hidden layers that estimate z_e")
 
@@ -69,13 +72,17 @@ class TwoStepSettings(EncoderSettings):
 
     COMPONENTS = ("windows", "angles")
 
-    kind: Literal["two_step"] = key("two_step", "the hybrid-VAE's encoder: z_a, then z_e of the filtered window")
+    kind: Literal["two_step"] = key(
+        "two_step", "the hybrid-VAE's encoder: first z_a, then z_e from the filtered window"
+    )
     latent: Width = key(1, LATENT)
-    latent_layers: Widths = key((256, 256, 128, 32), "hidden layers of g_a, which gives z_a")
-    filter_layers: Widths = key((128, 128), "hidden layers of g_p1, which takes away what the interaction did")
-    expert_layers: Widths = key((128, 128, 256, 64, 32), "hidden layers of g_p2, which gives z_e")
+    latent_layers: Widths = key((256, 256, 128, 32), "widths of the hidden layers of g_a, which gives z_a")
+    filter_layers: Widths = key(
+        (128, 128), "widths of the hidden layers of g_p1, which removes what the interaction did"
+    )
+    expert_layers: Widths = key((128, 128, 256, 64, 32), "widths of the hidden layers of g_p2, which gives z_e")
     windows: Annotated[dict[str, Range], Field(min_length=1)] | None = key(
-        None, "first and last time of each component that is seen; null = every observed state", "s"
+        None, "first and last time at which each component named here is seen; null = every observed state", "s"
     )
     angles: Names = key((), "components of the windows that enter as angles")
     skip: bool = key(False, "whether a linear map of the inputs is added to the estimate of z_e")
@@ -100,10 +107,10 @@ class _Convolutions(EncoderSettings):
 class ConvSettings(_Convolutions):
     """A convolutional network of the observed fields."""
 
-    kind: Literal["conv"] = key("conv", "a convolutional network of the observed fields")
-    channels: Hidden = key((32, 32, 64), "of the layers, 3 × 3 each")
-    strides: Strides = key((1, 2, 2), "of the layers")
-    layers: Hidden = key((128,), "hidden layers of the network on the layers' averages")
+    kind: Literal["conv"] = key("conv", "a convolutional network on the observed fields")
+    channels: Hidden = key((32, 32, 64), "channels of the convolutional layers, 3 × 3 each")
+    strides: Strides = key((1, 2, 2), "strides of these layers")
+    layers: Hidden = key((128,), "widths of the hidden layers of the network on the averages of these layers")
     latent: Width = key(10, LATENT)
 
 
@@ -112,10 +119,10 @@ class ConvTwoStepSettings(_Convolutions):
 
     kind: Literal["conv_two_step"] = key("conv_two_step", "the hybrid-VAE's encoder for fields")
     latent: Width = key(10, LATENT)
-    channels: Hidden = key((32, 32, 64), "of the layers of g_a and g_p2, 3 × 3 each")
-    strides: Strides = key((1, 2, 2), "of these layers")
-    layers: Widths = key((128,), "hidden layers of the networks on their averages")
-    filter_channels: Hidden = key((16, 32, 32), "of the levels of the U-Net g_p1")
+    channels: Hidden = key((32, 32, 64), "channels of the convolutional layers of g_a and g_p2, 3 × 3 each")
+    strides: Strides = key((1, 2, 2), "strides of these layers")
+    layers: Widths = key((128,), "widths of the hidden layers of the networks on the averages of these layers")
+    filter_channels: Hidden = key((16, 32, 32), "channels of the levels of the U-Net g_p1")
     powers: Powers | None = key(None, "powers of the fields whose moments g_a and g_p2 see; null = convolutions")
 
 
@@ -124,7 +131,7 @@ class MomentSettings(EncoderSettings):
 
     FIELDS = True
 
-    kind: Literal["moments"] = key("moments", "a fully connected network of moments of the observed fields")
+    kind: Literal["moments"] = key("moments", "a fully connected network on moments of the observed fields")
     powers: Powers = key((1, 3), "powers of the fields whose moments are taken")
     layers: Hidden = key((128, 128), "widths of the hidden layers")
     latent: Width = key(1, LATENT)
@@ -143,10 +150,10 @@ class InteractionSettings(PartSettings):
 class MLPSettings(InteractionSettings):
     """A fully connected network of the state and z_a."""
 
-    kind: Literal["mlp"] = key("mlp", "a fully connected network of the state and z_a")
+    kind: Literal["mlp"] = key("mlp", "a fully connected network on the state and z_a")
     layers: Hidden = key((50, 50, 50), "widths of the hidden layers")
     activation: Activation = key("relu", ACTIVATION)
-    components: Names | None = key(None, "components on whose rates F_a acts; null = all")
+    components: Names | None = key(None, "F_a acts on the rates of these components; null = all")
     reads: Names | None = key(None, "components that F_a sees; null = all")
     inputs: bool = key(False, "whether F_a sees the system's known inputs")
     time: bool = key(False, "whether F_a sees the time")
@@ -158,12 +165,12 @@ class ConvInteractionSettings(InteractionSettings):
 
     FIELDS = True
 
-    kind: Literal["conv"] = key("conv", "a convolutional network of the fields and z_a")
-    channels: Hidden = key((16, 16), "of the hidden layers")
+    kind: Literal["conv"] = key("conv", "a convolutional network on the fields and z_a")
+    channels: Hidden = key((16, 16), "channels of the hidden layers")
     kernels: Annotated[tuple[Annotated[int, Field(ge=1, le=99)], ...], Field(strict=False)] = key(
-        (3, 3, 3), "odd sizes of every layer's kernel, one more than channels; 1 = local"
+        (3, 3, 3), "odd kernel size of every layer, one more entry than channels; 1 = local"
     )
-    precision: Literal["float32", "bfloat16"] = key("float32", "of the convolutions")
+    precision: Literal["float32", "bfloat16"] = key("float32", "numerical precision of the convolutions")
     start: Positive = key(1.0, START)
 
     @model_validator(mode="after")
@@ -177,18 +184,18 @@ class ConvInteractionSettings(InteractionSettings):
 class PolynomialSettings(InteractionSettings):
     """A polynomial of the state."""
 
-    kind: Literal["polynomial"] = key("polynomial", "a polynomial of the state, whose coefficients z_a may set")
-    degree: int = key(3, "of the polynomial", ge=0, le=12)
-    latent_degree: int = key(0, "up to which degree z_a sets the coefficients", ge=-1, le=12)
-    layers: Widths = key((), "hidden layers of the network from z_a to these coefficients")
-    components: Names | None = key(None, "components on whose rates F_a acts; null = all")
+    kind: Literal["polynomial"] = key("polynomial", "a polynomial in the state, with coefficients that z_a may set")
+    degree: int = key(3, "degree of the polynomial", ge=0, le=12)
+    latent_degree: int = key(0, "degree up to which z_a sets the coefficients", ge=-1, le=12)
+    layers: Widths = key((), "widths of the hidden layers of the network from z_a to these coefficients")
+    components: Names | None = key(None, "F_a acts on the rates of these components; null = all")
     reads: Names | None = key(None, "components that F_a sees; null = all")
 
 
 class DampingSettings(InteractionSettings):
     """A linear damping whose rate grows with z_a."""
 
-    kind: Literal["damping"] = key("damping", "a linear damping, whose positive rate grows with z_a")
+    kind: Literal["damping"] = key("damping", "a linear damping with a positive rate that grows with z_a")
     components: Names | None = key(None, "components that are damped, each in proportion to itself; null = all")
 
 

@@ -18,12 +18,12 @@ class VideoKeys(TimeKeys):
 
     path: Annotated[Annotated[str, ONE] | Annotated[list[str], LIST], by_shape] | None = key(
         None,
-        "a folder, a file or a glob, or a list of them; each video, and each folder of pictures, is a recording of its "
-        "name",
+        "a folder, a file or a glob, or a list of these; each video and each folder of pictures is a recording, named "
+        "after it",
     )
-    rate_hz: Positive | None = key(None, "frames per second; null = as the file says", "Hz")
+    rate_hz: Positive | None = key(None, "frames per second; null = as stated in the file", "Hz")
     rate_provenance: str | None = key(
-        None, "where that rate is known from, kept in the reports; null = the file, or this configuration"
+        None, "where that rate comes from; kept in the reports; null = the file, or this configuration"
     )
     image_size_px: SizePair | None = key(None, "width and height that every video must have; null = any", "px")
 
@@ -31,7 +31,7 @@ class VideoKeys(TimeKeys):
 class MarkerKeys(MarkerSettings):
     """Marker CSVs in the layout of IBM's Double Pendulum Chaotic dataset."""
 
-    path: str | None = key(None, "a folder of CSVs, or its .tar.gz or .zip")
+    path: str | None = key(None, "a folder of CSVs, or an archive of it as .tar.gz or .zip")
     sha256: Sha256 | None = key(None, "SHA-256 of the archive; null = not checked")
 
 
@@ -40,7 +40,7 @@ class OwnKeys(Settings):
 
     tracking: dict[str, Any] = key(LEFT_OUT, "keys of recordings.tracking")
     angles: dict[str, Any] = key(LEFT_OUT, "keys of recordings.angles")
-    videos: dict[str, Any] = key(LEFT_OUT, "keys of recordings.videos, but for path")
+    videos: dict[str, Any] = key(LEFT_OUT, "keys of recordings.videos, except path")
 
 
 class RecordingKeys(Settings):
@@ -51,33 +51,35 @@ class RecordingKeys(Settings):
     )
     analysis_rate_hz: Positive = key(
         400.0,
-        "frames per second that are analysed; angles of a video of another or a variable rate are resampled to it",
+        "frames per second that are analysed; the angles of a video with another or a variable rate are resampled to "
+        "it",
         "Hz",
     )
     on_bad_recording: Literal["stop", "skip"] = key(
         "stop",
-        "a recording that is refused by any stage - stop = the run ends; skip = it goes on without it, and the table "
-        "of recordings says why",
+        "what happens if any stage refuses a recording: stop = the run ends; skip = it goes on without that "
+        "recording, and the table of recordings says why",
     )
     checksums: str | None = key(
-        None, "file of SHA-256 checksums of the videos or marker CSVs, as sha256sum writes it; null = not checked"
+        None, "file with the SHA-256 checksums of the videos or marker CSVs, as sha256sum writes it; null = not checked"
     )
     corrections: str | None = key(
         None,
-        "CSV of markers placed by hand: recording, frame, marker (pivot, joint, tip; all = do not use it), x, y",
+        "CSV of markers placed by hand, with the columns recording, frame, marker (pivot, joint, tip; all = do not "
+        "use the frame), x, y",
     )
     arms_m: PositivePair | None = key(
         (0.091, 0.070),
-        "lengths of the two arms, which give the frame rate that the motion implies; null = not known",
+        "lengths of the two arms, from which the frame rate that the motion implies is computed; null = not known",
         "m",
     )
-    rendered: Rendered = key(Rendered, "the embedded default, simulated and rendered as video")
-    videos: VideoKeys = key(VideoKeys, "your own videos, in any usual container that FFmpeg reads")
+    rendered: Rendered = key(Rendered, "the built-in default, simulated and rendered as video")
+    videos: VideoKeys = key(VideoKeys, "your own videos, in any common container that FFmpeg reads")
     markers: MarkerKeys = key(MarkerKeys, "marker CSVs in the layout of IBM's Double Pendulum Chaotic dataset")
-    tracking: TrackKeys = key(TrackKeys, "of the marker tracker; lengths in px")
-    angles: AngleKeys = key(AngleKeys, "from marker positions to arm angles")
+    tracking: TrackKeys = key(TrackKeys, "settings of the marker tracker; lengths in px")
+    angles: AngleKeys = key(AngleKeys, "how arm angles are measured from marker positions")
     by_recording: dict[str, OwnKeys] = key(
-        dict, "what differs by recording, by its name: expertaug inspect proposes it"
+        dict, "settings that differ between recordings, by the recording's name; expertaug inspect proposes them"
     )
     overlay: OverlayKeys = key(
         OverlayKeys,

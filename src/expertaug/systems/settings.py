@@ -22,13 +22,13 @@ class SolverSettings(Settings):
 
     method: Literal["euler", "midpoint", "rk4", "lawson4", "rodas3", "dopri5", "dopri8", "radau", "bdf"] = key(
         "rk4",
-        "euler, midpoint, rk4, lawson4 (which has a linear part of the expert exact) and rodas3 (stiff systems) step "
-        "from data time to data time; dopri5, dopri8 and, for stiff systems but without gradients, radau and bdf by "
-        "tolerance",
+        "euler, midpoint, rk4, lawson4 (which treats a linear part of the expert exactly) and rodas3 (for stiff "
+        "systems) step from data time to data time; dopri5, dopri8 and, for stiff systems but without gradients, "
+        "radau and bdf choose their steps by tolerance",
     )
     rtol: Positive = key(1.0e-6, "relative tolerance of an adaptive method")
     atol: Positive = key(1.0e-6, "absolute tolerance of an adaptive method, in the state's units")
-    substeps: int = key(1, "steps of a fixed-grid method from data time to data time", ge=1, le=10_000)
+    substeps: int = key(1, "number of steps of a fixed-grid method between consecutive data times", ge=1, le=10_000)
 
 
 class SystemSettings(Settings):
@@ -93,9 +93,9 @@ class BouncingBallSettings(SystemSettings):
     EVENTS = True
 
     name: Literal["bouncing_ball"] = key("bouncing_ball", "a ball that bounces on the ground")
-    rest_m_s: float = key(0.05, "a ball that leaves the ground more slowly stays there", "m/s", ge=0)
+    rest_m_s: float = key(0.05, "a ball that leaves the ground more slowly than this stays there", "m/s", ge=0)
     observed: Literal["all", "height"] = key(
-        "all", "whose errors count: height alone lets F_a be learned, for speeds jump"
+        "all", "which components' errors count; F_a can be learned only with height, since speeds jump"
     )
 
     @classmethod
@@ -112,11 +112,12 @@ class RLCSettings(SystemSettings):
 
     name: Literal["rlc"] = key("rlc", "the RLC circuit")
     equations: Literal["kirchhoff", "additive", "code"] = key(
-        "kirchhoff", "by what the resistor's term is divided: kirchhoff = L; additive = C, the paper's; code = L C"
+        "kirchhoff", "what the resistor's term is divided by: kirchhoff = L; additive = C, as in the paper; code = L C"
     )
     source_rad_s: float = key(2.0, "angular frequency of the source", "rad/s")
     source: Literal["formula", "measured"] = key(
-        "formula", "the source's voltage: by a formula of its own, or measured = a known input of each trajectory"
+        "formula",
+        "the source's voltage: formula = by the system's own formula; measured = a known input of each trajectory",
     )
 
     @classmethod
@@ -134,7 +135,7 @@ class ReactionDiffusionSettings(SystemSettings):
 
     name: Literal["reaction_diffusion"] = key("reaction_diffusion", "reaction–diffusion on a periodic grid")
     reaction: Literal[False, "without_k"] = key(
-        False, "what of the reaction the expert knows: false = nothing; without_k = all but k, as the authors' code"
+        False, "what the expert knows of the reaction: false = nothing; without_k = all but k, as in the authors' code"
     )
 
 
@@ -156,14 +157,17 @@ class DoublePendulumSettings(SystemSettings):
 
     name: Literal["double_pendulum"] = key("double_pendulum", "the planar double pendulum")
     expert: Literal["compound", "point_mass"] = key(
-        "compound", "compound = a rigid body with fitted constants; point_mass = two equal point masses, the paper's"
+        "compound",
+        "compound = a rigid body with fitted constants; point_mass = two equal point masses, as in the paper",
     )
-    constants: PendulumConstants | None = key(None, "of the compound expert; null = those that data.calibrate fits")
+    constants: PendulumConstants | None = key(
+        None, "constants of the compound expert; null = those that data.calibrate fits"
+    )
     l1: Positive = key(0.091, "length of the first arm, for the point masses", "m")
     l2: Positive = key(0.070, "length of the second arm, for the point masses", "m")
     friction: Annotated[Annotated[Literal["calibrated"] | None, ONE] | Annotated[Pair, LIST], by_shape] = key(
         None,
-        "of the two joints, which the expert then knows; calibrated = what data.calibrate fits; null = none",
+        "friction of the two joints, which the expert then knows; calibrated = what data.calibrate fits; null = none",
         "1/s",
     )
 

@@ -17,16 +17,17 @@ class RectifyKeys(Settings):
 
     ellipse: bool = key(
         False,
-        "whether the view is told by the arms themselves, which are equally long in every direction; expertaug inspect "
-        "proposes it where it helps",
+        "whether the view is found from the arms themselves, which are equally long in every direction; expertaug "
+        "inspect proposes it where it helps",
     )
     checkerboard: str | None = key(
         None,
-        "a picture of a checkerboard taken as the video was, or a folder of them; the first shows it in the plane of "
-        "motion or parallel to it, but with ellipse, where only the lens is told by them",
+        "a picture of a checkerboard, taken in the same way as the video, or a folder of such pictures; the first "
+        "shows the board in the plane of motion or parallel to it, except with ellipse, where the pictures determine "
+        "only the lens",
     )
     corners: Annotated[tuple[Corners, Corners], Field(strict=False)] = key(
-        (9, 6), "inner corners of the board, across and down"
+        (9, 6), "number of inner corners of the board, across and down"
     )
 
 
@@ -36,41 +37,55 @@ class AngleKeys(Settings):
     WHERE: ClassVar[str] = "angles settings"
 
     max_gap_frames: int = key(8, "longest run of unusable frames that is interpolated", ge=0, le=MANY)
-    max_speed: Positive = key(80.0, "fastest rotation to expect; longer gaps could hide a whole turn", "rad/s")
+    max_speed: Positive = key(
+        80.0,
+        "fastest rotation to expect; it limits the gaps that are interpolated, since longer ones could hide a whole "
+        "turn",
+        "rad/s",
+    )
     arm_tolerance: Share | None = key(
         None,
-        "a frame with an arm off its median length by more than this share is unusable; null = eight standard "
-        "deviations of the recording's own lengths",
+        "a frame in which an arm differs from its median length by more than this share is unusable; null = eight "
+        "standard deviations of the recording's own lengths, but .5 % at least and 10 % at most",
     )
     model_offsets: bool = key(
         True,
-        "markers off their hinges, or in planes of different distance, are modelled where the arms' lengths tell of it",
+        "whether markers off their hinges, or in planes at different distances, are modelled where the arms' lengths "
+        "reveal this",
     )
     pivot_tolerance: Share = key(
-        0.05, "pivot markers off their median by more than this share of the first arm are not the pivot"
+        0.05,
+        "pivot markers that lie off their median by more than this share of the first arm are not taken for the pivot, "
+        "unless they are one arm from the joint and near those of their time, as with a moving camera",
     )
     pivot_window_s: NotNegative | None = key(
         None,
-        "time over which the pivot is averaged; 0 = each frame's own; null = what makes the first arm's length the "
-        "steadiest, so that a shaking camera is followed and a pivot at rest is not",
+        "time over which the pivot is averaged; 0 = each frame has its own; null = the time that makes the first "
+        "arm's length steadiest, so that a shaking camera is followed and a pivot at rest is not",
         "s",
     )
     rotation_deg: float = key(
-        0.0, "where gravity points in the image; 0 down, 90 right, -90 left, 180 up", "deg", ge=-360, le=360
+        0.0, "direction of gravity in the image; 0 down, 90 right, -90 left, 180 up", "deg", ge=-360, le=360
     )
-    rectify: RectifyKeys = key(RectifyKeys, "lens and oblique view, undone before angles are measured")
+    rectify: RectifyKeys = key(RectifyKeys, "lens distortion and oblique view, corrected before angles are measured")
     smoothing_window_s: Positive | None = key(
         None,
-        "window of the local polynomial that gives angles and speeds; null = for each frame as long as helps, by the "
-        "markers' own noise, from none to .08 s",
+        "window of the local polynomial that gives angles and speeds; null = for each frame, as long as it helps "
+        "given the markers' own noise, from none to .08 s or 9 frames",
         "s",
     )
-    smoothing_order: int = key(5, "its order", ge=1, le=9)
+    smoothing_order: int = key(5, "order of this polynomial", ge=1, le=9)
     outlier_sigmas: Positive = key(
-        12.0, "an angle further from the polynomial than this many standard deviations of the noise is unusable"
+        12.0,
+        "an angle is unusable if it is further from the polynomial than this many standard deviations of what is usual "
+        "around it and in the recording",
     )
-    outlier_floor_deg: NotNegative = key(0.5, "unless it is nearer than this", "deg")
-    min_usable_s: Positive = key(0.5, "a recording with less usable time is refused", "s")
+    outlier_floor_deg: NotNegative = key(
+        0.5,
+        "an angle closer to the polynomial than this, or than 5 % of the turn from frame to frame, is never an outlier",
+        "deg",
+    )
+    min_usable_s: Positive = key(0.5, "a recording with less usable time than this is refused", "s")
 
 
 class AngleSettings(AngleKeys):
@@ -92,7 +107,7 @@ class CalibrationKeys(Settings):
     WHERE: ClassVar[str] = "calibration settings"
 
     step_s: Annotated[float, Field(gt=0)] = key(
-        0.005, "longest Runge-Kutta step of the forecasts that judge the fits", "s"
+        0.005, "longest Runge-Kutta step of the forecasts by which the fits are judged", "s"
     )
 
 

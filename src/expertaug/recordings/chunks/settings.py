@@ -21,19 +21,20 @@ class ChunkKeys(Cutting):
 
     rate_hz: Positive | None = key(
         None,
-        "points per second, of which recordings.analysis_rate_hz is a multiple; null = the highest up to 100, and "
+        "points per second; the recordings' rate must be a multiple of it; null = the highest up to 100, and "
         "length and strides, given for 100, are scaled to it",
         "Hz",
     )
     by: Literal["energy", "time"] = key(
         "energy",
-        "energy = low energies train, high ones test; time = of each recording the start tests, the end trains",
+        "energy = low energies are for training, high ones for testing; time = the start of each recording is for "
+        "testing, its end for training",
     )
-    train_share: Share = key(0.4, "of the energy's blocks, or of each recording's duration")
+    train_share: Share = key(0.4, "share of the energy blocks, or of each recording's duration, in the training set")
     validation_share: Share = key(0.3, "the same for validation")
     test_share: Share = key(0.3, "the same for test; the three sum to 1")
     guard_s: NotNegative = key(
-        0.06, "time left out between frames of different sets, since angles are smoothed over their neighbours", "s"
+        0.06, "time left out between frames of different sets, since angles are smoothed over neighbouring frames", "s"
     )
 
     @model_validator(mode="after")

@@ -29,5 +29,7 @@ class MarkerSettings(Settings):
     rate_provenance: str = key("nominal rate of the dataset", "where that rate comes from; kept in the reports")
     scale: Positive = key(5.0, "number in the file = offset + scale × px", "1/px")
     offset: float = key(2.0, "see scale")
-    arm_tolerance: Share = key(0.1, "an arm off its median length by more than this share is no arm")
+    arm_tolerance: Share = key(
+        0.1, "an arm that differs from its median length by more than this share does not count as an arm"
+    )
     arm_outliers: Share = key(0.05, "a file with more than this share of such rows is refused")

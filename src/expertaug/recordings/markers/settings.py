@@ -13,9 +13,11 @@ from expertaug.settings import KEYS, MANY, ONE, Pair, Positive, Range, Settings,
 class ColourKeys(Settings):
     """A colour's ranges."""
 
-    hue: Pair = key(..., "first and last hue in degrees, 0 to 360; through 0 where the first is the larger", "deg")
-    saturation: Range = key((0.25, 1.0), "lowest and highest, 0 to 1")
-    value: Range = key((0.12, 1.0), "lowest and highest, 0 to 1")
+    hue: Pair = key(
+        ..., "first and last hue in degrees, 0 to 360; the range passes through 0 if the first is larger", "deg"
+    )
+    saturation: Range = key((0.25, 1.0), "lowest and highest saturation, 0 to 1")
+    value: Range = key((0.12, 1.0), "lowest and highest value, 0 to 1")
 
 
 Corners = Annotated[list[Pair], Field(min_length=2, max_length=100)]
@@ -28,10 +30,10 @@ class AppearanceKeys(Settings):
     style: Literal["quadrant", "disk"] = key(
         "quadrant", "quadrant = two coloured and two white sectors, on a dark background; disk = one colour"
     )
-    pivot: Colour | None = key("red", "colour of the fixed point's marker; null = it bears none")
+    pivot: Colour | None = key("red", "colour of the marker at the fixed pivot; null = the pivot has no marker")
     joint: Colour = key("green", "colour of the marker between the arms")
     tip: Colour | None = key(
-        "blue", "colour of the marker at the end of the second arm; null = a single pendulum, whose bob is the joint"
+        "blue", "colour of the marker at the end of the second arm; null = a single pendulum, with the joint as its bob"
     )
     pivot_px: Pair | None = key(
         None, "x and y of a pivot without a marker; null = the centre of the circle on which the joint moves", "px"
@@ -43,48 +45,52 @@ class TrackKeys(Settings):
 
     WHERE: ClassVar[str] = "track_markers settings"
 
-    markers: AppearanceKeys = key(AppearanceKeys, "how the markers look; expertaug inspect VIDEO proposes it")
+    markers: AppearanceKeys = key(AppearanceKeys, "how the markers look; expertaug inspect VIDEO proposes this")
     masks: list[Corners] = key(
         list,
-        "parts of the image in which no marker is looked for (hands, a text), by the x and y of their corners; two are "
-        "opposite corners of a rectangle",
+        "parts of the image in which no markers are searched for (hands, text), given by the x and y of their "
+        "corners; two corners are opposite corners of a rectangle",
         "px",
     )
     marker_diameter_px: Annotated[float, Field(ge=8, le=400)] | None = key(
         25.0, "approximate diameter of a marker; null = measured", "px"
     )
     arm1_px: Annotated[float, Field(ge=1)] | None = key(
-        None, "pivot to joint; null = estimated from the recording", "px"
+        None, "distance from pivot to joint; null = estimated from the recording", "px"
     )
-    arm2_px: Annotated[float, Field(ge=1)] | None = key(None, "joint to tip; null = estimated from the recording", "px")
+    arm2_px: Annotated[float, Field(ge=1)] | None = key(
+        None, "distance from joint to tip; null = estimated from the recording", "px"
+    )
     arm_tolerance_px: Positive | None = key(
         None,
-        "an arm further than this from its length makes the frame unusable; null = by the recording's own spread, so "
-        "that a marker off its hinge is none the worse",
+        "a frame in which an arm differs from its length by more than this is unusable; null = by the recording's own "
+        "spread, so that a marker off its hinge does no harm",
         "px",
     )
     arm_search_px: Positive | None = key(
-        None, "half width of the ring in which a marker is searched; null = by diameter and spread", "px"
+        None, "half the width of the ring in which a marker is searched for; null = by diameter and spread", "px"
     )
     diameter_tolerance_px: Positive | None = key(
-        None, "by how much a fitted disk may differ in diameter; null = 4, or .16 of a diameter over 25", "px"
+        None, "how much the diameter of a fitted disk may differ; null = 4, or .16 of a diameter over 25", "px"
     )
     rim_tolerance_px: Positive | None = key(
         None,
-        "a rim point this near the fitted circle counts as on it; null = .6, or .024 of a diameter over 25",
+        "a rim point this close to the fitted circle counts as on it; null = .6, or .024 of a diameter over 25",
         "px",
     )
-    min_rim_share: Share = key(0.5, "share of rim points on the circle below which there is no marker")
+    min_rim_share: Share = key(0.5, "share of rim points on the circle below which a disk is not a marker")
     max_residual_px: Positive | None = key(
         None,
-        "distance between the centres of a marker's rim and of its inside above which a frame is unusable; null = by "
-        "the recording's own, so that what is burnt into a disk does no harm",
+        "distance between the centre of a marker's rim and that of its inside above which a frame is unusable; "
+        "null = by the recording's own distances, so that a pattern burnt into a disk does no harm",
         "px",
     )
     min_level: float = key(
-        24.0, "luma that the darkest sector of a quadrant disk exceeds and the background does not", ge=1, le=254
+        24.0, "luma that the darkest sector of a quadrant disk exceeds but the background does not", ge=1, le=254
     )
-    calibration_frames: int = key(60, "frames from which arm lengths and diameter are estimated", ge=1, le=MANY)
+    calibration_frames: int = key(
+        60, "number of frames from which the arm lengths and the diameter are estimated", ge=1, le=MANY
+    )
     max_lost_share: Share = key(0.25, "share of unusable frames above which a video is refused")
 
 

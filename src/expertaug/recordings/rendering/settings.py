@@ -26,9 +26,9 @@ class LaunchSettings(Settings):
     """Ranges from which each recording's start is drawn."""
 
     energy: Range = key((200.0, 330.0), "mechanical energy", "s⁻²")
-    theta1: Range = key((1.3, 3.1), "angle of the first arm; half of the launches mirror both", "rad")
+    theta1: Range = key((1.3, 3.1), "angle of the first arm; in half of the launches, both angles are mirrored", "rad")
     theta2: Range = key((-0.5, 1.5), "angle of the second arm", "rad")
-    speed_ratio: Range = key((0.8, 2.5), "speed of the second arm over that of the first")
+    speed_ratio: Range = key((0.8, 2.5), "ratio of the second arm's speed to the first arm's")
 
 
 class RenderSettings(Settings):
@@ -36,21 +36,21 @@ class RenderSettings(Settings):
 
     WHERE: ClassVar[str] = "recordings.rendered"
 
-    seed: Seed = key(0, "of every random draw")
+    seed: Seed = key(0, "seed of all random draws")
     # None where it is not known: no recording depends on it.
-    count: Annotated[int, Field(ge=1, le=MOST)] | None = key(None, "recordings")
+    count: Annotated[int, Field(ge=1, le=MOST)] | None = key(None, "number of recordings")
     duration_s: Positive = key(40.0, "length of a recording", "s")
     rate_hz: Positive = key(400.0, "frames per second", "Hz")
-    image_size_px: int = key(480, "side of the square image; even", "px", ge=64, le=LARGEST, multiple_of=2)
+    image_size_px: int = key(480, "side of the square image; an even number", "px", ge=64, le=LARGEST, multiple_of=2)
     crf: int = key(18, "constant rate factor of the H.264 encoder; 0 = lossless", ge=0, le=51)
     preset: SPEEDS = key("superfast", "speed preset of the encoder")
     noise: float = key(4.0, "standard deviation of the sensor noise at full white, in grey levels", ge=0, le=50)
-    exposure_s: Positive = key(90.0e-6, "exposure of a frame, which blurs what moves", "s")
+    exposure_s: Positive = key(90.0e-6, "exposure time of a frame, which blurs moving parts", "s")
     pixels_per_metre: Positive = key(1294.5, "scale of the image", "px/m")
     arms_m: PositivePair = key((0.091, 0.0696), "lengths of the two arms between marker centres", "m")
     pivot_px: Pair = key((238.0, 239.0), "mean x and y of the pivot", "px")
-    pivot_spread_px: NotNegative = key(4.0, "half the range by which the pivot differs between recordings", "px")
-    constants: RigidBody = key(RigidBody, "of the rigid double pendulum")
+    pivot_spread_px: NotNegative = key(4.0, "half the range over which the pivot differs between recordings", "px")
+    constants: RigidBody = key(RigidBody, "constants of the rigid double pendulum")
     friction: Annotated[tuple[NotNegative, NotNegative], Field(strict=False)] = key(
         (0.045, 0.08), "viscous friction of the two joints", "s⁻¹"
     )
@@ -74,4 +74,4 @@ class RenderSettings(Settings):
 class Rendered(RenderSettings):
     """The same where the number of recordings is asked for."""
 
-    count: int = key(21, "recordings", ge=1, le=MOST)  # type: ignore[assignment]
+    count: int = key(21, "number of recordings", ge=1, le=MOST)  # type: ignore[assignment]

@@ -13,11 +13,11 @@ class OverlayView(Settings):
 
     WHERE: ClassVar[str] = "overlay settings"
 
-    fps: float = key(25.0, "frames per second of the overlay, at most", "Hz", gt=0, le=240)
-    speed: Positive = key(0.25, "of the overlay's time; 1 = the recording's own")
-    start_s: NotNegative = key(0.0, "where it starts in the recording", "s")
+    fps: float = key(25.0, "maximum frame rate of the overlay", "Hz", gt=0, le=240)
+    speed: Positive = key(0.25, "speed of the overlay; 1 = that of the recording")
+    start_s: NotNegative = key(0.0, "time in the recording at which the overlay starts", "s")
     duration_s: Positive | None = key(
-        10.0, "how much of the recording it shows; null = all; what is forecast is always shown", "s"
+        10.0, "how much of the recording the overlay shows; null = all; parts with forecasts are always shown", "s"
     )
 
 
@@ -37,8 +37,9 @@ class OverlayKeys(OverlayView):
     """Videos with markers, arms, angles and forecasts drawn over the frames (the target overlay makes them)."""
 
     experiment: str | None = key(
-        None, "of which forecasts are drawn where there are any; null = the run's first on recordings"
+        None,
+        "experiment from which forecasts, if there are any, are drawn; null = the run's first experiment on recordings",
     )
     variants: list[str] | None = key(
-        None, "methods, with a + where augmented, whose forecasts are drawn; null = the experiment's last"
+        None, "methods for which forecasts are drawn, with a + for augmented versions; null = the experiment's last"
     )

@@ -17,12 +17,14 @@ class TimeKeys(Settings):
 
     times: str | None = key(
         None,
-        "of a folder of pictures - a CSV in it with the columns file and t; names = the last number in each file's "
-        "name; null = even, at rate_hz",
+        "for a folder of pictures: the name of a CSV in it with the columns file and t; names = the last number in "
+        "each file's name; null = evenly spaced, at rate_hz",
     )
-    time_unit_s: Positive = key(1.0, "seconds of a unit of these times: 0.001 for milliseconds", "s")
-    from_s: NotNegative = key(0.0, "frames from here on are used, in the time that a player shows", "s")
-    to_s: Positive | None = key(None, "frames up to here are used, and later ones not even read; null = all", "s")
+    time_unit_s: Positive = key(1.0, "length of one unit of these times: 0.001 for milliseconds", "s")
+    from_s: NotNegative = key(0.0, "time, as a player shows it, from which frames are used", "s")
+    to_s: Positive | None = key(
+        None, "time up to which frames are used; later frames are not even read; null = all", "s"
+    )
 
 
 class ExtractSettings(TimeKeys):
