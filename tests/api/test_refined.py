@@ -7,9 +7,12 @@ import io
 import numpy as np
 import pandas as pd
 import pytest
+import torch
+from small_pendulum import OPTIONS
 
 import expertaug as ea
 from expertaug.cli import main
+from expertaug.inference.latent import Latent
 
 T = np.linspace(0, 4, 41)
 PRIOR = {"omega0": [0.5, 3.5]}
@@ -47,6 +50,28 @@ def test_a_file_knows_how_it_is_fitted(clean, fitted, tmp_path, capsys):
     table = pd.read_csv(io.StringIO(capsys.readouterr().out))
     np.testing.assert_allclose(table["theta [rad]"], fitted.forecast(window[:1], T).y[0, :, 0], rtol=1e-4, atol=1e-5)
     assert table["chi2"].nunique() == 1
+
+
+def test_of_a_long_z_a_only_what_varies_most_is_sought(sets, tmp_path):
+    encoder = {"kind": "recurrent", "hidden": 24, "layers": [8]}
+    recipe = ea.HybridModel(ea.DampedPendulum(), encoder=encoder, interaction={"kind": "mlp", "layers": [6, 6]})
+    trained = ea.fit(recipe, sets["train"], sets["validation"], observed_s=1.0, seeds=[0, 1], **OPTIONS)
+    trained.save(tmp_path / "model.safetensors")
+    model = ea.load(tmp_path / "model.safetensors")[1]
+    latent = Latent.of(model.stored.description)
+    assert latent.mean.shape == (1, 24) and latent.axes.shape == (1, 10, 24) and latent.size == 10
+    window = sets["train"].y[:6, : model.observed]
+    z_a = model.stored.model.encode(torch.from_numpy(window).movedim(1, 0).unsqueeze(1)).z_a.mean.detach().double()
+    again = latent.z_a(latent.coordinates(z_a))
+    assert (again - z_a).square().mean() < 0.05 * (z_a - latent.mean).square().mean()  # ten axes hold nearly all
+    np.testing.assert_allclose(latent.coordinates(again), latent.coordinates(z_a), atol=1e-8)
+    one = torch.eye(10, dtype=torch.float64)[None]
+    np.testing.assert_allclose(latent.spread(one), (latent.z_a(one) - latent.mean).abs(), atol=1e-12)
+
+    refined = model.refined(noise=0.01, prior=PRIOR)
+    own, better = (m.forecast(window, sets["train"].t) for m in (model, refined))
+    assert refined.predictor.fit.sizes == (1, 10, 2)
+    assert better.misfit.mean() < own.misfit.mean()
 
 
 def test_a_trained_model_is_refined_and_stays_as_it_is(sets, fit, tmp_path, capsys):

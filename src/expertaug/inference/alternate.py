@@ -14,10 +14,11 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.inference.alternation import Alternation
+from expertaug.inference.latent import Latent
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.settings import AlternatingSettings, RefinementSettings
 from expertaug.inference.window_fit import WindowFit
-from expertaug.inference.window_problem import Latent, assumed_noise
+from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning import job
 from expertaug.learning.fitting import Record
 from expertaug.learning.misfit import recorded

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
+from expertaug.inference.latent import Latent
 from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_fit import WindowFit
-from expertaug.inference.window_problem import Latent, assumed_noise
+from expertaug.inference.window_problem import assumed_noise
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates, Estimator
 from expertaug.models.measurement_noise import GivenNoise, is_some, noise_of

@@ -11,11 +11,11 @@ from torch import Tensor, nn
 from expertaug.inference.window_problem import SMALLEST, free_components, given_components
 from expertaug.models.gaps import ends_of
 from expertaug.models.measurement_noise import NoiseLike, is_some
+from expertaug.models.principal import principal_axes, scores_of
 from expertaug.systems import System
 from expertaug.systems.numbers import beside
 
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of a uniform number
-DEAD = 1e-5  # of the whole: a principal component with a smaller standard deviation does not vary
 
 
 def box(system: System, low: Tensor, high: Tensor, margin: float) -> tuple[Tensor, Tensor]:
@@ -64,13 +64,8 @@ class Unknowns(nn.Module):
         self.ranges = None if ranges is None else [values[self.given].tolist() for values in ends_of(ranges)]
         self.register_buffer("low", low.unsqueeze(0).clone())
         self.register_buffer("high", high.unsqueeze(0).clone())
-        mean = latents.mean(0, keepdim=True)
-        spread = (latents - mean).double()
-        squares, columns = torch.linalg.eigh(spread.mT @ spread / max(len(latents) - 1, 1))
-        std = squares.flip(0)[:components].clamp_min(0.0).sqrt()
-        alive = std > DEAD * squares.clamp_min(0.0).sum().sqrt()
-        rows = columns.mT.flip(0)[:components] * torch.where(alive, std, 0.0).unsqueeze(-1)
-        self.register_buffer("mean", mean)
+        rows = principal_axes(latents, components)
+        self.register_buffer("mean", latents.mean(0, keepdim=True))
         self.register_buffer("rows", rows.to(latents))  # (components, Q), of one standard deviation each
         self.sizes = (low.numel(), len(rows), len(self.given))
 
@@ -81,9 +76,7 @@ class Unknowns(nn.Module):
 
     def scores(self, z_a: Tensor) -> Tensor:
         """Principal components (…, N, ·) of z_a (…, N, Q), in standard deviations."""
-        squares = self.rows.square().sum(-1)
-        inverse = torch.where(squares > 0, 1 / squares.clamp_min(1e-30), 0.0).unsqueeze(-1) * self.rows
-        return (z_a - self.mean) @ inverse.transpose(-1, -2)
+        return scores_of(z_a - self.mean, self.rows)
 
     def latent(self, scores: Tensor) -> Tensor:
         """z_a (…, B, Q) of principal components (…, B, ·)."""

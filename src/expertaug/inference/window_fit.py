@@ -77,7 +77,7 @@ class WindowFit(WindowProblem):
         parameters = self.system.expert_parameters
         raw = unconstrain(z_e, parameters)
         log_std = (std[..., :p] * slope).clamp_min(1e-30).log() - log_slope(raw, parameters)
-        spread = (std[..., p : p + q] * self.latent.std.unsqueeze(1)).clamp_min(1e-30).log()
+        spread = self.latent.spread(std[..., p : p + q]).clamp_min(1e-30).log()
         posterior = Posterior(Gaussian(raw, log_std, parameters), Gaussian(z_a, spread))
         return Estimates(start, z_e, z_a, posterior, (cost - pulled) / freedom, root=root)
 

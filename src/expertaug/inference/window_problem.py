@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
+from expertaug.inference.latent import Latent
 from expertaug.inference.levenberg_marquardt import LONGEST
 from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.bound import FACTOR, solved
@@ -27,26 +27,12 @@ FARTHEST = 10.0  # step of a first point, in standard deviations of the noise
 MEMORY = 2**26  # bytes of the states that are compared at a time
 
 
-@dataclass(frozen=True)
-class Latent:
-    """Where the z_a of the training windows lie: mean and standard deviation, (S, Q) each."""
-
-    mean: Tensor
-    std: Tensor
-
-    @classmethod
-    def of(cls, description: Mapping) -> Latent:
-        """Of a model file's description; the expert alone has none."""
-        found = description.get("latent") or {"mean": [[]], "std": [[]]}
-        mean, std = (torch.tensor(found[k], dtype=torch.float64) for k in ("mean", "std"))
-        return cls(mean, std.clamp_min(1e-6))
-
-
 class WindowProblem:
     """What a window says of (z_e, z_a, y0): squares of residuals, whose sum is least at the estimate.
 
-    Its parameters are ln(z_e / scale) where z_e is positive, z_e / scale elsewhere, z_a in standard deviations
-    of the training windows, and, where the first point is noisy, its components in standard deviations of the noise.
+    Its parameters are ln(z_e / scale) where z_e is positive, z_e / scale elsewhere, z_a (of a long one its first
+    principal components) in standard deviations of the training windows, and, where the first point is noisy, its
+    components in standard deviations of the noise.
 
     Arguments:
         decoder: stacked over S seeds, or without parameters.
@@ -89,7 +75,7 @@ class WindowProblem:
         if ranges is not None:
             self.start = free_components(system)
         self.counts = _counts(system, self.t, settings.windows if "windows" in settings.model_fields_set else {})
-        self.sizes = (len(self.scale), latent.mean.shape[-1], int(self.start.sum()))
+        self.sizes = (len(self.scale), latent.size, int(self.start.sum()))
         # A first point may be several standard deviations off, and its residuals are nearly linear in it.
         longest = torch.full((sum(self.sizes),), LONGEST, dtype=torch.float64)
         longest[len(longest) - self.sizes[2] :] = FARTHEST
@@ -160,7 +146,7 @@ class WindowProblem:
         """Parameters (S, N, K) and observed first points (S, N, *state) → z_e, z_a, first points."""
         raw, latent, start = x.split(self.sizes, dim=-1)
         z_e = self.scale * torch.where(self.positive, raw.exp(), raw)
-        z_a = self.latent.mean.unsqueeze(1) + self.latent.std.unsqueeze(1) * latent
+        z_a = self.latent.z_a(latent)
         if self.start.any() or self.ranges is not None:
             y0, unit = self._first(y0)
             y0 = y0.clone()
@@ -172,7 +158,7 @@ class WindowProblem:
         assert first.z_e is not None and first.z_a is not None
         size = first.z_e.double() / self.scale
         raw = torch.where(self.positive, size.clamp_min(1e-3).log(), size)
-        latent = (first.z_a.double() - self.latent.mean.unsqueeze(1)) / self.latent.std.unsqueeze(1)
+        latent = self.latent.coordinates(first.z_a.double())
         start = raw[..., :0]
         if self.start.any():
             around, unit = self._first(y0)

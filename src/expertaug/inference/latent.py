@@ -1,0 +1,56 @@
+"""Where z_a lies in training, and the coordinates in which a fit of a window seeks it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from expertaug.models.principal import scores_of
+
+
+@dataclass(frozen=True)
+class Latent:
+    """Where the z_a of the training windows lie, and in which coordinates a fit seeks one.
+
+    Attributes:
+        mean, std: (S, Q) each.
+        axes: principal axes (S, C, Q), where z_a has too many components to seek each: the others stay at their mean.
+    """
+
+    mean: Tensor
+    std: Tensor
+    axes: Tensor | None = None
+
+    @classmethod
+    def of(cls, description: Mapping) -> Latent:
+        """Of a model file's description; the expert alone has none."""
+        found = description.get("latent") or {"mean": [[]], "std": [[]]}
+        mean, std, axes = (
+            torch.tensor(found[k], dtype=torch.float64) if k in found else None for k in ("mean", "std", "axes")
+        )
+        assert mean is not None and std is not None
+        return cls(mean, std.clamp_min(1e-6), axes)
+
+    @property
+    def size(self) -> int:
+        """Coordinates of z_a."""
+        return self.mean.shape[-1] if self.axes is None else self.axes.shape[-2]
+
+    def z_a(self, coordinates: Tensor) -> Tensor:
+        """z_a (S, N, Q) of coordinates (S, N, size), in standard deviations."""
+        moved = self.std.unsqueeze(1) * coordinates if self.axes is None else coordinates @ self.axes
+        return self.mean.unsqueeze(1) + moved
+
+    def coordinates(self, z_a: Tensor) -> Tensor:
+        """Of z_a (S, N, Q): (S, N, size)."""
+        away = z_a - self.mean.unsqueeze(1)
+        return away / self.std.unsqueeze(1) if self.axes is None else scores_of(away, self.axes)
+
+    def spread(self, std: Tensor) -> Tensor:
+        """Standard deviation (S, N, Q) of z_a from that of coordinates (S, N, size), to first order."""
+        if self.axes is None:
+            return std * self.std.unsqueeze(1)
+        return (std.square() @ self.axes.square()).sqrt()
