@@ -47,6 +47,11 @@ def test_each_method_gets_the_options_of_its_objective(base):
     assert "lambda0" in settings(base, "aphynity")["training"]["objective"]
 
 
+def test_options_of_methods_that_were_left_out_do_no_harm(base):
+    only = "experiments: {pendulum: {methods: [variational], augmented: [], controls: [], flows: [], refined: []}}"
+    assert settings(base, "variational", only)["training"]["objective"] == {"alpha": 0.5}
+
+
 def test_only_objectives_that_need_p_plus_depend_on_it(base):
     assert settings(base, "variational")["prior"] == {"omega0": [0.5, 3.5]}
     assert "prior" not in settings(base, "aphynity")

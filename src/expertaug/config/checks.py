@@ -151,6 +151,8 @@ def _objectives(where: str, one: Mapping, methods: Mapping) -> Iterator[InputErr
         at = f"{where}.{block}.objective"
         for option, value in given.items() if kinds else ():
             takers = [k for k in kinds if options.takes_option(k, option)]
+            # What this experiment is based on may have methods of other objectives.
+            takers = takers or [k for k in options.OBJECTIVES if options.takes_option(k, option)]
             # Each method takes of these what is its own objective's; what none takes is said by the first of them.
             for kind in takers or list(kinds)[:1]:
                 of_it = options.of_objective(kind, {option: value}, at)
