@@ -32,6 +32,7 @@ def test_versions_are_in_the_order_of_their_methods():
 
 def test_lines_of_augmented_versions_are_solid():
     assert plotting.dash("a+x") == plotting.dash("a+") == "-" != plotting.dash("a")
+    assert len({plotting.dash(version) for version in ("a", "a=", "a+", "a~refined")}) == 4
 
 
 def test_which_file_a_version_uses_and_what_it_is():

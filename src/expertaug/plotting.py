@@ -46,7 +46,7 @@ RC = {
 }
 # Hues that the colour-blind tell apart (Okabe and Ito, with a grey, a brown and an olive).
 HUES = ("#7A7A7A", "#E69F00", "#009E73", "#56B4E9", "#8C5A2B", "#0072B2", "#D55E00", "#B5589A", "#999933")
-DASHED = (0, (3.5, 1.6))
+DASHED, DASH_DOTTED = (0, (3.5, 1.6)), (0, (6.0, 1.6, 1.0, 1.6))
 LETTERS = "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|chi|psi|omega"
 
 
@@ -81,9 +81,12 @@ def _hues(drawn: Sequence[str], methods: Sequence[str]) -> dict[str, int]:
 
 
 def dash(variant: str) -> str | tuple:
-    """The style of a version's line: dotted when refined, solid when augmented, else dashed."""
+    """The style of a version's line: dotted when refined, solid when augmented, dash-dotted when a control, which has
+    its base's colour, else dashed."""
     if is_refined(variant):
         return (0, (1, 1))
+    if is_control(variant):
+        return DASH_DOTTED
     return "-" if is_augmented(variant) else DASHED
 
 

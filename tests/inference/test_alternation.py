@@ -47,7 +47,7 @@ def prepared(data, settings):
 
 
 def test_finds_the_damping(data, settings):
-    settings["training"] |= {"steps": 160, "validate_every": 40, "learning_rate": 0.02}
+    settings["training"] |= {"steps": 320, "validate_every": 40, "learning_rate": 0.02}
     settings["seeds"] = [0]
     training = prepared(data, settings)
     stored = training.run()
@@ -64,8 +64,7 @@ def test_finds_the_damping(data, settings):
     assert (rates[..., 0] == 0).all()
     error = (rates[..., 1] - truth).square().mean().sqrt() / truth.square().mean().sqrt()
     assert error < 0.25
-    off = (found.z_e[0] - torch.from_numpy(validation.z_e)).abs()
-    assert off.median() < 0.02 and off.max() < 0.2  # of twenty windows; the last digits are the machine's
+    assert ((found.z_e[0] - torch.from_numpy(validation.z_e)).abs() < 0.05).all()
     assert stored.description["best_score"][0] < -6.5  # the noise alone: ln(2 · 0.01²) = −8.5; the expert alone: −2
 
 
