@@ -88,3 +88,10 @@ def test_tables_and_figures_are_told_each_method_s_own_p_plus(base):
     versions += ["aphynity+~flow", "aphynity+~flow~refined"]
     assert {label: p for label, p in told.items() if p != other} == dict.fromkeys(versions, own)
     assert stage_settings.study(valid, "pendulum", "prior_width")["priors"]["aphynity"][""] == own
+
+
+def test_fits_without_a_training_are_solved_as_the_trainings_are(base):
+    lawson = "{experiments: {pendulum: {training: {solver: {method: lawson4}}}}}"
+    for method in ("least_squares", "truth"):
+        assert settings(base, method)["training"] == {}
+        assert settings(base, method, lawson)["training"]["solver"]["method"] == "lawson4"

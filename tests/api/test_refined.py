@@ -39,6 +39,15 @@ def test_least_squares_forecasts_like_a_trained_model(clean, fitted):
     assert list(columns[-4:]) == ["z_e omega0 [rad/s]", "z_e omega0 std [rad/s]", "chi2", "misfit"]
 
 
+def test_diffusion_is_not_taken_in_coarse_steps():
+    field, t = ea.ReactionDiffusion(reaction="without_k"), np.arange(11) * 0.1
+    data = ea.simulate(field, {"a": (0.001, 0.002), "b": (0.003, 0.007)}, {"k": (0, 0)}, n=3, t=t)
+    fitted = ea.least_squares(field, data, observed_s=1.0, prior={"a": (0.001, 0.004), "b": (0.001, 0.01)}, starts=4)
+    found = fitted.forecast(data.y, t)
+    for k, name in enumerate(("a", "b")):
+        np.testing.assert_allclose(found.z_e[name], data.z_e[:, k], rtol=1e-4)
+
+
 def test_a_file_knows_how_it_is_fitted(clean, fitted, tmp_path, capsys):
     fitted.save(tmp_path / "model.safetensors")
     again = ea.load(tmp_path / "model.safetensors")
@@ -58,7 +67,7 @@ def test_of_a_long_z_a_only_what_varies_most_is_sought(sets, tmp_path):
     trained = ea.fit(recipe, sets["train"], sets["validation"], observed_s=1.0, seeds=[0, 1], **OPTIONS)
     trained.save(tmp_path / "model.safetensors")
     model = ea.load(tmp_path / "model.safetensors")[1]
-    latent = Latent.of(model.stored.description)
+    latent = Latent.of(model.stored.description, 10)
     assert latent.mean.shape == (1, 24) and latent.axes.shape == (1, 10, 24) and latent.size == 10
     window = sets["train"].y[:6, : model.observed]
     z_a = model.stored.model.encode(torch.from_numpy(window).movedim(1, 0).unsqueeze(1)).z_a.mean.detach().double()
@@ -71,6 +80,9 @@ def test_of_a_long_z_a_only_what_varies_most_is_sought(sets, tmp_path):
     refined = model.refined(noise=0.01, prior=PRIOR)
     own, better = (m.forecast(window, sets["train"].t) for m in (model, refined))
     assert refined.predictor.fit.sizes == (1, 10, 2)
+    few, whole = (model.refined(noise=0.01, prior=PRIOR, latent=n).predictor.fit for n in (3, 24))
+    assert few.sizes == (1, 3, 2) and torch.equal(few.latent.axes, latent.axes[:, :3])
+    assert whole.sizes == (1, 24, 2) and whole.latent.axes is None
     assert better.misfit.mean() < own.misfit.mean()
 
 

@@ -111,8 +111,9 @@ def test_the_true_equation_is_a_floor(name):
         t, ranges = np.linspace(0, 1, 11), {"a": (0.001, 0.002), "b": (0.003, 0.007)}
         z_a, solver, noise = {"k": (0.003, 0.005)}, {"method": "lawson4"}, 0.0
     data = trajectories(system, ranges, z_a, n=6, t=t, noise=noise, seed=2)
-    given = {"settings": {"starts": 8, "solver": solver} if solver else {}, "noise": noise, "prior": ranges}
-    settings = {"choices": {"observed_points": "inclusive"}, "seeds": [0, 1], "training": {}, "t1_s": float(t[-1])}
+    given = {"settings": {"starts": 8} if solver else {}, "noise": noise, "prior": ranges}
+    settings = {"choices": {"observed_points": "inclusive"}, "seeds": [0, 1], "t1_s": float(t[-1])}
+    settings["training"] = {"solver": solver} if solver else {}
     settings |= {"experiment": "e", "method": "truth", "label": "t", "preset": "corrected", "refinement": given}
     described = {"system": {"name": name}, "model": {}, "expert": True, "interaction": False}
     stored = train_stage.expert_alone(system, data, settings, described, truth=True)

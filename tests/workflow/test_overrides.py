@@ -119,3 +119,11 @@ def test_a_broken_class_of_ones_own_stops_the_run_before_its_first_job(tmp_path)
             "give rates of the states' shape (4, 2)",
         ]
         assert "simulate the" not in said and not (tmp_path / "results").exists()
+
+
+def test_no_validity_is_checked_where_it_is_null(tmp_path):
+    for text, checked in ((TEXT, True), (f"{TEXT}    validity: null\n", False)):
+        done = plan(tmp_path, text)
+        said = done.stdout + done.stderr
+        assert done.returncode == 0, said
+        assert ("validity_of_experiment" in said) == checked

@@ -185,7 +185,7 @@ def during_training_of(experiment):
 def window_studies_of(experiment):
     """Studies of single windows: every experiment's alarms, and curves where the training range is known."""
     named = ["alarm", "coverage", "distance"] if experiment in SIMULATED else ["alarm", "coverage"]
-    return [*named, "validity"] if jobs.with_interaction(CONFIG, experiment) else named
+    return [*named, "validity"] if jobs.checked(CONFIG, experiment) else named
 
 
 def studied(experiment, study):

@@ -237,7 +237,7 @@ rule validity_of_experiment:
     input:
         models=lambda w: [
             results(f"{w.experiment}/{method}/{seed_groups_of(w.experiment)[0]}/model.safetensors")
-            for method in jobs.with_interaction(CONFIG, w.experiment)
+            for method in jobs.checked(CONFIG, w.experiment)
         ],
         sets=lambda w: expand(
             results("{experiment}/data/{set}.npz"), experiment=w.experiment, set=sets_to_check(w.experiment)

@@ -30,6 +30,7 @@ class RefinementOptions(TypedDict, total=False):
     tries: int
     steps: int
     free_start: bool
+    latent: int
     latent_width: float
     windows: Mapping[str, tuple[float, float]]
     solver: Mapping

@@ -101,6 +101,11 @@ def with_interaction(config: Mapping, experiment: str) -> list[str]:
     return found
 
 
+def checked(config: Mapping, experiment: str) -> list[str]:
+    """Methods of which an experiment checks whether F_a holds where z_e has moved."""
+    return [] if config["experiments"][experiment]["validity"] is None else with_interaction(config, experiment)
+
+
 def studies(config: Mapping, experiment: str) -> list[str]:
     """Names of an experiment's studies."""
     named = list(config["experiments"][experiment]["studies"])

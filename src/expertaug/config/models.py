@@ -217,8 +217,10 @@ class Experiment(Settings):
     )
     flow: FlowSettings = key(FlowSettings, "how a flow learns the posterior from draws of a trained model")
     alternation: AlternatingSettings = key(AlternatingSettings, "how methods of kind alternating are trained")
-    validity: ValiditySettings = key(
-        ValiditySettings, "the check whether F_a still holds where z_e has moved, for every trained interaction model"
+    validity: ValiditySettings | None = key(
+        ValiditySettings,
+        "the check whether F_a still holds where z_e has moved, for every trained interaction model; null = no such "
+        "check",
     )
 
     @field_serializer("overrides")

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from expertaug import labels as naming
 from expertaug.config import options
-from expertaug.config.jobs import dissipating, label, seed_groups, sets, snapshots, with_interaction
+from expertaug.config.jobs import checked, dissipating, label, seed_groups, sets, snapshots
 from expertaug.config.methods import FITTED, build_of, experiment_of, foreign, modules, objective_of
 from expertaug.config.recording_settings import (
     calibrate,
@@ -109,7 +109,7 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
     if build["kind"] == "alternating":
         model, training = {"interaction": model["interaction"]}, one["alternation"]
     elif build["kind"] != "hybrid":
-        model, training = {}, {}
+        model, training = {}, _solver_of(training)
     else:
         training = _with_own_options(training, build)
         if options.needs_prior(objective_of(build), "objective"):
@@ -178,7 +178,8 @@ def own_prior(config: Mapping, experiment: str, variant: str, group: str | None)
         return found | {"device": config["device"], **foreign(config, experiment, method)}
     identity = {"experiment": experiment, "method": "least_squares", "label": "", "preset": config["preset"]}
     build = {"kind": "least_squares", "interaction": False}
-    told = {"system": one["system"], "build": build, "model": {}, "training": {}, "t1_s": one["data"]["t1_s"]}
+    told = {"system": one["system"], "build": build, "model": {}, "t1_s": one["data"]["t1_s"]}
+    told |= {"training": _solver_of(one["training"])}
     told |= {"start": one["data"]["start"]} if one["data"]["start"] else {}
     return found | identity | told | {"choices": _choices(one, "train"), "seeds": [0]}
 
@@ -235,7 +236,7 @@ def dissipation(config: Mapping, experiment: str) -> dict:
 def validity(config: Mapping, experiment: str) -> dict:
     """Which trained methods are checked, and how the windows of each are fitted."""
     one, versions, classes = config["experiments"][experiment], [], []
-    for method in with_interaction(config, experiment):
+    for method in checked(config, experiment):
         own = experiment_of(config, experiment, method)
         fit = {"settings": own["refinement"], "noise": _noise(own), "prior": own["augmentation"]["prior"]}
         versions.append([method, label(config, method), fit])
@@ -247,6 +248,11 @@ def validity(config: Mapping, experiment: str) -> dict:
 
 def _identity(config: Mapping, experiment: str, variant: str) -> dict:
     return {"experiment": experiment, "method": variant, "label": label(config, variant), "preset": config["preset"]}
+
+
+def _solver_of(training: Mapping) -> dict:
+    """What is left of a block of training for what is fitted without one: its solver, where it names one."""
+    return {"solver": training["solver"]} if "solver" in training else {}
 
 
 def _with_own_options(training: Mapping, build: Mapping) -> dict:

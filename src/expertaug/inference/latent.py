@@ -25,13 +25,13 @@ class Latent:
     axes: Tensor | None = None
 
     @classmethod
-    def of(cls, description: Mapping) -> Latent:
-        """Of a model file's description; the expert alone has none."""
+    def of(cls, description: Mapping, components: int) -> Latent:
+        """Of a model file's description, with at most so many coordinates; the expert alone has none."""
         found = description.get("latent") or {"mean": [[]], "std": [[]]}
-        mean, std, axes = (
-            torch.tensor(found[k], dtype=torch.float64) if k in found else None for k in ("mean", "std", "axes")
-        )
-        assert mean is not None and std is not None
+        mean, std = (torch.tensor(found[k], dtype=torch.float64) for k in ("mean", "std"))
+        axes = None
+        if "axes" in found and mean.shape[-1] > components:
+            axes = torch.tensor(found["axes"], dtype=torch.float64)[:, :components]
         return cls(mean, std.clamp_min(1e-6), axes)
 
     @property

@@ -91,7 +91,7 @@ def estimator_of(
         assumed_noise(options, known, description["bound"]),
         bool(free),
         prior,
-        Latent.of(description),
+        Latent.of(description, options.latent),
         Solver.from_mapping(None if solver is None else dict(solver)),
         description.get("start"),
     )

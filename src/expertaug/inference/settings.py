@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 
 from expertaug.learning.settings import TrainSettings
-from expertaug.models.settings import Hidden, Width
+from expertaug.models.settings import AXES, Hidden, Width
 from expertaug.settings import LEFT_OUT, Count, NotNegative, Positive, Range, Settings, Share, key
 from expertaug.systems.settings import SolverSettings
 
@@ -41,6 +41,11 @@ class RefinementSettings(Settings):
         3.0,
         "how far z_a may move from its mean over the training windows, in its standard deviations over them: a weak "
         "Gaussian prior",
+    )
+    latent: Annotated[int, Field(ge=1, le=AXES)] = key(
+        10,
+        "maximum number of components of an encoder's z_a that are fitted; of a longer z_a its first principal "
+        "components over the training windows are, and the others stay at their mean",
     )
     windows: dict[str, Range] = key(
         LEFT_OUT, "first and last time at which each component counts, in s; left out = the whole observed window"

@@ -21,10 +21,10 @@ from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.principal import principal_axes
+from expertaug.models.settings import AXES
 from expertaug.models.store import StoredModel
 
 LATENT_PART = 1000  # windows that are encoded at a time
-SOUGHT = 10  # components of z_a that a fit of a window seeks, at most: each costs it a forecast a step
 
 
 class Record:
@@ -141,16 +141,16 @@ def prepare(
 
 @torch.no_grad()
 def _latent(model: HybridNet, windows: Tensor, seeds: int) -> dict[str, list]:
-    """Mean and standard deviation of z_a (S, Q) over the windows (T1, 1, N, *observed), and, of a z_a of more than
-    :data:`SOUGHT` components, its principal axes (S, SOUGHT, Q)."""
+    """Mean and standard deviation of z_a (S, Q) over the windows (T1, 1, N, *observed), and the first principal axes
+    (S, C, Q) of a z_a of several components."""
     parts = [
         model.encode(part.expand(-1, seeds, *part.shape[2:])).z_a.mean for part in windows.split(LATENT_PART, dim=2)
     ]
     z_a = torch.cat(parts, dim=1).double().nan_to_num(0.0, 0.0, 0.0)
     mean, std = moments(z_a)
     found = {"mean": mean.tolist(), "std": std.tolist()}
-    if z_a.shape[-1] > SOUGHT:
-        found["axes"] = [principal_axes(one, SOUGHT).tolist() for one in z_a]
+    if z_a.shape[-1] > 1:
+        found["axes"] = [principal_axes(one, AXES).tolist() for one in z_a]
     return found
 
 

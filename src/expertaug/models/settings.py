@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from expertaug.settings import Positive, Range, Settings, disagree, key
 
 WIDEST = 2**16
+AXES = 32  # principal components of an encoder's z_a that a model file keeps, for fits of windows
 Width = Annotated[int, Field(ge=1, le=WIDEST)]
 Widths = Annotated[tuple[Width, ...], Field(strict=False, max_length=100)]
 Hidden = Annotated[tuple[Width, ...], Field(strict=False, min_length=1, max_length=100)]
