@@ -29,9 +29,9 @@ CAPTION = (
     "distribution, with the data's noise. The model's own windows are made by the model itself over p⁺: there alone "
     "any deviation is an error of inference. Seeds pooled: intervals of all seeds' draws together, an ensemble. "
     "Posteriors are a flow's, a hybrid-VAE's Gaussian, or, of least squares and refined versions, Laplace's "
-    "approximation. ATC: area between TARP's expected "
-    "coverage and the diagonal, 0 where right, above 0 too wide, below 0 too narrow. Versions that estimate a point "
-    "alone are left out."
+    "approximation, with the noise that the fits assume: where the data have none it is too wide. ATC: area between "
+    "TARP's expected coverage and the diagonal, 0 where right, above 0 too wide, below 0 too narrow. Versions that "
+    "estimate a point alone are left out."
 )
 
 
