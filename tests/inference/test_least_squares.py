@@ -122,6 +122,12 @@ def test_the_true_equation_is_a_floor(name):
     expected = torch.from_numpy(data.z_e).float()
     assert ((found.z_e[0] - expected) / expected).abs().mean() < 0.02
     assert (found.z_a[0] - torch.from_numpy(data.z_a).float()).abs().mean() < 0.05 * data.z_a.mean()
+    # Also where its own parameters lie far from the training's.
+    beyond = {k: (10 * high, 20 * high) for k, (_, high) in z_a.items()} if name == "reaction_diffusion" else z_a
+    far = trajectories(system, ranges, beyond, n=4, t=t, noise=noise, seed=3)
+    y = torch.from_numpy(far.y).movedim(1, 0).unsqueeze(1).float().expand(-1, 2, -1, *[-1] * (far.y.ndim - 2))
+    found = estimator_of(stored, **stored.description["refinement"]).estimate(y)
+    assert (found.z_a[0] - torch.from_numpy(far.z_a).float()).abs().mean() < 0.05 * far.z_a.mean()
     with pytest.raises(InputError, match="only simulated data have a true equation"):
         train_stage.expert_alone(system, replace(data, z_a=None), settings, described, truth=True)
 

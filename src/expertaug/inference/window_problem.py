@@ -14,7 +14,7 @@ from expertaug.inference.levenberg_marquardt import LONGEST
 from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.bound import FACTOR, solved
 from expertaug.learning.squared_error import differences
-from expertaug.models.decoder import Decoder
+from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.gaps import ends_of
 from expertaug.models.measurement_noise import NoiseLike, of_observed, shaped
@@ -24,6 +24,7 @@ from expertaug.systems.solver import Solver
 
 SMALLEST = 1e-3  # of the largest value of the training set: the noise that is assumed where data have none
 FARTHEST = 10.0  # step of a first point, in standard deviations of the noise
+FREE = 30.0  # step of a true equation's z_a, in its standard deviations over the training windows
 MEMORY = 2**26  # bytes of the states that are compared at a time
 
 
@@ -78,6 +79,8 @@ class WindowProblem:
         self.sizes = (len(self.scale), latent.size, int(self.start.sum()))
         # A first point may be several standard deviations off, and its residuals are nearly linear in it.
         longest = torch.full((sum(self.sizes),), LONGEST, dtype=torch.float64)
+        if isinstance(decoder, TruthDecoder):  # its z_a means the same far from the training windows
+            longest[len(self.scale) : len(self.scale) + latent.size] = FREE
         longest[len(longest) - self.sizes[2] :] = FARTHEST
         self.longest = longest
         self.grid = None if prior is None or not settings.starts else self._grid(prior)
