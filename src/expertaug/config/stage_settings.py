@@ -39,6 +39,7 @@ from expertaug.config.shown_settings import (
     tabulate,
     windows,
 )
+from expertaug.config.training_blocks import solver_of, with_own_options
 
 __all__ = [
     "augment",
@@ -109,9 +110,9 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
     if build["kind"] == "alternating":
         model, training = {"interaction": model["interaction"]}, one["alternation"]
     elif build["kind"] != "hybrid":
-        model, training = {}, _solver_of(training)
+        model, training = {}, solver_of(training)
     else:
-        training = _with_own_options(training, build)
+        training = with_own_options(training, build)
         if options.needs_prior(objective_of(build), "objective"):
             given = {"prior": _prior(one["augmentation"])}
     given |= _estimator(config, experiment, method)
@@ -153,7 +154,7 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
     one = experiment_of(config, experiment, method)
     return {
         **_identity(config, experiment, variant),
-        "training": _with_own_options(one["finetuning"], config["methods"][method]),
+        "training": with_own_options(one["finetuning"], config["methods"][method]),
         **({"prior": _prior(one["augmentation"])} if naming.is_control(variant) else {}),
         "choices": _choices(config["experiments"][experiment], "finetune"),
         "seeds": seed_groups(config, experiment)[group],
@@ -179,7 +180,7 @@ def own_prior(config: Mapping, experiment: str, variant: str, group: str | None)
     identity = {"experiment": experiment, "method": "least_squares", "label": "", "preset": config["preset"]}
     build = {"kind": "least_squares", "interaction": False}
     told = {"system": one["system"], "build": build, "model": {}, "t1_s": one["data"]["t1_s"]}
-    told |= {"training": _solver_of(one["training"])}
+    told |= {"training": solver_of(one["training"])}
     told |= {"start": one["data"]["start"]} if one["data"]["start"] else {}
     return found | identity | told | {"choices": _choices(one, "train"), "seeds": [0]}
 
@@ -248,17 +249,6 @@ def validity(config: Mapping, experiment: str) -> dict:
 
 def _identity(config: Mapping, experiment: str, variant: str) -> dict:
     return {"experiment": experiment, "method": variant, "label": label(config, variant), "preset": config["preset"]}
-
-
-def _solver_of(training: Mapping) -> dict:
-    """What is left of a block of training for what is fitted without one: its solver, where it names one."""
-    return {"solver": training["solver"]} if "solver" in training else {}
-
-
-def _with_own_options(training: Mapping, build: Mapping) -> dict:
-    """A block of training with those of the objective's options that are the method's own objective's."""
-    given, kind = training.get("objective", {}), objective_of(build)
-    return {**training, "objective": {k: v for k, v in given.items() if options.takes_option(kind, k)}}
 
 
 def _estimator(config: Mapping, experiment: str, variant: str) -> dict:
