@@ -120,7 +120,7 @@ def test_the_true_equation_is_a_floor(name):
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).float()
     found = estimator_of(stored, **stored.description["refinement"]).estimate(y.expand(-1, 2, *y.shape[2:]))
     expected = torch.from_numpy(data.z_e).float()
-    assert ((found.z_e[0] - expected) / expected).abs().mean() < 0.02
+    assert ((found.z_e[0] - expected) / expected).abs().mean() < (0.02 if noise else 1e-4)
     assert (found.z_a[0] - torch.from_numpy(data.z_a).float()).abs().mean() < 0.05 * data.z_a.mean()
     # Also where its own parameters lie far from the training's.
     beyond = {k: (10 * high, 20 * high) for k, (_, high) in z_a.items()} if name == "reaction_diffusion" else z_a
