@@ -127,3 +127,6 @@ def test_no_validity_is_checked_where_it_is_null(tmp_path):
         said = done.stdout + done.stderr
         assert done.returncode == 0, said
         assert ("validity_of_experiment" in said) == checked
+    done = plan(tmp_path, text, "--", "results/mine/tables/pendulum_validity.csv")
+    said = done.stdout + done.stderr
+    assert done.returncode != 0 and "No rule to produce results/mine/tables/pendulum_validity.csv" in said

@@ -265,6 +265,8 @@ rule validity_of_experiment:
         results("logs/validity/{experiment}.log"),
     benchmark:
         results("benchmarks/validity/{experiment}.tsv")
+    wildcard_constraints:
+        experiment=one_of([e for e in RUN if jobs.checked(CONFIG, e)]),
     conda:
         "../envs/expertaug.yaml"
     threads: 1
