@@ -11,9 +11,11 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
@@ -124,6 +126,14 @@ def wrapped(words: str, width: float, size: float = RC["axes.titlesize"]) -> str
 def quantity(name: str, unit: str) -> str:
     """Symbol and unit of an axis."""
     return f"{symbol(name)} [{unit}]" if unit else symbol(name)
+
+
+def plain_log(axis: Axes) -> None:
+    """Make the y axis logarithmic, with plain numbers."""
+    axis.set_yscale("log")
+    axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.yaxis.set_minor_formatter(NullFormatter())
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:

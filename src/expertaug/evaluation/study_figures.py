@@ -11,7 +11,6 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from expertaug import plotting
 from expertaug.evaluation.summary import (
@@ -126,7 +125,7 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
             axis.set_ylabel(f"{what} (lower is better)")
             axis.grid(axis="y")
             if metric == "relative_error":
-                _percent(axis)
+                plotting.plain_log(axis)
         names = {f"{method}+": settings["labels"][method] for method in methods}
         handles = [Line2D([], [], color=colours[m], linewidth=3, label=label) for m, label in names.items()]
         for name, line, marker in zip(sets, (plotting.DASHED, "-"), "so", strict=True):
@@ -207,14 +206,6 @@ def _extent(priors: Mapping[str, Mapping | None], name: str) -> str:
         return f"[{low:g}, {high:g}]"
     own, this = (math.prod(high - low for low, high in priors[key].values()) for key in ("", name))
     return f"volume × {this / own:.2g}" if own else ""
-
-
-def _percent(axis: Axes) -> None:
-    """A logarithmic axis with plain numbers."""
-    axis.set_yscale("log")
-    axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _subtitle(figure: Figure, summary: pd.DataFrame, settings: Mapping) -> None:

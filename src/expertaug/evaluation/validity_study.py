@@ -63,9 +63,9 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], settin
         stored = store.load(path, device_of(settings["device"]), settings.get("classes", ()))
         fitting = stored.description.get("refinement") or fitting  # of kind alternating
         fits = {name: _refit(stored, one, fitting, how) for name, one in known.items()}
-        names = [p.name for p in stored.model.system.expert_parameters]
-        each = {name: _along(name, k, fits) for k, name in enumerate(names)}
-        found[version] = (label, fits, each)
+        parameters = stored.model.system.expert_parameters
+        each = {p.name: _along(p.name, k, fits) for k, p in enumerate(parameters)}
+        found[version] = (label, fits, each, parameters[0].unit)
         says += [f"{label}: {one.says}." for one in each.values()]
         for name, one in fits.items():
             limit = next(iter(each.values())).limit
@@ -131,7 +131,7 @@ def _draw(found: Mapping, outputs: Sequence[Path], settings: Mapping, title: str
     with plotting.styled():
         figure = plotting.new_figure(3.2)
         left, right = figure.subplots(1, 2)
-        for version, (label, fits, each) in found.items():
+        for version, (label, fits, each, unit) in found.items():
             name, one = next(iter(each.items()))
             middle = 0.5 * (one.edges[1:] + one.edges[:-1])
             look = {"color": colours[version], "linestyle": plotting.dash(version), "linewidth": 1.2}
@@ -146,10 +146,11 @@ def _draw(found: Mapping, outputs: Sequence[Path], settings: Mapping, title: str
             )
             for axis in (left, right):
                 axis.axvspan(*one.trained, color="0.92", linewidth=0, zorder=0)
-                axis.set_xlabel(plotting.symbol(name))
+                axis.set_xlabel(plotting.quantity(name, unit))
                 axis.grid(alpha=0.4)
         left.set(yscale="log", ylabel="χ²/n of windows, median (dotted: limit)")
-        right.set(yscale="log", ylabel=plotting.text("change of F_a [%] (dotted: training)"))
+        plotting.plain_log(right)
+        right.set(ylabel=plotting.text("change of F_a [%] (dotted: training)"))
         plotting.heading(figure, plotting.text(title))
         plotting.legend(figure, left.get_legend_handles_labels()[0])
         plotting.save(figure, outputs)
