@@ -145,6 +145,25 @@ def test_runaways_are_a_column_where_there_are_any_and_the_median_is_told(tmp_pa
     assert "unaways" not in (tmp_path / "none.md").read_text()
 
 
+def test_what_an_estimate_costs_is_the_last_column(tmp_path):
+    """Of one set; seeds of one job share its time, which then has no deviation, and the cheapest is not the best."""
+    values = {"a": (0.02, 0.02), "b": (57.0, 59.0)}
+    rows = [
+        (method, method.upper(), f"paper,{seed},{name},{metric},{value}")
+        for method, costs in values.items()
+        for seed, cost in enumerate(costs)
+        for name in ("validation", "test")
+        for metric, value in {"log_mse_sum": 3.0, "estimate_ms": cost}.items()
+    ]
+    path = write(tmp_path / "metrics.csv", rows)
+    tabulate([path], [tmp_path / "t.md", tmp_path / "t.tex"])
+    text = (tmp_path / "t.md").read_text()
+    assert "validation (set of choices): log-MSE | test (OOD): log-MSE | test (OOD): estimate [ms] |" in text
+    assert "**3.00 ± 0.00** | 0.0200 |\n" in text and "3.00 ± 0.00 | 58.0 ± 1.4 |\n" in text
+    assert "Estimate: processor time" in text and "Further" not in text
+    assert r"& $0.0200$ \\" in (tmp_path / "t.tex").read_text()
+
+
 def test_every_cell_has_a_value_when_a_seed_failed(tmp_path):
     rows = [
         ("a", "A", f"paper,{seed},test,{metric},{value}")

@@ -165,7 +165,8 @@ def score(
 ) -> Scored:
     """Forecast a set, part by part, and score it; seeds that could not be trained have NaN.
 
-    A forecast that runs away counts with the error that it has at the bound, and in ``runaway_share``.
+    A forecast that runs away counts with the error that it has at the bound, and in ``runaway_share``.  ``estimate_ms``
+    is the processor time in which one seed estimates one window's parameters, all windows at once.
 
     Arguments:
         options: ``from_s``, ``solver``, ``draws``, ``drawn_samples`` and ``noise``, as in :func:`evaluate`.
@@ -181,7 +182,7 @@ def score(
     index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
     check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
-    late, early, after, estimates, kept, runaways, drawn = [], [], [], [], [], [], []
+    late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0
     chosen = np.linspace(0, len(truth) - 1, min(options.get("drawn_samples", 0), len(truth))).astype(int)
     scores, bands, random = [], [], Noise(stored.seeds, DRAWN, device=device)
     seen = truth.seen
@@ -201,6 +202,7 @@ def score(
         here = index[(index >= first) & (index < first + size)] - first
         kept.append(found.states[:, :, here].cpu())
         runaways.append(found.runaways.cpu())
+        estimate_s += found.estimate_s
         if found.found.z_e is not None and stored.model.knows_z_e:
             estimates.append(found.found.z_e.cpu())
             of_each = z_e_draws(found.found)
@@ -222,6 +224,8 @@ def score(
         values |= log_after(system, _told(torch.cat(after, dim=1)))
     values |= log_of_median(system, _told(errors))
     values["runaway_share"] = torch.cat(runaways, dim=1).double().mean(1)
+    if found.found.z_e is not None:
+        values["estimate_ms"] = torch.full((seeds,), 1000 * estimate_s / (seeds * len(truth)), dtype=torch.float64)
     z_e = torch.cat(estimates, dim=1) if estimates else None
     if z_e is not None:
         values |= parameter_errors(system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))

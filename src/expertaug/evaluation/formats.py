@@ -16,9 +16,14 @@ if TYPE_CHECKING:
 DASH = "–"
 DRAWN = (".png", ".pdf")
 KNOWN_FORM = "F_a of known form, which does not compete:"  # a title over rows
+OF_JOBS = ("wall_s", "estimate_ms")  # the same for all seeds of a job
 RUNAWAYS_NOTE = (
     "Runaways: forecasts that leave ten times the training set's largest values, or have no solution; they count with "
     "the error that they have at that bound."
+)
+COST_NOTE = (
+    "Estimate: processor time in which one seed estimates the parameters and the start of one window, all windows at "
+    "once, on one core; what follows, solving the equation, is the same for all."
 )
 
 
@@ -29,6 +34,8 @@ def metric_title(metric: str, units: Mapping[str, str]) -> str:
         return "log-MSE" + further.get(metric.removeprefix("log_mse_").partition("_")[0], "")
     if metric == "runaway_share":
         return "runaways [%]"
+    if metric == "estimate_ms":
+        return "estimate [ms]"
     if metric == "relative_error":
         return "error [%]"
     if metric.startswith("relative_error_"):
@@ -66,6 +73,8 @@ def cell_text(cell: Mapping | None, metric: str) -> str:
     if cell["n"] == 0:
         return f"not finite (0/{cell['of']})"
     mean, spread, few = _numbers(cell, metric)
+    if not spread:
+        return mean.replace("-", "−") + few
     text = f"{mean} ± {spread[0]}" if len(spread) == 1 else f"{mean} [{', '.join(spread)}]"
     return text.replace("-", "−") + few
 
@@ -76,13 +85,16 @@ def cell_tex(cell: Mapping | None, metric: str, bold: bool = False) -> str:
         return tex(cell_text(cell, metric))
     mean, spread, few = _numbers(cell, metric)
     mean = rf"\mathbf{{{mean}}}" if bold else mean
+    if not spread:
+        return f"${mean}$" + few
     if len(spread) == 1:
         return rf"${mean} \pm {spread[0]}$".replace(DASH, r"\text{--}") + few
     return f"${mean}_{{{spread[0]}}}^{{{spread[1]}}}$" + few
 
 
 def _numbers(cell: Mapping, metric: str) -> tuple[str, list[str], str]:
-    """Mean, ends of its interval or standard deviation, and how many of the seeds they are of, if not of all."""
+    """Mean, ends of its interval or standard deviation (neither where seeds share a job's value), and how many of the
+    seeds they are of, if not of all."""
     shown = number_format(metric, cell["mean"])
 
     def show(value: float) -> str:
@@ -91,6 +103,8 @@ def _numbers(cell: Mapping, metric: str) -> tuple[str, list[str], str]:
     few = f" ({cell['n']}/{cell['of']})" if cell["n"] < cell["of"] else ""
     if math.isfinite(cell.get("low", math.nan)):
         return show(cell["mean"]), [show(cell["low"]), show(cell["high"])], few
+    if metric in OF_JOBS and cell["std"] <= 1e-9 * cell["mean"]:
+        return show(cell["mean"]), [], few
     return show(cell["mean"]), [DASH if math.isnan(cell["std"]) else show(cell["std"])], few
 
 

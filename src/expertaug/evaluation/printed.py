@@ -9,6 +9,7 @@ import pandas as pd
 
 from expertaug.evaluation import gains
 from expertaug.evaluation.formats import (
+    COST_NOTE,
     DASH,
     KNOWN_FORM,
     RUNAWAYS_NOTE,
@@ -22,7 +23,16 @@ from expertaug.evaluation.formats import (
 )
 from expertaug.evaluation.intervals import LEVEL, Interval
 from expertaug.evaluation.samples import Samples
-from expertaug.evaluation.summary import CONVENTIONS, RUNAWAYS, has_runaways, order_sets, set_title, tabled_metrics
+from expertaug.evaluation.summary import (
+    CONVENTIONS,
+    COST,
+    RUNAWAYS,
+    cost_column,
+    has_runaways,
+    order_sets,
+    set_title,
+    tabled_metrics,
+)
 
 Column = tuple[str, str]  # set and metric
 BEST = "Bold: the best of each column, and those that are not told apart from it."
@@ -58,7 +68,7 @@ class Printed:
     def of(cls, part: pd.DataFrame, settings: Mapping, samples: Samples, gained: Mapping) -> Printed:
         """The tables of one experiment."""
         chosen = tabled_metrics(part, settings.get("convention", "sum"))
-        columns = _columns(part, chosen)
+        columns = [*_columns(part, chosen), *cost_column(part)]
         values = {(row["row"], row["set"], row["metric"]): row for _, row in part.iterrows()}
         resampled = "whole recordings" if samples.by_recording(part["experiment"].iloc[0]) else "samples"
         return cls(
@@ -147,7 +157,7 @@ class Printed:
         """The metrics that are not in the first table, a row for each and each method."""
         sets, units, rows = order_sets(self.part["set"]), self.settings["units"], []
         for metric in dict.fromkeys(self.part["metric"]):
-            if metric in (*self.chosen, RUNAWAYS):
+            if metric in (*self.chosen, RUNAWAYS, COST):
                 continue
             title = metric_title(metric, units) + (f" ({metric})" if metric.startswith("log_mse") else "")
             for row, label, _ in self._rows():
@@ -176,6 +186,8 @@ class Printed:
             parts.append("(a/b): only a of b seeds have a finite value, and only those are averaged.")
         if has_runaways(part):
             parts.append(RUNAWAYS_NOTE)
+        if (part["metric"] == COST).any():
+            parts.append(COST_NOTE)
         return " ".join(parts)
 
     def _spread(self) -> str:
@@ -212,7 +224,7 @@ def _best(
             & (part["n"] == part["of"])
             & (part["of"] > 0)
         ]
-        if len(column) < 2 or metric == RUNAWAYS:
+        if len(column) < 2 or metric in (RUNAWAYS, COST):
             continue
         best = column.loc[column["mean"].idxmin()]
         found.add((best["row"], name, metric))

@@ -19,7 +19,7 @@ SET_TITLES = {
     "iid": "IID test",
     "test": "test (OOD)",
 }
-RUNAWAYS = "runaway_share"
+RUNAWAYS, COST = "runaway_share", "estimate_ms"
 CONVENTIONS = {
     "sum": "summed over the observed dimensions",
     "dim": "averaged over the observed dimensions",
@@ -104,6 +104,12 @@ def shown_metrics(table: pd.DataFrame, convention: str) -> list[str]:
 def tabled_metrics(table: pd.DataFrame, convention: str) -> list[str]:
     """Those that figures show, and the share of runaways where there is any."""
     return [*shown_metrics(table, convention), *([RUNAWAYS] if has_runaways(table) else [])]
+
+
+def cost_column(table: pd.DataFrame) -> list[tuple[str, str]]:
+    """Set and metric of the column that says what an estimate costs: of the last set that is shown, if any has it."""
+    sets = order_sets(table.loc[table["metric"] == COST, "set"])
+    return [(sets[-1], COST)] if sets else []
 
 
 def has_runaways(table: pd.DataFrame) -> bool:

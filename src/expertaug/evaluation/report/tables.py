@@ -11,7 +11,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.formats import DASH, KNOWN_FORM, cell_text, metric_title
 from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL
 from expertaug.evaluation.report.cells import Table, plain, spans
-from expertaug.evaluation.summary import RUNAWAYS, order_sets, set_title, tabled_metrics
+from expertaug.evaluation.summary import COST, RUNAWAYS, cost_column, order_sets, set_title, tabled_metrics
 from expertaug.labels import SHOWN_SETS
 
 SUMMARY = ("metric", "mean", "std", "n", "of")  # columns of a file of means over seeds
@@ -72,6 +72,7 @@ def main(long: pd.DataFrame, settings: Mapping) -> Table:
     told = shown[(shown["metric"] != RUNAWAYS) | (shown.groupby(["set", "metric"])["mean"].transform("max") > 0)]
     known = set(zip(told["set"], told["metric"], strict=True))
     columns = [(name, one) for name in order_sets(shown["set"]) for one in metrics if (name, one) in known]
+    columns += cost_column(shown)
     values = by_cell(shown)
     competing, others = [], []
     for (method, label), rows in shown.groupby(["method", "label"], sort=False):
@@ -120,7 +121,7 @@ def further(long: pd.DataFrame, settings: Mapping) -> Table:
     """All other metrics, a row for each and each method, a column for each set that is shown."""
     shown = long[long["set"].isin(SHOWN_SETS)]
     first = tabled_metrics(shown, settings.get("convention", "sum"))
-    return by_metric(shown[~shown["metric"].isin(first)], settings)
+    return by_metric(shown[~shown["metric"].isin([*first, COST])], settings)
 
 
 def by_metric(summary: pd.DataFrame, settings: Mapping) -> Table:
