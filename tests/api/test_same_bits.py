@@ -82,7 +82,8 @@ def test_metrics_and_forecasts(stages, sets, plus):
     table = table[table["set"] == "test"].set_index(["seed", "metric"])["value"]
     found = plus.evaluate(sets["test"]).set_index(["seed", "metric"])["value"]
     assert found.index.is_unique and set(found.index) == set(table.index)
-    assert all(found[key] == pytest.approx(table[key], rel=1e-15) for key in found.index)
+    same = [key for key in found.index if key[1] != "estimate_ms"]
+    assert all(found[key] == pytest.approx(table[key], rel=1e-15) for key in same)
     kept = Forecasts.load(stages / "forecasts.npz")
     whole = plus.forecast(sets["test"].y[:, :11], sets["test"].t)
     np.testing.assert_array_equal(whole.y[:, kept.index["test"]], kept.prediction["test"])

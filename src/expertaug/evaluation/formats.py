@@ -103,7 +103,7 @@ def _numbers(cell: Mapping, metric: str) -> tuple[str, list[str], str]:
     few = f" ({cell['n']}/{cell['of']})" if cell["n"] < cell["of"] else ""
     if math.isfinite(cell.get("low", math.nan)):
         return show(cell["mean"]), [show(cell["low"]), show(cell["high"])], few
-    if metric in OF_JOBS and cell["std"] <= 1e-9 * cell["mean"]:
+    if metric in OF_JOBS and not cell["std"] > 1e-9 * cell["mean"]:
         return show(cell["mean"]), [], few
     return show(cell["mean"]), [DASH if math.isnan(cell["std"]) else show(cell["std"])], few
 
