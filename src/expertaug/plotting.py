@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
@@ -129,9 +129,11 @@ def quantity(name: str, unit: str) -> str:
 
 
 def plain_log(axis: Axes) -> None:
-    """Make the y axis logarithmic, with plain numbers."""
+    """Make the y axis logarithmic, with plain numbers; what is drawn already decides how many."""
     axis.set_yscale("log")
-    axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    low, high = axis.get_ylim()
+    decades = LogLocator(subs=(1, 2, 5) if high < 1000 * low else (1,))
+    axis.yaxis.set_major_locator(MaxNLocator(5) if high < 5 * low else decades)
     axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.yaxis.set_minor_formatter(NullFormatter())
 

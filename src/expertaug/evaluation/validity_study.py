@@ -148,8 +148,9 @@ def _draw(found: Mapping, outputs: Sequence[Path], settings: Mapping, title: str
                 axis.axvspan(*one.trained, color="0.92", linewidth=0, zorder=0)
                 axis.set_xlabel(plotting.quantity(name, unit))
                 axis.grid(alpha=0.4)
-        left.set(yscale="log", ylabel="χ²/n of windows, median (dotted: limit)")
-        plotting.plain_log(right)
+        for axis in (left, right):
+            plotting.plain_log(axis)
+        left.set(ylabel="χ²/n of windows, median (dotted: limit)")
         right.set(ylabel=plotting.text("change of F_a [%] (dotted: training)"))
         plotting.heading(figure, plotting.text(title))
         plotting.legend(figure, left.get_legend_handles_labels()[0])
