@@ -50,8 +50,8 @@ def main() -> None:
         evaluation = {**settings["evaluation"], "noise": settings["noise"], "draws": 0}
         for data in (spread(windows, 2), windows):
             values = score(stored, data, evaluation, settings["choices"]["forecast_start"], device).values
-        cost = values.get("estimate_ms", torch.full((1,), torch.nan)).mean()
-        print(f"| {settings['label']} | {cost:.3g} | {values['log_mse_sum'].mean():.2f} |", flush=True)
+        cost = f"{values['estimate_ms'].mean():.3g}" if "estimate_ms" in values else "–"
+        print(f"| {settings['label']} | {cost} | {values['log_mse_sum'].mean():.2f} |", flush=True)
 
 
 if __name__ == "__main__":
