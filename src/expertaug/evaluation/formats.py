@@ -23,7 +23,7 @@ RUNAWAYS_NOTE = (
 )
 COST_NOTE = (
     "Estimate: processor time in which one seed estimates the parameters and the start of one window, all windows at "
-    "once, on one core; what follows, solving the equation, is the same for all."
+    "once, on one core; solving the equation follows, for a flow once for each of the draws that are forecast."
 )
 
 
