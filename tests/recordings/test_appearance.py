@@ -5,7 +5,7 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug.recordings.markers.appearance import COLOURS, Appearance
-from expertaug.recordings.markers.quadrant_disks import Palette, hsv
+from expertaug.recordings.markers.palette import Palette, hsv
 
 
 def test_defaults_are_the_quadrants_of_the_dataset():

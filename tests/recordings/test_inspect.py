@@ -16,7 +16,7 @@ from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug.recordings.inspection.inspect import inspect
 from expertaug.recordings.markers.appearance import Appearance
-from expertaug.recordings.markers.quadrant_disks import hsv
+from expertaug.recordings.markers.palette import hsv
 
 ROOT = Path(__file__).parents[2]
 FILES = [ROOT / "config" / "config.yaml"]

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from expertaug.recordings.video.frame_store import FrameStore
+from expertaug.recordings.video.kept_frame import KeptFrame
 
 Polygon = Sequence[tuple[float, float]]
 FRACTION = 4  # bits of a px to which corners are drawn
@@ -32,8 +33,8 @@ class MaskedFrames:
     def __getitem__(self, index: int) -> np.ndarray:
         return self._hide(self._frames[index])
 
-    def __iter__(self) -> Iterator[np.ndarray]:
-        return map(self._hide, self._frames)
+    def __iter__(self) -> Iterator[np.ndarray | KeptFrame]:
+        return map(self._hide, self._frames) if self._polygons else self._frames.kept()
 
     def _hide(self, image: np.ndarray) -> np.ndarray:
         """Of an image in memory of its own."""

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from expertaug.recordings.markers.appearance import Appearance, Colour
-from expertaug.recordings.markers.quadrant_disks import INNER, LUMA, NEAR, RAYS, DiskFitter, hsv
+from expertaug.recordings.markers.palette import hsv
+from expertaug.recordings.markers.quadrant_disks import INNER, LUMA, NEAR, RAYS, DiskFitter
 
 OUTSIDE = 3  # samples at the end of a ray that tell what lies beyond the rim
 COLOUR_WEIGHT = 0.01

@@ -10,12 +10,15 @@ the quadrants are symmetric under half a turn.  On compressed clips of fast moti
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from expertaug.recordings.markers.appearance import Appearance
+from expertaug.recordings.markers.palette import Palette, hsv
+from expertaug.recordings.video.kept_frame import MULTIPLE, KeptFrame
 
 MIN_QUADRANT = 0.4  # share of the brightness' variance round the disk at two periods a turn; .81 for ideal quadrants
 
@@ -102,6 +105,8 @@ class DiskFitter:
         self._across_outer = np.einsum("ki,kj->kij", across, across).reshape(-1, 4)
         self._per_px = (RAYS / (4 * np.pi * inner)).astype(np.float32)  # neighbouring rays' difference to a slope
         self._second = np.stack((np.cos(2 * angle), np.sin(2 * angle)), 1).astype(np.float32)
+        # Rays, a px beyond them for interpolation, and 2 px that a corner of even numbers may be off.
+        self._patch = MULTIPLE * math.ceil((2 * (self.radius + self._reach + 1) + 2 * 2) / MULTIPLE)
         self._shrink = 0.5 / scale
         core = max(3, round(1.1 * self.radius * self._shrink) | 1)  # rods vanish, a core of the disk stays
         self._kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (core, core))
@@ -132,9 +137,9 @@ class DiskFitter:
         order = np.argsort(-area)[:MAX_CANDIDATES]
         return centre[1:][order[area[order] < largest]]
 
-    def fit(self, frame: np.ndarray, centre: np.ndarray) -> Disks:
-        """Fit a disk near each of ``centre`` (m, 2) in a BGR frame (H, W, 3); a centre may be wrong by a quarter of the
-        diameter."""
+    def fit(self, frame: np.ndarray | KeptFrame, centre: np.ndarray) -> Disks:
+        """Fit a disk near each of ``centre`` (m, 2) in a frame, BGR (H, W, 3) or as kept; a centre may be wrong by a
+        quarter of the diameter."""
         centre = np.asarray(centre, np.float32)
         for number in range(1, self.most_passes + 1):
             values = self._sample(frame, centre)
@@ -157,13 +162,23 @@ class DiskFitter:
         radius = self.radius + (1 + self.stiffness) * solution[:, 2]
         return Disks(centre, radius, share, np.hypot(apart[:, 0], apart[:, 1]), identity, colour)
 
-    def _sample(self, frame: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    def _sample(self, frame: np.ndarray | KeptFrame, centre: np.ndarray) -> np.ndarray:
         """Colours along the rays, (m, rays, radii, 3) float32."""
         count = len(centre)
+        if isinstance(frame, KeptFrame):
+            frame, centre = self._patches(frame, centre)
         x = (centre[:, 0, None, None] + self._dx).reshape(count * RAYS, -1)
         y = (centre[:, 1, None, None] + self._dy).reshape(count * RAYS, -1)
         colours = cv2.remap(frame, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         return colours.reshape(count, RAYS, -1, 3).astype(np.float32)
+
+    def _patches(self, frame: KeptFrame, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """An image of what the rays need, and where the centres (m, 2) are in it; all of a frame without patches."""
+        if not frame.in_patches:
+            return frame.image, centre
+        corners = [(2 * math.floor(x / 2), 2 * math.floor(y / 2)) for x, y in (centre - self._patch / 2).tolist()]
+        beside = np.array([(k * self._patch - x, -y) for k, (x, y) in enumerate(corners)], np.float32)
+        return frame.patches(corners, self._patch), centre + beside
 
     def _rim(self, inner: np.ndarray, rim: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance (m, rays) in px from the expected rim at which each ray falls to half its own inner brightness, and
@@ -244,43 +259,3 @@ class DiskFitter:
         power, whole = np.einsum("mk,mk->m", wave, wave), np.einsum("mk,mk->m", swing, swing)
         quadrant = power * (2 / RAYS) / np.maximum(whole, 1e-3 * INNER**2)
         return hsv(dark / np.maximum(white, third * INNER)), quadrant > MIN_QUADRANT
-
-
-def hsv(bgr: np.ndarray) -> np.ndarray:
-    """Hue in degrees, saturation and value of colours (m, 3) with full light at 1."""
-    return np.array([_hsv(*one) for one in bgr.tolist()]).reshape(-1, 3)
-
-
-def _hsv(blue: float, green: float, red: float) -> tuple[float, float, float]:
-    """Of one colour: of a few, numbers of Python's are several times as fast as arrays."""
-    value, chroma = max(blue, green, red), max(blue, green, red) - min(blue, green, red)
-    # A hexagon's corners are the primary colours; each third of it starts at the strongest one.
-    if value == red:
-        start, third = 0.0, green - blue
-    elif value == green:
-        start, third = 120.0, blue - red
-    else:
-        start, third = 240.0, red - green
-    return (start + 60 * third / max(chroma, 1e-9)) % 360, chroma / max(value, 1e-9), value
-
-
-class Palette:
-    """Tells markers by hue, saturation and value."""
-
-    def __init__(self, appearance: Appearance) -> None:
-        self._seen = [
-            (k, c.middle, c.reach, c.saturation, c.value) for k, c in enumerate(appearance.colours) if c is not None
-        ]
-
-    def identify(self, colour: np.ndarray) -> np.ndarray:
-        """Which marker (m,) has this hue, saturation and value (m, 3): of several the nearest hue, of none -1."""
-        return np.array([self._nearest(*one) for one in colour.tolist()], int)
-
-    def _nearest(self, hue: float, saturation: float, value: float) -> int:
-        found, least = -1, 360.0
-        for k, middle, reach, saturations, values in self._seen:
-            away = abs((hue - middle + 180) % 360 - 180)
-            strong = saturations[0] <= min(saturation, 1) <= saturations[1] and values[0] <= min(value, 1) <= values[1]
-            if strong and away <= reach and away < least:
-                found, least = k, away
-        return found

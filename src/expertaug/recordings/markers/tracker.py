@@ -17,6 +17,7 @@ from expertaug.recordings.markers.geometry import WIDE, Geometry, best, sound
 from expertaug.recordings.markers.plain_disks import fitter
 from expertaug.recordings.markers.quadrant_disks import Disks
 from expertaug.recordings.markers.settings import ARM, RESIDUAL, SEARCH, TrackSettings
+from expertaug.recordings.video.kept_frame import KeptFrame
 
 PIVOT, JOINT, TIP = range(3)
 STIFFNESS = 5.0  # once the diameter is known: a disk covered by a quarter is then .3 px off instead of 2 px
@@ -41,8 +42,8 @@ class Track:
     reason: list[str]
 
 
-def track_frames(frames: Iterable[np.ndarray], geometry: Geometry, settings: TrackSettings) -> Track:
-    """Track consecutive, evenly timed BGR frames (H, W, 3) of a pendulum with these lengths."""
+def track_frames(frames: Iterable[np.ndarray | KeptFrame], geometry: Geometry, settings: TrackSettings) -> Track:
+    """Track consecutive, evenly timed frames, BGR (H, W, 3) or as kept, of a pendulum with these lengths."""
     tracker = Tracker(geometry, settings)
     rows = [tracker.step(frame) for frame in frames]
     position = np.array([row[0] for row in rows]).reshape(-1, 3, 2)
@@ -75,7 +76,7 @@ class Tracker:
         self.pivot = None if geometry.pivot is None else np.array(geometry.pivot)
         self.angles: tuple[list[float], list[float]] = ([], [])  # of both arms in the last frames without a gap
 
-    def step(self, frame: np.ndarray) -> tuple[np.ndarray, float, str]:
+    def step(self, frame: np.ndarray | KeptFrame) -> tuple[np.ndarray, float, str]:
         """Positions (3, 2), quality and reason of the next frame."""
         first = self.appearance.first
         centre = np.full((3, 2), np.nan)
@@ -114,22 +115,23 @@ class Tracker:
             return True
         return abs(math.dist(place, centre[k - 1]) - self.arms[k - 1]) < self.arm_tolerance[k - 1]
 
-    def _search(self, frame: np.ndarray, k: int, centre: np.ndarray) -> tuple[Disks | None, int | None]:
+    def _search(self, frame: np.ndarray | KeptFrame, k: int, centre: np.ndarray) -> tuple[Disks | None, int | None]:
         """Look for marker k where its arm allows it, or everywhere if its parent is missing."""
-        window, origin, ring = frame, np.zeros(2), None
+        image = frame.image if isinstance(frame, KeptFrame) else frame
+        window, origin, ring = image, np.zeros(2), None
         if k != PIVOT and not math.isnan(centre[k - 1, 0]):
             ring = self.arms[k - 1]
             reach = ring + self.arm_search + self.fitter.radius + 2
             low = np.maximum(np.floor(centre[k - 1] - reach), 0).astype(int)
             high = np.maximum(np.ceil(centre[k - 1] + reach).astype(int) + 1, 0)
-            window, origin = frame[low[1] : high[1], low[0] : high[0]], low
+            window, origin = image[low[1] : high[1], low[0] : high[0]], low
         places = self.fitter.candidates(window) + origin
         if ring is not None:
             distance = np.hypot(*(places - centre[k - 1]).T)
             places = places[np.abs(distance - ring) < self.arm_search]
         if not len(places):
             return None, None
-        disks = self.fitter.fit(frame, places)
+        disks = self.fitter.fit(image, places)
         return disks, best(disks, k, self.settings, self.twins[k])
 
     def _remember(self, centre: np.ndarray) -> None:
@@ -148,7 +150,7 @@ class Tracker:
             del past[:-3]
 
     def _judge(
-        self, frame: np.ndarray, centre: np.ndarray, share: np.ndarray, residual: np.ndarray
+        self, frame: np.ndarray | KeptFrame, centre: np.ndarray, share: np.ndarray, residual: np.ndarray
     ) -> tuple[float, str]:
         """Quality and reason of a frame."""
         first, last = self.appearance.first, self.appearance.last

@@ -17,9 +17,11 @@ from pathlib import Path
 import av
 import blosc2
 import numpy as np
+from av.video.reformatter import VideoReformatter
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug.recordings.video.kept_frame import KeptFrame
 from expertaug.recordings.video.pixel_layout import Layout
 from expertaug.recordings.video.settings import ExtractSettings
 from expertaug.recordings.video.source import Frames, open_frames
@@ -104,13 +106,19 @@ class FrameStore:
             ) from error
 
     def __iter__(self) -> Iterator[np.ndarray]:
+        for frame in self.kept():
+            yield frame.image
+
+    def kept(self) -> Iterator[KeptFrame]:
+        """All frames as they are kept, each to be looked at before the next is taken."""
+        reformatter = VideoReformatter()
         # One buffer for all chunks: new ones would leave memory in pieces, the more the longer the video.
         buffer = np.empty((_frames_per_chunk(self.layout), self.layout.frame_bytes), np.uint8)
         for start in range(0, len(self), len(buffer)):
             chunk = buffer[: min(len(buffer), len(self) - start)]
             self._unpack(start, start + len(chunk), chunk)
             for packed in chunk:
-                yield self.layout.image(packed)
+                yield KeptFrame(self.layout, packed, reformatter)
 
 
 def _frames_per_chunk(layout: Layout) -> int:
