@@ -366,7 +366,7 @@ def shown_in_report(files):
                     "path": os.path.relpath(file, CONFIG["results"]),
                     "caption": os.path.relpath(marked.caption.get_path_or_uri(secret_free=True)),
                     "wildcards": dict(wildcards),
-                    "title": named.get("study") or named.get("content") or named["experiment"],
+                    "title": named.get("study", "").replace("_", " ") or named.get("content") or named["experiment"],
                 }
             )
     return found

@@ -383,6 +383,8 @@ rule dissipation_of_experiment:
         results("figures/{experiment}_dissipation.pdf"),
     log:
         results("logs/dissipation/{experiment}.log"),
+    benchmark:
+        results("benchmarks/dissipation/{experiment}.tsv")
     conda:
         "../envs/expertaug.yaml"
     threads: 1

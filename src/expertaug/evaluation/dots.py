@@ -44,7 +44,7 @@ def draw_dots(
     title: str,
     logarithmic: bool = False,
 ) -> None:
-    """Draw panels side by side that share their rows.
+    """Draw panels, at most three side by side, which share the rows of what any of them shows.
 
     Arguments:
         settings: ``all_methods`` (those of the configuration, in order), ``floor`` (a version at whose value on the
@@ -55,26 +55,26 @@ def draw_dots(
     """
     everything = pd.concat([panel.table for panel in panels])
     labels, all_methods = labels_of(everything), settings.get("all_methods", ())
-    methods = ordered(everything["method"], all_methods)
-    colours = plotting.colours(methods, all_methods)
-    columns = min(len(panels), 3)
-    rows = -(-len(panels) // columns)
+    colours = plotting.colours(ordered(everything["method"], all_methods), all_methods)
+    columns = 2 if len(panels) == 4 else min(len(panels), 3)
+    beside = [panels[start : start + columns] for start in range(0, len(panels), columns)]
+    versions = [ordered(pd.concat([panel.table for panel in row])["method"], all_methods) for row in beside]
+    heights = [0.75 + ROW * len(methods) for methods in versions]
     with plotting.styled():
-        height = 0.75 + ROW * len(methods)
-        figure = plotting.new_figure(0.75 + rows * height, plotting.WIDTH if columns > 1 else 5.2)
-        grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
-        for axis, panel in zip(grid.flat, panels, strict=False):
-            _panel(axis, panel, methods, colours, settings.get("floor"))
-            axis.set_title(plotting.wrapped(panel.title, (figure.get_figwidth() - LABELS) / columns))
-            if logarithmic:
-                axis.set_xscale("log")
+        figure = plotting.new_figure(0.75 + sum(heights), plotting.WIDTH if columns > 1 else 5.2)
+        grid = figure.subplots(len(beside), columns, squeeze=False, sharey="row", height_ratios=heights)
+        for axes, row, methods in zip(grid, beside, versions, strict=True):
+            for axis, panel in zip(axes, row, strict=False):
+                _panel(axis, panel, methods, colours, settings.get("floor"))
+                axis.set_title(plotting.wrapped(panel.title, (figure.get_figwidth() - LABELS) / columns))
+                if logarithmic:
+                    axis.set_xscale("log")
+            axes[0].set_ylim(len(methods) - 0.5, -0.5)
+            axes[0].set_yticks(range(len(methods)), [plotting.text(labels[m]) for m in methods])
         for axis in grid.flat[len(panels) :]:
             axis.set_axis_off()
         lowest = [axis for axis in grid[-1] if axis.axison]
         lowest[len(lowest) // 2].set_xlabel(axis_label)  # in the axes' room: below it comes the legend
-        grid[0, 0].set_ylim(len(methods) - 0.5, -0.5)
-        for axis in grid[:, 0]:
-            axis.set_yticks(range(len(methods)), [plotting.text(labels[m]) for m in methods])
         presets = ", ".join(dict.fromkeys(everything["preset"]))
         seeds = everything.groupby(["experiment", "method"])["seed"].nunique()
         number = "1 seed" if set(seeds) == {1} else f"{seeds.min()} seeds" if seeds.nunique() == 1 else "all seeds"
@@ -82,7 +82,7 @@ def draw_dots(
         plotting.heading(figure, f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}")
         sets = order_sets(everything["set"])
         handles = [_mark(name, "0.3", panels[0].settings) for name in sets]
-        if settings.get("floor") in methods:
+        if settings.get("floor") in set(everything["method"]):
             text = f"{labels[settings['floor']]}, {set_title(sets[-1], panels[0].settings)}"
             handles.append(Line2D([], [], color="0.35", linewidth=0.9, linestyle=":", label=text))
         plotting.legend(figure, handles)
