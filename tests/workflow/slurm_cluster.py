@@ -7,13 +7,14 @@ import shutil
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "srun", "squeue", "scontrol")
-# Slurm's own defaults but for where everything lies; no accounting database, and a card that is none.
+# Slurm's own defaults but for where everything lies and how long it tells of jobs that have ended; no accounting
+# database, and a card that is none.
 CONFIGURATION = """
 ClusterName=test
 SlurmctldHost={host}(127.0.0.1)
@@ -29,6 +30,7 @@ SelectType=select/cons_tres
 SelectTypeParameters=CR_CPU_Memory
 AccountingStorageType=accounting_storage/none
 ReturnToService=2
+MinJobAge=7200
 MailProg=/bin/true
 GresTypes=gpu
 StateSaveLocation={folder}/state
@@ -85,11 +87,12 @@ def cluster(folder: Path) -> Iterator[dict[str, str]]:
             daemon.wait(PATIENCE_S)
 
 
-def jobs(env: dict[str, str]) -> list[dict[str, str]]:
-    """What SLURM knows of every job, by the names of its own: JobId, JobState, ExitCode, TresPerNode, …"""
+def jobs(env: dict[str, str], known: Collection[str] = ()) -> list[dict[str, str]]:
+    """What SLURM tells of all jobs but the ``known``, by names of its own: JobId, JobState, ExitCode, TresPerNode, …"""
     lines = _said(env, "scontrol", "--oneliner", "show", "jobs").splitlines()
     told = [line for line in lines if line.startswith("JobId=")]
-    return [dict(word.split("=", 1) for word in line.split() if "=" in word) for line in told]
+    found = [dict(word.split("=", 1) for word in line.split() if "=" in word) for line in told]
+    return [job for job in found if job["JobId"] not in known]
 
 
 def _said(env: dict[str, str], *command: str) -> str:

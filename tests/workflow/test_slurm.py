@@ -55,6 +55,10 @@ def running(cluster: dict[str, str]) -> list[str]:
     return [job["JobId"] for job in slurm_cluster.jobs(cluster) if job["JobState"] == "RUNNING"]
 
 
+def ids(cluster: dict[str, str]) -> set[str]:
+    return {job["JobId"] for job in slurm_cluster.jobs(cluster)}
+
+
 def ended(run: subprocess.Popen, project: Path) -> str:
     try:
         assert run.wait(TIMEOUT_S) == 0, (project / "said").read_text()[-3000:]
@@ -78,7 +82,7 @@ def kill_training(project: Path) -> None:
 
 @pytest.mark.outside
 def test_a_stopped_job_is_tried_again(smoke_run, cluster, tmp_path):
-    project, before = shutil.copytree(smoke_run, tmp_path / "project"), len(slurm_cluster.jobs(cluster))
+    project, before = shutil.copytree(smoke_run, tmp_path / "project"), ids(cluster)
     (project / "results/smoke" / MEAN).unlink()
     run = submit(project, cluster, f"results/smoke/{MEAN}", *SMOKE)
     try:
@@ -87,7 +91,7 @@ def test_a_stopped_job_is_tried_again(smoke_run, cluster, tmp_path):
     finally:
         said = ended(run, project)
     assert "Trying to restart job" in said and "Falling back to 'sacct'" not in said
-    first, second = slurm_cluster.jobs(cluster)[before:]
+    first, second = slurm_cluster.jobs(cluster, before)
     assert (first["JobState"], second["JobState"]) == ("CANCELLED", "COMPLETED")
     assert "gpu" not in second.get("TresPerNode", "") + second.get("TresPerJob", "")
     assert (project / "results/smoke" / MEAN).is_file()
@@ -95,7 +99,7 @@ def test_a_stopped_job_is_tried_again(smoke_run, cluster, tmp_path):
 
 @pytest.mark.outside
 def test_a_killed_training_goes_on_where_it_was(smoke_run, cluster, tmp_path):
-    project, before = shutil.copytree(smoke_run, tmp_path / "project"), len(slurm_cluster.jobs(cluster))
+    project, before = shutil.copytree(smoke_run, tmp_path / "project"), ids(cluster)
     results, model = project / "results/smoke", "pendulum/aphynity/seeds_0_1/model.safetensors"
     training = {"epochs": 40, "checkpoint_s": 0.0}
     arguments = [f"results/smoke/{model}", *override(project, {"experiments": {"pendulum": {"training": training}}})]
@@ -108,18 +112,18 @@ def test_a_killed_training_goes_on_where_it_was(smoke_run, cluster, tmp_path):
         kill_training(project)
     finally:
         ended(run, project)
-    assert [job["JobState"] for job in slurm_cluster.jobs(cluster)[before:]] == ["FAILED", "COMPLETED"]
+    assert [job["JobState"] for job in slurm_cluster.jobs(cluster, before)] == ["FAILED", "COMPLETED"]
     assert json.loads(log.read_text().partition("\n")[0])["id"] == identity, "the training began again"
     assert (results / model).is_file()
 
 
 @pytest.mark.outside
 def test_a_card_is_asked_for_where_device_says_so(smoke_run, cluster, tmp_path):
-    project, before = shutil.copytree(smoke_run, tmp_path / "project"), len(slurm_cluster.jobs(cluster))
+    project, before = shutil.copytree(smoke_run, tmp_path / "project"), ids(cluster)
     arguments = [f"results/smoke/{MEAN}", *SMOKE, "--config", "device=cuda"]
     run = submit(project, cluster, *arguments)
     run.wait(TIMEOUT_S)  # it fails where there is no card: the cluster's is none
-    asked = slurm_cluster.jobs(cluster)[before:]
+    asked = slurm_cluster.jobs(cluster, before)
     assert asked and all("gpu" in job.get("TresPerNode", "") + job.get("TresPerJob", "") for job in asked)
 
 
@@ -127,13 +131,13 @@ def test_a_card_is_asked_for_where_device_says_so(smoke_run, cluster, tmp_path):
 @pytest.mark.parametrize("array", [False, True], ids=["jobs", "arrays"])
 def test_the_small_run_of_one_system_passes(cluster, tmp_path, array):
     """With a job for each seed; the arrays are of all the jobs of a stage that are ready."""
-    project, before = copy_project(tmp_path / "project"), len(slurm_cluster.jobs(cluster))
+    project, before = copy_project(tmp_path / "project"), ids(cluster)
     change = {"run": ["rlc"], "seeds_per_job": 1, "experiments": {"rlc": {"methods": ["mean", "aphynity"]}}}
     (project / "one.yaml").write_text(json.dumps(change))
     options = ["--slurm-array-jobs", "train_seed_group,finetune_seed_group,evaluate_seed_group"] if array else []
     ended(submit(project, cluster, *options, "--configfile", "config/smoke.yaml", "one.yaml"), project)
     assert (project / "results/smoke/tables/rlc.md").is_file()
-    found = slurm_cluster.jobs(cluster)[before:]
+    found = slurm_cluster.jobs(cluster, before)
     assert {job["JobState"] for job in found} == {"COMPLETED"}
     assert any("ArrayTaskId" in job for job in found) == array
 
