@@ -13,7 +13,7 @@ from expertaug.config.progress import Watch
 from expertaug.tracking.mlflow_store import initialise
 from expertaug.tracking.runlog import RunLog
 
-pytestmark = [pytest.mark.outside, pytest.mark.skipif(bool(browser.missing()), reason=browser.missing() or "-")]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(browser.missing()), reason=browser.missing() or "-")]
 
 SCORE = "selection score - observed window - per dimension"
 # Slow enough for a browser, and what is trained again after the kill has the values that it had before.

@@ -80,7 +80,6 @@ def kill_training(project: Path) -> None:
             os.kill(int(process.name), signal.SIGKILL)
 
 
-@pytest.mark.outside
 def test_a_stopped_job_is_tried_again(smoke_run, cluster, tmp_path):
     project, before = shutil.copytree(smoke_run, tmp_path / "project"), ids(cluster)
     (project / "results/smoke" / MEAN).unlink()
@@ -97,7 +96,6 @@ def test_a_stopped_job_is_tried_again(smoke_run, cluster, tmp_path):
     assert (project / "results/smoke" / MEAN).is_file()
 
 
-@pytest.mark.outside
 def test_a_killed_training_goes_on_where_it_was(smoke_run, cluster, tmp_path):
     project, before = shutil.copytree(smoke_run, tmp_path / "project"), ids(cluster)
     results, model = project / "results/smoke", "pendulum/aphynity/seeds_0_1/model.safetensors"
@@ -117,7 +115,6 @@ def test_a_killed_training_goes_on_where_it_was(smoke_run, cluster, tmp_path):
     assert (results / model).is_file()
 
 
-@pytest.mark.outside
 def test_a_card_is_asked_for_where_device_says_so(smoke_run, cluster, tmp_path):
     project, before = shutil.copytree(smoke_run, tmp_path / "project"), ids(cluster)
     arguments = [f"results/smoke/{MEAN}", *SMOKE, "--config", "device=cuda"]
