@@ -56,7 +56,7 @@ def draw_dots(
     everything = pd.concat([panel.table for panel in panels])
     labels, all_methods = labels_of(everything), settings.get("all_methods", ())
     colours = plotting.colours(ordered(everything["method"], all_methods), all_methods)
-    columns = 2 if len(panels) == 4 else min(len(panels), 3)
+    columns = -(-len(panels) // -(-len(panels) // 3))  # as many in each line, but for the last
     beside = [panels[start : start + columns] for start in range(0, len(panels), columns)]
     versions = [ordered(pd.concat([panel.table for panel in row])["method"], all_methods) for row in beside]
     heights = [0.75 + ROW * len(methods) for methods in versions]
