@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -49,6 +50,7 @@ RC = {
 # Hues that the colour-blind tell apart (Okabe and Ito, with a grey, a brown and an olive).
 HUES = ("#7A7A7A", "#E69F00", "#009E73", "#56B4E9", "#8C5A2B", "#0072B2", "#D55E00", "#B5589A", "#999933")
 DASHED, DASH_DOTTED = (0, (3.5, 1.6)), (0, (6.0, 1.6, 1.0, 1.6))
+LONG_DASHED = (0, (8.0, 1.6))
 LETTERS = "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|chi|psi|omega"
 
 
@@ -83,10 +85,12 @@ def _hues(drawn: Sequence[str], methods: Sequence[str]) -> dict[str, int]:
 
 
 def dash(variant: str) -> str | tuple:
-    """The style of a version's line: dotted when refined, solid when augmented, dash-dotted when a control, which has
-    its base's colour, else dashed."""
+    """The style of a version's line, for versions of one colour: dotted when refined, long dashes for a flow,
+    dash-dotted when a control, solid when augmented, else dashed."""
     if is_refined(variant):
         return (0, (1, 1))
+    if is_flow(variant):
+        return LONG_DASHED
     if is_control(variant):
         return DASH_DOTTED
     return "-" if is_augmented(variant) else DASHED
@@ -128,14 +132,16 @@ def quantity(name: str, unit: str) -> str:
     return f"{symbol(name)} [{unit}]" if unit else symbol(name)
 
 
-def plain_log(axis: Axes) -> None:
-    """Make the y axis logarithmic, with plain numbers; what is drawn already decides how many."""
-    axis.set_yscale("log")
-    low, high = axis.get_ylim()
-    decades = LogLocator(subs=(1, 2, 5) if high < 1000 * low else (1,))
-    axis.yaxis.set_major_locator(MaxNLocator(5) if high < 5 * low else decades)
-    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.yaxis.set_minor_formatter(NullFormatter())
+def plain_log(axes: Axes, which: Literal["x", "y"] = "y") -> None:
+    """Make an axis logarithmic, with plain numbers; what is drawn already decides how many."""
+    axes.set(**{f"{which}scale": "log"})
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    low, high = axis.get_view_interval()
+    between, ticks = (30, 4) if which == "x" else (1000, 5)  # of x, labels lie side by side
+    decades = LogLocator(subs=(1, 2, 5) if high < between * low else (1,))
+    axis.set_major_locator(MaxNLocator(ticks) if high < 5 * low else decades)
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:

@@ -17,7 +17,7 @@ from expertaug.labels import base, ordered
 
 ROW, LABELS = 0.165, 1.6  # inches: height of a row, width of the labels beside them
 # Sets of the training's domain are hollow; those beside the three of each experiment look like the test set.
-LOOKS = {"train": ("|", "none"), "validation": ("o", "white"), "iid": ("o", "white"), "test": ("D", "own")}
+LOOKS = {"train": ("|", "none"), "validation": ("o", "white"), "iid": ("s", "white"), "test": ("D", "own")}
 APART = 0.17  # of two sets of one row, in rows
 
 
@@ -68,7 +68,7 @@ def draw_dots(
                 _panel(axis, panel, methods, colours, settings.get("floor"))
                 axis.set_title(plotting.wrapped(panel.title, (figure.get_figwidth() - LABELS) / columns))
                 if logarithmic:
-                    axis.set_xscale("log")
+                    plotting.plain_log(axis, "x")
             axes[0].set_ylim(len(methods) - 0.5, -0.5)
             axes[0].set_yticks(range(len(methods)), [plotting.text(labels[m]) for m in methods])
         for axis in grid.flat[len(panels) :]:
