@@ -16,6 +16,7 @@ from expertaug.inference.window_problem import given_components, seen_components
 from expertaug.learning import train as train_stage
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder
+from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import unconstrain
 from expertaug.systems.simulate import trajectories
 from expertaug.systems.solver import Solver
@@ -165,6 +166,30 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
     assert torch.equal(again.z_e, refined.z_e) and torch.equal(stored.model.estimate(y).z_e, own.z_e)
     part = alone.estimate(y[:, :, :7])
     torch.testing.assert_close(part.z_e, refined.z_e[:, :7], rtol=1e-3, atol=1e-4)
+
+
+def test_further_starts_are_tried_only_where_the_first_does_not_explain_a_window(monkeypatch):
+    data = pendulum((1.5, 3.1), n=12)
+    seen = windows(data)
+    fit = estimator_of(expert_alone("pendulum", data), None, NOISE, PRIOR).fit
+    y0, truth = seen[0], torch.from_numpy(data.z_e).float().expand(2, -1, -1)
+    near = Estimates(y0, truth.clone(), y0[..., :0])
+    far = Estimates(y0, torch.full_like(truth, 0.3), y0[..., :0])
+    mixed = Estimates(y0, torch.where(torch.arange(12)[:, None] < 6, truth, 0.3), y0[..., :0])
+    tried = []
+    asked = fit.best_of_grid
+    monkeypatch.setattr(fit, "best_of_grid", lambda part: tried.append(part.shape[2]) or asked(part))
+    assert fit(seen, far).chi2.max() < 1.6 and fit(seen, mixed).chi2.max() < 1.6 and fit(seen, near).chi2.max() < 1.6
+    assert tried[0] > 6 and tried[1] <= 6 and len(tried) == 2  # nothing was wanting from the truth on
+    # What one seed of the stack wants does not change the others.
+    one_far = Estimates(y0, torch.stack((truth[0], far.z_e[1])), y0[..., :0])
+    both = fit(seen, one_far)
+    assert torch.equal(both.z_e[0], fit(seen, near).z_e[0]) and torch.equal(both.z_e[1], fit(seen, far).z_e[1])
+    fit.settings = fit.settings.model_copy(update={"sufficient": 0.0})
+    tried.clear()
+    everywhere = fit(seen, near)
+    assert tried == [12]
+    torch.testing.assert_close(everywhere.z_e, truth, rtol=0.02, atol=0.0)
 
 
 def test_which_components_are_seen_and_given():

@@ -28,6 +28,7 @@ class RefinementOptions(TypedDict, total=False):
 
     starts: int
     tries: int
+    sufficient: float
     steps: int
     free_start: bool
     latent: int

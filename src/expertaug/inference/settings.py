@@ -28,6 +28,11 @@ class RefinementSettings(Settings):
         3,
         "how many of these points, the best ones, the fit starts from in addition to the trained model's own estimate",
     )
+    sufficient: Annotated[float, Field(ge=0, lt=1)] = key(
+        0.99,
+        "a window is fitted from further starts only where χ² after the first fit, that from the trained model's "
+        "estimate or else from the best point, is above this quantile of its distribution; 0 = in any case",
+    )
     steps: Count = key(30, "maximum number of Levenberg–Marquardt steps")
     noise: Positive = key(
         LEFT_OUT,

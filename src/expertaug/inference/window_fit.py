@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import torch
+from scipy.special import chdtri
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.inference.levenberg_marquardt import minimise
+from expertaug.inference.levenberg_marquardt import Minimum, minimise
 from expertaug.inference.window_problem import MEMORY, WindowProblem
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import Gaussian, Posterior, log_slope, unconstrain
@@ -38,34 +39,51 @@ class WindowFit(WindowProblem):
         return Estimates.joined(parts).to(windows)
 
     def _fit(self, windows: Tensor, first: Estimates | None) -> Estimates:
-        seeds, count = windows.shape[1:3]
-        x = self.best_of_grid(windows) if self.grid is not None else None  # (S, B, tries, K)
-        if first is not None:
-            own = self.coordinates(first, self.first(windows)).unsqueeze(2)
-            x = own if x is None else torch.cat((x, own), dim=2)
-        assert x is not None
-        tries = x.shape[2]
+        best = None if first is not None else self.best_of_grid(windows)
+        x = self.coordinates(first, self.first(windows)).unsqueeze(2) if best is None else best[:, :, :1]
+        found = self._lowest(x, windows)
+        wanting = ~self._sufficient(found, windows)
+        columns = wanting.any(0).nonzero().flatten()
+        others = self.grid is not None and (best is None or best.shape[2] > 1)
+        if others and len(columns):
+            part = windows[:, :, columns]
+            further = self._lowest(self.best_of_grid(part) if best is None else best[:, columns, 1:], part)
+            # Where one seed of the stack wants them, the others have tried them for nothing.
+            better = wanting[:, columns] & (further.cost < found.cost[:, columns])
+            for value, other in zip(vars(found).values(), vars(further).values(), strict=True):
+                chosen = better.view(*better.shape, *[1] * (value.dim() - 2))
+                value[:, columns] = torch.where(chosen, other, value[:, columns])
+        return self._estimates(found.x, found.cost, found.curvature, windows)
+
+    def _lowest(self, x: Tensor, windows: Tensor) -> Minimum:
+        """The lowest of the minima that are reached from starts (S, B, tries, K)."""
+        seeds, count, tries = x.shape[:3]
 
         def residuals(candidates: Tensor, columns: Tensor) -> Tensor:
             return self.residuals(candidates, windows[:, :, torch.div(columns, tries, rounding_mode="floor")])
 
         found = minimise(residuals, x.flatten(1, 2), self.settings.steps, self.longest)
-        cost = found.cost.view(seeds, count, tries)
-        best = cost.argmin(-1, keepdim=True)
+        best = found.cost.view(seeds, count, tries).argmin(-1) + tries * torch.arange(count)
+        at = torch.arange(seeds).unsqueeze(-1), best
+        return Minimum(found.x[at], found.cost[at], found.curvature[at])
 
-        def chosen(value: Tensor) -> Tensor:
-            each = value.view(seeds, count, tries, *value.shape[2:])
-            index = best.view(seeds, count, 1, *[1] * (each.dim() - 3)).expand(-1, -1, 1, *each.shape[3:])
-            return each.gather(2, index).squeeze(2)
+    def _sufficient(self, found: Minimum, windows: Tensor) -> Tensor:
+        """Whether minima (S, B) explain their windows within the noise."""
+        freedom = self._freedom(windows)
+        limit = torch.from_numpy(chdtri(freedom.numpy(), 1.0 - self.settings.sufficient))
+        return found.cost - self._pulled(found.x) <= limit
 
-        return self._estimates(chosen(found.x), chosen(found.cost), chosen(found.curvature), windows)
+    def _freedom(self, windows: Tensor) -> Tensor:
+        return (self.observations - self.missing(windows) - self.sizes[0] - self.sizes[2]).clamp_min(1)
+
+    def _pulled(self, x: Tensor) -> Tensor:
+        """What z_a's prior adds to the sum of squares at parameters (S, B, K)."""
+        return self.pull(x).square().sum(-1)
 
     def _estimates(self, x: Tensor, cost: Tensor, curvature: Tensor, windows: Tensor) -> Estimates:
         """What the best parameters (S, B, K) are, with Laplace's approximation of their posterior."""
         p, q, _ = self.sizes
         z_e, z_a, start = self.parts(x, self.first(windows))
-        pulled = (x[..., p : p + q] / self.settings.latent_width).square().sum(-1)
-        freedom = (self.observations - self.missing(windows) - p - self.sizes[2]).clamp_min(1)
         size = torch.eye(x.shape[-1], dtype=x.dtype)
         covariance = torch.linalg.pinv(
             curvature + 1e-12 * curvature.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * size
@@ -78,8 +96,9 @@ class WindowFit(WindowProblem):
         raw = unconstrain(z_e, parameters)
         log_std = (std[..., :p] * slope).clamp_min(1e-30).log() - log_slope(raw, parameters)
         spread = self.latent.spread(std[..., p : p + q]).clamp_min(1e-30).log()
+        misfit = (cost - self._pulled(x)) / self._freedom(windows)
         posterior = Posterior(Gaussian(raw, log_std, parameters), Gaussian(z_a, spread))
-        return Estimates(start, z_e, z_a, posterior, (cost - pulled) / freedom, root=root)
+        return Estimates(start, z_e, z_a, posterior, misfit, root=root)
 
     @torch.no_grad()
     def draws(self, found: Estimates, first: Tensor, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
