@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import torch
-from scipy.special import chdtri
 from torch import Tensor
 
 from expertaug.errors import InputError
@@ -69,9 +68,8 @@ class WindowFit(WindowProblem):
 
     def _sufficient(self, found: Minimum, windows: Tensor) -> Tensor:
         """Whether minima (S, B) explain their windows within the noise."""
-        freedom = self._freedom(windows)
-        limit = torch.from_numpy(chdtri(freedom.numpy(), 1.0 - self.settings.sufficient))
-        return found.cost - self._pulled(found.x) <= limit
+        squares = found.cost - self._pulled(found.x)
+        return torch.special.gammainc(self._freedom(windows) / 2, squares / 2) <= self.settings.sufficient
 
     def _freedom(self, windows: Tensor) -> Tensor:
         return (self.observations - self.missing(windows) - self.sizes[0] - self.sizes[2]).clamp_min(1)
