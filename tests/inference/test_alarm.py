@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from expertaug.errors import InputError
-from expertaug.inference.alarm import assess, caught, ensemble_spread, failing, threshold
+from expertaug.inference.alarm import assess, caught, ensemble_spread, failing, forecast_distance, threshold
 from expertaug.inference.risk import risk_coverage
 from expertaug.inference.roc import auroc, roc
 
@@ -126,6 +126,20 @@ class TestAssess:
 
 def as_validation(values: np.ndarray) -> dict[str, np.ndarray]:
     return {"validation_scores": values, "validation_errors": values}
+
+
+class TestForecastDistance:
+    def test_is_the_mean_square_over_times_and_components(self):
+        one, other = np.zeros((2, 2, 2)), np.array([[[2.0, 0.0], [0.0, 0.0]], [[1.0, 1.0], [1.0, 10.0]]])
+        assert forecast_distance(one, other) == pytest.approx([1.0, 103 / 4])
+        assert forecast_distance(one, other, scale=[1.0, 10.0]) == pytest.approx([1.0, 3.01 / 4])
+        assert forecast_distance(one[:1], np.full((1, 2, 2), np.inf)) == [np.inf]
+
+    def test_needs_two_forecasts_of_the_same_windows(self):
+        with pytest.raises(InputError, match=r"refined: has shape \(2, 3, 2\)"):
+            forecast_distance(np.zeros((2, 2, 2)), np.zeros((2, 3, 2)))
+        with pytest.raises(InputError, match="scale: found 0"):
+            forecast_distance(np.zeros((1, 2)), np.zeros((1, 2)), scale=0.0)
 
 
 class TestEnsembleSpread:

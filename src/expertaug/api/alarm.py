@@ -4,7 +4,15 @@ docs/diagnostics.md).
 Arrays are NumPy or torch: scores and errors (N,), one number a window; a higher score is more suspicious.
 """
 
-from expertaug.inference.alarm import Assessment, assess, caught, ensemble_spread, failing, threshold
+from expertaug.inference.alarm import (
+    Assessment,
+    assess,
+    caught,
+    ensemble_spread,
+    failing,
+    forecast_distance,
+    threshold,
+)
 from expertaug.inference.risk import RiskCoverage, risk_coverage
 from expertaug.inference.roc import Area, auroc, roc
 
@@ -17,6 +25,7 @@ __all__ = [
     "caught",
     "ensemble_spread",
     "failing",
+    "forecast_distance",
     "risk_coverage",
     "roc",
     "threshold",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +16,23 @@ from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
-from expertaug.labels import is_augmented, is_flow, is_refined
+from expertaug.labels import REFINED, is_augmented, is_flow, is_refined
 
 KNOWN, IID = "validation", "iid"
-SCORES = {"misfit": "misfit", "spread": "spread of seeds", "density": "density of estimates"}
+SCORES = {
+    "misfit": "misfit",
+    "refined": "distance to refined",
+    "spread": "spread of seeds",
+    "density": "density of estimates",
+}
 CAPTION = (
     f"Failing: forecasts whose squared error is above the {100 * FAILING:.0f} % quantile of the validation set's. "
     "Scores need the observed window alone: the model's misfit on it (after least squares, for refined versions), the "
-    "spread of the estimates over seeds, and minus the log density of the estimates among those of the validation "
-    "windows (a Gaussian). AUROC: of failing against other windows of the set together with the IID test set where "
-    "there is one. Caught and false alarms: of the misfit, at a threshold of {share} % on the validation set. Means "
-    "over seeds; –: no window fails, or all do."
+    "squared distance of an encoder's forecast from that of its refined version, the spread of the estimates over "
+    "seeds, and minus the log density of the estimates among those of the validation windows (a Gaussian). AUROC: of "
+    "failing against other windows of the set together with the IID test set where there is one. Caught and false "
+    "alarms: of the misfit, at a threshold of {share} % on the validation set. Means over seeds; –: no window fails, "
+    "or all do."
 )
 
 
@@ -43,7 +50,7 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
         InputError: a file is broken, or an output's suffix is unknown.
     """
     versions, labels = read_windows(forecasts), dict(settings["labels"])
-    found = {v: _assessed(versions[v]) for v in labels if v in versions}
+    found = {v: _assessed(versions[v], versions.get(f"{v}~{REFINED}")) for v in labels if v in versions}
     rows = [
         {"method": v, "label": labels[v], "set": name, "score": score, "seed": seed, **_numbers(one)}
         for v, sets in found.items()
@@ -65,21 +72,25 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
 
 
 def _shown(found: Mapping[str, Mapping], traced: Collection[str]) -> str:
-    """The version that the figure shows: the first with every score, of those where some forecasts fail, augmented
+    """The version that the figure shows: the first with most scores, of those where some forecasts fail, augmented
     models before others."""
     ranked = sorted(found, key=lambda v: (not is_augmented(v) or is_flow(v) or is_refined(v), v not in traced))
-    for v, sets in ((v, found[v]) for v in ranked):
-        of_test = {score: one for (name, score, _), one in sets.items() if name == "test"}
-        if set(of_test) == set(SCORES) and of_test["misfit"].failing.any() and not of_test["misfit"].failing.all():
-            return v
-    return next(iter(found))
+    scores = {}
+    for v in ranked:
+        of_test = {score: one for (name, score, _), one in found[v].items() if name == "test"}
+        if "misfit" in of_test and 0 < of_test["misfit"].failing.mean() < 1:
+            scores[v] = len(of_test)
+    return max(scores, key=scores.__getitem__) if scores else next(iter(found))
 
 
-def _assessed(version: Version) -> dict[tuple[str, str, int], Assessment]:
+def _assessed(version: Version, refined: Version | None) -> dict[tuple[str, str, int], Assessment]:
     """By set, score and seed; sets that are like the training's are no shifts, but the IID test set is with each."""
-    known, iid = version.sets[KNOWN], version.sets.get(IID)
+    alike = refined is not None and refined.seeds == version.seeds
+    moved = {name: one.moved for name, one in refined.sets.items()} if refined and alike else {}
+    sets = {name: replace(one, moved=moved.get(name)) for name, one in version.sets.items()}
+    known, iid = sets[KNOWN], sets.get(IID)
     found = {}
-    for name, shifted in version.sets.items():
+    for name, shifted in sets.items():
         if name in ("train", KNOWN):
             continue
         pool = shifted if iid is None or name == IID else _pooled(shifted, iid)
@@ -96,11 +107,15 @@ def _pooled(one: WindowSet, other: WindowSet) -> WindowSet:
     hats = None
     if one.z_e_hat is not None and other.z_e_hat is not None:
         hats = np.concatenate((one.z_e_hat, other.z_e_hat), axis=1)
+    moved = None
+    if one.moved is not None and other.moved is not None:
+        moved = np.concatenate((one.moved, other.moved), axis=1)
     return WindowSet(
         np.concatenate((one.errors, other.errors), axis=1),
         np.concatenate((one.misfit, other.misfit), axis=1),
         np.concatenate((one.z_e, other.z_e)),
         hats,
+        moved=moved,
     )
 
 
@@ -108,6 +123,8 @@ def _score(score: str, windows: WindowSet, known: WindowSet, seed: int) -> np.nd
     """A score a window, (N,); None where a version has none."""
     if score == "misfit":
         return _no_nan(windows.misfit[seed])
+    if score == "refined":
+        return None if windows.moved is None else _no_nan(windows.moved[seed])
     if windows.z_e_hat is None or known.z_e_hat is None:
         return None
     if score == "spread":

@@ -16,6 +16,7 @@ from expertaug.evaluation.samples import (
     INSIDE,
     LATENT,
     MISFIT,
+    MOVED,
     OWN,
     RANKS,
     REMEDY,
@@ -55,6 +56,8 @@ class WindowSet:
         z_e_hat: estimates (S, N, P), or None where a version has none.
         z_a: true parameters of the interaction, (N, Q), or None where they are not known.
         drawn: what draws of the estimates and of the forecasts are worth; None where a version estimates a point.
+        moved: squared distance between each forecast and the one before refinement, (S, N); None of what is no refined
+            encoder.
     """
 
     errors: np.ndarray
@@ -63,6 +66,7 @@ class WindowSet:
     z_e_hat: np.ndarray | None
     z_a: np.ndarray | None = None
     drawn: Drawn | None = None
+    moved: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -105,16 +109,17 @@ def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
         good = ~np.isin(arrays["seeds"], arrays.get("failed", []))
         sets = {}
         for name in (key.removesuffix(f"_{MISFIT}") for key in arrays if key.endswith(f"_{MISFIT}")):
-            of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE)}
-            errors, misfit, hats = (None if v is None else v[good] for v in of_seeds.values())
+            of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE, MOVED)}
+            errors, misfit, hats, moved = (None if v is None else v[good] for v in of_seeds.values())
             assert errors is not None and misfit is not None
             true, z_a, drawn = arrays[f"{name}_{TRUTH}"], arrays.get(f"{name}_{LATENT}"), _drawn(arrays, name, good)
             told = ~np.isnan(errors).all(0) if len(errors) else np.ones(errors.shape[1], dtype=bool)
             if not told.all():  # windows after which nothing was measured
                 errors, misfit, true = errors[:, told], misfit[:, told], true[told]
                 hats, z_a = None if hats is None else hats[:, told], None if z_a is None else z_a[told]
+                moved = None if moved is None else moved[:, told]
                 drawn = None if drawn is None else replace(drawn, ranks=drawn.ranks[:, told], tarp=drawn.tarp[:, told])
-            sets[name] = WindowSet(errors, misfit, true, hats, z_a, drawn)
+            sets[name] = WindowSet(errors, misfit, true, hats, z_a, drawn, moved)
         names = list(map(str, arrays["parameter_names"]))
         one = Version(
             [int(s) for s in arrays["seeds"][good]],
@@ -143,9 +148,10 @@ def _joined(parts: Sequence[Version]) -> Version:
     sets = {}
     for name, one in first.sets.items():
         each = [part.sets[name] for part in parts]
-        errors, misfit, hats = (_together([getattr(s, key) for s in each]) for key in ("errors", "misfit", "z_e_hat"))
+        keys = ("errors", "misfit", "z_e_hat", "moved")
+        errors, misfit, hats, moved = (_together([getattr(s, key) for s in each]) for key in keys)
         assert errors is not None and misfit is not None
-        sets[name] = WindowSet(errors, misfit, one.z_e, hats, one.z_a, _joined_draws([s.drawn for s in each]))
+        sets[name] = WindowSet(errors, misfit, one.z_e, hats, one.z_a, _joined_draws([s.drawn for s in each]), moved)
     seeds = [seed for part in parts for seed in part.seeds]
     return Version(seeds, first.parameters, sets, _joined_draws([part.own for part in parts]), first.interaction)
 

@@ -1,7 +1,8 @@
 """An alarm: which windows' forecasts are not to be trusted, from a score a window and a threshold from validation data.
 
 Any score will do that is higher where the model explains a window badly: misfit of the observed window, χ² after
-refinement, spread of an ensemble (:func:`ensemble_spread`), minus the log density of what the encoder sees.
+refinement, how far refinement moves the forecast (:func:`forecast_distance`), spread of an ensemble
+(:func:`ensemble_spread`), minus the log density of what the encoder sees.
 """
 
 from __future__ import annotations
@@ -177,3 +178,28 @@ def ensemble_spread(estimates: Array, scale: Array | float = 1.0) -> np.ndarray:
         raise InputError("scale", f"found {unit.min():g}", "give positive numbers")
     variance = np.var(given / unit, axis=0, ddof=1)
     return np.sqrt(variance.reshape(given.shape[1], -1).mean(1))
+
+
+def forecast_distance(forecasts: Array, refined: Array, scale: Array | float = 1.0) -> np.ndarray:
+    """How far two forecasts of each window are apart: of a fast one and its refined version, what the fast one's error
+    would be if the refined one were right.
+
+    Arguments:
+        forecasts, refined: (N, T, …), of the same windows and times; they may be infinite.
+        scale: what the components are divided by; broadcast to (…).
+
+    Returns:
+        (N,), mean square over times and components.
+
+    Raises:
+        InputError: the shapes disagree, a value is NaN, or a scale that is not positive.
+    """
+    one, other = (plain(v, name, infinite=True) for v, name in ((forecasts, "forecasts"), (refined, "refined")))
+    unit = plain(scale, "scale")
+    if one.shape != other.shape or one.ndim < 2:
+        raise InputError("refined", f"has shape {other.shape}", f"give that of the forecasts, {one.shape}, (N, T, …)")
+    if (unit <= 0).any():
+        raise InputError("scale", f"found {unit.min():g}", "give positive numbers")
+    both = np.isfinite(one) & np.isfinite(other)
+    squares = np.where(both, np.square((np.where(both, one, 0) - np.where(both, other, 0)) / unit), np.inf)
+    return squares.reshape(len(one), -1).mean(1)

@@ -1,0 +1,54 @@
+"""Which score tells failing forecasts: the alarm study of chosen versions and their refined ones, on fewer windows.
+
+    python benchmarks/alarm_scores.py config/config.yaml [FILE…] [--experiment pendulum] [--methods aphynity aphynity+]
+        [--windows 300]
+
+The files are those of a run that has trained these versions, started in its folder.  Printed is the study's table: each
+version is evaluated as it is and refined, on so many windows of each set.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import torch
+
+from expertaug.cli import keep_freed_memory
+from expertaug.config import load as configuration
+from expertaug.config import shown_settings, stage_settings
+from expertaug.config.complete import completed
+from expertaug.evaluation.alarms import alarm
+from expertaug.evaluation.evaluate import evaluate
+
+
+def main() -> None:
+    """Evaluate, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", type=Path, nargs="+")
+    parser.add_argument("--experiment", default="pendulum")
+    parser.add_argument("--methods", nargs="+", default=["aphynity", "aphynity+"])
+    parser.add_argument("--windows", type=int, default=300)
+    options = parser.parse_args()
+    keep_freed_memory()
+    torch.set_num_threads(1)
+    config = completed(configuration.load(options.files))
+    folder = Path(config["results"]) / options.experiment
+    with tempfile.TemporaryDirectory() as temporary:
+        made = []
+        for method in options.methods:
+            for version in (method, f"{method}~refined"):
+                for model in sorted((folder / method).glob("*/model.safetensors")):
+                    settings = stage_settings.evaluate(config, options.experiment, version, model.parent.name)
+                    fewer = {"max_samples": options.windows, "draws": 0, "samples": 1}
+                    settings = settings | {"evaluation": settings["evaluation"] | fewer}
+                    made.append(Path(temporary) / f"{version}_{model.parent.name}.npz")
+                    evaluate(model, folder / "data", Path(temporary) / "metrics.csv", made[-1], settings)
+        table = Path(temporary) / "alarm.md"
+        alarm(made, [table], shown_settings.windows(config, options.experiment))
+        print(table.read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    main()
