@@ -41,7 +41,7 @@ def main() -> None:
             for version in (method, f"{method}~refined"):
                 for model in sorted((folder / method).glob("*/model.safetensors")):
                     settings = stage_settings.evaluate(config, options.experiment, version, model.parent.name)
-                    fewer = {"max_samples": options.windows, "draws": 0, "samples": 1}
+                    fewer = {"max_samples": options.windows, "drawn_samples": 0, "samples": 1}
                     settings = settings | {"evaluation": settings["evaluation"] | fewer}
                     made.append(Path(temporary) / f"{version}_{model.parent.name}.npz")
                     evaluate(model, folder / "data", Path(temporary) / "metrics.csv", made[-1], settings)

@@ -72,19 +72,21 @@ def test_an_alarm_that_knows_is_told_from_one_that_does_not(files, tmp_path):
     assert "| A | test (OOD) |" in outputs[1].read_text(encoding="utf-8")
 
 
-def test_how_far_refinement_moves_a_forecast_is_a_score_of_the_version_that_is_refined(tmp_path):
-    plain = fake(tmp_path / "plain.npz", "a", [0, 1])
+def test_the_expected_error_is_that_of_the_refined_version_where_there_is_one(tmp_path):
+    sets, random = ("validation", "iid", "test"), np.random.default_rng(0)
+    nothing = {f"{name}_expected": random.random((2, N)) for name in sets}
+    plain = fake(tmp_path / "plain.npz", "a", [0, 1], spoiled=nothing)
     with np.load(plain) as arrays:
-        moved = {f"{name}_moved": arrays[f"{name}_errors"] for name in ("validation", "iid", "test")}
-    refined = fake(tmp_path / "refined.npz", "a~refined", [0, 1], spoiled=moved)
+        moved = {f"{name}_moved": arrays[f"{name}_errors"] for name in sets}
+    refined = fake(tmp_path / "refined.npz", "a~refined", [0, 1], spoiled=nothing | moved)
     labels = {"labels": [["a", "A"], ["a~refined", "A refined"]]}
     outputs = [tmp_path / f"alarm.{end}" for end in ("csv", "md", "png")]
     alarm([plain, refined], outputs, SETTINGS | labels)
-    table = pd.read_csv(outputs[0])
-    assert (table[table["score"] == "refined"]["method"] == "a").all()
-    own = table.set_index(["method", "set", "score", "seed"]).loc["a", "test", "refined", 0]
+    found = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
+    own, after = found.loc["a", "test", "expected", 0], found.loc["a~refined", "test", "expected", 0]
     assert own["auroc"] == 1 and own["caught"] == 1
-    assert "AUROC, distance to refined" in outputs[1].read_text(encoding="utf-8")
+    assert abs(after["auroc"] - 0.5) < 0.15
+    assert "AUROC, expected error" in outputs[1].read_text(encoding="utf-8")
 
 
 def test_an_alarm_is_drawn_of_a_traced_version_first(tmp_path, drawn):

@@ -21,18 +21,18 @@ from expertaug.labels import REFINED, is_augmented, is_flow, is_refined
 KNOWN, IID = "validation", "iid"
 SCORES = {
     "misfit": "misfit",
-    "refined": "distance to refined",
+    "expected": "expected error",
     "spread": "spread of seeds",
     "density": "density of estimates",
 }
 CAPTION = (
     f"Failing: forecasts whose squared error is above the {100 * FAILING:.0f} % quantile of the validation set's. "
     "Scores need the observed window alone: the model's misfit on it (after least squares, for refined versions), the "
-    "squared distance of an encoder's forecast from that of its refined version, the spread of the estimates over "
-    "seeds, and minus the log density of the estimates among those of the validation windows (a Gaussian). AUROC: of "
-    "failing against other windows of the set together with the IID test set where there is one. Caught and false "
-    "alarms: of the misfit, at a threshold of {share} % on the validation set. Means over seeds; –: no window fails, "
-    "or all do."
+    "squared error that is to be expected (of an encoder its forecast's distance from that of its refined version, "
+    "where there is one; else the spread of forecasts from draws), the spread of the estimates over seeds, and minus "
+    "the log density of the estimates among those of the validation windows (a Gaussian). AUROC: of failing against "
+    "other windows of the set together with the IID test set where there is one. Caught and false alarms: of the "
+    "misfit, at a threshold of {share} % on the validation set. Means over seeds; –: no window fails, or all do."
 )
 
 
@@ -85,9 +85,10 @@ def _shown(found: Mapping[str, Mapping], traced: Collection[str]) -> str:
 
 def _assessed(version: Version, refined: Version | None) -> dict[tuple[str, str, int], Assessment]:
     """By set, score and seed; sets that are like the training's are no shifts, but the IID test set is with each."""
-    alike = refined is not None and refined.seeds == version.seeds
-    moved = {name: one.moved for name, one in refined.sets.items()} if refined and alike else {}
-    sets = {name: replace(one, moved=moved.get(name)) for name, one in version.sets.items()}
+    sets = version.sets
+    if refined is not None and refined.seeds == version.seeds:
+        moved = {name: one.moved for name, one in refined.sets.items() if one.moved is not None}
+        sets = {name: replace(one, expected=moved.get(name, one.expected)) for name, one in sets.items()}
     known, iid = sets[KNOWN], sets.get(IID)
     found = {}
     for name, shifted in sets.items():
@@ -107,15 +108,15 @@ def _pooled(one: WindowSet, other: WindowSet) -> WindowSet:
     hats = None
     if one.z_e_hat is not None and other.z_e_hat is not None:
         hats = np.concatenate((one.z_e_hat, other.z_e_hat), axis=1)
-    moved = None
-    if one.moved is not None and other.moved is not None:
-        moved = np.concatenate((one.moved, other.moved), axis=1)
+    expected = None
+    if one.expected is not None and other.expected is not None:
+        expected = np.concatenate((one.expected, other.expected), axis=1)
     return WindowSet(
         np.concatenate((one.errors, other.errors), axis=1),
         np.concatenate((one.misfit, other.misfit), axis=1),
         np.concatenate((one.z_e, other.z_e)),
         hats,
-        moved=moved,
+        expected=expected,
     )
 
 
@@ -123,8 +124,8 @@ def _score(score: str, windows: WindowSet, known: WindowSet, seed: int) -> np.nd
     """A score a window, (N,); None where a version has none."""
     if score == "misfit":
         return _no_nan(windows.misfit[seed])
-    if score == "refined":
-        return None if windows.moved is None else _no_nan(windows.moved[seed])
+    if score == "expected":
+        return None if windows.expected is None else _no_nan(windows.expected[seed])
     if windows.z_e_hat is None or known.z_e_hat is None:
         return None
     if score == "spread":

@@ -14,11 +14,12 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.evaluation.evaluation_log import write_log
+from expertaug.evaluation.expected_error import ExpectedError
 from expertaug.evaluation.forecast_scores import DRAWN, Drawing, DrawnScores
 from expertaug.evaluation.metrics import log_after, log_of, log_of_median, parameter_errors, squared_errors
 from expertaug.evaluation.own_windows import of_own_windows
 from expertaug.evaluation.runaways import forecast
-from expertaug.evaluation.samples import MISFIT, MOVED, VERSION, arrays_of, drawn_arrays, ranks_of
+from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, drawn_arrays, ranks_of
 from expertaug.files import atomic
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.posterior_draws import z_e_draws
@@ -29,7 +30,6 @@ from expertaug.learning.misfit import misfit_of
 from expertaug.learning.noise import Noise
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.models.hybrid import HybridNet
 from expertaug.models.measurement_noise import noise_of
 from expertaug.systems.inputs import check_given, joined
 from expertaug.systems.solver import Solver
@@ -86,7 +86,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
         if len(truth.t) <= len(stored.description["t"]):  # longer ones have other errors, of windows that others have
             arrays |= {"t": truth.t, **arrays_of(name, truth, scored.errors, scored.z_e)}
             arrays[f"{name}_{MISFIT}"] = scored.misfit.float().numpy()
-            arrays |= {} if scored.moved is None else {f"{name}_{MOVED}": scored.moved.float().numpy()}
+            arrays |= {f"{name}_{key}": value.float().numpy() for key, value in scored.expected.items()}
             if name != "train":
                 arrays |= ranks_of(name, truth.z_e, scored.draws) | drawn_arrays(name, scored.drawn)
                 spread_out |= scored.draws is not None
@@ -131,7 +131,7 @@ class Scored:
         errors: squared error of every sample (S, N), as of :func:`squared_errors`; NaN of seeds that failed.
         draws: of z_e (S, N, K, P), where the estimator has a distribution.
         misfit: the same over the observed window after its first point, which needs no truth.
-        moved: of refined estimates of an encoder, the same between the forecasts from both.
+        expected: what is expected of the errors (:class:`ExpectedError`), each (S, N).
         drawn: scores of forecasts from draws, where there are any.
         band: of the kept forecasts, (2, S, K, T, *state): ends of the 90 % band.
     """
@@ -142,10 +142,10 @@ class Scored:
     z_e: Tensor | None
     errors: Tensor
     misfit: Tensor
+    expected: Mapping[str, Tensor]
     draws: Tensor | None
     drawn: DrawnScores | None = None
     band: Tensor | None = None
-    moved: Tensor | None = None
 
     def rows(self, identity: Mapping, seeds: Sequence[int]) -> list[dict]:
         """Rows of a metrics.csv."""
@@ -187,7 +187,7 @@ def score(
     check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0
-    first_estimator, moved = getattr(stored.model, "first", None), []
+    expected = ExpectedError(stored.model, drawing)
     chosen = np.linspace(0, len(truth) - 1, min(options.get("drawn_samples", 0), len(truth))).astype(int)
     scores, bands, random = [], [], Noise(stored.seeds, DRAWN, device=device)
     seen = truth.seen
@@ -202,9 +202,8 @@ def score(
         found = forecast(stored.model, windows, t, solver, start, limit, u)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
         early.append(misfit_of(system, found.states, y[:observed]).cpu())
-        if isinstance(first_estimator, HybridNet):
-            unrefined = forecast(first_estimator, windows, t, solver, start, limit, u).states
-            moved.append(squared_errors(system, found.states[begin:], unrefined[begin:]).cpu())
+        whole = joined(y.expand(-1, seeds, *y.shape[2:]), u)
+        expected.add(found, whole, windows, limit, u)
         if begin < observed:
             after.append(squared_errors(system, found.states[observed:], y[observed:]).cpu())
         here = index[(index >= first) & (index < first + size)] - first
@@ -220,9 +219,8 @@ def score(
             for wanted, made, at in ((drawing.scores, scores, places), (drawing.band, bands, here)):
                 some = torch.from_numpy(at).to(device)
                 bounds = limit if limit is None or limit.dim() == 1 else limit[some]
-                whole = y[:, :, some].expand(-1, seeds, *[-1] * (y.dim() - 2))
-                whole = joined(whole, None if u is None else u[:, :, some])
-                one = wanted(stored.model, found.found.part(some), whole, bounds, random) if len(at) else None
+                part = found.found.part(some), whole[:, :, some]
+                one = wanted(stored.model, *part, bounds, random) if len(at) else None
                 made += [] if one is None else [one]
     errors = torch.cat(late, dim=1)
     values = log_of(system, _told(errors))
@@ -249,10 +247,10 @@ def score(
         z_e,
         errors,
         misfit,
+        expected.joined(),
         torch.cat(drawn, dim=1) if drawn else None,
         of_draws,
         torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,
-        torch.cat(moved, dim=1) if moved else None,
     )
 
 

@@ -26,7 +26,7 @@ CRPS, INSIDE = "crps", "inside"
 RANKS, TARP, DRAWS = "ranks", "tarp", "rank_draws"  # the last is no set's
 # Arrays of a set: <set>_<name>.
 ERRORS, MISFIT, TRUTH, LATENT, ESTIMATE, IDENTITY = "errors", "misfit", "z_e", "z_a", "z_e_hat", "sample_id"
-MOVED = "moved"
+MOVED, EXPECTED = "moved", "expected"  # see .expected_error
 # The conventions differ by a constant: the same interval, moved, and the same differences.
 ALIKE = {"log_mse_dim": "log_mse_sum", "log_mse_median_dim": "log_mse_median"}
 REMEDY = "make it again with evaluate"

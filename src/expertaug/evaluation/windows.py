@@ -13,6 +13,7 @@ from expertaug.evaluation.samples import (
     DRAWS,
     ERRORS,
     ESTIMATE,
+    EXPECTED,
     INSIDE,
     LATENT,
     MISFIT,
@@ -56,8 +57,8 @@ class WindowSet:
         z_e_hat: estimates (S, N, P), or None where a version has none.
         z_a: true parameters of the interaction, (N, Q), or None where they are not known.
         drawn: what draws of the estimates and of the forecasts are worth; None where a version estimates a point.
-        moved: squared distance between each forecast and the one before refinement, (S, N); None of what is no refined
-            encoder.
+        expected: squared error that is expected of each forecast, (S, N), by a version with a distribution.
+        moved: the same that a refined version expects of its encoder's forecasts.
     """
 
     errors: np.ndarray
@@ -66,6 +67,7 @@ class WindowSet:
     z_e_hat: np.ndarray | None
     z_a: np.ndarray | None = None
     drawn: Drawn | None = None
+    expected: np.ndarray | None = None
     moved: np.ndarray | None = None
 
 
@@ -109,17 +111,17 @@ def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
         good = ~np.isin(arrays["seeds"], arrays.get("failed", []))
         sets = {}
         for name in (key.removesuffix(f"_{MISFIT}") for key in arrays if key.endswith(f"_{MISFIT}")):
-            of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE, MOVED)}
-            errors, misfit, hats, moved = (None if v is None else v[good] for v in of_seeds.values())
+            of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE, EXPECTED, MOVED)}
+            errors, misfit, hats, *supposed = (None if v is None else v[good] for v in of_seeds.values())
             assert errors is not None and misfit is not None
             true, z_a, drawn = arrays[f"{name}_{TRUTH}"], arrays.get(f"{name}_{LATENT}"), _drawn(arrays, name, good)
             told = ~np.isnan(errors).all(0) if len(errors) else np.ones(errors.shape[1], dtype=bool)
             if not told.all():  # windows after which nothing was measured
                 errors, misfit, true = errors[:, told], misfit[:, told], true[told]
                 hats, z_a = None if hats is None else hats[:, told], None if z_a is None else z_a[told]
-                moved = None if moved is None else moved[:, told]
+                supposed = [None if one is None else one[:, told] for one in supposed]
                 drawn = None if drawn is None else replace(drawn, ranks=drawn.ranks[:, told], tarp=drawn.tarp[:, told])
-            sets[name] = WindowSet(errors, misfit, true, hats, z_a, drawn, moved)
+            sets[name] = WindowSet(errors, misfit, true, hats, z_a, drawn, *supposed)
         names = list(map(str, arrays["parameter_names"]))
         one = Version(
             [int(s) for s in arrays["seeds"][good]],
@@ -148,10 +150,11 @@ def _joined(parts: Sequence[Version]) -> Version:
     sets = {}
     for name, one in first.sets.items():
         each = [part.sets[name] for part in parts]
-        keys = ("errors", "misfit", "z_e_hat", "moved")
-        errors, misfit, hats, moved = (_together([getattr(s, key) for s in each]) for key in keys)
+        keys = ("errors", "misfit", "z_e_hat", "expected", "moved")
+        errors, misfit, hats, *supposed = (_together([getattr(s, key) for s in each]) for key in keys)
         assert errors is not None and misfit is not None
-        sets[name] = WindowSet(errors, misfit, one.z_e, hats, one.z_a, _joined_draws([s.drawn for s in each]), moved)
+        drawn = _joined_draws([s.drawn for s in each])
+        sets[name] = WindowSet(errors, misfit, one.z_e, hats, one.z_a, drawn, *supposed)
     seeds = [seed for part in parts for seed in part.seeds]
     return Version(seeds, first.parameters, sets, _joined_draws([part.own for part in parts]), first.interaction)
 
