@@ -23,8 +23,12 @@ def run(tmp_path, monkeypatch):
         "figures/pendulum_log_mse.pdf": "heavy",
         "figures/pendulum_old_log_mse.png": "of an experiment that is no longer run",
         "pendulum/data/train.npz": "data",
-        "benchmarks/train/a.tsv": "s\th:m:s\tmax_rss\n12.5\t0:00:12\t300.5\n",
-        "benchmarks/train/b.tsv": "s\th:m:s\tmax_rss\n2.5\t0:00:02\tNA\n",
+        "benchmarks/train/pendulum_aphynity_seeds_0.tsv": "s\th:m:s\tmax_rss\n12.5\t0:00:12\t300.5\n",
+        "benchmarks/validity/pendulum.tsv": "s\th:m:s\tmax_rss\n2.5\t0:00:02\tNA\n",
+        # Of a larger run in the same folder.
+        "benchmarks/train/pendulum_shift_aphynity_seeds_0.tsv": "s\th:m:s\tmax_rss\n7\t0:00:07\t900\n",
+        "benchmarks/track_markers/rendered_00.tsv": "s\th:m:s\tmax_rss\n7\t0:00:07\t900\n",
+        "recordings/summary.md": "of recordings",
     }
     for name, text in files.items():
         path = tmp_path / "out" / name
@@ -52,6 +56,8 @@ def test_tables_figures_and_provenance_are_kept_and_nothing_else(run):
     assert record["command"] == "snakemake --cores 2" and record["versions"]["torch"]
     assert record["job_seconds"] == 15 and record["peak_memory_mb"] == 300
     assert set(record["files"]) == files
+    jobs = [line.split(",")[0] for line in (run / "kept/costs.csv").read_text().splitlines()[1:]]
+    assert jobs == ["train/pendulum_aphynity_seeds_0", "validity/pendulum"]
     assert yaml.safe_load((run / "kept/config.yaml").read_text())["run"] == ["pendulum"]
     assert {path.name for path in run.iterdir()} == {"kept", "my.yaml", "out"}
 

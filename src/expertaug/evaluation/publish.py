@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import yaml
@@ -24,16 +24,17 @@ STUDIED = [*KINDS, "grid", "alarm", "coverage", "distance", "validity", "dissipa
 KEPT += [f"tables/{{0}}_{name}.{end}" for name in (*STUDIED, "published") for end in ("csv", "md", "tex")]
 KEPT += [f"figures/{{0}}_{name}.png" for name in STUDIED]
 KEPT += ["{0}/data/splits.json", "{0}/data/calibration.json"]
-OVERALL = ["recordings/summary.csv", "recordings/summary.md"]
-OVERALL += [f"tables/published.{end}" for end in ("csv", "md", "tex")]
+RECORDINGS = ["recordings/summary.csv", "recordings/summary.md"]
+OVERALL = [f"tables/published.{end}" for end in ("csv", "md", "tex")]
 OVERALL += [f"figures/{name}.png" for name in ("log_mse", "parameter_errors", "za_shifted")]
 
 
 def publish(settings: Mapping, folder: Path, command: str) -> None:
     """Replace ``folder`` by the tables and figures of the finished run of a configuration.
 
-    Besides them it holds config.yaml (the completed configuration), costs.csv (seconds and peak memory of every job)
-    and provenance.json (command, git revisions, package versions, machine, jobs' seconds in sum, peak memory, files).
+    Besides them it holds config.yaml (the completed configuration), costs.csv (seconds and peak memory of every job of
+    these experiments and their recordings) and provenance.json (command, git revisions, package versions, machine,
+    jobs' seconds in sum, peak memory, files).
 
     Arguments:
         settings: the completed configuration of the run.
@@ -97,11 +98,14 @@ def _check_replaceable(folder: Path, results: Path) -> None:
 def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
     """Copy the kept files of a run to a new folder and write its record."""
     files = [pattern.format(experiment) for pattern in KEPT for experiment in settings["run"]]
-    for file in (*files, *OVERALL):
+    filmed = any(settings["experiments"][name]["data"]["source"] == "recordings" for name in settings["run"])
+    for file in (*files, *OVERALL, *(RECORDINGS if filmed else [])):
         if (results / file).exists():
             (new / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(results / file, new / file)
-    measured = costs.of_run(results / "benchmarks")
+    own = {*settings["run"], *([None] if filmed else [])}
+    every = costs.of_run(results / "benchmarks")
+    measured = {job: cost for job, cost in every.items() if _experiment(job, settings["experiments"]) in own}
     write_text(new / "costs.csv", costs.as_csv(measured))
     settings["tracking"]["uri"] = None
     write_text(new / "config.yaml", yaml.safe_dump(settings, sort_keys=False, allow_unicode=True))
@@ -111,3 +115,9 @@ def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
         "files": sorted([RECORD, *(str(path.relative_to(new)) for path in new.rglob("*") if path.is_file())]),
     }
     write_json(new / RECORD, record)
+
+
+def _experiment(job: str, experiments: Iterable[str]) -> str | None:
+    """The experiment that a job is of; None of one of a recording, or of several."""
+    name = f"{job.partition('/')[2]}_"
+    return max((one for one in experiments if name.startswith(f"{one}_")), key=len, default=None)
