@@ -42,16 +42,17 @@ class WindowFit(WindowProblem):
         x = self.coordinates(first, self.first(windows)).unsqueeze(2) if best is None else best[:, :, :1]
         found = self._lowest(x, windows)
         wanting = ~self._sufficient(found, windows)
-        columns = wanting.any(0).nonzero().flatten()
         others = self.grid is not None and (best is None or best.shape[2] > 1)
-        if others and len(columns):
-            part = windows[:, :, columns]
-            further = self._lowest(self.best_of_grid(part) if best is None else best[:, columns, 1:], part)
-            # Where one seed of the stack wants them, the others have tried them for nothing.
-            better = wanting[:, columns] & (further.cost < found.cost[:, columns])
+        if others and wanting.any():
+            # Each seed's own windows first, so many as the seed with most has: the others have tried for nothing.
+            seeds = torch.arange(len(wanting)).unsqueeze(-1)
+            place = wanting.int().argsort(dim=1, descending=True, stable=True)[:, : int(wanting.sum(1).max())]
+            part = windows[:, seeds, place]
+            further = self._lowest(self.best_of_grid(part) if best is None else best[seeds, place, 1:], part)
+            better = wanting[seeds, place] & (further.cost < found.cost[seeds, place])
             for value, other in zip(vars(found).values(), vars(further).values(), strict=True):
                 chosen = better.view(*better.shape, *[1] * (value.dim() - 2))
-                value[:, columns] = torch.where(chosen, other, value[:, columns])
+                value[seeds, place] = torch.where(chosen, other, value[seeds, place])
         return self._estimates(found.x, found.cost, found.curvature, windows)
 
     def _lowest(self, x: Tensor, windows: Tensor) -> Minimum:
