@@ -55,7 +55,7 @@ class ExpectedError:
 
     def _add_own(self, made: Forecast, y: Tensor, bound: Tensor | None) -> None:
         drawing = self.drawing
-        size = max(BYTES // (drawing.count * y[:, :, 0].numel() * y.element_size()), 1)
+        size = max(BYTES // (drawing.count * y[:, 0, 0].numel() * y.element_size()), 1)
         for k in range(0, y.shape[2], size):
             part = slice(k, k + size)
             limit = bound if bound is None or bound.dim() == 1 else bound[part]
