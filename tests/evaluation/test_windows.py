@@ -97,6 +97,18 @@ def test_an_alarm_is_drawn_of_a_traced_version_first(tmp_path, drawn):
         assert f"of {shown}, seed 0" in drawn[-1].get_suptitle()
 
 
+def test_an_alarm_is_drawn_of_a_version_whose_first_seed_fails_somewhere(tmp_path, drawn):
+    fine = fake(tmp_path / "fine.npz", "a+", [0, 1])
+    with np.load(fine) as arrays:
+        errors = arrays["test_errors"].copy()
+        errors[0] = arrays["validation_errors"][0].min()
+        pooled = {"iid_errors": np.stack((np.full(N, errors[0, 0]), arrays["iid_errors"][1])), "test_errors": errors}
+    fine = fake(tmp_path / "fine.npz", "a+", [0, 1], spoiled=pooled)
+    files = [fine, fake(tmp_path / "b.npz", "b+", [0, 1])]
+    alarm(files, [tmp_path / "alarm.png"], SETTINGS | {"labels": [["a+", "A+"], ["b+", "B+"]]})
+    assert "of B+, seed 0" in drawn[-1].get_suptitle()
+
+
 def test_few_validation_windows_promise_the_share_that_they_can(files, tmp_path):
     for path in files:
         arrays = dict(np.load(path))

@@ -66,9 +66,9 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
     if drawn:
         drawable = {v: sets for v, sets in found.items() if v != settings.get("floor")} or found
         shown = _shown(drawable, settings.get("traced", ()))
-        seed = next(iter(found[shown]))[2]
-        of_test = {SCORES[s]: one for (name, s, k), one in found[shown].items() if name == "test" and k == seed}
-        plotting.save(draw_alarm(of_test, f"{title} of {labels[shown]}, seed {seed}"), drawn)
+        seed, of_test = _of_first_seed(found[shown])
+        named = {SCORES[score]: one for score, one in of_test.items()}
+        plotting.save(draw_alarm(named, f"{title} of {labels[shown]}, seed {seed}"), drawn)
 
 
 def _shown(found: Mapping[str, Mapping], traced: Collection[str]) -> str:
@@ -77,10 +77,16 @@ def _shown(found: Mapping[str, Mapping], traced: Collection[str]) -> str:
     ranked = sorted(found, key=lambda v: (not is_augmented(v) or is_flow(v) or is_refined(v), v not in traced))
     scores = {}
     for v in ranked:
-        of_test = {score: one for (name, score, _), one in found[v].items() if name == "test"}
+        of_test = _of_first_seed(found[v])[1]
         if "misfit" in of_test and 0 < of_test["misfit"].failing.mean() < 1:
             scores[v] = len(of_test)
     return max(scores, key=scores.__getitem__) if scores else next(iter(found))
+
+
+def _of_first_seed(found: Mapping[tuple[str, str, int], Assessment]) -> tuple[int, dict[str, Assessment]]:
+    """A version's first seed, and its assessments on the test set by score."""
+    first = next(iter(found))[2]
+    return first, {score: one for (name, score, seed), one in found.items() if name == "test" and seed == first}
 
 
 def _assessed(version: Version, refined: Version | None) -> dict[tuple[str, str, int], Assessment]:
