@@ -1,10 +1,10 @@
 """Which score tells failing forecasts: the alarm study of chosen versions and their refined ones, on fewer windows.
 
     python benchmarks/alarm_scores.py config/config.yaml [FILE…] [--experiment pendulum] [--methods aphynity aphynity+]
-        [--windows 300]
+        [--windows 300] [--draws 8]
 
 The files are those of a run that has trained these versions, started in its folder.  Printed is the study's table: each
-version is evaluated as it is and refined, on so many windows of each set.
+version is evaluated as it is and refined, on so many windows of each set, with at most so many draws of a posterior.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ def main() -> None:
     parser.add_argument("--experiment", default="pendulum")
     parser.add_argument("--methods", nargs="+", default=["aphynity", "aphynity+"])
     parser.add_argument("--windows", type=int, default=300)
+    parser.add_argument("--draws", type=int, default=8)
     options = parser.parse_args()
     keep_freed_memory()
     torch.set_num_threads(1)
@@ -41,7 +42,7 @@ def main() -> None:
             for version in (method, f"{method}~refined"):
                 for model in sorted((folder / method).glob("*/model.safetensors")):
                     settings = stage_settings.evaluate(config, options.experiment, version, model.parent.name)
-                    fewer = {"max_samples": options.windows, "drawn_samples": 0, "samples": 1}
+                    fewer = {"max_samples": options.windows, "draws": options.draws, "drawn_samples": 0, "samples": 1}
                     settings = settings | {"evaluation": settings["evaluation"] | fewer}
                     made.append(Path(temporary) / f"{version}_{model.parent.name}.npz")
                     evaluate(model, folder / "data", Path(temporary) / "metrics.csv", made[-1], settings)

@@ -1,13 +1,13 @@
-"""What starts are worth when a trained model's estimates are refined, on the validation set.
+"""What starts are worth when a trained model's estimates are refined, on the validation set or another.
 
     python benchmarks/refinement_starts.py config/config.yaml [FILE…] [--experiment double_pendulum]
-        [--method aphynity] [--windows 150] [--settings 0,1,15 64,1,30 256,3,30]
+        [--method aphynity] [--set validation] [--windows 150] [--settings 0,1,15 64,1,30 256,3,30]
 
 The files are those of a finished run, started in this folder.  A setting is starts,tries,steps[,sufficient]: points of
 p⁺ at which each window is compared with the model, the best of them from which a fit starts beside the model's own
 estimate, Levenberg–Marquardt steps at most, the quantile of χ² up to which the fit from the model's own estimate is
-enough.  Printed for each: log-MSE of every seed, per dimension, of the mean and of the
-median over windows, and processor time.
+enough.  Printed for each: log-MSE of every seed, per dimension, of the mean and of the median over windows, and
+processor time.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ def main() -> None:
     parser.add_argument("files", type=Path, nargs="+")
     parser.add_argument("--experiment", default="double_pendulum")
     parser.add_argument("--method", default="aphynity")
+    parser.add_argument("--set", default="validation")
     parser.add_argument("--windows", type=int, default=150)
     parser.add_argument("--settings", nargs="+", default=["0,1,15", "64,1,30", "256,3,30"])
     options = parser.parse_args()
@@ -46,7 +47,7 @@ def main() -> None:
     settings = stage_settings.evaluate(config, options.experiment, f"{options.method}~refined", model.parent.name)
     refinement, evaluation = settings["refinement"], {**settings["evaluation"], "noise": settings["noise"], "draws": 0}
     stored = store.load(model, device)
-    windows = spread(Trajectories.load(folder / "data" / "validation.npz"), options.windows)
+    windows = spread(Trajectories.load(folder / "data" / f"{options.set}.npz"), options.windows)
     for text in options.settings:
         names = ("starts", "tries", "steps", "sufficient")
         given = [float(value) if "." in value else int(value) for value in text.split(",")]

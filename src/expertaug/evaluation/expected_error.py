@@ -15,7 +15,7 @@ from expertaug.learning.noise import Noise
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.prediction import Predictor
 
-DRAWS = 8  # of each window's posterior: benchmarks/alarm_scores.py
+DRAWS = 8  # of each window's posterior; what fewer are worth: benchmarks/alarm_scores.py
 KEY = 7  # of random numbers
 
 
