@@ -2,8 +2,9 @@
 
 Double pendulums are let go at random, seen as markers with white noise of .07 px at each rate, and measured as any
 recording is.  Printed for each rate: stated over actual root mean square of both speeds, the smallest, middle and
-largest of the motions, and the actual one in rad/s; and how many times as large as the step from 5 frames to 7 the
-error of slopes through 7 is, by that step's share of the one before (:mod:`expertaug.recordings.angles.windows`).
+largest of the motions, the smallest and largest of one arm's, and the actual one of both in rad/s; and how many times
+as large as the step from 5 frames to 7 the error of slopes through 7 is, by that step's share of the one before
+(:mod:`expertaug.recordings.angles.windows`).
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ def markers(y: np.ndarray, t: np.ndarray, seed: int) -> pd.DataFrame:
     return table.assign(frame=np.arange(len(y)), t=t, quality=1.0, reason="")
 
 
-def compared(full: CubicSpline, rate: float, seed: int) -> tuple[float, float]:
-    """Stated and actual root mean square error of a recording's speeds in rad/s."""
+def compared(full: CubicSpline, rate: float, seed: int) -> np.ndarray:
+    """Stated and actual mean square error of a recording's two speeds in rad²/s², (2, 2)."""
     t = np.arange(int(full.x[-1] * rate)) / rate
     with tempfile.TemporaryDirectory() as folder:
         seen, table, record = (Path(folder) / name for name in ("markers.csv", "angles.csv", "angles.json"))
@@ -49,7 +50,7 @@ def compared(full: CubicSpline, rate: float, seed: int) -> tuple[float, float]:
     found = found[(found.quality == 1) & found.omega1_std.notna()]
     off = found[SPEEDS].to_numpy() - full(found.t.to_numpy())[:, 2:]
     stated = found[[f"{name}_std" for name in SPEEDS]].to_numpy()
-    return float(np.sqrt((stated**2).mean())), float(np.sqrt((off**2).mean()))
+    return np.stack([(stated**2).mean(0), (off**2).mean(0)])
 
 
 def steps(full: CubicSpline, rate: float) -> pd.DataFrame:
@@ -80,11 +81,16 @@ def main() -> None:
     rng, times = np.random.default_rng(options.seed), np.arange(int(400 * options.seconds)) / 400
     lets = [np.concatenate((rng.uniform(-3, 3, 2), rng.normal(0, [4, 8]))) for _ in range(options.motions)]
     motions = [CubicSpline(times, simulate(let[None], times, CONSTANTS, FRICTION)[0]) for let in lets]
-    print("rate_hz  stated/actual: least  middle  most   actual rad/s")
+    print("rate_hz  stated/actual: least  middle  most  of one arm: least  most   actual rad/s")
     for rate in options.rates:
-        stated, actual = np.array([compared(full, rate, seed) for seed, full in enumerate(motions)]).T
-        least, middle, most = np.quantile(stated / actual, [0, 0.5, 1])
-        print(f"{rate:7g} {least:21.2f} {middle:7.2f} {most:5.2f} {np.sqrt((actual**2).mean()):14.3f}", flush=True)
+        stated, actual = np.array([compared(full, rate, seed) for seed, full in enumerate(motions)]).swapaxes(0, 1)
+        least, middle, most = np.quantile(np.sqrt(stated.sum(1) / actual.sum(1)), [0, 0.5, 1])
+        each = np.sqrt(stated / actual)
+        print(
+            f"{rate:7g} {least:21.2f} {middle:7.2f} {most:5.2f} {each.min():18.2f} {each.max():5.2f}"
+            f" {np.sqrt(actual.mean()):14.3f}",
+            flush=True,
+        )
     slopes = pd.concat([steps(full, rate) for full in motions for rate in options.rates if rate <= 60])
     share = pd.cut(np.sqrt(slopes.to_7 / slopes.to_5), SHARES)
     each = slopes.groupby(share, observed=True)[["error", "to_7"]].sum()

@@ -14,6 +14,7 @@ import pandas as pd
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.recordings.angles.arms import STILL_S, Arms, find_arms
+from expertaug.recordings.angles.between import with_motion_between
 from expertaug.recordings.angles.implied import Implied, contradictions, explain
 from expertaug.recordings.angles.marker_table import FEWEST, MarkerTable, read_markers
 from expertaug.recordings.angles.noise import Noise, marker_noise, measure_noise
@@ -138,6 +139,7 @@ def _measure(path: Path, markers: MarkerTable, options: AngleSettings) -> Angles
             implied = explain(known, rate, options.arm1_m, options.rotation_deg)
     except InputError as error:
         raise InputError(path, str(error)) from error
+    motion = with_motion_between(motion, implied.fit, noise, rate)
     of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if options.single else None
     level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
     return Angles(

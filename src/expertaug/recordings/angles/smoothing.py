@@ -47,6 +47,7 @@ class Motion:
         raw: the angles as they were measured, (n, 2), unwrapped like ``y``; NaN where they were not used.
         std: standard uncertainty of ``y``, (n, 4); NaN where a frame is filled or at a stretch's end.
         unsmoothed: (n, 2), angles that are as measured since no polynomial follows the motion well enough.
+        reach: (n, 2), frames on either side whose differences are the speed; 0 where a smoothing polynomial tells it.
         margin: (n,), frames at a stretch's end, whose polynomial is one-sided.
         outlier: (n,), frames rejected because they lie off the polynomial.
     """
@@ -55,6 +56,7 @@ class Motion:
     raw: np.ndarray
     std: np.ndarray
     unsmoothed: np.ndarray
+    reach: np.ndarray
     margin: np.ndarray
     outlier: np.ndarray
 
@@ -153,7 +155,7 @@ def _smooth(
 ) -> Motion:
     n = len(theta)
     y, std, raw = np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full((n, 2), np.nan)
-    margin, unsmoothed = np.zeros(n, dtype=bool), np.zeros((n, 2), dtype=bool)
+    margin, unsmoothed, reach = np.zeros(n, dtype=bool), np.zeros((n, 2), dtype=bool), np.zeros((n, 2), dtype=int)
     given = how.window is not None
     shortest = how.window or 2 * (how.order // 2 + 1) + 1
     families = [angle_windows(how.order, rate), speed_windows(how.order, rate)]
@@ -177,7 +179,10 @@ def _smooth(
                 std[span, column] = np.where(present & ~ends, error, np.nan)
                 if derivative == 0:
                     unsmoothed[span, k] = (chosen == 0) & present & ~ends
-    return Motion(y, raw, std, unsmoothed, margin, outlier)
+                else:
+                    differences = np.array([one.half * (one.degree == 2 * one.half) for one in family])
+                    reach[span, k] = np.where(chosen >= 0, differences[chosen], 0)
+    return Motion(y, raw, std, unsmoothed, reach, margin, outlier)
 
 
 def _one_window(family: list[Window], half: int, order: int) -> list[Window]:
