@@ -25,6 +25,8 @@ from expertaug.config import stage_settings
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, parameter_errors
 from expertaug.evaluation.summary import log_mse_name
+from expertaug.inference.alternate import alternate
+from expertaug.inference.least_squares import estimator_of
 from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
@@ -44,15 +46,18 @@ COLUMNS = [
 def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
     """log-MSE of every seed on training and validation set, and the validation set's parameter error in %."""
     stored = store.load(model)
+    description = stored.description
+    fitted = description["kind"] == "alternating"
+    estimator = estimator_of(stored, **description["refinement"]) if fitted else stored.model
     solver, start = Solver.from_mapping(evaluation["solver"]), evaluation["from_s"]
     scores, metric = {}, log_mse_name(evaluation["convention"])
     for name in ("train", "validation"):
         truth = Trajectories.load(data / f"{name}.npz")
         truth = truth.subset(np.linspace(0, len(truth) - 1, min(len(truth), 500)).astype(int))
         y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1)
-        observed = stored.description["observed"]
+        observed = description["observed"]
         window = y[:observed].expand(observed, len(stored.seeds), *y.shape[2:])
-        prediction, z_e = stored.model.predict(window, torch.from_numpy(truth.t).float(), solver)
+        prediction, z_e = estimator.predict(window, torch.from_numpy(truth.t).float(), solver)
         begin = observed if start is None else int(np.searchsorted(truth.t, start - 1e-9))
         scores[name] = log_mse(stored.model.system, prediction[begin:], y[begin:])[metric].numpy()
     if z_e is not None:
@@ -75,7 +80,8 @@ def run(settings: dict, experiment: str, method: str, augmented: bool, folder: P
     model = folder / _digest(base) / "model.safetensors"
     model.parent.mkdir(parents=True, exist_ok=True)
     if not model.exists():
-        train(data, model, model.parent / "work", base, None, calibration)
+        made = alternate if base["build"]["kind"] == "alternating" else train
+        made(data, model, model.parent / "work", base, None, calibration)
     if not augmented:
         return model
     drawn, tuned = (getattr(stage_settings, f)(settings, experiment, method, group) for f in ("augment", "finetune"))
