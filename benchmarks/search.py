@@ -1,11 +1,11 @@
 """Trials of hyperparameters on validation data: ``python benchmarks/search.py pendulum aphynity --trial '{…}' …``.
 
-A trial is a JSON mapping that overrides an experiment's blocks (model, training, augmentation, finetuning, choices) for
-one method.  It is trained, with ``--augmented`` also fine-tuned, and scored on the training and the validation set; the
-test set is never read.  Each trial adds a line to a CSV (search/<experiment>_<method>.csv in the results folder of the
-configuration unless ``--table`` says otherwise) with the configuration files and the git revision whose settings it
-overrides; a trial that stands there already is not repeated.  With ``--from-best N`` the N best of the table are
-printed instead.
+A trial is a JSON mapping that overrides an experiment's blocks (model, training, alternation, augmentation, finetuning,
+choices) for one method.  It is trained, with ``--augmented`` also fine-tuned, and scored on the training and the
+validation set; the test set is never read.  Each trial adds a line to a CSV (search/<experiment>_<method>.csv in the
+results folder of the configuration unless ``--table`` says otherwise) with the configuration files and the git revision
+whose settings it overrides; a trial that stands there already is not repeated.  With ``--from-best N`` the N best of
+the table are printed instead.
 """
 
 from __future__ import annotations

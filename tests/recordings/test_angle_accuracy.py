@@ -79,7 +79,10 @@ def test_uncertain_speeds_are_where_the_motion_between_the_frames_is_fast(tmp_pa
     y = truth()[0, ::12]
     if single:
         times = np.arange(len(y)) / rate
-        law = lambda _, s: [s[1], -300 * np.sin(s[0])]  # noqa: E731
+
+        def law(_, s):
+            return [s[1], -300 * np.sin(s[0])]
+
         theta, omega = solve_ivp(law, (0, times[-1]), [2.9, 0], t_eval=times, rtol=1e-9).y
         y = np.stack((theta, 0 * times, omega, 0 * times), axis=1)
     markers(y, rate).to_csv(tmp_path / "markers.csv", index=False)

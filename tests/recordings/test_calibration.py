@@ -6,7 +6,8 @@ import torch
 from pendulum_motion import CONSTANTS, FRICTION, markers, real_recordings, truth
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles.calibration import calibrate, forecast, forecast_log_mse
+from expertaug.recordings.angles.calibration import calibrate, forecast_log_mse
+from expertaug.recordings.angles.forecast import forecast
 from expertaug.recordings.angles.measure import measure_angles
 from expertaug.recordings.angles.pendulum_fit import fit_constants, implied_rate
 from expertaug.recordings.chunks.cut import split_chunks

@@ -13,14 +13,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from expertaug.recordings.angles.calibration import forecast
+from expertaug.recordings.angles.forecast import forecast
 from expertaug.recordings.angles.noise import Noise
 from expertaug.recordings.angles.pendulum_fit import Fit
 from expertaug.recordings.angles.smoothing import Motion
 from expertaug.recordings.angles.windows import Window
 
 LEAST_R2 = 0.75  # of the fit to the changes of speed; below, the pendulum is no guide to the motion
-STEP_S = 0.005  # of the integration
 
 
 def with_motion_between(motion: Motion, fit: Fit, noise: Noise, rate: float) -> Motion:
@@ -37,12 +36,13 @@ def with_motion_between(motion: Motion, fit: Fit, noise: Noise, rate: float) -> 
     std = motion.std.copy()
     for reach in np.unique(motion.reach[motion.reach > 0]):
         weights = Window(reach, 2 * reach, -1).weights(1, rate)
-        for k in (0, 1):
-            frames = np.flatnonzero((motion.reach[:, k] == reach) & np.isfinite(std[:, 2 + k]))
-            states = np.nan_to_num(motion.y[frames])
-            bias = _neighbours(states, fit, reach, 1 / rate)[:, :, k] @ weights - states[:, 2 + k]
-            known = np.isfinite(bias)
-            std[frames[known], 2 + k] = np.sqrt(noise.variance(weights, k) + bias[known] ** 2)
+        frames = np.flatnonzero((motion.reach == reach).any(1))
+        states = np.nan_to_num(motion.y[frames])
+        bias = np.einsum("nfk,f->nk", _neighbours(states, fit, reach, 1 / rate), weights) - states[:, 2:]
+        told = np.sqrt([noise.variance(weights, k) for k in (0, 1)] + bias**2)
+        stated = std[frames, 2:]
+        better = (motion.reach[frames] == reach) & np.isfinite(stated) & np.isfinite(told)
+        std[frames, 2:] = np.where(better, told, stated)
     return replace(motion, std=std)
 
 
@@ -54,5 +54,5 @@ def _neighbours(states: np.ndarray, fit: Fit, reach: int, interval: float) -> np
     for sign in (-1, 1):  # backwards in time, speeds and friction change their sign
         start = torch.as_tensor(states * [1, 1, sign, sign])
         friction = (sign * fit.friction[0], sign * fit.friction[1])
-        sides.append(forecast(start, reach + 1, interval, constants, friction, STEP_S)[..., :2].numpy())
+        sides.append(forecast(start, reach + 1, interval, constants, friction)[..., :2].numpy())
     return np.concatenate((sides[0][:, :0:-1], sides[1]), axis=1)
