@@ -348,10 +348,10 @@ def test_a_solver_that_gives_up_on_one_sample_costs_that_sample_alone(folder, mo
     whole, _ = run(folder)
     refused, solve = np.load(folder / "test.npz")["y"][5, 0], Solver.__call__
 
-    def refusing(self, f, y0, t, flow=None, rank=1):
+    def refusing(self, f, y0, t, flow=None, rank=1, **options):
         if self.method == "dopri5" and (y0 == torch.from_numpy(refused)).all(-1).any():
             raise SolveError("dopri5 failed (underflow in dt)")
-        return solve(self, f, y0, t, flow, rank)
+        return solve(self, f, y0, t, flow, rank, **options)
 
     monkeypatch.setattr(Solver, "__call__", refusing)
     values, forecasts = run(folder, samples=12)

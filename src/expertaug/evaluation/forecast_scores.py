@@ -14,7 +14,6 @@ from expertaug.inference.posterior_draws import joint_draws
 from expertaug.inference.predictive import forecasts
 from expertaug.inference.predictive_scores import crps, energy_score
 from expertaug.inference.ranks import ranks
-from expertaug.learning.bound import Stopping
 from expertaug.learning.noise import Noise
 from expertaug.models.estimates import Estimates
 from expertaug.models.measurement_noise import NoiseLike, is_some, shaped
@@ -105,10 +104,9 @@ class Drawing:
             first = min(self.observed - 1, self.begin)
         if first:
             y0 = seen[first].expand_as(y0)
-        solver = self.solver if bound is None else Stopping(self.solver, bound)
         decoder = model.decoder  # type: ignore[attr-defined]
         later = None if u is None else u[first:]
-        return forecasts(decoder, y0, z_e, z_a, self.t[first:], solver, bound, later)[:, self.begin - first :]
+        return forecasts(decoder, y0, z_e, z_a, self.t[first:], self.solver, bound, later)[:, self.begin - first :]
 
     def scores(
         self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise

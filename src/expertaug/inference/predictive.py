@@ -9,7 +9,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from expertaug.learning.bound import Stopping, bounded, solved
+from expertaug.learning.apart import solved_apart
+from expertaug.learning.bound import Stopping, bounded
 from expertaug.models.decoder import Decoder
 from expertaug.systems import System
 from expertaug.systems.solver import Solver
@@ -77,8 +78,6 @@ def predictive(
         pooled: whether all seeds' draws are one posterior's: of one seed with S·K draws.
     """
     z_e, z_a, y0 = estimator.sample(windows, count, seed)
-    if estimator.bound is not None:
-        solver = Stopping(solver, estimator.bound)
     seeds, samples, each = y0.shape[1], y0.shape[2], y0[0, 0, 0].numel() * y0.element_size()
     size = max(CHUNK_BYTES // (count * seeds * len(t) * each), 1)
     at = torch.tensor(levels, dtype=y0.dtype, device=y0.device)
@@ -134,11 +133,15 @@ def forecasts(
         u: known inputs (T, S, B, U), the same for every draw.
     """
     draws = len(y0)
-    one = [x.transpose(0, 1).flatten(1, 2) for x in (y0, z_e, z_a)]  # (S, K·B, …)
-    known = None if u is None else u.repeat(1, 1, draws, 1)
-    y = solved(decoder, *one, t, solver, known)
+
+    def of(windows: slice, stopping: Stopping) -> Tensor:
+        one = [x[:, :, windows].transpose(0, 1).flatten(1, 2) for x in (y0, z_e, z_a)]  # (S, K·B, …)
+        known = None if u is None else u[:, :, windows].repeat(1, 1, draws, 1)
+        return decoder.forecast(*one, t, stopping, known).unflatten(2, (draws, -1))  # type: ignore[arg-type]
+
+    y, _ = solved_apart(of, y0.shape[2], solver, bound, axis=3)  # (T, S, K, B, *state)
     limit = bound if bound is None or bound.dim() == 1 else bound.repeat(draws, 1)
-    return bounded(y, limit).unflatten(2, (draws, -1)).movedim(2, 0)
+    return bounded(y.flatten(2, 3), limit).unflatten(2, (draws, -1)).movedim(2, 0)
 
 
 def _pooled(draws: Tensor, axis: int) -> Tensor:

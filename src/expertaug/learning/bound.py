@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -78,14 +79,19 @@ class Stopping:
 
     Arguments:
         solver: solves the others, to the same bits as alone.
-        bound: (K,), or (B, K) for B samples or for several draws of each, in the order of the draws.
+        bound: (K,), or (B, K) for B samples or for several draws of each, in the order of the draws; None for no bound.
+        most_steps: from one time to the next, beyond which an adaptive method gives up.
     """
 
-    def __init__(self, solver: Solver, bound: Tensor) -> None:
+    def __init__(self, solver: Solver, bound: Tensor | None, most_steps: int | None = None) -> None:
         self.solver, self.bound, self.splits = solver, bound, solver.splits
+        self.limits = {} if most_steps is None else {"most_steps": most_steps}
 
-    def __call__(self, f: Callable[..., Tensor], y0: Tensor, *args: object, **named: object) -> Tensor:
+    def __call__(self, f: Callable[..., Tensor], y0: Tensor, *args: Any, **named: Any) -> Tensor:
         """States (T, S, B, *state), as of :class:`Solver`."""
+        named |= self.limits
+        if self.bound is None:
+            return self.solver(f, y0, *args, **named)
         bound = self.bound if self.bound.dim() == 1 else self.bound.repeat(y0.shape[1] // len(self.bound), 1)
 
         def stopped(s: Tensor, y: Tensor, *side: Tensor) -> Tensor:

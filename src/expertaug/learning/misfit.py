@@ -7,14 +7,13 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from expertaug.errors import SolveError
-from expertaug.learning.bound import FALLBACK, Stopping, bounded, stored_bound
+from expertaug.learning.apart import solved_apart
+from expertaug.learning.bound import Stopping, bounded, stored_bound
 from expertaug.learning.squared_error import differences
 from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
-from expertaug.systems.solver import Solver
 
 MOST = 500  # validation windows whose misfits a model file keeps, evenly spread
 PART = 256  # windows at a time
@@ -55,14 +54,12 @@ def misfits(stored: StoredModel, windows: Tensor) -> Tensor:
         y = part.expand(-1, len(stored.seeds), *part.shape[2:])
         found = model.estimate(y)  # type: ignore[attr-defined]
 
-        def predicted(solver: Solver, found: object = found, y: Tensor = y) -> Tensor:
-            stopping = solver if bound is None else Stopping(solver, bound)
-            return model.predicted(found, y, t, stopping, u=inputs_of(system, y))  # type: ignore[arg-type]
+        def predicted(samples: slice, solver: Stopping, found: object = found, y: Tensor = y) -> Tensor:
+            known = inputs_of(system, y)
+            u = None if known is None else known[:, :, samples]
+            return model.predicted(found.part(samples), y[:, :, samples], t, solver, u=u)  # type: ignore[attr-defined]
 
-        try:
-            states = predicted(stored.solver)
-        except SolveError:
-            states = predicted(FALLBACK)
+        states, _ = solved_apart(predicted, y.shape[2], stored.solver, bound)
         parts.append(misfit_of(system, bounded(states, bound), states_of(system, y)))
     return torch.cat(parts, dim=1)
 

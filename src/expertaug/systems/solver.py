@@ -62,6 +62,7 @@ class Solver(SolverSettings):
         rank: int = 1,
         kinks: bool = False,
         event: Event | None = None,
+        most_steps: int | None = None,
     ) -> Tensor:
         """States (T, *y0.shape) at the times t (T,), the first being y0.
 
@@ -72,6 +73,8 @@ class Solver(SolverSettings):
             rank: axes of a state, which implicit methods need to know.
             kinks: whether f bends at the times t: an adaptive method then ends a step there.
             event: where trajectories jump; f then has the side as third argument (:mod:`expertaug.systems.events`).
+            most_steps: that dopri5 and dopri8 take from one time to the next before they give up; None: as many as are
+                needed.
 
         Raises:
             InputError: the method cannot stop at events.
@@ -95,11 +98,13 @@ class Solver(SolverSettings):
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
         try:
             t = t.to(y0.device, non_blocking=True)
-            options = {"step_t": t[1:-1]} if kinks and len(t) > 2 else None
+            options: dict[str, Any] = {"step_t": t[1:-1]} if kinks and len(t) > 2 else {}
+            if most_steps is not None:
+                options["max_num_steps"] = most_steps
             return odeint(  # type: ignore[return-value]
-                f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol, options=options
+                f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol, options=options or None
             )
-        except AssertionError as error:  # torchdiffeq's word for a step that underflowed
+        except AssertionError as error:  # torchdiffeq's word for a step that underflowed, and for too many
             raise SolveError(f"{self.method} failed ({error})") from error
 
 
