@@ -12,10 +12,10 @@ from expertaug.errors import SolveError
 from expertaug.learning.bound import FALLBACK, Stopping
 from expertaug.systems.solver import Solver
 
-STEPS = 20  # from one time to the next; forecasts of windows that a model was made for take one to six
+STEPS = 20  # from one time to the next; an ordinary batch of circuits, sampled every .1 s, takes half a one
 PIECES = 8
 PATIENCE = 4  # times as many steps for a piece: where all samples need many, few batches are solved twice
-ALONE = 200  # steps of a sample alone: some fifty radians of an oscillation between two times
+ALONE = 200  # steps of a sample alone; an oscillation of 100 rad/s, sampled every .1 s, takes 30
 
 
 def solved_apart(
