@@ -38,12 +38,12 @@ class HybridVAE(Objective):
     - R_DA1: ‖g_p1(x, y, z_a) − sg(ŷ_e)‖², on what the encoder sees of the observed window;
     - R_DA2: ‖g_p2(ŷ_e(x, z_e)) − z_e‖² for z_e ~ p⁺, in units of p⁺'s standard deviation; g_p2 stands for its mean.
 
-    The three forecasts of a step are one solve. What keeps it stable where speeds are high (the authors' double
-    pendulum was not): posterior standard deviations are bounded on both sides (:class:`TwoStep`), so
-    that no sample of z lies far from where the decoder has been; σ has a floor and is set by the data alone, R_PPC
-    taking it as given; a sample whose forecast runs away, as coarse steps of the solver make stiff or fast ones do,
-    does not count in the terms that compare forecasts, and the divergence from p⁺ brings it back; and the loss is per
-    observed value, so that clipping a gradient's norm means the same for short and long trajectories.
+    What keeps it stable where speeds are high (the authors' double pendulum was not): posterior standard deviations are
+    bounded on both sides (:class:`TwoStep`), so that no sample of z lies far from where the decoder has been; σ has a
+    floor and is set by the data alone, R_PPC taking it as given; a sample whose forecast runs away, as coarse steps of
+    the solver make stiff or fast ones do, does not count in the terms that compare forecasts, and the divergence from
+    p⁺ brings it back; and the loss is per observed value, so that clipping a gradient's norm means the same for short
+    and long trajectories.
 
     Arguments:
         prior: ranges of p⁺.
@@ -88,21 +88,10 @@ class HybridVAE(Objective):
         z_plus = low + (high - low) * noise.uniform(size, len(low))
         start = model.system.initial_state(first, z_plus)
         largest = torch.maximum(*(x.abs().flatten(1).amax(1) for x in (y.movedim(1, 0).nan_to_num(), start)))
-        points = max(task.horizon, task.observed)
-        u = batch.inputs(points)
-        states, good = finite_forecast(
-            model,
-            torch.cat((first,) * 3, dim=1),
-            torch.cat((z_e, z_e, z_plus), dim=1),
-            posterior.z_a_used,
-            task,
-            points,
-            limit=RUNAWAY * largest,
-            u=None if u is None else torch.cat((u,) * 3, dim=2),
-        )
-        hybrid, expert, plus = states.split(size, dim=2)
-        hybrid_good, expert_good, plus_good = (None,) * 3 if good is None else good.split(size, dim=1)
-        both_good = None if good is None else hybrid_good & expert_good
+        limit, u = RUNAWAY * largest, batch.inputs(max(task.horizon, task.observed))
+        states, good = _forecasts(model, first, (z_e, z_plus), posterior.z_a_used, task, limit, u)
+        (hybrid, expert, plus), (hybrid_good, expert_good, plus_good) = states, good
+        both_good = None if hybrid_good is None or expert_good is None else hybrid_good & expert_good
 
         divergence = posterior.z_a.divergence()
         if sampled:
@@ -110,7 +99,8 @@ class HybridVAE(Objective):
         later = slice(1, task.horizon)
         errors, compared = squares(model.system, hybrid[later], y[later], batch.complete)
         count = compared if isinstance(compared, int) else compared.float().mean().clamp_min(1.0)
-        apart, _ = squares(model.system, hybrid[later], expert[later], complete=good is None)  # within the bound
+        held = hybrid_good is None and expert_good is None
+        apart, _ = squares(model.system, hybrid[later], expert[later], complete=held)  # within the bound
         likelihood = sample_mean(model.likelihood.log_prob(errors, compared), hybrid_good)
         ppc = apart / (2 * model.likelihood.scale.detach().square()) + divergence
         filtered = posterior.filtered - encoder.view(joined(expert[: task.observed], seen)).detach()
@@ -135,6 +125,44 @@ class HybridVAE(Objective):
             loss = loss + task.supervision_weight * term
             parts["z_e"] = term
         return loss / count, {k: v.detach() for k, v in (parts | {"loss": loss / count}).items()}
+
+
+def _forecasts(
+    model: HybridNet,
+    first: Tensor,
+    z: tuple[Tensor, Tensor],
+    z_a: Tensor,
+    task: Task,
+    limit: Tensor,
+    u: Tensor | None,
+) -> tuple[tuple[Tensor, Tensor, Tensor], tuple[Tensor | None, Tensor | None, Tensor | None]]:
+    """The hybrid's forecast, the expert's, and the expert's for z_e of p⁺, each with the samples that it holds for.
+
+    While the expert is trained alone the first two are one. The third is asked for in the observed window alone, and
+    has no gradient: of fields, whose solves cost what their samples cost, it has its own solve; of other systems it is
+    a part of the one, which costs less than two.
+    """
+    z_e, z_plus = z
+    size, points = z_e.shape[1], max(task.horizon, task.observed)
+    own = [z_e] if model.interaction is None else [z_e, z_e]
+    field = len(model.system.state_shape) > 1
+    asked = own if field else [*own, z_plus]
+
+    def repeated(count: int) -> Tensor | None:
+        return None if u is None else torch.cat((u,) * count, dim=2)
+
+    starts, inputs = torch.cat((first,) * len(asked), dim=1), repeated(len(asked))
+    states, good = finite_forecast(model, starts, torch.cat(asked, dim=1), z_a, task, points, limit, inputs)
+    parts = states.split(size, dim=2)
+    goods = (None,) * len(parts) if good is None else good.split(size, dim=1)
+    if field:
+        with torch.no_grad(), model.decoder.expert_alone():
+            seen = None if u is None else u[: task.observed]
+            plus, plus_good = finite_forecast(model, first, z_plus, z_a, task, task.observed, limit, seen)
+    else:
+        plus, plus_good = parts[-1], goods[-1]
+    expert = len(own) - 1
+    return (parts[0], parts[expert], plus), (goods[0], goods[expert], plus_good)
 
 
 def raw_prior(model: HybridNet, prior: Mapping) -> tuple[Tensor, Tensor]:

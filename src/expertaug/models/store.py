@@ -17,7 +17,7 @@ from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.mean import MeanModel
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
-from expertaug.systems.settings import EVENTS
+from expertaug.systems.settings import ADAMS, EVENTS
 from expertaug.systems.solver import Solver
 
 __all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "write_tensors"]
@@ -25,7 +25,7 @@ __all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "wr
 ACCURATE = {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6}
 ACROSS_EVENTS = {"method": EVENTS, "substeps": 10}
 KINDS = ("hybrid", "alternating", "mean", "least_squares")
-COARSE = ("euler", "midpoint", "rk4")  # steps of the data's own: good for training, not for a forecast
+COARSE = ("euler", "midpoint", "rk4", *ADAMS)  # steps of the data's own: good for training, not for a forecast
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,10 @@ def accurate(system: System) -> dict:
 def forecast_solver(training: Mapping, system: System) -> dict:
     """Settings of the solver that forecasts deserve, from a training's: its own, unless that is a coarse one."""
     solver = Solver.from_mapping(training.get("solver") or {})
-    return accurate(system) if solver.method in COARSE else dict(vars(solver))
+    if solver.method not in COARSE:
+        return dict(vars(solver))
+    split = solver.method in ADAMS and type(system).linear_flow is not System.linear_flow
+    return {"method": "lawson4"} if split else accurate(system)
 
 
 def save(path: str | Path, model: Any, description: Mapping) -> None:

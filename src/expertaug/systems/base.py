@@ -110,7 +110,8 @@ class System(ABC):
     def linear_flow(self, z_e: Tensor, h: float) -> Callable[[Tensor], Tensor] | None:
         """y (…, *state) → exp(h L) y, the exact flow of a linear part L of F_e; None where there is none.
 
-        Such a part may be stiff: the solver lawson4 has it exact, and asks :meth:`nonlinear` for the rest.
+        Such a part may be stiff: the solvers lawson4, ab4 and ab5 have it exact, and ask :meth:`nonlinear` for the
+        rest. Where L is diagonal in a basis, give a :class:`~expertaug.systems.flows.DiagonalFlow`.
         """
         return None
 

@@ -8,7 +8,9 @@ from typing import Annotated, ClassVar, Literal
 from expertaug.settings import LIST, ONE, Pair, Positive, Settings, by_shape, key
 
 EVENTS = "rk4"  # the method that stops at events
-FIXED = ("euler", "midpoint", "rk4", "lawson4", "rodas3")
+ADAMS = ("ab4", "ab5")
+SPLITTING = ("lawson4", *ADAMS)  # which have a linear part exact
+FIXED = ("euler", "midpoint", "rk4", "rodas3", *SPLITTING)
 
 
 # Systems with an energy that their expert conserves, and the number of components that it is of.
@@ -20,11 +22,14 @@ class SolverSettings(Settings):
 
     WHERE: ClassVar[str] = "solver"
 
-    method: Literal["euler", "midpoint", "rk4", "lawson4", "rodas3", "dopri5", "dopri8", "radau", "bdf"] = key(
+    method: Literal[
+        "euler", "midpoint", "rk4", "lawson4", "ab4", "ab5", "rodas3", "dopri5", "dopri8", "radau", "bdf"
+    ] = key(
         "rk4",
-        "euler, midpoint, rk4, lawson4 (which treats a linear part of the expert exactly) and rodas3 (for stiff "
-        "systems) step from data time to data time; dopri5, dopri8 and, for stiff systems but without gradients, "
-        "radau and bdf choose their steps by tolerance",
+        "euler, midpoint, rk4, lawson4 (which treats a linear part of the expert exactly), ab4 and ab5 (Adams–Bashforth, "
+        "a quarter of the evaluations, that part likewise) and rodas3 (for stiff systems) step from data time to data "
+        "time; dopri5, dopri8 and, for stiff systems but without gradients, radau and bdf choose their steps by "
+        "tolerance",
     )
     rtol: Positive = key(1.0e-6, "relative tolerance of an adaptive method")
     atol: Positive = key(1.0e-6, "absolute tolerance of an adaptive method, in the state's units")

@@ -11,20 +11,21 @@ from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.settings import complaints
+from expertaug.systems.adams import adams_bashforth
 from expertaug.systems.events import Event, stepped
+from expertaug.systems.flows import Flow, Flows, lawson4_step
 from expertaug.systems.implicit import SCIPY, by_scipy, rodas3
 from expertaug.systems.odeint import odeint, on_grid
-from expertaug.systems.settings import EVENTS, FIXED, SolverSettings
-
-# flow(h): the map y → exp(h L) y of a linear part L, or None where there is none.
-Flow = Callable[[float], Callable[[Tensor], Tensor] | None]
+from expertaug.systems.settings import EVENTS, FIXED, SPLITTING, SolverSettings
 
 
 class Solver(SolverSettings):
     """How to solve.
 
     lawson4 is the fourth-order Runge-Kutta method that has the linear part of dy/dt = L y + f(t, y) exact (Lawson
-    1967), and rk4 where there is none; the tolerances are unused on a fixed grid, the substeps by adaptive methods.
+    1967), and rk4 where there is none. ab4 and ab5 have it exact as well; where f bends or jumps at the times, as
+    measured inputs make it, they take lawson4's steps. The tolerances are unused on a fixed grid, the substeps by
+    adaptive methods.
     """
 
     def __init__(self, *values: Any, **settings: Any) -> None:
@@ -51,7 +52,7 @@ class Solver(SolverSettings):
     @property
     def splits(self) -> bool:
         """Whether the method wants the linear part as a flow, and f without it."""
-        return self.method == "lawson4"
+        return self.method in SPLITTING
 
     def __call__(
         self,
@@ -91,8 +92,10 @@ class Solver(SolverSettings):
                 return stepped(f, y0, grid.to(y0.device, non_blocking=True), event)[:: self.substeps]
             if self.method == "rodas3":
                 return rodas3(f, y0, grid.to(y0.device, non_blocking=True), rank)[:: self.substeps]
-            if self.splits:
+            if self.method == "lawson4" or (self.splits and kinks):
                 return _lawson4(f, y0, grid.cpu(), flow)[:: self.substeps]
+            if self.splits:
+                return adams_bashforth(f, y0, grid.cpu(), flow, self.method)[:: self.substeps]
             return on_grid(f, y0, grid, self.method)[:: self.substeps]
         if self.method in SCIPY:
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
@@ -109,19 +112,10 @@ class Solver(SolverSettings):
 
 
 def _lawson4(f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, t: Tensor, flow: Flow | None) -> Tensor:
-    """Classical Runge-Kutta steps for exp(−t L) y, written for y."""
-    states, halves = [y0], {}
+    states, flows = [y0], Flows(flow)
     for begin, h in zip(t[:-1], t.diff(), strict=True):
-        y, length = states[-1], round(float(h), 9)  # a grid's steps are equal but for rounding
-        if length not in halves:
-            halves[length] = (flow(length / 2) if flow else None) or (lambda x: x)
-        half = halves[length]
-        k1 = f(begin, y)
-        y_half, k1_half = half(torch.stack((y, k1))).unbind(0)
-        k2 = f(begin + h / 2, y_half + h / 2 * k1_half)
-        k3 = f(begin + h / 2, y_half + h / 2 * k2)
-        end, sum_half = half(torch.stack((y_half + h * k3, y_half + h / 6 * k1_half + h / 3 * (k2 + k3)))).unbind(0)
-        states.append(sum_half + h / 6 * f(begin + h, end))
+        y = states[-1]
+        states.append(lawson4_step(f, begin, h, y, f(begin, y), flows(float(h) / 2)))
     return torch.stack(states)
 
 
