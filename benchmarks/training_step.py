@@ -13,7 +13,7 @@ import argparse
 import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import pairwise
 
@@ -37,6 +37,7 @@ POINTS, STEP = 51, 0.1
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 TYPICAL = 2.2  # softplus of it is an ω0 amid the data, as after some training: dopri5 then needs its usual steps
 DATA = {"seed": 0, "step_s": STEP, "t2_s": 20.0, "noise": 0.01}
+AB5 = {"method": "ab5", "substeps": 2}  # as accurate as the fixed grid's rk4: tests/systems/test_adams.py
 OURS = {"encoder": {"kind": "recurrent"}, "interaction": {"kind": "mlp"}}
 
 
@@ -138,7 +139,7 @@ def rk4(field: Callable, y: Tensor, t: Tensor) -> Tensor:
     return torch.stack(path)
 
 
-def stacked_steps(seeds: int, data: StackedSet, **parts: Part) -> Callable[[], None]:
+def stacked_steps(seeds: int, data: StackedSet, solver: Mapping | None = None, **parts: Part) -> Callable[[], None]:
     """One step of all seeds the way this package does it, with its own parts but for those given."""
     system, t = systems.load({"name": "pendulum"}), [k * STEP for k in range(201)]
     description = {"t": t, "observed": POINTS, "seeds": list(range(seeds))}
@@ -146,7 +147,7 @@ def stacked_steps(seeds: int, data: StackedSet, **parts: Part) -> Callable[[], N
     head = model.encoder.module.head[-1] if "encoder" in parts else model.encoder.head.layers[-1]
     nn.init.constant_(head.bias, TYPICAL)
     objective = Aphynity(description["seeds"], resolve("corrected"))
-    model, task = model.to(data.y.device), task_of({}, description, data.y.device)
+    model, task = model.to(data.y.device), task_of({"solver": solver or {}}, description, data.y.device)
     batch = next(data.batches(description["seeds"], 0, 100))
     optimiser = torch.optim.Adam(model.parameters())
 
@@ -220,6 +221,7 @@ def main() -> None:
     ways = {
         "usual, dopri5 1e-5": usual_steps,
         "stacked, fixed grid": stacked_steps,
+        "stacked, ab5 halved": partial(stacked_steps, solver=AB5),
         "own F_a, fixed grid": partial(stacked_steps, interaction=UsualInteraction),
         "own encoder and F_a": partial(stacked_steps, interaction=UsualInteraction, encoder=UsualEncoder),
     }

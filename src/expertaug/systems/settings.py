@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from expertaug.settings import LIST, ONE, Pair, Positive, Settings, by_shape, key
 
 EVENTS = "rk4"  # the method that stops at events
-ADAMS = ("ab4", "ab5")
+ADAMS = {"ab4": 4, "ab5": 5}  # Adams–Bashforth methods, by order
 SPLITTING = ("lawson4", *ADAMS)  # which have a linear part exact
 FIXED = ("euler", "midpoint", "rk4", "rodas3", *SPLITTING)
 
@@ -26,7 +26,7 @@ class SolverSettings(Settings):
         "euler", "midpoint", "rk4", "lawson4", "ab4", "ab5", "rodas3", "dopri5", "dopri8", "radau", "bdf"
     ] = key(
         "rk4",
-        "euler, midpoint, rk4, lawson4 (which treats a linear part of the expert exactly), ab4 and ab5 (Adams–Bashforth, "
+        "euler, midpoint, rk4, lawson4 (which treats a linear part of the expert exactly), ab4, ab5 (Adams–Bashforth; "
         "a quarter of the evaluations, that part likewise) and rodas3 (for stiff systems) step from data time to data "
         "time; dopri5, dopri8 and, for stiff systems but without gradients, radau and bdf choose their steps by "
         "tolerance",

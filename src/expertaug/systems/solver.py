@@ -16,7 +16,7 @@ from expertaug.systems.events import Event, stepped
 from expertaug.systems.flows import Flow, Flows, lawson4_step
 from expertaug.systems.implicit import SCIPY, by_scipy, rodas3
 from expertaug.systems.odeint import odeint, on_grid
-from expertaug.systems.settings import EVENTS, FIXED, SPLITTING, SolverSettings
+from expertaug.systems.settings import ADAMS, EVENTS, FIXED, SPLITTING, SolverSettings
 
 
 class Solver(SolverSettings):
@@ -95,7 +95,7 @@ class Solver(SolverSettings):
             if self.method == "lawson4" or (self.splits and kinks):
                 return _lawson4(f, y0, grid.cpu(), flow)[:: self.substeps]
             if self.splits:
-                return adams_bashforth(f, y0, grid.cpu(), flow, self.method)[:: self.substeps]
+                return adams_bashforth(f, y0, grid.cpu(), flow, ADAMS[self.method])[:: self.substeps]
             return on_grid(f, y0, grid, self.method)[:: self.substeps]
         if self.method in SCIPY:
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)

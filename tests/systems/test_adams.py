@@ -1,0 +1,127 @@
+"""Adams-Bashforth steps: their order, what they cost, and what they do where steps or rates are uneven."""
+
+import math
+
+import pytest
+import torch
+
+import expertaug as ea
+from expertaug import systems
+from expertaug.models import store
+from expertaug.systems.flows import DiagonalFlow
+from expertaug.systems.reaction_diffusion import SIZE
+from expertaug.systems.solver import Solver
+
+T = torch.linspace(0, 4, 41, dtype=torch.float64)
+
+
+def spiral(s, y):
+    """Turns at 1 rad/s, decays at .1 1/s and is driven."""
+    u, v = y.unbind(-1)
+    return torch.stack((v - 0.1 * u, -u - 0.1 * v + torch.cos(s)), -1)
+
+
+def solved(solver, t=T, field=spiral):
+    return solver(field, torch.tensor([[1.0, 0.0], [0.2, -0.7]], dtype=torch.float64), t)
+
+
+def error(solver, t=T):
+    return float((solved(solver, t) - solved(Solver("rk4", substeps=100), t)).abs().max())
+
+
+@pytest.mark.parametrize(("method", "order"), [("ab4", 4), ("ab5", 5)])
+def test_half_the_step_is_of_its_order_more_accurate(method, order):
+    coarse, fine = (error(Solver(method, substeps=n)) for n in (2, 4))
+    assert order - 0.6 < math.log2(coarse / fine) < order + 0.6
+
+
+@pytest.mark.parametrize(("method", "start"), [("ab4", [4, 2, 2]), ("ab5", [4, 4, 2, 2])])
+def test_a_step_is_one_evaluation_once_it_has_started(method, start):
+    called = []
+
+    def counted(s, y):
+        called.append(float(s))
+        return spiral(s, y)
+
+    solved(Solver(method), field=counted)
+    assert len(called) == sum(start) + len(T) - 1 - len(start)
+
+
+def test_after_a_change_of_the_steps_length_it_starts_again():
+    uneven = torch.cat((T[:12], T[11] + 0.03 * torch.arange(1, 20)))
+    whole, parts = solved(Solver("ab5"), uneven), solved(Solver("ab5"), uneven[:12])
+    torch.testing.assert_close(whole[:12], parts)
+    again = Solver("ab5")(spiral, parts[-1], uneven[11:])
+    torch.testing.assert_close(whole[11:], again)
+    assert error(Solver("ab5"), uneven) < 1e-5
+
+
+def test_rounded_times_are_equal_steps():
+    """float32 times at 100 s differ from multiples of .1 s by 1e-6."""
+    t = (100 + torch.arange(41) / 10).float()
+    called = []
+    Solver("ab5")(lambda s, y: called.append(1) or -y, torch.ones(1, 1), t)
+    assert len(called) == 12 + 36
+
+
+def test_as_accurate_as_runge_kutta_on_the_pendulum_with_two_steps_for_one():
+    system = systems.load({"name": "pendulum"})
+    z_e, y0 = torch.linspace(0.5, 3.5, 31).double().unsqueeze(-1), torch.tensor([[1.5, 0.0]]).double().expand(31, 2)
+    t = torch.linspace(0, 20, 201).double()
+
+    def forecast(solver):
+        return solver(lambda s, y: system.expert(s, y, z_e), y0, t)
+
+    exact = forecast(Solver("dopri8", 1e-10, 1e-10))
+    rk4, ab5 = (float((forecast(s) - exact).square().mean()) for s in (Solver("rk4"), Solver("ab5", substeps=2)))
+    assert ab5 < 4 * rk4
+
+
+def reaction_diffusion(solver, flow=None):
+    system = systems.load({"name": "reaction_diffusion", "reaction": "without_k"})
+    y0 = torch.rand(3, 2, SIZE, SIZE, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    z_e, t = torch.tensor([[0.002, 0.007]]).double().expand(3, 2), torch.arange(21).double() / 10
+    part = system.nonlinear if solver.splits else system.expert
+    known = flow or (lambda h: system.linear_flow(z_e, h))
+    return solver(lambda s, y: part(s, y, z_e), y0, t, known)
+
+
+def test_diffusion_is_exact():
+    exact = reaction_diffusion(Solver("dopri5", 1e-9, 1e-9))
+    largest = [float((reaction_diffusion(Solver(m)) - exact).abs().max()) for m in ("ab4", "ab5", "rk4")]
+    assert largest[1] < largest[0] < 5e-3 < 1e-2 < largest[2]
+
+
+def test_a_flow_without_a_basis_gives_the_same():
+    system = systems.load({"name": "reaction_diffusion", "reaction": "without_k"})
+    z_e = torch.tensor([[0.002, 0.007]]).double().expand(3, 2)
+    found = reaction_diffusion(Solver("ab5"), lambda h: lambda y: system.linear_flow(z_e, h)(y))
+    torch.testing.assert_close(found, reaction_diffusion(Solver("ab5")), rtol=0, atol=1e-10)
+
+
+def test_diagonal_flow():
+    flow = DiagonalFlow(lambda y: 2 * y, lambda y: y / 2, torch.tensor([0.5, 1.0]))
+    torch.testing.assert_close(flow(torch.tensor([3.0, 4.0])), torch.tensor([1.5, 4.0]))
+
+
+def test_gradients_are_those_of_the_steps():
+    w = torch.tensor(1.3, dtype=torch.float64, requires_grad=True)
+    y0 = torch.ones(1, 1, dtype=torch.float64)
+
+    def last(w):
+        return Solver("ab4")(lambda s, y: -w * y.square(), y0, T)[-1].sum()
+
+    torch.autograd.gradcheck(last, w)
+
+
+def test_where_measured_inputs_bend_steps_are_runge_kuttas():
+    def by(method):
+        return Solver(method)(spiral, torch.ones(1, 2).double(), T, kinks=True)
+
+    assert torch.equal(by("ab5"), by("lawson4")) and not torch.equal(by("ab5"), solved(Solver("ab5"))[:, :1])
+
+
+def test_forecasts_are_not_solved_by_a_trainings_coarse_steps():
+    told = {"solver": {"method": "ab5", "substeps": 2}}
+    assert store.forecast_solver(told, ea.DampedPendulum()) == store.ACCURATE
+    assert store.forecast_solver(told, ea.ReactionDiffusion()) == {"method": "lawson4"}
