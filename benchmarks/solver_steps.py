@@ -71,7 +71,7 @@ def main() -> None:
                 y, z_e = of(by)
                 torch.autograd.grad(y.square().sum(), z_e)
 
-            seconds, wrong = median_time(step, 5), forecast(solver)[0].detach() - exact
+            seconds, wrong = median_time(step, 3), forecast(solver)[0].detach() - exact
             label = solver.method + (f" at {solver.rtol:g}" if solver.method == "dopri5" else f" × {solver.substeps}")
             size = float(wrong.square().mean().sqrt())
             print(f"{title:24} {label:14} {1e3 * seconds:7.0f} ms   error {float(wrong.abs().max()):.1e}, {size:.1e}")
