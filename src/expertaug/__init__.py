@@ -21,6 +21,7 @@ _EXPORTS = {
     "ConvTwoStep": "expertaug.models.encoders.two_step_fields:ConvTwoStep",
     "DampedPendulum": "expertaug.systems.pendulum:DampedPendulum",
     "DampingInteraction": "expertaug.models.interactions.damping:DampingInteraction",
+    "DiagonalFlow": "expertaug.systems.flows:DiagonalFlow",
     "DoublePendulum": "expertaug.systems.double_pendulum:DoublePendulum",
     "DrivenPendulum": "expertaug.systems.driven_pendulum:DrivenPendulum",
     "Forecast": "expertaug.api.forecasts:Forecast",

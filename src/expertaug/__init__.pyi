@@ -43,6 +43,7 @@ from expertaug.systems.base import System as System
 from expertaug.systems.bouncing_ball import BouncingBall as BouncingBall
 from expertaug.systems.double_pendulum import DoublePendulum as DoublePendulum
 from expertaug.systems.driven_pendulum import DrivenPendulum as DrivenPendulum
+from expertaug.systems.flows import DiagonalFlow as DiagonalFlow
 from expertaug.systems.pendulum import DampedPendulum as DampedPendulum
 from expertaug.systems.reaction_diffusion import ReactionDiffusion as ReactionDiffusion
 from expertaug.systems.rlc import RLC as RLC
@@ -61,6 +62,7 @@ __all__ = [
     "ConvTwoStep",
     "DampedPendulum",
     "DampingInteraction",
+    "DiagonalFlow",
     "DoublePendulum",
     "DrivenPendulum",
     "Forecast",
