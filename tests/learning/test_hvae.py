@@ -115,6 +115,16 @@ class TestLoss:
         for name, parameter in case[0].named_parameters():
             assert parameter.grad is not None and parameter.grad.abs().sum() > 0, name
 
+    def test_while_the_expert_is_alone_the_hybrids_forecast_is_its_own(self, case):
+        """Solved once: the terms that compare the two are nothing, the others those of the expert's forecast."""
+        model, batch, task = case
+        with model.decoder.expert_alone():
+            _, alone = objective().loss(model, batch, task)
+        _, both = objective().loss(model, batch, task)
+        assert torch.equal(alone["r_ppc"], alone["divergence"]) and (both["r_ppc"] > both["divergence"]).all()
+        torch.testing.assert_close(alone["r_da1"], both["r_da1"])
+        assert not torch.allclose(alone["data"], both["data"])
+
     def test_z_e_may_be_a_point(self, case):
         """Then it is not drawn, and has no divergence."""
         losses = [objective(choices={"hvae_z_e": "mean"}, gamma=0.0, alpha=0.0).loss(*case)]
