@@ -3,10 +3,11 @@
     python benchmarks/refinement_starts.py config/config.yaml [FILE…] [--experiment double_pendulum]
         [--method aphynity] [--set validation] [--windows 150] [--settings 0,1,15 64,1,30 256,3,30]
 
-The files are those of a finished run, started in this folder.  A setting is starts,tries,steps[,sufficient]: points of
-p⁺ at which each window is compared with the model, the best of them from which a fit starts beside the model's own
-estimate, Levenberg–Marquardt steps at most, the quantile of χ² up to which the fit from the model's own estimate is
-enough.  Printed for each: log-MSE of every seed, per dimension, of the mean and of the median over windows, and
+The files are those of a finished run, started in this folder.  A setting is
+starts,tries,steps[,sufficient[,agreement]]: points of p⁺ at which each window is compared with the model, the best of
+them from which a fit starts beside the model's own estimate, Levenberg–Marquardt steps at most, the quantile of χ² up
+to which the fit from the model's own estimate is enough, and how near a further minimum must be to the lowest to end
+the search.  Printed for each: log-MSE of every seed, per dimension, of the mean and of the median over windows, and
 processor time.
 """
 
@@ -49,7 +50,7 @@ def main() -> None:
     stored = store.load(model, device)
     windows = spread(Trajectories.load(folder / "data" / f"{options.set}.npz"), options.windows)
     for text in options.settings:
-        names = ("starts", "tries", "steps", "sufficient")
+        names = ("starts", "tries", "steps", "sufficient", "agreement")
         given = [float(value) if "." in value else int(value) for value in text.split(",")]
         how = {**refinement["settings"], **dict(zip(names, given, strict=False))}
         before = time.process_time()

@@ -192,6 +192,34 @@ def test_further_starts_are_tried_only_where_the_first_does_not_explain_a_window
     torch.testing.assert_close(everywhere.z_e, truth, rtol=0.02, atol=0.0)
 
 
+def test_no_further_start_is_tried_once_two_have_led_to_the_same_minimum(monkeypatch):
+    data = pendulum((1.5, 3.1), n=12)
+    damped = replace(data, y=data.y * np.exp(-0.1 * data.t)[None, :, None].astype(np.float32))
+    seen = windows(damped)
+    fit = estimator_of(expert_alone("pendulum", data), {"starts": 64, "tries": 8}, NOISE, PRIOR).fit
+    asked, tried = fit._minimum, []
+    monkeypatch.setattr(fit, "_minimum", lambda x, part: tried.append(x.shape[1]) or asked(x, part))
+    found = fit(seen)
+    assert found.chi2.min() > 2 and tried[:2] == [12, 12]  # nothing explains these windows, so each is tried again,
+    assert sum(tried) < 12 * 4  # and not eight times
+    fit.settings = fit.settings.model_copy(update={"agreement": 0.0})
+    tried.clear()
+    everything = fit(seen)
+    assert tried == [12] * 8
+    torch.testing.assert_close(found.chi2, everything.chi2, rtol=0.02, atol=0.0)
+
+
+def test_a_fit_ends_where_the_next_step_promises_nothing():
+    asked = []
+
+    def residuals(x, columns):
+        asked.append(len(columns))
+        return torch.stack((x[..., 0] - 0.1, x[..., 1] + 0.2, x.sum(-1) - 0.2), -1)
+
+    minimise(residuals, torch.zeros(1, 4, 2, dtype=torch.float64), steps=30)
+    assert len(asked) == 3  # the start and two steps to a linear problem's minimum, and none to be sure of it
+
+
 def test_which_components_are_seen_and_given():
     double = systems.load({"name": "double_pendulum", "expert": "point_mass"})
     assert seen_components(double).tolist() == [True, True, False, False]

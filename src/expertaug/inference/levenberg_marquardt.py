@@ -46,7 +46,8 @@ def minimise(
         x: starts (…, B, K), float64, of order one.
         steps: at most so many.
         longest: step of each parameter, or of all.
-        tolerance: a problem is done when a step betters it by less than this share.
+        tolerance: a problem is done when a step betters it by less than this share, or, of one that is hardly damped,
+            when a linear model does not promise more.
     """
     x = x.clone()
     columns = torch.arange(x.shape[-2], device=x.device)
@@ -54,11 +55,13 @@ def minimise(
     damping = torch.full_like(cost, DAMPING)
     done = torch.zeros_like(cost, dtype=torch.bool)
     for _ in range(steps):
+        step, gain = _step(curvature, slope, damping, longest)
+        done |= (gain <= tolerance * cost) & (damping <= DAMPING)
         open_ = (~done).reshape(-1, done.shape[-1]).any(0).nonzero().flatten()
         if not len(open_):
             break
         now, at = cost[..., open_], damping[..., open_]
-        trial = x[..., open_, :] + _step(curvature[..., open_, :, :], slope[..., open_, :], at, longest)
+        trial = (x + step)[..., open_, :]
         new, new_curvature, new_slope = _derivatives(residuals, trial, open_)
         better = (new < now) & ~done[..., open_]
         x[..., open_, :] = torch.where(better[..., None], trial, x[..., open_, :])
@@ -81,7 +84,7 @@ def trial(residuals: Residuals, x: Tensor, damping: Tensor, longest: float | Ten
         damping: of each problem, (…, B).
     """
     cost, curvature, slope = _derivatives(residuals, x, torch.arange(x.shape[-2], device=x.device))
-    return x + _step(curvature, slope, damping, longest), cost
+    return x + _step(curvature, slope, damping, longest)[0], cost
 
 
 def adapted(damping: Tensor, better: Tensor) -> Tensor:
@@ -109,12 +112,14 @@ def _limited(residuals: Tensor) -> Tensor:
     return residuals.nan_to_num(LARGEST, LARGEST, -LARGEST).clamp(-LARGEST, LARGEST)
 
 
-def _step(curvature: Tensor, slope: Tensor, damping: Tensor, longest: float | Tensor) -> Tensor:
-    """The damped step (…, B, K), damping in proportion to the curvature of each parameter."""
+def _step(curvature: Tensor, slope: Tensor, damping: Tensor, longest: float | Tensor) -> tuple[Tensor, Tensor]:
+    """The damped step (…, B, K), damping in proportion to the curvature of each parameter, and the decrease of the
+    cost that a linear model promises of one that is neither damped nor limited, (…, B)."""
     diagonal = curvature.diagonal(dim1=-2, dim2=-1)
     # What moves nothing gets a damping of its own, or the matrix would be singular.
     floor = 1e-9 * diagonal.amax(-1, keepdim=True).clamp_min(1e-30)
     damped = curvature + torch.diag_embed(damping[..., None] * diagonal + floor)
     step = -torch.linalg.solve_ex(damped, slope.unsqueeze(-1)).result.squeeze(-1)
+    gain = -(slope * step).sum(-1)
     limit = torch.as_tensor(longest).to(step)
-    return step.nan_to_num(0.0, 0.0, 0.0).clamp(-limit, limit)
+    return step.nan_to_num(0.0, 0.0, 0.0).clamp(-limit, limit), gain

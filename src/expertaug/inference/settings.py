@@ -33,6 +33,11 @@ class RefinementSettings(Settings):
         "a window is fitted from further starts only where χ² after the first fit, that from the trained model's "
         "estimate or else from the best point, is above this quantile of its distribution; 0 = in any case",
     )
+    agreement: Share = key(
+        0.01,
+        "no further start is tried once one has led to a χ² within this share of the lowest before it: two that arrive "
+        "at the same minimum; 0 = all are tried until χ² is sufficient",
+    )
     steps: Count = key(30, "maximum number of Levenberg–Marquardt steps")
     noise: Positive = key(
         LEFT_OUT,

@@ -26,10 +26,9 @@ class WindowFit(WindowProblem):
         here = windows.cpu()
         first = None if first is None else first.to(here)
         free = sum(self.sizes)
-        tries = (self.settings.tries if self.grid is not None else 0) + (first is not None)
-        if not tries:
+        if self.grid is None and first is None:
             raise InputError("refinement.starts", "found 0", "least squares needs a range of starts, or a model's")
-        each = windows[:, :, :1].numel() * 8 * tries * (free + 1)
+        each = windows[:, :, :1].numel() * 8 * (free + 1)
         size = max(1, MEMORY // max(each, 1))
         parts = [
             self._fit(here[:, :, k : k + size].double(), None if first is None else first.part(slice(k, k + size)))
@@ -38,34 +37,37 @@ class WindowFit(WindowProblem):
         return Estimates.joined(parts).to(windows)
 
     def _fit(self, windows: Tensor, first: Estimates | None) -> Estimates:
-        best = None if first is not None else self.best_of_grid(windows)
-        x = self.coordinates(first, self.first(windows)).unsqueeze(2) if best is None else best[:, :, :1]
-        found = self._lowest(x, windows)
+        starts = None if first is not None else self.best_of_grid(windows)
+        x = self.coordinates(first, self.first(windows)) if starts is None else starts[:, :, 0]
+        found = self._minimum(x, windows)
         wanting = ~self._sufficient(found, windows)
-        others = self.grid is not None and (best is None or best.shape[2] > 1)
-        if others and wanting.any():
-            # Each seed's own windows first, so many as the seed with most has: the others have tried for nothing.
-            seeds = torch.arange(len(wanting)).unsqueeze(-1)
+        seeds = torch.arange(len(wanting)).unsqueeze(-1)
+        for k in range(0 if first is not None else 1, self.tries):
+            if not wanting.any():
+                break
+            # Each seed's own windows first, so many as the seed with most has: the others try for nothing.
             place = wanting.int().argsort(dim=1, descending=True, stable=True)[:, : int(wanting.sum(1).max())]
             part = windows[:, seeds, place]
-            further = self._lowest(self.best_of_grid(part) if best is None else best[seeds, place, 1:], part)
-            better = wanting[seeds, place] & (further.cost < found.cost[seeds, place])
+            if starts is None:
+                starts = found.x.new_zeros(*wanting.shape, self.tries, found.x.shape[-1])
+                starts[seeds, place] = self.best_of_grid(part)
+            further = self._minimum(starts[seeds, place, k], part)
+            before = found.cost[seeds, place]
+            better = wanting[seeds, place] & (further.cost < before)
             for value, other in zip(vars(found).values(), vars(further).values(), strict=True):
                 chosen = better.view(*better.shape, *[1] * (value.dim() - 2))
                 value[seeds, place] = torch.where(chosen, other, value[seeds, place])
+            again = (further.cost - before).abs() <= self.settings.agreement * torch.minimum(before, further.cost)
+            wanting[seeds, place] &= ~(again | self._sufficient(further, part))
         return self._estimates(found.x, found.cost, found.curvature, windows)
 
-    def _lowest(self, x: Tensor, windows: Tensor) -> Minimum:
-        """The lowest of the minima that are reached from starts (S, B, tries, K)."""
-        seeds, count, tries = x.shape[:3]
+    def _minimum(self, x: Tensor, windows: Tensor) -> Minimum:
+        """The minima that are reached from starts (S, B, K)."""
 
         def residuals(candidates: Tensor, columns: Tensor) -> Tensor:
-            return self.residuals(candidates, windows[:, :, torch.div(columns, tries, rounding_mode="floor")])
+            return self.residuals(candidates, windows[:, :, columns])
 
-        found = minimise(residuals, x.flatten(1, 2), self.settings.steps, self.longest)
-        best = found.cost.view(seeds, count, tries).argmin(-1) + tries * torch.arange(count)
-        at = torch.arange(seeds).unsqueeze(-1), best
-        return Minimum(found.x[at], found.cost[at], found.curvature[at])
+        return minimise(residuals, x, self.settings.steps, self.longest)
 
     def _sufficient(self, found: Minimum, windows: Tensor) -> Tensor:
         """Whether minima (S, B) explain their windows within the noise."""

@@ -86,6 +86,11 @@ class WindowProblem:
         self.grid = None if prior is None or not settings.starts else self._grid(prior)
 
     @property
+    def tries(self) -> int:
+        """Points of the grid from which a window is fitted, at most."""
+        return 0 if self.grid is None else min(self.settings.tries, len(self.grid))
+
+    @property
     def observations(self) -> int:
         """Observed numbers that a window is compared at."""
         seen = seen_components(self.system)[:, None] & self.counts
@@ -197,7 +202,7 @@ class WindowProblem:
         for part in self.grid.split(each):
             x = part[:, None, None].expand(-1, seeds, count, -1)
             costs.append(self.residuals(x, windows).square().sum(-1).nan_to_num(torch.inf))
-        best = torch.cat(costs).topk(min(self.settings.tries, len(self.grid)), dim=0, largest=False).indices
+        best = torch.cat(costs).topk(self.tries, dim=0, largest=False).indices
         return self.grid[best.movedim(0, -1)]
 
 
