@@ -9,9 +9,11 @@ import pytest
 import torch
 
 from expertaug import systems
+from expertaug.api.arrays import RefinementOptions
 from expertaug.errors import InputError
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.levenberg_marquardt import minimise
+from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_problem import given_components, seen_components
 from expertaug.learning import train as train_stage
 from expertaug.models import describe, store
@@ -207,6 +209,11 @@ def test_no_further_start_is_tried_once_two_have_led_to_the_same_minimum(monkeyp
     everything = fit(seen)
     assert tried == [12] * 8
     torch.testing.assert_close(found.chi2, everything.chi2, rtol=0.02, atol=0.0)
+
+
+def test_every_setting_is_an_option_in_python():
+    noise = {"noise"}  # an argument of its own
+    assert set(RefinementOptions.__annotations__) | noise == set(RefinementSettings.model_fields)
 
 
 def test_a_fit_ends_where_the_next_step_promises_nothing():

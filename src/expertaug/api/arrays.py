@@ -29,6 +29,7 @@ class RefinementOptions(TypedDict, total=False):
     starts: int
     tries: int
     sufficient: float
+    agreement: float
     steps: int
     free_start: bool
     latent: int
