@@ -43,6 +43,7 @@ def main() -> None:
                 for model in sorted((folder / method).glob("*/model.safetensors")):
                     settings = stage_settings.evaluate(config, options.experiment, version, model.parent.name)
                     fewer = {"max_samples": options.windows, "draws": options.draws, "drawn_samples": 0, "samples": 1}
+                    fewer["expected_draws"] = options.draws
                     settings = settings | {"evaluation": settings["evaluation"] | fewer}
                     made.append(Path(temporary) / f"{version}_{model.parent.name}.npz")
                     evaluate(model, folder / "data", Path(temporary) / "metrics.csv", made[-1], settings)

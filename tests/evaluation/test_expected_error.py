@@ -36,6 +36,9 @@ def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
     assert scored.expected.keys() == {"expected"} and scored.expected["expected"].shape == (1, 80)
     assert 0.6 < scored.expected["expected"].mean() / own < 1.7
     assert not score(stored, data, OPTIONS | {"draws": 0}, "y0", CPU).expected
+    fewer, more = (OPTIONS | {"draws": count, "expected_draws": 8} for count in (8, 19))
+    same = [score(stored, data, options, "y0", CPU).expected["expected"] for options in (fewer, more)]
+    assert torch.equal(*same) and torch.equal(same[0], scored.expected["expected"])
 
 
 @pytest.fixture(scope="module")

@@ -200,7 +200,7 @@ def test_no_further_start_is_tried_once_two_have_led_to_the_same_minimum(monkeyp
     seen = windows(damped)
     fit = estimator_of(expert_alone("pendulum", data), {"starts": 64, "tries": 8}, NOISE, PRIOR).fit
     asked, tried = fit._minimum, []
-    monkeypatch.setattr(fit, "_minimum", lambda x, part: tried.append(x.shape[1]) or asked(x, part))
+    monkeypatch.setattr(fit, "_minimum", lambda x, *rest: tried.append(x.shape[1]) or asked(x, *rest))
     found = fit(seen)
     assert found.chi2.min() > 2 and tried[:2] == [12, 12]  # nothing explains these windows, so each is tried again,
     assert sum(tried) < 12 * 4  # and not eight times

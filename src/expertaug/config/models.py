@@ -138,12 +138,17 @@ class Evaluation(Settings):
         "every set",
     )
     draws: Annotated[int, Field(ge=0, le=1000)] = key(
-        39,
+        19,
         "number of forecasts drawn for each window, for the CRPS, the energy score and the bands of every version "
-        "with a distribution; 39 (or 19) give exact 50 % and 90 % bands, 0 = none",
+        "with a distribution; 19 (or 39) give exact 50 % and 90 % bands, 0 = none",
     )
     drawn_samples: Count = key(
         200, "maximum number of windows of each set for which forecasts are drawn, spread evenly"
+    )
+    expected_draws: Annotated[int, Field(ge=0, le=1000)] = key(
+        8,
+        "number of forecasts drawn for every window, whose distance from the forecast is the squared error to be "
+        "expected, a score of alarms; at most as many as `draws`",
     )
     solver: SolverSettings = key(
         LEFT_OUT,

@@ -54,7 +54,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
             after the observed window, which ``log_mse_after_sum`` and ``_dim`` see alone where others count too),
             ``max_samples`` and ``train_samples`` (of each set, and of the training set, evenly spread; null = all),
             ``solver``, and ``draws`` and ``drawn_samples``: how many forecasts are drawn of how many windows of each
-            set, where a version has a distribution;
+            set, where a version has a distribution, and ``expected_draws``, of every window;
             ``noise``, standard deviation of the data's noise; ``refinement`` ({settings, noise, prior}, as
             :func:`estimator_of`): the model's estimates are refined by least squares; ``own`` ({prior, resample_x,
             z_a_from}): windows of the model's own making are one more set, of ranks and scores of draws alone.
@@ -94,7 +94,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
             arrays |= _collect(name, truth, scored)
     if spread_out and settings.get("own") and options.get("draws"):
         train, own = Trajectories.load(Path(data) / "train.npz"), {**settings["own"], "noise": options["noise"]}
-        drawing = _drawing(stored, options, np.array(stored.description["t"]), start, device)
+        drawing = drawing_of(stored, options, np.array(stored.description["t"]), start, device)
         arrays |= of_own_windows(stored, train, own, options["drawn_samples"], drawing)
     rows += [
         {**identity, "seed": seed, "set": "train", "metric": "wall_s", "value": stored.description["wall_s"]}
@@ -173,12 +173,13 @@ def score(
     is the processor time in which one seed estimates one window's parameters, all windows at once.
 
     Arguments:
-        options: ``from_s``, ``solver``, ``draws``, ``drawn_samples`` and ``noise``, as in :func:`evaluate`.
+        options: ``from_s``, ``solver``, ``draws``, ``drawn_samples``, ``expected_draws`` and ``noise``, as in
+            :func:`evaluate`.
         start: y0 or y_t1 (:meth:`Predictor.predicted`).
         keep: number of forecasts to keep, evenly spread.
     """
     system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)
-    drawing = _drawing(stored, options, truth.t, start, device)
+    drawing = drawing_of(stored, options, truth.t, start, device)
     t, begin, solver = drawing.t, drawing.begin, drawing.solver
     bound = stored_bound(stored.description, device)
     if bound is not None:  # what turns at one speed goes as far as the time is long
@@ -187,7 +188,8 @@ def score(
     check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0
-    expected = ExpectedError(stored.model, drawing)
+    few = min(drawing.count, options.get("expected_draws", drawing.count))
+    expected = ExpectedError(stored.model, replace(drawing, count=few))
     chosen = np.linspace(0, len(truth) - 1, min(options.get("drawn_samples", 0), len(truth))).astype(int)
     scores, bands, random = [], [], Noise(stored.seeds, DRAWN, device=device)
     seen = truth.seen
@@ -254,7 +256,7 @@ def score(
     )
 
 
-def _drawing(stored: store.StoredModel, options: Mapping, t: np.ndarray, start: str, device: torch.device) -> Drawing:
+def drawing_of(stored: store.StoredModel, options: Mapping, t: np.ndarray, start: str, device: torch.device) -> Drawing:
     """How forecasts over the times t (T,) are made, scored and drawn; ``options`` as of :func:`score`."""
     observed, begin, system = stored.description["observed"], options.get("from_s"), stored.model.system
     return Drawing(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 from torch import Tensor
 
@@ -15,7 +13,6 @@ from expertaug.learning.noise import Noise
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.prediction import Predictor
 
-DRAWS = 8  # of each window's posterior; what fewer are worth: benchmarks/alarm_scores.py
 KEY = 7  # of random numbers
 
 
@@ -27,11 +24,11 @@ class ExpectedError:
 
     Arguments:
         model: whose forecasts they are.
-        drawing: how forecasts are drawn; a count of 0 leaves the first out.
+        drawing: how forecasts are drawn, and how many of each window; a count of 0 leaves the first out.
     """
 
     def __init__(self, model: Predictor, drawing: Drawing) -> None:
-        self.model, self.drawing = model, replace(drawing, count=min(drawing.count, DRAWS))
+        self.model, self.drawing = model, drawing
         self.random = Noise(drawing.seeds, KEY, device=drawing.t.device)
         self.found: dict[str, list[Tensor]] = {}
 
