@@ -111,7 +111,7 @@ def test_ranges_are_found_with_and_without_windows(fit, gappy):
 
 
 def test_drawn_forecasts_are_scored_where_something_was_measured(fit, gappy):
-    from expertaug.evaluation.evaluate import _drawing, score
+    from expertaug.evaluation.evaluate import drawing_of, score
 
     untold = replace(gappy["test"], mask=gappy["test"].mask.copy())
     untold.mask[2, fit.observed :] = False
@@ -123,7 +123,7 @@ def test_drawn_forecasts_are_scored_where_something_was_measured(fit, gappy):
     assert np.isnan(scored.drawn.crps[:, 2]).all() and np.isfinite(np.delete(scored.drawn.crps, 2, 1)).all()
     assert np.isfinite(scored.values["crps"]).all() and np.isfinite(scored.values["forecast_coverage_90"]).all()
     own = {"prior": PRIOR, "resample_x": False, "z_a_from": "posterior", "noise": 0.01}
-    found = of_own_windows(stored, gappy["train"], own, 6, _drawing(stored, options, gappy["train"].t, "y0", CPU))
+    found = of_own_windows(stored, gappy["train"], own, 6, drawing_of(stored, options, gappy["train"].t, "y0", CPU))
     assert found["own_ranks"].shape[1] == found["own_crps"].shape[1] > 0
 
 
