@@ -26,6 +26,8 @@ from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solver import Solver
 
 OWN = 4  # what the random numbers are for (expertaug.inference.draws)
+# Of the training, spread evenly, that z_a and first points come from: to encode all takes longer than a few simulations.
+WINDOWS = 500
 
 
 @torch.no_grad()
@@ -71,6 +73,7 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
     if isinstance(model, LeastSquares) and model.__dict__["first"] is not None:
         first = model.__dict__["first"]
     decoder, system, device = model.decoder, model.system, train.device
+    train = train[:, torch.linspace(0, train.shape[1] - 1, min(WINDOWS, train.shape[1])).long().to(device)]
     windows, states = train[: description["observed"]].unsqueeze(1), states_of(system, train)
     latents = latents_of(first, description, windows, settings["z_a_from"])
     low, high = (end.to(device) for end in ranges_of(system, settings["prior"]))
