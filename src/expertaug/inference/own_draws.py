@@ -26,7 +26,7 @@ from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solver import Solver
 
 OWN = 4  # what the random numbers are for (expertaug.inference.draws)
-# Of the training, spread evenly, that z_a and first points come from: to encode all takes longer than a few simulations.
+# Of the training, spread evenly, that z_a and first points come from: to encode all takes longer than to simulate few.
 WINDOWS = 500
 
 
