@@ -16,6 +16,7 @@ from expertaug import systems
 from expertaug.evaluation.evaluate import score
 from expertaug.evaluation.forecast_scores import Drawing, DrawnScores
 from expertaug.evaluation.own_windows import of_own_windows
+from expertaug.inference import own_draws as own_windows_of
 from expertaug.inference.flow_training import prepare
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.own_draws import own_draws
@@ -110,6 +111,15 @@ def test_own_windows_lie_over_p_plus_and_fits_of_them_are_calibrated(fitted):
     inside = np.abs(2 * arrays["own_ranks"] - 119) < 0.9 * 120
     assert 0.82 < inside.mean() < 0.97
     assert 0.84 < arrays["own_inside"][..., 1].mean() < 0.95
+
+
+def test_own_windows_take_z_a_from_so_many_training_windows_at_most(fitted, monkeypatch):
+    stored, data = fitted
+    asked, seen = own_windows_of.latents_of, []
+    monkeypatch.setattr(own_windows_of, "WINDOWS", 7)
+    monkeypatch.setattr(own_windows_of, "latents_of", lambda *told: seen.append(told[2].shape[2]) or asked(*told))
+    y, _ = own_draws(stored, torch.from_numpy(data.y).movedim(1, 0), OWN, 20)
+    assert len(data) > 7 and seen == [7] and y.shape[2] == 20
 
 
 def test_a_flow_is_ranked_on_the_draws_that_it_learns_from():
