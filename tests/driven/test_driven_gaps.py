@@ -111,7 +111,8 @@ def test_ranges_are_found_with_and_without_windows(fit, gappy):
 
 
 def test_drawn_forecasts_are_scored_where_something_was_measured(fit, gappy):
-    from expertaug.evaluation.evaluate import drawing_of, score
+    from expertaug.evaluation.evaluate import score
+    from expertaug.evaluation.forecast_scores import drawing_of
 
     untold = replace(gappy["test"], mask=gappy["test"].mask.copy())
     untold.mask[2, fit.observed :] = False

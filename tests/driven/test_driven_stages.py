@@ -113,6 +113,7 @@ def test_it_is_simulated_trained_augmented_and_evaluated(tmp_path):
         ([BALL], "{model: {interaction: {inputs: true}}}", "interaction.inputs: the system has no known inputs"),
         ([BALL], "{data: {sets: {test: {inputs: {A: [0, 1]}}}}}", "sets.test.inputs: names A"),
         ([BALL], "{evaluation: {solver: {method: dopri5}}}", "evaluation.solver.method: 'dopri5' steps over the"),
+        ([BALL], "{evaluation: {draws_solver: {method: ab5}}}", "evaluation.draws_solver.method: 'ab5' steps over the"),
         ([BALL], "{system: {observed: all}}", "'aphynity' is trained by gradients, and what the system observes jumps"),
         ([BALL], "{methods: [neural_ode]}", "'neural_ode' has no expert, who alone knows the system's events"),
     ],

@@ -39,6 +39,16 @@ def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
     fewer, more = (OPTIONS | {"draws": count, "expected_draws": 8} for count in (8, 19))
     same = [score(stored, data, options, "y0", CPU).expected["expected"] for options in (fewer, more)]
     assert torch.equal(*same) and torch.equal(same[0], scored.expected["expected"])
+    coarse = OPTIONS | {"drawn_samples": 4, "draws_solver": {"method": "rk4"}}
+    other, as_before = (
+        score(stored, data, coarse, "y0", CPU),
+        score(stored, data, OPTIONS | {"drawn_samples": 4}, "y0", CPU),
+    )
+    assert torch.equal(other.errors, scored.errors), "draws are solved otherwise, forecasts are not"
+    assert not torch.equal(other.expected["expected"], scored.expected["expected"])
+    for one in ("crps", "energy"):
+        apart = getattr(other.drawn, one) - getattr(as_before.drawn, one)
+        assert 0 < np.abs(apart).max() < 1e-3
 
 
 @pytest.fixture(scope="module")

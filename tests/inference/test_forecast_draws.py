@@ -98,7 +98,9 @@ def test_an_encoders_gaussian_is_drawn_from_as_it_is():
 
 def drawing(stored, **changed):
     told = {"count": 39, "noise": NOISE, "seeds": stored.seeds, "t": torch.from_numpy(T).float(), "begin": OBSERVED}
-    return Drawing(**told | {"observed": OBSERVED, "start": "y0", "solver": Solver("rk4")} | changed)
+    return Drawing(
+        **told | {"observed": OBSERVED, "start": "y0", "solver": Solver("rk4"), "draws_solver": Solver("rk4")} | changed
+    )
 
 
 def test_own_windows_lie_over_p_plus_and_fits_of_them_are_calibrated(fitted):

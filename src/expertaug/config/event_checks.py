@@ -9,6 +9,7 @@ from expertaug.systems.settings import EVENTS
 
 TRAINED = ("hybrid", "alternating")
 BLOCKS = ("training", "finetuning", "refinement", "flow", "alternation", "evaluation")
+SOLVERS = ("solver", "draws_solver")
 
 
 def check(where: str, one: Mapping, methods: Mapping, jumps: bool) -> Iterator[InputError]:
@@ -17,10 +18,11 @@ def check(where: str, one: Mapping, methods: Mapping, jumps: bool) -> Iterator[I
     for method, over in one["overrides"].items():
         blocks |= {f"{where}.overrides.{method}.{name}": over.get(name) for name in BLOCKS}
     for at, block in blocks.items():
-        solver = (block or {}).get("solver")
-        if solver is not None and solver.get("method", EVENTS) != EVENTS:
-            found = f"'{solver['method']}' steps over the system's events"
-            yield InputError(f"{at}.solver.method", found, f"give {EVENTS}, with substeps")
+        for key in SOLVERS:
+            solver = (block or {}).get(key)
+            if solver is not None and solver.get("method", EVENTS) != EVENTS:
+                found = f"'{solver['method']}' steps over the system's events"
+                yield InputError(f"{at}.{key}.method", found, f"give {EVENTS}, with substeps")
     for k, method in enumerate(one["methods"]):
         if methods.get(method, {}).get("expert") is False:
             found = f"'{method}' has no expert, who alone knows the system's events"

@@ -155,6 +155,9 @@ class Evaluation(Settings):
         "solver for the forecasts; left out = dopri5 with tolerances of 1.0e-6, or rk4 with 10 substeps where there "
         "are events",
     )
+    draws_solver: SolverSettings = key(
+        LEFT_OUT, "solver for the drawn forecasts, of which there are `draws` times as many; left out = `solver`"
+    )
 
 
 class Override(Settings):

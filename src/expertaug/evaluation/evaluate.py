@@ -15,7 +15,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.evaluation.evaluation_log import write_log
 from expertaug.evaluation.expected_error import ExpectedError
-from expertaug.evaluation.forecast_scores import DRAWN, Drawing, DrawnScores
+from expertaug.evaluation.forecast_scores import DRAWN, DrawnScores, drawing_of
 from expertaug.evaluation.metrics import log_after, log_of, log_of_median, parameter_errors, squared_errors
 from expertaug.evaluation.own_windows import of_own_windows
 from expertaug.evaluation.runaways import forecast
@@ -30,9 +30,7 @@ from expertaug.learning.misfit import misfit_of
 from expertaug.learning.noise import Noise
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.models.measurement_noise import noise_of
 from expertaug.systems.inputs import check_given, joined
-from expertaug.systems.solver import Solver
 from expertaug.tracking.log_file import COLUMNS
 from expertaug.trajectories import Trajectories
 
@@ -54,7 +52,8 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
             after the observed window, which ``log_mse_after_sum`` and ``_dim`` see alone where others count too),
             ``max_samples`` and ``train_samples`` (of each set, and of the training set, evenly spread; null = all),
             ``solver``, and ``draws`` and ``drawn_samples``: how many forecasts are drawn of how many windows of each
-            set, where a version has a distribution, and ``expected_draws``, of every window;
+            set, where a version has a distribution, ``expected_draws``, of every window, and ``draws_solver``, with
+            which (default the same);
             ``noise``, standard deviation of the data's noise; ``refinement`` ({settings, noise, prior}, as
             :func:`estimator_of`): the model's estimates are refined by least squares; ``own`` ({prior, resample_x,
             z_a_from}): windows of the model's own making are one more set, of ranks and scores of draws alone.
@@ -173,8 +172,8 @@ def score(
     is the processor time in which one seed estimates one window's parameters, all windows at once.
 
     Arguments:
-        options: ``from_s``, ``solver``, ``draws``, ``drawn_samples``, ``expected_draws`` and ``noise``, as in
-            :func:`evaluate`.
+        options: ``from_s``, ``solver``, ``draws``, ``drawn_samples``, ``expected_draws``, ``draws_solver`` and ``noise``,
+            as in :func:`evaluate`.
         start: y0 or y_t1 (:meth:`Predictor.predicted`).
         keep: number of forecasts to keep, evenly spread.
     """
@@ -253,21 +252,6 @@ def score(
         torch.cat(drawn, dim=1) if drawn else None,
         of_draws,
         torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,
-    )
-
-
-def drawing_of(stored: store.StoredModel, options: Mapping, t: np.ndarray, start: str, device: torch.device) -> Drawing:
-    """How forecasts over the times t (T,) are made, scored and drawn; ``options`` as of :func:`score`."""
-    observed, begin, system = stored.description["observed"], options.get("from_s"), stored.model.system
-    return Drawing(
-        count=int(options.get("draws", 0)),
-        noise=noise_of(options.get("noise", 0.0), system, stored.description),
-        seeds=stored.seeds,
-        t=torch.from_numpy(t).float().to(device),
-        begin=observed if begin is None else int(np.searchsorted(t, begin - 1e-9)),
-        observed=observed,
-        start=start,
-        solver=Solver.from_mapping(options.get("solver") or store.accurate(system)),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +15,9 @@ from expertaug.inference.predictive import forecasts
 from expertaug.inference.predictive_scores import crps, energy_score
 from expertaug.inference.ranks import ranks
 from expertaug.learning.noise import Noise
+from expertaug.models import store
 from expertaug.models.estimates import Estimates
-from expertaug.models.measurement_noise import NoiseLike, is_some, shaped
+from expertaug.models.measurement_noise import NoiseLike, is_some, noise_of, shaped
 from expertaug.models.prediction import Predictor
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
@@ -73,6 +74,7 @@ class Drawing:
         observed: points of the observed window.
         start: y0 or y_t1 (:meth:`Predictor.predicted`).
         solver: of the forecasts.
+        draws_solver: of the drawn ones.
     """
 
     count: int
@@ -83,6 +85,7 @@ class Drawing:
     observed: int
     start: str
     solver: Solver
+    draws_solver: Solver
 
     def states(
         self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise
@@ -106,7 +109,9 @@ class Drawing:
             y0 = seen[first].expand_as(y0)
         decoder = model.decoder  # type: ignore[attr-defined]
         later = None if u is None else u[first:]
-        return forecasts(decoder, y0, z_e, z_a, self.t[first:], self.solver, bound, later)[:, self.begin - first :]
+        return forecasts(decoder, y0, z_e, z_a, self.t[first:], self.draws_solver, bound, later)[
+            :, self.begin - first :
+        ]
 
     def scores(
         self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise
@@ -146,6 +151,23 @@ class Drawing:
         if states is None:
             return None
         return torch.quantile(states, torch.tensor(BAND).to(states), dim=0)
+
+
+def drawing_of(stored: store.StoredModel, options: Mapping, t: np.ndarray, start: str, device: torch.device) -> Drawing:
+    """How forecasts over the times t (T,) are made, scored and drawn; ``options`` as of the stage's ``score``."""
+    observed, begin, system = stored.description["observed"], options.get("from_s"), stored.model.system
+    solver = options.get("solver") or store.accurate(system)
+    return Drawing(
+        count=int(options.get("draws", 0)),
+        noise=noise_of(options.get("noise", 0.0), system, stored.description),
+        seeds=stored.seeds,
+        t=torch.from_numpy(t).float().to(device),
+        begin=observed if begin is None else int(np.searchsorted(t, begin - 1e-9)),
+        observed=observed,
+        start=start,
+        solver=Solver.from_mapping(solver),
+        draws_solver=Solver.from_mapping(options.get("draws_solver") or solver),
+    )
 
 
 def _mean_where(known: np.ndarray, values: np.ndarray, axes: int | tuple[int, ...]) -> np.ndarray:
