@@ -172,8 +172,7 @@ def score(
     is the processor time in which one seed estimates one window's parameters, all windows at once.
 
     Arguments:
-        options: ``from_s``, ``solver``, ``draws``, ``drawn_samples``, ``expected_draws``, ``draws_solver`` and ``noise``,
-            as in :func:`evaluate`.
+        options: what ``evaluation`` has in :func:`evaluate`, and ``noise``.
         start: y0 or y_t1 (:meth:`Predictor.predicted`).
         keep: number of forecasts to keep, evenly spread.
     """
