@@ -23,6 +23,7 @@ from expertaug.evaluation.tables import tabulate
 from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.models.mean import MeanModel
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solver import Solver
 from expertaug.tracking.mlflow_store import initialise
@@ -225,6 +226,14 @@ def test_the_mean_goes_on_with_the_last_one():
     model = MeanModel(None, torch.arange(3.0)[:, None].expand(3, 2))
     found = model.forecast(torch.zeros(4, 2), None, None, torch.arange(5.0), None)
     assert found[:, 0, 0].tolist() == [0.0, 1.0, 2.0, 2.0, 2.0] and found.shape == (5, 4, 2)
+
+
+@pytest.mark.parametrize("count", [3, 12])
+def test_the_mean_of_fields_is_forecast_for_any_number_of_windows(count):
+    mean = torch.rand(5, 2, 8, 8)
+    observed = torch.rand(3, 2, count, 2, 8, 8)
+    found = forecast(MeanModel(ReactionDiffusion(), mean), observed, torch.arange(5.0), Solver("rk4"), "y0", None)
+    assert torch.equal(found.states, mean[:, None, None].expand(5, 2, count, 2, 8, 8))
 
 
 def test_a_forecast_from_the_last_observed_point_shows_the_observation(folder):
