@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from torch import Tensor
 
@@ -55,7 +55,7 @@ def forecast(
     estimate_s = time.process_time() - before
     states, unsolved = solved_apart(
         lambda part, stopping: model.predicted(
-            _part(found, part), observed[:, :, part], t, stopping, start, None if u is None else u[:, :, part]
+            found.part(part), observed[:, :, part], t, stopping, start, None if u is None else u[:, :, part]
         ),
         observed.shape[2],
         solver,
@@ -65,8 +65,3 @@ def forecast(
     # Seeds are solved together: those that a fixed grid shows to run away are at fault, all where it shows none.
     runaways = ~near | (unsolved & near.all(0))
     return Forecast(bounded(states, bound) if runaways.any() else states, found, runaways, estimate_s)
-
-
-def _part(found: Estimates, samples: slice) -> Estimates:
-    """Estimates (S, B, …) of some samples; of a model that estimates nothing there are the first points alone."""
-    return replace(found, y0=found.y0[:, samples]) if found.z_e is None else found.part(samples)

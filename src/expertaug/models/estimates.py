@@ -35,14 +35,8 @@ class Estimates:
     root: Tensor | None = None
 
     def part(self, samples: slice | Tensor) -> Estimates:
-        """Those of some samples, B, by a slice or their places; ``chi2`` and the posterior with them."""
-        lead = self.y0.dim() if self.z_e is None else self.z_e.dim()
-        axis = lead - 2
-
-        def cut(value: Tensor) -> Tensor:
-            return value[(slice(None),) * axis + (samples,)]
-
-        return self._each(cut)
+        """Estimates (S, B, …) of some samples, by a slice or their places; ``chi2`` and the posterior with them."""
+        return self._each(lambda value: value[:, samples])
 
     def to(self, like: Tensor) -> Estimates:
         """The same in another tensor's type and on its device."""
