@@ -270,6 +270,19 @@ def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path)
         store.load(tmp_path / "flow.safetensors")
 
 
+def test_z_a_is_drawn_where_f_a_was_learned():
+    system = systems.load({"name": "pendulum"})
+    latents = torch.linspace(-2, 4, 50)[:, None]
+    unknowns = Unknowns(system, torch.tensor([0.5]), torch.tensor([3.5]), latents, 1, 0.01, beyond=0.5)
+    theta = torch.tensor([[0.0, 0.3, 0.0, 0.0], [0.0, -600.0, 0.0, 0.0], [0.0, 600.0, 0.0, 0.0]])
+    z_e, z_a, y0 = unknowns.unpack(theta, torch.zeros(3, 2))
+    ends = latents.min() - 0.5 * latents.std(), latents.max() + 0.5 * latents.std()
+    torch.testing.assert_close(z_a[0, 0], latents.mean() + unknowns.latent(theta[:1, 1:2])[0, 0] - unknowns.mean[0, 0])
+    torch.testing.assert_close(z_a[1:, 0], torch.stack(ends))
+    torch.testing.assert_close(z_e, torch.full((3, 1), 2.0))
+    assert torch.equal(y0, torch.zeros(3, 2))
+
+
 def test_speeds_that_nobody_measured_are_neither_seen_nor_inferred_twice():
     constants = {"B1": 0.3, "G1": 90.0, "B2": 1.0, "G2": 120.0}
     system = systems.load({"name": "double_pendulum", "constants": constants})

@@ -26,6 +26,8 @@ from expertaug.systems.solver import Solver
 
 CHUNK = 2**11  # draws made at a time: 2**17 take eight times the memory and no less time (benchmarks/flow_draws.py)
 
+KERNELS = 3  # widths of the bootstrap's kernel by which drawn z_a may lie beyond the training windows'
+
 
 class Head(nn.Module):
     """What one seed learns of its own: window → x → q(θ | x), and θ ↔ (z_e, z_a, y0)."""
@@ -166,7 +168,8 @@ def build(base: HybridNet | Decoder, description: Mapping, latents: Tensor | Non
     for seed, own in zip(description["seeds"], latents.cpu(), strict=True):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            unknowns = Unknowns(system, low, high, own, components, description["noise"], ranges)
+            beyond = KERNELS * settings.jitter
+            unknowns = Unknowns(system, low, high, own, components, description["noise"], ranges, beyond)
             heads.append(Head(Context(system, times, of_base["model"].get("encoder", {}), ranges), unknowns, settings))
     base, bound = copy.deepcopy(base).requires_grad_(False), stored_bound(of_base)
     return FlowEstimator(base, stack(heads), settings.samples, settings.forecasts, bound)

@@ -29,7 +29,9 @@ class Unknowns(nn.Module):
     """θ = (logit of z_e in a box, principal components of z_a, first point − observed first point).
 
     z_e and z_a are in units of their prior's width, the first point is in units of the noise: each is then about
-    standard normal before anything is learned.
+    standard normal before anything is learned.  A flow may draw what its prior does not hold, most of all for windows
+    that few of its draws are like: z_e stays in the box, and components of z_a stay where those of the training windows
+    are, since F_a was not learned elsewhere.
 
     Arguments:
         system: with P parameters.
@@ -39,6 +41,7 @@ class Unknowns(nn.Module):
         noise: standard deviation of the data's noise; 0: the first point is what was observed.
         ranges: of the components of first points, where they may not be measured (NaN): such a component is in units of
             half its range, around its middle.
+        beyond: how far drawn components of z_a may lie outside those of the training windows, in standard deviations.
     """
 
     def __init__(
@@ -50,6 +53,7 @@ class Unknowns(nn.Module):
         components: int,
         noise: NoiseLike,
         ranges: Mapping[str, Sequence[float]] | None = None,
+        beyond: float = 0.0,
     ) -> None:
         super().__init__()
         self.state_shape = system.state_shape
@@ -67,6 +71,9 @@ class Unknowns(nn.Module):
         rows = principal_axes(latents, components)
         self.register_buffer("mean", latents.mean(0, keepdim=True))
         self.register_buffer("rows", rows.to(latents))  # (components, Q), of one standard deviation each
+        known = self.scores(latents)
+        self.register_buffer("least", known.amin(0, keepdim=True) - beyond)
+        self.register_buffer("most", known.amax(0, keepdim=True) + beyond)
         self.sizes = (low.numel(), len(rows), len(self.given))
 
     @property
@@ -102,7 +109,7 @@ class Unknowns(nn.Module):
             if self.middle is not None:
                 y0 = torch.where(torch.isnan(y0), beside(y0, self.middle, y0.dtype), y0)
             y0 = y0.index_copy(-1, beside(y0, self.given, torch.long), around + unit * moved)
-        return z_e, self.latent(scores), y0
+        return z_e, self.latent(torch.minimum(torch.maximum(scores, self.least), self.most)), y0
 
     def _first(self, first: Tensor) -> tuple[Tensor, Tensor]:
         """What the given components of first points (…, B, *state) are around, and in which units."""
