@@ -9,6 +9,7 @@ import pytest
 from expertaug import systems
 from expertaug.config import load as config
 from expertaug.config import presets, stage_settings
+from expertaug.config.complete import completed
 
 FOLDER = Path(__file__).parents[1] / "config"
 
@@ -70,3 +71,11 @@ def test_the_table_of_presets_says_what_is_simulated(one, preset):
         value = value[part]
     found = getattr(systems.load(value), last) if above == ["system"] else value[last]
     assert found == getattr(one, preset)
+
+
+@pytest.mark.parametrize("preset", ["corrected", "paper", "code"])
+def test_alternation_on_the_circuit_steps_as_its_other_trainings_do(preset):
+    """Sources and rates of the presets differ, and with them the steps that are stable."""
+    one = completed(config.load([FOLDER / "config.yaml"]) | {"preset": preset})["experiments"]["rlc"]
+    told = one["overrides"]["alternating"]["alternation"]["solver"]
+    assert {key: one["training"]["solver"][key] for key in told} == told
