@@ -109,9 +109,8 @@ class Drawing:
             y0 = seen[first].expand_as(y0)
         decoder = model.decoder  # type: ignore[attr-defined]
         later = None if u is None else u[first:]
-        return forecasts(decoder, y0, z_e, z_a, self.t[first:], self.draws_solver, bound, later)[
-            :, self.begin - first :
-        ]
+        states = forecasts(decoder, y0, z_e, z_a, self.t[first:], self.draws_solver, bound, later)
+        return states[:, self.begin - first :]
 
     def scores(
         self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise
