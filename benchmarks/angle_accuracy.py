@@ -28,12 +28,12 @@ import pandas as pd
 from clips import Motion, film
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.columns import MARKERS, PLACES
-from expertaug.recordings.markers.geometry import estimate_geometry
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.tracker import track_frames
-from expertaug.recordings.rendering.render import RenderSettings, motion
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.columns import MARKERS, PLACES
+from expertaug_recordings.markers.geometry import estimate_geometry
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.tracker import track_frames
+from expertaug_recordings.rendering.render import RenderSettings, motion
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 WRONG_PX, WRONG_DEG = 1.0, 0.5

@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 
 from expertaug.files import read_json
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.imports.ibm import import_markers, list_marker_files
-from expertaug.recordings.rendering.render import RenderSettings, markers, motion, poses
-from expertaug.recordings.rendering.scene import Scene
-from expertaug.recordings.video.writer import encode
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.imports.ibm import import_markers, list_marker_files
+from expertaug_recordings.rendering.render import RenderSettings, markers, motion, poses
+from expertaug_recordings.rendering.scene import Scene
+from expertaug_recordings.video.writer import encode
 
 SIZE, RATE_HZ = 480, 400.0
 

@@ -37,8 +37,8 @@ import numpy as np
 from damaged import damaged, mutant
 from damaged.base import Case, sound
 from expertaug.errors import InputError
-from expertaug.recordings.imports.ibm import import_markers, unpack_archive
-from expertaug.recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.imports.ibm import import_markers, unpack_archive
+from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 
 MEMORY_BYTES = 2**30  # that a case may take
 CASE_SECONDS = 30  # on a busy machine

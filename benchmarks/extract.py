@@ -15,8 +15,8 @@ from pathlib import Path
 
 import cv2
 
-from expertaug.recordings.rendering.render import render_recording
-from expertaug.recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 
 RATE_HZ, ROUNDS = 400, 5
 

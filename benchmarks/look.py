@@ -28,12 +28,12 @@ from matplotlib.figure import Figure
 from clips import recordings_folder
 from expertaug import plotting
 from expertaug.files import atomic
-from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.tracker import track_frames
-from expertaug.recordings.rendering.render import RenderSettings
-from expertaug.recordings.rendering.scene import Pose, Scene
-from expertaug.recordings.video.writer import encode
+from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.tracker import track_frames
+from expertaug_recordings.rendering.render import RenderSettings
+from expertaug_recordings.rendering.scene import Pose, Scene
+from expertaug_recordings.video.writer import encode
 
 CHANNELS = (("blue", "#0072B2"), ("green", "#009E73"), ("red", "#D55E00"))
 MARKERS = ("red", "green", "blue")

@@ -33,10 +33,10 @@ from expertaug.config import load as config  # noqa: E402
 from expertaug.config import stage_settings  # noqa: E402
 from expertaug.errors import InputError  # noqa: E402
 from expertaug.files import atomic  # noqa: E402
-from expertaug.recordings.inspection.inspect import inspect  # noqa: E402
-from expertaug.recordings.markers.track import track_markers  # noqa: E402
-from expertaug.recordings.rendering.motion import simulate  # noqa: E402
-from expertaug.recordings.video.frame_store import extract_frames  # noqa: E402
+from expertaug_recordings.inspection.inspect import inspect  # noqa: E402
+from expertaug_recordings.markers.track import track_markers  # noqa: E402
+from expertaug_recordings.rendering.motion import simulate  # noqa: E402
+from expertaug_recordings.video.frame_store import extract_frames  # noqa: E402
 
 RATE_HZ, SLOWER = 38.0, 0.55  # a pendulum that so few frames can follow
 PLACES = ["pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y"]

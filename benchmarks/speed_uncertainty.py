@@ -4,7 +4,7 @@ Double pendulums are let go at random, seen as markers with white noise of .07 p
 recording is.  Printed for each rate: stated over actual root mean square of both speeds, the smallest, middle and
 largest of the motions, the smallest and largest of one arm's, and the actual one of both in rad/s; and how many times
 as large as the step from 5 frames to 7 the error of slopes through 7 is, by that step's share of the one before
-(:mod:`expertaug.recordings.angles.windows`).
+(:mod:`expertaug_recordings.angles.windows`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import pandas as pd
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_coeffs
 
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.rendering.motion import simulate
 from expertaug.systems.double_pendulum import Constants
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.rendering.motion import simulate
 
 CONSTANTS, FRICTION = Constants(B1=0.103, G1=69.4, B2=1.366, G2=93.6), (0.03, 0.12)
 NOISE_PX, ARMS_PX = 0.07, (118.0, 90.0)

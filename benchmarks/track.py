@@ -23,15 +23,15 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy
 import cv2
 import numpy as np
 
-from expertaug.recordings.markers.appearance import ROLES, STYLES
-from expertaug.recordings.markers.geometry import estimate_geometry
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.track import track_markers
-from expertaug.recordings.markers.tracker import Track, track_frames
-from expertaug.recordings.rendering.render import RenderSettings, markers, motion, poses
-from expertaug.recordings.rendering.scene import HALF, RADIUS, Scene
-from expertaug.recordings.video.frame_store import FrameStore, extract_frames
-from expertaug.recordings.video.writer import encode
+from expertaug_recordings.markers.appearance import ROLES, STYLES
+from expertaug_recordings.markers.geometry import estimate_geometry
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.markers.tracker import Track, track_frames
+from expertaug_recordings.rendering.render import RenderSettings, markers, motion, poses
+from expertaug_recordings.rendering.scene import HALF, RADIUS, Scene
+from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.writer import encode
 
 SIZE = 480  # px, that of a real frame
 SECONDS = 10  # of each recording: launches are fastest at first

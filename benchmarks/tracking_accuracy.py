@@ -29,9 +29,9 @@ from matplotlib.figure import Figure
 from clips import Motion, film, recorded, recordings_folder, simulated
 from expertaug import plotting
 from expertaug.files import atomic
-from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.tracker import Track, track_frames
+from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.tracker import Track, track_frames
 
 TARGETS = {"median_px": 0.08, "p99_px": 0.25, "angle_deg": 0.05, "swaps": 0, "lost": 0}
 RADIUS_PX = 12.5  # a marker found further than this from where it is, is another one

@@ -15,13 +15,13 @@ from expertaug.config import jobs, recording_checks, reference, schema, stage_se
 from expertaug.config import load as config
 from expertaug.errors import InputError, InputErrors, lines
 from expertaug.learning.settings import TrainSettings
-from expertaug.recordings.angles.settings import AngleSettings, CalibrationSettings
-from expertaug.recordings.chunks.settings import ChunkSettings
-from expertaug.recordings.imports.settings import ArchiveSettings, MarkerSettings
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.rendering.settings import RenderSettings
-from expertaug.recordings.video.settings import ExtractSettings
 from expertaug.wording import number_in
+from expertaug_recordings.angles.settings import AngleSettings, CalibrationSettings
+from expertaug_recordings.chunks.settings import ChunkSettings
+from expertaug_recordings.imports.settings import ArchiveSettings, MarkerSettings
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.rendering.settings import RenderSettings
+from expertaug_recordings.video.settings import ExtractSettings
 
 ROOT = Path(__file__).parents[1]
 

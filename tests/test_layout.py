@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parents[1] / "src" / "expertaug"
-# From the ground up: a module may import from its own floor and from those below.
+SOURCES = Path(__file__).parents[1] / "src"
+PACKAGES = ("expertaug", "expertaug_recordings")
+# From the ground up: a module may import from its own floor and from those below; the package beside has one floor.
 FLOORS = (
     ("errors", "files", "wording", "settings", "trajectories", "labels", "plotting", "registry", "source_files"),
     ("measurements",),
@@ -20,28 +21,28 @@ FLOORS = (
     ("learning",),
     ("inference",),
     ("evaluation",),
-    ("recordings",),
+    ("expertaug_recordings",),
     ("config",),
     ("api",),
     ("commands",),
     ("cli", "__init__"),
 )
 LONGEST = 600  # lines of a module: beyond it, look whether it is one concept
-NAMED = re.compile(r"expertaug(?:\.\w+)+(?::\w+)?")
+NAMED = re.compile(r"expertaug(?:_recordings)?(?:\.\w+)+(?::\w+)?")
 
 
 def modules() -> dict[str, Path]:
-    """Path of each module by its dotted name."""
+    """Path of each module of both packages by its dotted name."""
     found = {}
-    for path in sorted(PACKAGE.rglob("*.py")):
-        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    for path in sorted(path for package in PACKAGES for path in (SOURCES / package).rglob("*.py")):
+        parts = path.relative_to(SOURCES).with_suffix("").parts
         found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
 @cache
 def imported(name: str) -> frozenset[str]:
-    """Modules of the package that a module imports, also inside functions, or names in a text (docstrings aside)."""
+    """Modules of the packages that a module imports, also inside functions, or names in a text (docstrings aside)."""
     known, path = modules(), modules()[name]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     texts = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)}
@@ -58,7 +59,8 @@ def imported(name: str) -> frozenset[str]:
 
 
 def floor(name: str) -> int:
-    room = [*name.split("."), "__init__"][1]
+    package, _, inside = name.partition(".")
+    room = (inside or "__init__").partition(".")[0] if package == PACKAGES[0] else package
     return next((k for k, rooms in enumerate(FLOORS) if room in rooms), -1)
 
 
@@ -83,7 +85,7 @@ def test_no_circle():
         visit(name, ())
 
 
-@pytest.mark.parametrize("path", modules().values(), ids=lambda path: str(path.relative_to(PACKAGE)))
+@pytest.mark.parametrize("path", modules().values(), ids=lambda path: str(path.relative_to(SOURCES)))
 def test_each_module_is_one_concept_and_says_what_it_is(path):
     text = path.read_text(encoding="utf-8")
     assert len(text.splitlines()) < LONGEST, "one concept a module"
@@ -91,6 +93,6 @@ def test_each_module_is_one_concept_and_says_what_it_is(path):
 
 
 def test_every_folder_is_a_subject_with_a_line_of_its_own():
-    for folder in {path.parent for path in modules().values()} - {PACKAGE}:
+    for folder in {path.parent for path in modules().values()} - {SOURCES / PACKAGES[0]}:
         text = (folder / "__init__.py").read_text(encoding="utf-8")
         assert ast.get_docstring(ast.parse(text)), f"{folder.name}/__init__.py says what the folder holds"

@@ -40,7 +40,9 @@ def loaded_by():
 def test_declared_files_are_those_that_importing_the_stage_loads(module, loaded_by):
     stage = next(stage for stage, name in stage_code.STAGES.items() if name == module)
     loaded = {Path(file).resolve() for file in loaded_by[module]}
-    without = {source_files.PACKAGE.joinpath(*m.split(".")).with_suffix(".py") for m in source_files.WITHOUT_EFFECT}
+    without = {
+        source_files.PACKAGE.parent.joinpath(*m.split(".")).with_suffix(".py") for m in source_files.WITHOUT_EFFECT
+    }
     declared = {Path(path).resolve() for path in stage_code.sources(stage)}
     assert loaded - without <= declared
     assert all(path.is_file() for path in declared)

@@ -13,9 +13,9 @@ from pathlib import Path
 import av
 import numpy as np
 
-from expertaug.recordings.rendering.render import poses
-from expertaug.recordings.rendering.scene import Scene
-from expertaug.recordings.video.writer import encode
+from expertaug_recordings.rendering.render import poses
+from expertaug_recordings.rendering.scene import Scene
+from expertaug_recordings.video.writer import encode
 
 REFUSED, EITHER = "refused", "either"  # EITHER: read as it was, or refused
 FRAMES, SIZE, RATE = 24, 96, 400

@@ -16,22 +16,27 @@ from pathlib import Path
 from expertaug.errors import InputError
 
 PACKAGE = Path(__file__).resolve().parent
+PACKAGES = ("expertaug", "expertaug_recordings")  # beside each other
 
-# Modules of this package: mirroring to the tracking store changes no result; neither does translating the command line
+# Mirroring to the tracking store changes no result; neither does translating the command line
 # or leaving out a recording.
 WITHOUT_EFFECT = frozenset(
-    {
-        "cli",
-        "commands",
-        "tracking.data_file",
-        "tracking.mlflow_mirror",
-        "tracking.mlflow_parent",
-        "tracking.mlflow_store",
-        "tracking.rebuild",
-        "tracking.store_link",
-        "tracking.store_lock",
-        "recordings.intake",
-    }
+    f"{package}.{name}"
+    for package, names in {
+        "expertaug": (
+            "cli",
+            "commands",
+            "tracking.data_file",
+            "tracking.mlflow_mirror",
+            "tracking.mlflow_parent",
+            "tracking.mlflow_store",
+            "tracking.rebuild",
+            "tracking.store_link",
+            "tracking.store_lock",
+        ),
+        "expertaug_recordings": ("intake",),
+    }.items()
+    for name in names
 )
 
 # Packages whose version may change a number: what is imported → what may be installed to bring it.
@@ -102,7 +107,7 @@ def _all(modules: Iterable[str]) -> frozenset[tuple[str, Path]]:
 
 @cache
 def _all_of(names: tuple[str, ...]) -> frozenset[tuple[str, Path]]:
-    ignored = frozenset(f"expertaug.{name}" for name in WITHOUT_EFFECT) - set(names[:1])
+    ignored = WITHOUT_EFFECT - set(names[:1])
     return frozenset().union(*(_reachable(name, ignored) for name in names))
 
 
@@ -110,7 +115,7 @@ def _all_of(names: tuple[str, ...]) -> frozenset[tuple[str, Path]]:
 def _reachable(name: str, ignored: frozenset[str]) -> frozenset[tuple[str, Path]]:
     """A module and everything of this package and of its own that it imports, also inside functions: names, files."""
     own = name.split(".")[0]
-    roots = {"expertaug": PACKAGE.parent}
+    roots = dict.fromkeys(PACKAGES, PACKAGE.parent)
     if own not in roots:
         file = find(name, name)
         roots[own] = file.parents[name.count(".") + (file.name == "__init__.py")]

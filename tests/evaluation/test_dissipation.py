@@ -21,11 +21,11 @@ from expertaug.evaluation.energy_balance import dissipated_power, measured_loss
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
-from expertaug.recordings.rendering.motion import simulate
 from expertaug.systems.double_pendulum import DoublePendulum, accelerations
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import Trajectories
+from expertaug_recordings.rendering.motion import simulate
 
 T = np.arange(20) / 100
 

@@ -12,9 +12,9 @@ from expertaug.cli import main
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
 from expertaug.errors import InputErrors
-from expertaug.recordings.rendering.motion import simulate
 from expertaug.systems.double_pendulum import Constants
 from expertaug.trajectories import Trajectories
+from expertaug_recordings.rendering.motion import simulate
 
 ROOT = Path(__file__).parents[2]
 CONSTANTS, FRICTION = Constants(B1=0.4, G1=62.0, B2=1.28, G2=72.6), (0.03, 0.02)

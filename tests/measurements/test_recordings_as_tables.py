@@ -16,11 +16,11 @@ from expertaug.learning.train import train
 from expertaug.measurements.horizons import cut_measured_horizon
 from expertaug.measurements.names import Names
 from expertaug.measurements.stage import cut_measurements
-from expertaug.recordings.chunks.cut import split_chunks
-from expertaug.recordings.chunks.horizons import cut_horizon
-from expertaug.recordings.rendering.motion import simulate
 from expertaug.systems.double_pendulum import Constants, energy
 from expertaug.trajectories import Trajectories
+from expertaug_recordings.chunks.cut import split_chunks
+from expertaug_recordings.chunks.horizons import cut_horizon
+from expertaug_recordings.rendering.motion import simulate
 
 CONFIG = Path(__file__).parents[2] / "config"
 STATE = ["theta1", "theta2", "omega1", "omega2"]

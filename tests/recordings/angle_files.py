@@ -1,6 +1,6 @@
 """What measure_angles would say of a recording that nobody measured."""
 
-from expertaug.recordings.angles.summary import RecordingSummary
+from expertaug_recordings.angles.summary import RecordingSummary
 
 
 def summary(name, frames, rate_hz, arms, pivot, **change):

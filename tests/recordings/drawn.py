@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from pendulum_motion import CONSTANTS, FRICTION
 
-from expertaug.recordings.rendering.motion import simulate
+from expertaug_recordings.rendering.motion import simulate
 
 SPARE = 32
 FINE = 8  # drawn so many times larger, then averaged

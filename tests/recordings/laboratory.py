@@ -16,12 +16,12 @@ from scipy.interpolate import CubicSpline
 
 from expertaug.config import load as config
 from expertaug.config import stage_settings
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.chunks.cut import split_chunks
-from expertaug.recordings.inspection.inspect import inspect
-from expertaug.recordings.markers.track import track_markers
-from expertaug.recordings.rendering.motion import simulate
-from expertaug.recordings.video.frame_store import extract_frames
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.chunks.cut import split_chunks
+from expertaug_recordings.inspection.inspect import inspect
+from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.rendering.motion import simulate
+from expertaug_recordings.video.frame_store import extract_frames
 
 DEFAULT = Path(__file__).parents[2] / "config" / "config.yaml"
 SLOWER = 0.55  # a pendulum that 38 frames/s can follow

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from expertaug.recordings.rendering.motion import simulate
 from expertaug.systems.double_pendulum import Constants
+from expertaug_recordings.rendering.motion import simulate
 
 CONSTANTS = Constants(B1=0.103, G1=69.4, B2=1.366, G2=93.6)
 FRICTION = (0.03, 0.12)

@@ -8,10 +8,10 @@ import pytest
 from pendulum_motion import markers, truth
 from scipy.integrate import solve_ivp
 
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.markers.track import track_markers
-from expertaug.recordings.rendering.render import render_recording
-from expertaug.recordings.video.frame_store import extract_frames
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.video.frame_store import extract_frames
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 CLIPS = {400: 1.2, 38: 8.0, 30: 8.0}  # Hz → s

@@ -6,11 +6,11 @@ import pytest
 from pendulum_motion import CONSTANTS, markers, real_recordings, truth
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.imports.ibm import import_markers, list_marker_files
-from expertaug.recordings.rendering.motion import simulate
-from expertaug.recordings.reports.summary import summarise
 from expertaug.systems.double_pendulum import GRAVITY
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.imports.ibm import import_markers, list_marker_files
+from expertaug_recordings.rendering.motion import simulate
+from expertaug_recordings.reports.summary import summarise
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.markers.appearance import COLOURS, Appearance
-from expertaug.recordings.markers.palette import Palette, hsv
+from expertaug_recordings.markers.appearance import COLOURS, Appearance
+from expertaug_recordings.markers.palette import Palette, hsv
 
 
 def test_defaults_are_the_quadrants_of_the_dataset():

@@ -6,14 +6,14 @@ import torch
 from pendulum_motion import CONSTANTS, FRICTION, markers, real_recordings, truth
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles.calibration import calibrate, forecast_log_mse
-from expertaug.recordings.angles.forecast import forecast
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.angles.pendulum_fit import fit_constants, implied_rate
-from expertaug.recordings.chunks.cut import split_chunks
-from expertaug.recordings.imports.ibm import import_markers, list_marker_files
 from expertaug.systems.double_pendulum import Constants, energy, point_masses
 from expertaug.trajectories import Trajectories
+from expertaug_recordings.angles.calibration import calibrate, forecast_log_mse
+from expertaug_recordings.angles.forecast import forecast
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.pendulum_fit import fit_constants, implied_rate
+from expertaug_recordings.chunks.cut import split_chunks
+from expertaug_recordings.imports.ibm import import_markers, list_marker_files
 
 
 def clean_chunks(noise=0.0, seed=0):

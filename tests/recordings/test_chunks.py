@@ -7,14 +7,14 @@ from pendulum_motion import CONSTANTS, real_recordings, truth
 
 from expertaug.errors import InputError
 from expertaug.measurements.splitting import SPLITS, keep_apart, number_segments
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.chunks.cut import split_chunks
-from expertaug.recordings.chunks.horizons import cut_horizon
-from expertaug.recordings.chunks.settings import ChunkKeys, ChunkSettings
-from expertaug.recordings.imports.ibm import import_markers, list_marker_files
-from expertaug.recordings.reports.splits import plot_splits
 from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.chunks.cut import split_chunks
+from expertaug_recordings.chunks.horizons import cut_horizon
+from expertaug_recordings.chunks.settings import ChunkKeys, ChunkSettings
+from expertaug_recordings.imports.ibm import import_markers, list_marker_files
+from expertaug_recordings.reports.splits import plot_splits
 
 SMALL = {"min_chunks": 1, "guard_s": 0.0}
 

@@ -9,8 +9,8 @@ from test_inspect import FILES
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.corrections import read_corrections
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.corrections import read_corrections
 
 TIP = ["tip_x", "tip_y"]
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.rendering.render import render_recording
-from expertaug.recordings.video.frame_store import ExtractSettings, FrameStore, extract_frames, writing
-from expertaug.recordings.video.pixel_layout import Layout
+from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.video.frame_store import ExtractSettings, FrameStore, extract_frames, writing
+from expertaug_recordings.video.pixel_layout import Layout
 
 FRAMES = 50
 
@@ -147,7 +147,7 @@ def test_frame_of_another_size_is_refused(tmp_path):
 
 
 def test_reading_on_holds_one_chunk_at_a_time(tmp_path, monkeypatch):
-    monkeypatch.setattr("expertaug.recordings.video.frame_store.CHUNK_BYTES", 40 * 64 * 64 * 3)
+    monkeypatch.setattr("expertaug_recordings.video.frame_store.CHUNK_BYTES", 40 * 64 * 64 * 3)
     layout = Layout("bgr24", 64, 64)
     with writing(tmp_path / "s.b2frame", layout, 10, {}) as out:
         for level in range(160):

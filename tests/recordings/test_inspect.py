@@ -14,9 +14,9 @@ from expertaug import cli
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
-from expertaug.recordings.inspection.inspect import inspect
-from expertaug.recordings.markers.appearance import Appearance
-from expertaug.recordings.markers.palette import hsv
+from expertaug_recordings.inspection.inspect import inspect
+from expertaug_recordings.markers.appearance import Appearance
+from expertaug_recordings.markers.palette import hsv
 
 ROOT = Path(__file__).parents[2]
 FILES = [ROOT / "config" / "config.yaml"]

@@ -5,7 +5,7 @@ import pytest
 from expertaug import cli
 from expertaug.errors import InputError
 from expertaug.files import sha256, write_json, write_text
-from expertaug.recordings.intake import divide, refusal, take
+from expertaug_recordings.intake import divide, refusal, take
 
 
 def refuse(where):

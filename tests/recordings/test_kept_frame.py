@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from av.video.reformatter import VideoReformatter
 
-from expertaug.recordings.markers.geometry import estimate_geometry
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.tracker import track_frames
-from expertaug.recordings.rendering.render import render_recording
-from expertaug.recordings.video.frame_store import FrameStore, extract_frames
-from expertaug.recordings.video.kept_frame import KeptFrame
-from expertaug.recordings.video.pixel_layout import Layout
+from expertaug_recordings.markers.geometry import estimate_geometry
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.tracker import track_frames
+from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.kept_frame import KeptFrame
+from expertaug_recordings.video.pixel_layout import Layout
 
 WIDTH, HEIGHT = 100, 84
 INSIDE = [(0, 0), (44, 30), (WIDTH - 40, HEIGHT - 40), (2, 10)]

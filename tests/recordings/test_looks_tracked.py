@@ -10,12 +10,12 @@ import pytest
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, compressed, draw, markers_of, swinging, wall, write_video
 
 from expertaug.errors import InputError
-from expertaug.recordings.markers.geometry import centre_of_circle, estimate_geometry, measure_diameter
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.track import track_markers
-from expertaug.recordings.markers.tracker import track_frames
-from expertaug.recordings.video.frame_store import FrameStore, extract_frames, writing
-from expertaug.recordings.video.pixel_layout import Layout
+from expertaug_recordings.markers.geometry import centre_of_circle, estimate_geometry, measure_diameter
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.markers.tracker import track_frames
+from expertaug_recordings.video.frame_store import FrameStore, extract_frames, writing
+from expertaug_recordings.video.pixel_layout import Layout
 
 TILT = 10.0
 FRAMES = 100

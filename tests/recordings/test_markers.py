@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.columns import MARKERS
-from expertaug.recordings.markers.geometry import estimate_geometry
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.track import track_markers
-from expertaug.recordings.markers.tracker import track_frames
-from expertaug.recordings.rendering.render import markers, poses
-from expertaug.recordings.rendering.scene import Scene
-from expertaug.recordings.video.frame_store import writing
-from expertaug.recordings.video.pixel_layout import Layout
+from expertaug_recordings.columns import MARKERS
+from expertaug_recordings.markers.geometry import estimate_geometry
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.markers.tracker import track_frames
+from expertaug_recordings.rendering.render import markers, poses
+from expertaug_recordings.rendering.scene import Scene
+from expertaug_recordings.video.frame_store import writing
+from expertaug_recordings.video.pixel_layout import Layout
 
 ARMS, PIVOT, RATE = (120.4, 92.2), (240.1, 238.2), 100.0
 REAL = Path(

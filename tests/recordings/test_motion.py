@@ -3,10 +3,10 @@ import pytest
 import torch
 
 from expertaug.errors import InputError
-from expertaug.recordings.rendering import motion
-from expertaug.recordings.rendering.motion import Launch, simulate
-from expertaug.recordings.rendering.render import RenderSettings
 from expertaug.systems.double_pendulum import Constants, accelerations, energy
+from expertaug_recordings.rendering import motion
+from expertaug_recordings.rendering.motion import Launch, simulate
+from expertaug_recordings.rendering.render import RenderSettings
 
 CONSTANTS = Constants(B1=0.103, G1=69.4, B2=1.35, G2=93.5)
 TIMES = np.arange(2000) / 400

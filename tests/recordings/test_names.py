@@ -6,8 +6,8 @@ import pytest
 
 from expertaug.config.recording_checks import list_videos
 from expertaug.errors import InputError
-from expertaug.recordings.imports.ibm import list_marker_files
-from expertaug.recordings.names import MOST, by_name
+from expertaug_recordings.imports.ibm import list_marker_files
+from expertaug_recordings.names import MOST, by_name
 
 NAMES = {
     "{x}": "_x_",

@@ -9,13 +9,13 @@ from pendulum_motion import CONSTANTS, markers, truth
 
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.angles.quality import NO_PIVOT
-from expertaug.recordings.angles.summary import RecordingSummary
-from expertaug.recordings.angles.tilt import find_gravity
-from expertaug.recordings.chunks.cut import split_chunks
-from expertaug.recordings.reports.page import _heading, plot_recording, plot_refused
-from expertaug.recordings.reports.summary import summarise
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.quality import NO_PIVOT
+from expertaug_recordings.angles.summary import RecordingSummary
+from expertaug_recordings.angles.tilt import find_gravity
+from expertaug_recordings.chunks.cut import split_chunks
+from expertaug_recordings.reports.page import _heading, plot_recording, plot_refused
+from expertaug_recordings.reports.summary import summarise
 
 FLAGS = {  # reason of the tracker → frames and what it says of them
     "lost:blue": (1000, 1040),

@@ -7,8 +7,8 @@ import pytest
 
 from expertaug.config.recording_checks import list_videos
 from expertaug.errors import InputError
-from expertaug.recordings.video.frame_store import FrameStore, extract_frames
-from expertaug.recordings.video.pictures import Pictures
+from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.pictures import Pictures
 
 COUNT = 12
 

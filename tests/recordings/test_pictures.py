@@ -5,9 +5,9 @@ import cv2
 import numpy as np
 import pytest
 
-from expertaug.recordings.video.frame_store import FrameStore, extract_frames
-from expertaug.recordings.video.pixel_layout import Layout
-from expertaug.recordings.video.reader import Video
+from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.pixel_layout import Layout
+from expertaug_recordings.video.reader import Video
 
 BT709, UNSPECIFIED, LIMITED, FULL = 1, 2, 1, 2
 

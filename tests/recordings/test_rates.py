@@ -12,14 +12,14 @@ from pendulum_motion import CONSTANTS, FRICTION
 
 from expertaug.config import load as config
 from expertaug.config import stage_settings
-from expertaug.recordings.angles.calibration import calibrate
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.chunks.cut import split_chunks
-from expertaug.recordings.inspection.inspect import inspect
-from expertaug.recordings.markers.track import track_markers
-from expertaug.recordings.rendering.motion import simulate
-from expertaug.recordings.video.frame_store import extract_frames
 from expertaug.trajectories import Trajectories
+from expertaug_recordings.angles.calibration import calibrate
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.chunks.cut import split_chunks
+from expertaug_recordings.inspection.inspect import inspect
+from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.rendering.motion import simulate
+from expertaug_recordings.video.frame_store import extract_frames
 
 ROOT = Path(__file__).parents[2]
 FILES = [ROOT / "config" / "config.yaml"]

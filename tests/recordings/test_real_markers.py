@@ -5,13 +5,13 @@ import pytest
 import yaml
 from drawn import ARMS, MARKS, PAINT, PIVOT, RATE, SIZE, _disk, compressed, draw, markers_of, swinging, write_video
 
-from expertaug.recordings.inspection.detect import look_for_pendulum
-from expertaug.recordings.inspection.inspect import inspect
-from expertaug.recordings.markers.geometry import Geometry, estimate_geometry, sound
-from expertaug.recordings.markers.plain_disks import fitter
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.tracker import STIFFNESS, Tracker, track_frames
-from expertaug.recordings.rendering.render import render_recording
+from expertaug_recordings.inspection.detect import look_for_pendulum
+from expertaug_recordings.inspection.inspect import inspect
+from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, sound
+from expertaug_recordings.markers.plain_disks import fitter
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.tracker import STIFFNESS, Tracker, track_frames
+from expertaug_recordings.rendering.render import render_recording
 
 NAMES = ("red", "green", "blue")
 COLOURS = [PAINT[name] for name in NAMES]

@@ -3,7 +3,7 @@
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.tables import read_table
+from expertaug_recordings.tables import read_table
 
 SOUND = ["frame,t,x,reason", "0,0.0,1.5,", "1,0.1,,lost:tip", "2,0.2,2,"]
 

@@ -10,9 +10,9 @@ from pendulum_motion import MARKERS, markers, truth
 from scipy.interpolate import LinearNDInterpolator
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.angles.summary import RecordingSummary
-from expertaug.recordings.reports.page import _heading
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.summary import RecordingSummary
+from expertaug_recordings.reports.page import _heading
 
 SIZE, FOCAL = (480, 480), 900.0
 CAMERA = np.array([[FOCAL, 0, 239.5], [0, FOCAL, 239.5], [0, 0, 1]])

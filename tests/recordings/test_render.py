@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.rendering import scene
-from expertaug.recordings.rendering.render import RenderSettings, motion, poses, render_recording
-from expertaug.recordings.rendering.scene import Scene
+from expertaug_recordings.rendering import scene
+from expertaug_recordings.rendering.render import RenderSettings, motion, poses, render_recording
+from expertaug_recordings.rendering.scene import Scene
 
 SHORT = {"duration_s": 0.1, "seed": 3}
 ARMS = (117.8, 90.1)

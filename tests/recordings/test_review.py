@@ -6,11 +6,11 @@ import pandas as pd
 import pytest
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, write_video
 
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.columns import PLACES
-from expertaug.recordings.corrections import read_corrections
-from expertaug.recordings.exports import export_recording
-from expertaug.recordings.reports.review import WORST, review, review_recording, worst_frames
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.columns import PLACES
+from expertaug_recordings.corrections import read_corrections
+from expertaug_recordings.exports import export_recording
+from expertaug_recordings.reports.review import WORST, review, review_recording, worst_frames
 
 COUNT = 360
 

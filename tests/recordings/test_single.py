@@ -13,16 +13,16 @@ from drawn import PAINT, draw, write_video
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.angles.single import fit_single
-from expertaug.recordings.chunks.cut import split_chunks
-from expertaug.recordings.inspection.inspect import inspect
-from expertaug.recordings.markers.track import track_markers
-from expertaug.recordings.reports.page import plot_recording
-from expertaug.recordings.reports.splits import plot_splits
-from expertaug.recordings.reports.summary import summarise
-from expertaug.recordings.video.frame_store import extract_frames
 from expertaug.trajectories import Trajectories
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.single import fit_single
+from expertaug_recordings.chunks.cut import split_chunks
+from expertaug_recordings.inspection.inspect import inspect
+from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.reports.page import plot_recording
+from expertaug_recordings.reports.splits import plot_splits
+from expertaug_recordings.reports.summary import summarise
+from expertaug_recordings.video.frame_store import extract_frames
 
 FILES = [Path(__file__).parents[2] / "config" / "config.yaml"]
 OMEGA0, ALPHA, RATE, COUNT = 5.5, 0.08, 60, 1500

@@ -9,11 +9,11 @@ from pendulum_motion import markers, real_recordings, truth
 from scipy.interpolate import CubicSpline
 
 from expertaug.errors import InputError
-from expertaug.recordings.angles.marker_table import read_markers
-from expertaug.recordings.angles.measure import measure_angles
-from expertaug.recordings.imports.ibm import import_markers, list_marker_files
-from expertaug.recordings.reports.page import _heading, plot_recording
-from expertaug.recordings.reports.summary import RecordingSummary, summarise
+from expertaug_recordings.angles.marker_table import read_markers
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.imports.ibm import import_markers, list_marker_files
+from expertaug_recordings.reports.page import _heading, plot_recording
+from expertaug_recordings.reports.summary import RecordingSummary, summarise
 
 
 def true_angles(t):

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.markers.geometry import Geometry, estimate_geometry
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.tracker import track_frames
-from expertaug.recordings.rendering.render import markers, poses
-from expertaug.recordings.rendering.scene import Scene
-from expertaug.recordings.video.writer import encode
+from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.tracker import track_frames
+from expertaug_recordings.rendering.render import markers, poses
+from expertaug_recordings.rendering.scene import Scene
+from expertaug_recordings.video.writer import encode
 
 ARMS, PIVOT, RATE = (117.8, 90.1), (238.3, 239.6), 400.0
 GEOMETRY = Geometry(*ARMS, 25.5)

@@ -8,12 +8,12 @@ from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, wr
 from test_video import drawn, remux
 
 from expertaug.errors import InputError
-from expertaug.recordings.markers.masks import MaskedFrames
-from expertaug.recordings.markers.settings import TrackSettings
-from expertaug.recordings.markers.track import track_markers
-from expertaug.recordings.video.frame_store import FrameStore, extract_frames
-from expertaug.recordings.video.source import open_frames
-from expertaug.recordings.video.writer import encode
+from expertaug_recordings.markers.masks import MaskedFrames
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.source import open_frames
+from expertaug_recordings.video.writer import encode
 
 FRAMES, SIDE = 60, 64
 

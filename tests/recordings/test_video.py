@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.recordings.rendering.render import render_recording
-from expertaug.recordings.video.reader import Video
-from expertaug.recordings.video.writer import encode
+from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.video.reader import Video
+from expertaug_recordings.video.writer import encode
 
 FRAMES = 60
 
@@ -208,7 +208,7 @@ def test_vast_and_tiny_images_are_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="declares images of 64x12 px"):
         Video(tmp_path / "small.mp4")
     encode(tmp_path / "large.mp4", drawn(3), 64, 100)
-    monkeypatch.setattr("expertaug.recordings.video.reader.MAX_PX", 4000)
+    monkeypatch.setattr("expertaug_recordings.video.reader.MAX_PX", 4000)
     with pytest.raises(InputError, match="declares images of 64x64 px"):
         Video(tmp_path / "large.mp4")
 

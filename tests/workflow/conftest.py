@@ -16,7 +16,7 @@ from running import DRY_RUNS, SMOKE, copy_project, env_of, snakemake
 RECORDER = """
 import atexit, json, os, sys, uuid
 def record():
-    files = [getattr(m, "__file__", None) for n, m in list(sys.modules.items()) if n.partition(".")[0] == "expertaug"]
+    files = [getattr(m, "__file__", None) for n, m in list(sys.modules.items()) if n.startswith("expertaug")]
     if os.path.basename(sys.argv[0]) == "expertaug":
         with open(os.path.join(os.environ["RECORD"], uuid.uuid4().hex), "w") as stream:
             json.dump([sys.argv[1], [f for f in files if f]], stream)

@@ -11,7 +11,7 @@ sys.path.append(str(Path(__file__).parents[1] / "recordings"))
 from test_rates import filmed
 from test_single import SWING, clip
 
-from expertaug.recordings.inspection.inspect import inspect
+from expertaug_recordings.inspection.inspect import inspect
 
 LITTLE = {
     "run": ["double_pendulum"],

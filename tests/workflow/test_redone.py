@@ -76,22 +76,22 @@ def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
 @pytest.mark.parametrize(
     ("module", "rules"),
     [
-        ("cli.py", set()),
-        ("systems/pendulum.py", {"simulate_set"} | TRAINED),
-        ("evaluation/tables.py", {"tabulate_experiment", "write_report"}),
-        ("recordings/reports/page.py", {"plot_page_of_recording", "write_report"}),
-        ("recordings/reports/splits.py", {"plot_splits_of_experiment", "write_report"}),
-        ("recordings/reports/overlay.py", set()),
-        ("learning/finetune.py", TUNED),
-        ("evaluation/published.py", COMPARED),
-        ("evaluation/report/page.html", {"write_report"}),
-        ("evaluation/paper.csv", COMPARED),
-        ("recordings/angles/calibration.py", {"calibrate_experiment"} | LEARNING),
-        ("recordings/markers/tracker.py", MARKERS),
+        ("expertaug/cli.py", set()),
+        ("expertaug/systems/pendulum.py", {"simulate_set"} | TRAINED),
+        ("expertaug/evaluation/tables.py", {"tabulate_experiment", "write_report"}),
+        ("expertaug_recordings/reports/page.py", {"plot_page_of_recording", "write_report"}),
+        ("expertaug_recordings/reports/splits.py", {"plot_splits_of_experiment", "write_report"}),
+        ("expertaug_recordings/reports/overlay.py", set()),
+        ("expertaug/learning/finetune.py", TUNED),
+        ("expertaug/evaluation/published.py", COMPARED),
+        ("expertaug/evaluation/report/page.html", {"write_report"}),
+        ("expertaug/evaluation/paper.csv", COMPARED),
+        ("expertaug_recordings/angles/calibration.py", {"calibrate_experiment"} | LEARNING),
+        ("expertaug_recordings/markers/tracker.py", MARKERS),
     ],
 )
 def test_a_changed_module_redoes_exactly_its_stages(project, module, rules):
-    path = project / "src" / "expertaug" / module
+    path = project / "src" / module
     before = path.read_text()
     try:
         path.write_text(f"{before}# changed\n")

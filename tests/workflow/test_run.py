@@ -47,7 +47,7 @@ def test_frame_stores_and_checkpoints_are_gone(project):
 
 def without_effect(package: Path, module: str) -> list[str]:
     """Files of a module, or of a folder, whose change redoes nothing."""
-    base = package / "expertaug" / module.replace(".", "/")
+    base = package / module.replace(".", "/")
     found = base.rglob("*.py") if base.is_dir() else [base.with_suffix(".py")]
     return [path.relative_to(package).as_posix() for path in found]
 

@@ -15,8 +15,8 @@ from expertaug.config import stage_code
 from expertaug.config import stage_settings
 from expertaug.files import sha256
 from expertaug.measurements.paths import read_checksums
-from expertaug.recordings.intake import refusal
-from expertaug.recordings.names import list_pictures
+from expertaug_recordings.intake import refusal
+from expertaug_recordings.names import list_pictures
 from expertaug.config.study_checks import PUBLISHED
 from expertaug.labels import MAIN_SETS
 
@@ -206,7 +206,7 @@ def recording_names():
     """Names of the recordings; of an archive they are known only when it is unpacked."""
     if RECORDINGS is not None:
         return list(RECORDINGS)
-    from expertaug.recordings.imports.ibm import list_marker_files
+    from expertaug_recordings.imports.ibm import list_marker_files
 
     return list(list_marker_files(checkpoints.unpack_markers.get().output.folder))
 
@@ -228,7 +228,7 @@ def marker_csv(name):
     """The marker CSV of a recording in the user's folder or in the unpacked archive."""
     if RECORDINGS is not None:
         return RECORDINGS[name]
-    from expertaug.recordings.imports.ibm import list_marker_files
+    from expertaug_recordings.imports.ibm import list_marker_files
 
     return str(list_marker_files(checkpoints.unpack_markers.get().output.folder)[name])
 

@@ -63,7 +63,7 @@ def add_to(commands: Commands) -> None:
 
 
 def _calibrate(a: argparse.Namespace) -> None:
-    from expertaug.recordings.angles.calibration import calibrate
+    from expertaug_recordings.angles.calibration import calibrate
 
     calibrate(a.train, a.output, read_settings(a.settings))
 

@@ -104,59 +104,59 @@ def _add_intake(parser: argparse.ArgumentParser, checksum: bool = False) -> None
 
 def _take(a: argparse.Namespace, task: Callable[[], None], source: Path, outputs: list[Path]) -> None:
     """Run a stage on one recording, which may be left out."""
-    from expertaug.recordings.intake import take
+    from expertaug_recordings.intake import take
 
     take(task, source, outputs, a.on_bad_recording, getattr(a, "sha256", None))
 
 
 def _render_video(a: argparse.Namespace) -> None:
-    from expertaug.recordings.rendering.render import render_recording
+    from expertaug_recordings.rendering.render import render_recording
 
     render_recording(a.index, a.output, a.truth, read_settings(a.settings))
 
 
 def _extract_frames(a: argparse.Namespace) -> None:
-    from expertaug.recordings.video.frame_store import extract_frames
+    from expertaug_recordings.video.frame_store import extract_frames
 
     _take(a, lambda: extract_frames(a.video, a.output, read_settings(a.settings)), a.video, [a.output])
 
 
 def _track_markers(a: argparse.Namespace) -> None:
-    from expertaug.recordings.markers.track import track_markers
+    from expertaug_recordings.markers.track import track_markers
 
     _take(a, lambda: track_markers(a.frames, a.output, read_settings(a.settings)), a.frames, [a.output])
 
 
 def _unpack_markers(a: argparse.Namespace) -> None:
-    from expertaug.recordings.imports.ibm import unpack_archive
+    from expertaug_recordings.imports.ibm import unpack_archive
 
     unpack_archive(a.archive, a.output, read_settings(a.settings))
 
 
 def _import_markers(a: argparse.Namespace) -> None:
-    from expertaug.recordings.imports.ibm import import_markers
+    from expertaug_recordings.imports.ibm import import_markers
 
     _take(a, lambda: import_markers(a.csv, a.output, read_settings(a.settings)), a.csv, [a.output])
 
 
 def _measure_angles(a: argparse.Namespace) -> None:
-    from expertaug.recordings.angles.measure import measure_angles
+    from expertaug_recordings.angles.measure import measure_angles
 
     outputs = [a.output, a.summary]
     _take(a, lambda: measure_angles(a.markers, *outputs, read_settings(a.settings)), a.markers, outputs)
 
 
 def _summarise_recordings(a: argparse.Namespace) -> None:
-    from expertaug.recordings.intake import divide
-    from expertaug.recordings.reports.summary import summarise
+    from expertaug_recordings.intake import divide
+    from expertaug_recordings.reports.summary import summarise
 
     kept, refused = divide(a.summaries)
     summarise(kept, a.output, a.markdown, refused)
 
 
 def _plot_recording(a: argparse.Namespace) -> None:
-    from expertaug.recordings.intake import refusal
-    from expertaug.recordings.reports.page import plot_recording, plot_refused
+    from expertaug_recordings.intake import refusal
+    from expertaug_recordings.reports.page import plot_recording, plot_refused
 
     reason = refusal(a.summary)
     if reason is None:
@@ -166,8 +166,8 @@ def _plot_recording(a: argparse.Namespace) -> None:
 
 
 def _overlay(a: argparse.Namespace) -> None:
-    from expertaug.recordings.intake import refusal
-    from expertaug.recordings.reports.overlay import note, overlay
+    from expertaug_recordings.intake import refusal
+    from expertaug_recordings.reports.overlay import note, overlay
 
     forecasts = dict(text.partition("=")[::2] for text in a.forecasts)
     for label, path in forecasts.items():
@@ -182,8 +182,8 @@ def _overlay(a: argparse.Namespace) -> None:
 
 def _review_recording(a: argparse.Namespace) -> None:
     from expertaug.files import write_text
-    from expertaug.recordings.intake import refusal
-    from expertaug.recordings.reports.review import review_recording
+    from expertaug_recordings.intake import refusal
+    from expertaug_recordings.reports.review import review_recording
 
     if (reason := refusal(a.angles)) is None:
         files = (a.video, a.markers, a.angles, a.summary, a.output, a.rows)
@@ -194,8 +194,8 @@ def _review_recording(a: argparse.Namespace) -> None:
 
 
 def _review(a: argparse.Namespace) -> None:
-    from expertaug.recordings.intake import divide
-    from expertaug.recordings.reports.review import review
+    from expertaug_recordings.intake import divide
+    from expertaug_recordings.reports.review import review
 
     kept, refused = divide(a.summaries)
     review(kept, a.output, refused)
@@ -203,8 +203,8 @@ def _review(a: argparse.Namespace) -> None:
 
 def _export_recording(a: argparse.Namespace) -> None:
     from expertaug.files import write_text
-    from expertaug.recordings.exports import FILES, export_recording
-    from expertaug.recordings.intake import refusal
+    from expertaug_recordings.exports import FILES, export_recording
+    from expertaug_recordings.intake import refusal
 
     if (reason := refusal(a.angles)) is None:
         export_recording(a.markers, a.angles, a.output)
@@ -214,7 +214,7 @@ def _export_recording(a: argparse.Namespace) -> None:
 
 
 def _inspect(a: argparse.Namespace) -> None:
-    from expertaug.recordings.inspection.inspect import inspect
+    from expertaug_recordings.inspection.inspect import inspect
 
     stated = {"rate_hz": a.rate, "times": a.times, "time_unit_s": a.time_unit}
     stated |= {"from_s": a.from_s, "to_s": a.to_s}
@@ -224,20 +224,20 @@ def _inspect(a: argparse.Namespace) -> None:
 
 
 def _split_chunks(a: argparse.Namespace) -> None:
-    from expertaug.recordings.chunks.cut import split_chunks
-    from expertaug.recordings.intake import divide
+    from expertaug_recordings.chunks.cut import split_chunks
+    from expertaug_recordings.intake import divide
 
     split_chunks(divide(a.angles)[0], a.output, read_settings(a.settings))
 
 
 def _cut_horizon(a: argparse.Namespace) -> None:
-    from expertaug.recordings.chunks.horizons import cut_horizon
-    from expertaug.recordings.intake import divide
+    from expertaug_recordings.chunks.horizons import cut_horizon
+    from expertaug_recordings.intake import divide
 
     cut_horizon(divide(a.angles)[0], a.output, read_settings(a.settings))
 
 
 def _plot_splits(a: argparse.Namespace) -> None:
-    from expertaug.recordings.reports.splits import plot_splits
+    from expertaug_recordings.reports.splits import plot_splits
 
     plot_splits(a.data, a.output)

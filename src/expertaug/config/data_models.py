@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from expertaug.measurements.settings import MeasurementSettings
-from expertaug.recordings.angles.settings import CalibrationKeys
-from expertaug.recordings.chunks.settings import ChunkKeys
 from expertaug.settings import KEYS, LEFT_OUT, ONE, Name, NotNegative, Positive, Range, Settings, by_shape, key
+from expertaug_recordings.angles.settings import CalibrationKeys
+from expertaug_recordings.chunks.settings import ChunkKeys
 
 Noise = Annotated[
     Annotated[NotNegative | Literal["estimated"], ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape

@@ -15,9 +15,9 @@ from expertaug.config.models import Common, Configuration, Experiment
 from expertaug.config.names import unknown
 from expertaug.config.yaml_file import Located, read
 from expertaug.errors import InputError, InputErrors
-from expertaug.recordings.chunks.settings import ChunkKeys
 from expertaug.settings import check
 from expertaug.wording import show
+from expertaug_recordings.chunks.settings import ChunkKeys
 
 __all__ = ["default_files", "load", "merge", "validate", "with_defaults"]
 INCLUDE = "include"

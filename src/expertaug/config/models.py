@@ -15,7 +15,6 @@ from expertaug.config.data_models import Data
 from expertaug.config.study_models import SomeNames, Studies
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings, ValiditySettings
 from expertaug.learning.settings import TrainSettings
-from expertaug.recordings.settings import RecordingKeys
 from expertaug.settings import (
     LEFT_OUT,
     Count,
@@ -30,6 +29,7 @@ from expertaug.settings import (
 )
 from expertaug.systems.settings import SolverSettings
 from expertaug.wording import PATTERNS
+from expertaug_recordings.settings import RecordingKeys
 
 Ranges = Annotated[dict[str, Range], Field(min_length=1)]
 Names = list[str]

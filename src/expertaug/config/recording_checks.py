@@ -11,11 +11,11 @@ from expertaug.config.layers import merge
 from expertaug.config.names import unknown, unknown_one
 from expertaug.errors import InputError
 from expertaug.measurements.paths import read_checksums
-from expertaug.recordings.corrections import read_corrections
-from expertaug.recordings.markers.appearance import Appearance
-from expertaug.recordings.names import by_name, is_series
-from expertaug.recordings.settings import RecordingKeys
 from expertaug.settings import check as check_settings
+from expertaug_recordings.corrections import read_corrections
+from expertaug_recordings.markers.appearance import Appearance
+from expertaug_recordings.names import by_name, is_series
+from expertaug_recordings.settings import RecordingKeys
 
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ogv", ".ts")
 
@@ -161,7 +161,7 @@ def _files(recordings: Mapping) -> dict[str, Path] | None:
         return list_videos(path)
     if Path(path).is_file():
         return None
-    from expertaug.recordings.imports.ibm import list_marker_files
+    from expertaug_recordings.imports.ibm import list_marker_files
 
     return list_marker_files(path)
 

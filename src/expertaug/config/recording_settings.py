@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from expertaug.config import jobs
 from expertaug.config.layers import merge
-from expertaug.recordings.corrections import read_corrections
-from expertaug.recordings.provenance import RENDERED
-from expertaug.recordings.video.settings import TimeKeys
+from expertaug_recordings.corrections import read_corrections
+from expertaug_recordings.provenance import RENDERED
+from expertaug_recordings.video.settings import TimeKeys
 
 
 def render_video(config: Mapping) -> dict:

@@ -10,7 +10,7 @@ from expertaug.config.names import other_parameters, unknown, unknown_keys, unkn
 from expertaug.errors import InputError
 from expertaug.labels import MAIN_SETS
 from expertaug.measurements.settings import MeasurementSettings
-from expertaug.recordings.chunks.settings import ChunkSettings
+from expertaug_recordings.chunks.settings import ChunkSettings
 
 PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"
 

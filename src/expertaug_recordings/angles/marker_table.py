@@ -1,0 +1,187 @@
+"""A recording's markers as tracking or import left them: markers.csv, read, checked and put to even times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from expertaug.errors import InputError
+from expertaug_recordings.angles.corrected import correct
+from expertaug_recordings.angles.resampling import resample
+from expertaug_recordings.angles.timing import find_dropped, find_repeated
+from expertaug_recordings.columns import MARKERS, PLACES
+from expertaug_recordings.corrections import Correction
+from expertaug_recordings.tables import read_table
+
+FEWEST = 10  # frames of a recording
+EVEN = 0.01  # of an interval by which intervals may differ
+MANY_REPEATED = 0.01  # of the frames
+REPEATED, DROPPED, DISMISSED = "repeated", "dropped", "dismissed"  # reasons
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What was found of a recording's times.
+
+    Attributes:
+        repeated, dropped: frames that show what the one before shows, and that are missing although times are even.
+        uneven_ms: by how much the times were off even ones at most; 0 where they were even.
+        frames_hz: frames per second where the places were resampled; None where each is a frame's own.
+        error_deg: median and 99th percentile of the errors of the angles by that, estimated.
+    """
+
+    repeated: int = 0
+    dropped: int = 0
+    uneven_ms: float = 0.0
+    frames_hz: float | None = None
+    error_deg: tuple[float, float] | None = None
+
+    def doubts(self, frames: int) -> list[str]:
+        """What the times make doubtful, in plain words."""
+        found = []
+        if self.repeated > MANY_REPEATED * frames:
+            found.append(
+                f"{self.repeated} of {frames} frames repeat the one before: the video was made from one of another"
+                " frame rate, and its times are off by up to a frame; use the original"
+            )
+        if self.dropped:
+            found.append(
+                f"the motion jumps as if {self.dropped} frames were missing between evenly timed ones: the times after"
+                " them were moved on"
+            )
+        return found
+
+
+@dataclass(frozen=True)
+class MarkerTable:
+    """Markers of n evenly timed frames.
+
+    Attributes:
+        frame: their numbers, (n,); of resampled ones the number of the even time.
+        t: their times in s, (n,).
+        rate_hz: frames per second.
+        pivot, joint, tip: places (x, y) in px, y down, (n, 2); NaN where a marker was not found.
+        quality: (n,), 0 where a frame is unusable.
+        reason: (n,) texts: why, or empty.
+        source: (n,), rows of the file that are nearest to them.
+        corrected: (n,), frames in which a marker was placed by hand.
+        timing: what was found of their times.
+        interpolation: (n, 2) in rad, by how much the angles are estimated to be off by having been interpolated between
+            frames; None where none was.
+    """
+
+    frame: np.ndarray
+    t: np.ndarray
+    rate_hz: float
+    pivot: np.ndarray
+    joint: np.ndarray
+    tip: np.ndarray
+    quality: np.ndarray
+    reason: np.ndarray
+    source: np.ndarray
+    corrected: np.ndarray
+    timing: Timing = field(default_factory=Timing)
+    interpolation: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def places(self) -> np.ndarray:
+        """Pivot, joint and tip, (n, 3, 2) in px."""
+        return np.stack((self.pivot, self.joint, self.tip), axis=1)
+
+
+def read_markers(
+    path: Path, rate_hz: float | None = None, corrections: Sequence[Correction] = (), single: bool = False
+) -> MarkerTable:
+    """Read a markers.csv; frames that are repeated or missing are found, uneven ones resampled.
+
+    Arguments:
+        rate_hz: frames per second that are wanted; None takes the file's own.
+        single: the pendulum has no tip; it gets one that lies straight beyond its bob, so that both angles are one.
+        corrections: markers that were placed by hand, and frames that are not to be used.
+
+    Raises:
+        InputError: the file is missing or no such table (:func:`expertaug_recordings.tables.read_table`), has too few
+            frames or times that do not grow.
+    """
+    table = read_table(path, MARKERS[:-1], MARKERS[-1:], "track_markers")
+    if len(table) < FEWEST:
+        raise InputError(path, f"{len(table)} frames", f"a recording needs at least {FEWEST}")
+    frame, t, quality, reason = (table[name].to_numpy().copy() for name in ("frame", "t", "quality", "reason"))
+    interval = np.diff(t)
+    if not (interval > 0).all():
+        row = int(np.argmax(~(interval > 0)))
+        found = f"times do not grow: {t[row]} s, then {t[row + 1]} s"
+        raise InputError(path, found, "expected every analysed frame, in order of time")
+    mean = (len(t) - 1) / (t[-1] - t[0])
+    even = bool((np.abs(interval * mean - 1) < EVEN).all())
+    own = float(round(mean, 6)) if even else 1 / float(np.median(interval))
+    place, corrected, dismissed = correct(
+        path, frame, table[list(PLACES)].to_numpy(float).reshape(-1, 3, 2), corrections
+    )
+    if single:
+        place = with_twin(place)
+    whole = corrected & np.isfinite(place).all((1, 2))
+    quality[whole], reason[whole] = 1.0, ""
+    lost = (corrected & ~whole) | dismissed
+    quality[lost], reason[lost] = 0.0, np.where(dismissed[lost], DISMISSED, "lost")
+    pivot, joint, tip = place.swapaxes(0, 1)
+    rows = np.arange(len(t))
+    return on_time(MarkerTable(frame, t, own, pivot, joint, tip, quality, reason, rows, whole), even, rate_hz)
+
+
+def with_twin(place: np.ndarray) -> np.ndarray:
+    """Places (n, 3, 2) of a single pendulum with a tip that lies straight beyond its bob."""
+    place = place.copy()
+    place[:, 2] = 2 * place[:, 1] - np.where(np.isfinite(place[:, 0]), place[:, 0], np.nanmedian(place[:, 0], axis=0))
+    return place
+
+
+def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable:
+    """The same at even times, without frames that show another time than theirs.
+
+    Arguments:
+        seen: at times of their own.
+        even: whether these are even.
+        rate_hz: frames per second that are wanted; None takes their own.
+    """
+    place, t, reason, quality = seen.places, seen.t, seen.reason, seen.quality
+    good = np.isfinite(place).all((1, 2)) & (quality > 0) & (reason == "")
+    if not good.any():
+        return seen
+    # About the pivot's median: a single frame in which another thing is taken for it must not look like motion.
+    vector = np.stack((place[:, 1] - np.median(place[good, 0], axis=0), place[:, 2] - place[:, 1]), axis=1)
+    theta = np.where(good[:, None], np.arctan2(vector[..., 0], vector[..., 1]), np.nan)
+    repeated = find_repeated(theta)
+    reason[repeated], quality[repeated] = REPEATED, 0.0
+    good &= ~repeated
+    rows, missing = np.flatnonzero(good), np.zeros(len(t), dtype=int)
+    if even:
+        missing[rows] = find_dropped(theta[rows], t[rows] * seen.rate_hz)
+        t = t + np.cumsum(missing) / seen.rate_hz
+    timing = Timing(int(repeated.sum()), int(missing.sum()))
+    wanted = seen.rate_hz if rate_hz is None else rate_hz
+    if even and not missing.any() and abs(seen.rate_hz / wanted - 1) < 1e-3:
+        return replace(seen, timing=timing)
+    made = resample(t, place, good, wanted)
+    own = 0.0 if even else _off_even_ms(t)
+    timing = replace(timing, uneven_ms=own, frames_hz=seen.rate_hz, error_deg=made.error_deg)
+    lost = ~np.isfinite(made.place).all((1, 2))
+    why = np.where(lost, np.where(reason[made.source] == "", DROPPED, reason[made.source]), "")
+    pivot, joint, tip = made.place.swapaxes(0, 1)
+    level = np.where(lost, 0.0, quality[made.source])
+    number = np.arange(len(made.t))
+    by_hand = seen.corrected[made.source] & made.kept
+    source, off = made.source, made.error
+    return MarkerTable(number, made.t, wanted, pivot, joint, tip, level, why, source, by_hand, timing, off)
+
+
+def _off_even_ms(t: np.ndarray) -> float:
+    number = np.arange(len(t)) - (len(t) - 1) / 2
+    step = number @ t / (number @ number)
+    return 1000 * float(np.abs(t - t.mean() - step * number).max())

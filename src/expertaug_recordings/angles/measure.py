@@ -1,0 +1,247 @@
+"""Arm angles, speeds and energy from marker positions, calibrated per recording."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from expertaug.errors import InputError
+from expertaug.files import atomic
+from expertaug.systems.double_pendulum import energy
+from expertaug_recordings.angles.arms import STILL_S, Arms, find_arms
+from expertaug_recordings.angles.between import with_motion_between
+from expertaug_recordings.angles.implied import Implied, contradictions, explain
+from expertaug_recordings.angles.marker_table import FEWEST, MarkerTable, read_markers
+from expertaug_recordings.angles.noise import Noise, marker_noise, measure_noise
+from expertaug_recordings.angles.quality import CORRECTED, MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
+from expertaug_recordings.angles.rectify import Rectified, rectify
+from expertaug_recordings.angles.settings import AngleSettings
+from expertaug_recordings.angles.single import explain_single, single_energy
+from expertaug_recordings.angles.smoothing import Motion, Smoothing, smooth_motion, window_frames
+from expertaug_recordings.angles.summary import RecordingSummary, RectifiedSummary, TimingSummary
+from expertaug_recordings.angles.windows import longest_window
+from expertaug_recordings.options import read_settings
+
+STATE = ("theta1", "theta2", "omega1", "omega2")
+SECOND = ("theta2", "omega2", "tip")  # columns that a single pendulum has nothing for begin so
+MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
+MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Angles:
+    """Angles of n frames, and what they were made from.
+
+    Attributes:
+        markers, arms: the recording's.
+        tracked, fitting: (n,), frames that the tracker found and whose arms have their lengths.
+        noise: of the measured angles.
+        length_std, marker_std: standard deviations of the arms' lengths, (2,), and of the coordinates of pivot, joint
+            and tip, (3,), in px.
+        motion: the smoothed angles and speeds.
+        quality, reason: (n,), of each frame.
+        implied: by the motion.
+        energy: (n,) in s⁻².
+    """
+
+    markers: MarkerTable
+    arms: Arms
+    tracked: np.ndarray
+    fitting: np.ndarray
+    noise: Noise
+    length_std: np.ndarray
+    marker_std: np.ndarray
+    motion: Motion
+    quality: np.ndarray
+    reason: np.ndarray
+    implied: Implied
+    energy: np.ndarray
+
+
+def measure_angles(
+    markers: str | Path, output: str | Path, summary: str | Path, settings: Mapping[str, object] | None = None
+) -> None:
+    """Measure a recording's angles.
+
+    The pivot, the arm lengths and the offsets of markers from their hinges are calibrated on the recording itself, and
+    so is the markers' noise.  Angles and speeds come from local polynomials (Savitzky-Golay) over each gap-free
+    stretch, of so many frames as help (:mod:`.windows`).
+
+    Arguments:
+        markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame in order of time.
+        output: CSV of frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2 (rad/s),
+            energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason; theta1_raw,
+            theta2_raw (rad) as the markers alone have them; theta1_std ... omega2_std, the standard uncertainties, and
+            pivot_std, joint_std, tip_std (px), those of the markers' coordinates; source, the row of ``markers`` that
+            is nearest in time.
+        summary: JSON of :class:`expertaug_recordings.angles.summary.RecordingSummary`.
+        settings: see :class:`AngleSettings`.
+
+    Raises:
+        InputError: a missing column, times that do not grow, too few usable frames, or motion that is no pendulum's.
+    """
+    options = read_settings(AngleSettings, settings, "angles")
+    path = Path(markers)
+    if options.single:
+        options = options.model_copy(update={"model_offsets": False})
+    seen = read_markers(path, options.rate_hz, options.corrections, options.single)
+    markers_in_plane, rectified = rectify(path, seen, options)
+    angles = _measure(path, markers_in_plane, options)
+    found = _summarise(Path(output).parent.name, angles, options, rectified)
+    _write(output, angles, options.single)
+    for text in found.warnings:
+        logger.warning("%s: %s", found.recording, text)
+    found.save(summary)
+
+
+def _measure(path: Path, markers: MarkerTable, options: AngleSettings) -> Angles:
+    """Each step in turn: what the tracker trusts, the arms, the motion, its quality, its constants."""
+    rate = markers.rate_hz
+    tracked, reason = trust_tracker(markers)
+    _require(path, tracked, rate, options)
+    if not np.isfinite(markers.pivot).any():
+        raise InputError(path, "no frame has a pivot", "check the tracking")
+    arms = find_arms(markers, tracked, options)
+    off = tracked & arms.off
+    reason[off] = "arm_length"
+    fitting = tracked & ~off
+    _require(path, fitting, rate, options)
+    given, order = options.smoothing_window_s, options.smoothing_order
+    how = Smoothing(
+        order=order,
+        window=None if given is None else window_frames(given, order, rate),
+        longest_gap=max(0, min(options.max_gap_frames, int(np.ceil(np.pi * rate / options.max_speed)) - 2)),
+        sigmas=options.outlier_sigmas,
+        floor=np.deg2rad(options.outlier_floor_deg),
+    )
+    noise, length_std = measure_noise(arms.lengths, fitting, how.window or longest_window(order, rate))
+    marker_std = marker_noise(length_std, markers.pivot, arms.pivot)
+    theta = np.where(fitting[:, None], arms.angles(options.rotation_deg), np.nan)
+    motion = smooth_motion(theta, rate, noise, how)
+    if markers.interpolation is not None:
+        motion = motion.with_error(markers.interpolation)
+    quality, reason = judge(motion, fitting, reason, arms.borrowed)
+    good = quality == MEASURED
+    reason[good & markers.corrected] = CORRECTED
+    _require(path, good, rate, options)
+    try:
+        known = np.where(good[:, None], motion.y, np.nan)
+        if options.single:
+            implied = explain_single(known[:, [0, 2]], rate)
+        else:
+            implied = explain(known, rate, options.arm1_m, options.rotation_deg)
+    except InputError as error:
+        raise InputError(path, str(error)) from error
+    motion = with_motion_between(motion, implied.fit, noise, rate)
+    of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if options.single else None
+    level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
+    return Angles(
+        markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level
+    )
+
+
+def _require(path: Path, usable: np.ndarray, rate: float, options: AngleSettings) -> None:
+    """Refuse a recording with too few usable frames."""
+    wanted = max(FEWEST, options.min_usable_s * rate)
+    if usable.sum() < wanted:
+        remedy = f"at least {int(np.ceil(wanted))} are needed: check the tracking"
+        raise InputError(path, f"{int(usable.sum())} of {len(usable)} frames are usable", remedy)
+
+
+def _write(output: str | Path, angles: Angles, single: bool) -> None:
+    columns = {"frame": angles.markers.frame, "t": angles.markers.t}
+    columns |= {name: angles.motion.y[:, k] for k, name in enumerate(STATE)}
+    columns |= {"energy": angles.energy, "quality": angles.quality, "reason": angles.reason}
+    columns |= {f"{name}_raw": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
+    columns |= {f"{name}_std": angles.motion.std[:, k] for k, name in enumerate(STATE)}
+    columns |= {f"{name}_std": std for name, std in zip(("pivot", "joint", "tip"), angles.marker_std, strict=True)}
+    if single:
+        columns |= {name: np.full(len(angles.quality), np.nan) for name in columns if name.startswith(SECOND)}
+    table = pd.DataFrame({**columns, "source": angles.markers.source})
+    with atomic(output) as temporary:
+        table.to_csv(temporary, index=False, float_format="%.9g")
+
+
+def _summarise(name: str, angles: Angles, options: AngleSettings, rectified: Rectified | None) -> RecordingSummary:
+    arms, fit, tilt = angles.arms, angles.implied.fit, angles.implied.tilt_deg
+    rate, rotation = angles.markers.rate_hz, options.rotation_deg
+    good = angles.quality == MEASURED
+    gaps = gap_lengths(angles.quality != UNUSABLE)
+    uncertain = np.nanmedian(angles.motion.std[good], axis=0)
+    second = max(1, round(rate))
+    return RecordingSummary(
+        recording=name,
+        pendulum="single" if options.single else "double",
+        frames=len(good),
+        duration_s=len(good) / rate,
+        tracked_share=float(angles.tracked.mean()),
+        usable_share=float(good.mean()),
+        arm1_px=float(arms.typical[0]),
+        arm1_std_px=float(angles.length_std[0]),
+        arm2_px=float(arms.typical[1]),
+        arm2_std_px=float(angles.length_std[1]),
+        pivot_x_px=float(np.median(arms.pivot[:, 0])),
+        pivot_y_px=float(np.median(arms.pivot[:, 1])),
+        noise1_deg=float(np.rad2deg(angles.noise.std[0])),
+        noise2_deg=float(np.rad2deg(angles.noise.std[1])),
+        uncertainty1_deg=float(np.rad2deg(uncertain[0])),
+        uncertainty2_deg=float(np.rad2deg(uncertain[1])),
+        uncertainty1_rad_s=float(uncertain[2]),
+        uncertainty2_rad_s=float(uncertain[3]),
+        offsets_px=arms.offsets.sizes,
+        pivot_window_s=arms.window_s if arms.window_s < STILL_S else None,
+        unsmoothed_share=tuple(angles.motion.unsmoothed[good].mean(0).tolist()),
+        gaps=len(gaps),
+        longest_gap_frames=max(gaps, default=0),
+        interpolated=int((angles.reason == "interpolated").sum()),
+        rejected_arm_length=int((angles.tracked & ~angles.fitting).sum()),
+        rejected_outlier=int((angles.reason == "outlier").sum()),
+        reasons=dict(sorted(Counter(text for text in angles.reason if text).items())),
+        timing=TimingSummary(**asdict(angles.markers.timing)),
+        span_s=options.span_s,
+        rectified=None if rectified is None else RectifiedSummary(**asdict(rectified)),
+        rate_hz=rate,
+        rate_provenance=options.rate_provenance,
+        implied_rate_hz=angles.implied.rate_hz,
+        rotation_deg=rotation,
+        implied_rotation_deg=None if tilt is None else rotation + tilt,
+        warnings=[
+            *contradictions(angles.implied, rate, options.rate_provenance, options.arm1_m, rotation),
+            *_doubts(angles, uncertain, options),
+            *angles.markers.timing.doubts(len(angles.markers)),
+        ],
+        constants=fit.constants.to_dict(),
+        friction=fit.friction,
+        r2_1=fit.r2[0],
+        r2_2=fit.r2[1],
+        energy_start=float(np.median(angles.energy[good][:second])),
+        energy_end=float(np.median(angles.energy[good][-second:])),
+    )
+
+
+def _doubts(angles: Angles, uncertain: np.ndarray, options: AngleSettings) -> list[str]:
+    """Where polynomials do not follow the motion, in plain words."""
+    good = angles.quality == MEASURED
+    rate, given = angles.markers.rate_hz, options.smoothing_window_s
+    if given is not None:
+        worse = np.sqrt(np.nanmean(angles.motion.std[good, :2] ** 2, axis=0)) / angles.noise.std
+        if worse.max() <= MOST_WORSE:
+            return []
+        return [
+            f"smoothing over {given:g} s makes the angles up to {worse.max():.1f} times as uncertain as the markers:"
+            " leave out recordings.angles.smoothing_window_s"
+        ]
+    share = angles.motion.unsmoothed[good].mean(0)
+    if share.max() <= MOST_UNSMOOTHED:
+        return []
+    return [
+        f"the motion is too fast for polynomials at {rate:g} Hz: {share.max():.0%} of the angles are as measured, and"
+        f" the speeds are uncertain by {uncertain[2]:.2g} and {uncertain[3]:.2g} rad/s in the median"
+    ]

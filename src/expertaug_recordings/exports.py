@@ -1,0 +1,87 @@
+"""A recording's markers and angles in the formats that laboratories use."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from expertaug.errors import InputError
+from expertaug.files import atomic
+from expertaug_recordings.angles.quality import UNUSABLE
+from expertaug_recordings.columns import PLACES
+from expertaug_recordings.corrections import MARKERS
+from expertaug_recordings.tables import read_table
+
+ANGLES = {"theta1": "deg", "theta2": "deg", "omega1": "deg/s", "omega2": "deg/s"}
+SCORER = "expertaug"
+FILES = ("units.csv", "tracker.csv", "deeplabcut.csv")
+
+
+def export_recording(markers: str | Path, angles: str | Path, folder: str | Path) -> None:
+    """Write a recording's markers and angles.
+
+    ``units.csv`` has a unit in each heading.  ``tracker.csv`` is laid out as an export of the program Tracker of
+    several point masses: a line ``#multi:``, one of their names, one of variables; x to the right and y up in px from
+    the first pivot.  ``deeplabcut.csv`` has DeepLabCut's three heading rows (scorer, bodyparts, coords) with x and y in
+    px from the top-left pixel and the quality as likelihood.
+
+    Arguments:
+        markers, angles: what :func:`expertaug_recordings.angles.measure.measure_angles` read and wrote.
+        folder: gets the three files.
+
+    Raises:
+        InputError: a table is missing or not of this recording.
+    """
+    points = read_table(markers, ("frame", "t", *PLACES, "quality"), made_by="track_markers")
+    table = read_table(angles, ("t", *ANGLES, "quality", "source"), ("reason",))
+    source = table["source"].to_numpy(int)
+    if not ((source >= 0) & (source < len(points))).all():
+        raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
+    folder = Path(folder)
+    _units(folder / FILES[0], points.iloc[source], table)
+    _tracker(folder / FILES[1], points)
+    _deeplabcut(folder / FILES[2], points)
+
+
+def _units(path: Path, points: pd.DataFrame, table: pd.DataFrame) -> None:
+    columns = {"t [s]": table["t"]}
+    columns |= {f"{name} [{unit}]": np.rad2deg(table[name]) for name, unit in ANGLES.items()}
+    columns |= {f"{name} [px]": points[name].to_numpy() for name in PLACES}
+    columns |= {"quality [1]": table["quality"], "reason": table["reason"], "frame": points["frame"].to_numpy()}
+    with atomic(path) as temporary:
+        pd.DataFrame(columns).to_csv(temporary, index=False, float_format="%.9g")
+
+
+def _tracker(path: Path, points: pd.DataFrame) -> None:
+    """Times and one x and y a marker; what was not found is empty."""
+    place = points[list(PLACES)].to_numpy().reshape(-1, 3, 2)
+    seen = np.isfinite(place[:, 0]).all(1)
+    if not seen.any():
+        raise InputError(path, "no frame has a pivot", "check the tracking")
+    moved = (place - place[int(np.argmax(seen)), 0]) * (1, -1)
+    with atomic(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        stream.write("#multi:\n")
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["", *(cell for name in MARKERS for cell in (name, ""))])
+        writer.writerow(["t", *("x", "y") * len(MARKERS)])
+        for t, row in zip(points["t"].tolist(), moved.reshape(-1, 6).tolist(), strict=True):
+            writer.writerow([f"{t:.9g}", *("" if np.isnan(v) else f"{v:.4f}" for v in row)])
+
+
+def _deeplabcut(path: Path, points: pd.DataFrame) -> None:
+    """A frame without a marker has likelihood 0 for it."""
+    columns = pd.MultiIndex.from_product(
+        [[SCORER], MARKERS, ["x", "y", "likelihood"]], names=["scorer", "bodyparts", "coords"]
+    )
+    cells = []
+    for name in MARKERS:
+        place = points[[f"{name}_x", f"{name}_y"]].to_numpy()
+        found = np.isfinite(place).all(1)
+        level = np.where(found, np.maximum(points["quality"].to_numpy(), UNUSABLE), UNUSABLE)
+        cells.append(np.column_stack((place, level)))
+    table = pd.DataFrame(np.concatenate(cells, axis=1), index=points["frame"].to_numpy(), columns=columns)
+    with atomic(path) as temporary:
+        table.to_csv(temporary, float_format="%.6g")

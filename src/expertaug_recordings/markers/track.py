@@ -1,0 +1,108 @@
+"""From a frame store to marker positions: measure the lengths, follow the markers, refuse what shows none."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from expertaug.errors import InputError
+from expertaug.files import atomic
+from expertaug_recordings.columns import MARKERS
+from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, measure_diameter
+from expertaug_recordings.markers.masks import MaskedFrames
+from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.markers.tracker import UNUSABLE, Track, track_frames
+from expertaug_recordings.video.frame_store import FrameStore
+
+DIAMETER_FRAMES = 12  # on which an unknown diameter is measured
+
+
+def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, object] | None = None) -> Track:
+    """Track the markers of a frame store and write ``markers.csv``.
+
+    Arguments:
+        store: frame store of one recording, evenly timed.
+        output: CSV with one row a frame: frame, t (s), x and y of the markers (px from the centre of the top-left
+            pixel, y down; empty where lost), quality, reason (:class:`~expertaug_recordings.markers.tracker.Track`).
+        settings: keys of :class:`~expertaug_recordings.markers.tracker.TrackSettings`.
+
+    Returns:
+        What was written.
+
+    Raises:
+        InputError: a setting is wrong, or the video shows no markers or is unusable in too many frames.
+    """
+    cv2.setNumThreads(1)
+    checked = TrackSettings.from_mapping(settings)
+    frames = MaskedFrames(FrameStore(store), checked.masks)
+    checked, geometry = _calibrate(store, frames, checked)
+    track = track_frames(frames, geometry, checked)
+    _refuse_lost(store, track, checked)
+    _write(output, np.asarray(frames.t), track)
+    return track
+
+
+def _calibrate(store: str | Path, frames: MaskedFrames, settings: TrackSettings) -> tuple[TrackSettings, Geometry]:
+    """Settings with a diameter, and lengths from frames spread over the store; arm lengths that the settings give are
+    taken from there."""
+    if settings.marker_diameter_px is None:
+        some = [frames[int(i)] for i in _spread(len(frames), DIAMETER_FRAMES)]
+        diameter = measure_diameter(some, settings)
+        if diameter is None:
+            raise _no_markers(store, f"of {len(some)} frames looked at, none shows a marker", settings)
+        settings = settings.model_copy(update={"marker_diameter_px": diameter})
+    chosen = _spread(len(frames), settings.calibration_frames)
+    try:
+        geometry, found = estimate_geometry((frames[int(i)] for i in chosen), settings)
+    except InputError as error:
+        raise InputError(store, str(error)) from error
+    if geometry is None:
+        appearance = settings.markers
+        seen = ", ".join(f"{name} in {found[name]}" for name in appearance.seen)
+        wanted = {1: "it", 2: "both", 3: "all three"}[len(appearance.seen)]
+        whole = f"of {found['frames']} frames looked at, {found['all']} show {wanted} ({seen})"
+        raise _no_markers(store, whole, settings)
+    given = (settings.arm1_px, settings.arm2_px)
+    arms = [own if own is not None else seen for own, seen in zip(given, (geometry.arm1, geometry.arm2), strict=True)]
+    return settings, replace(geometry, arm1=arms[0], arm2=arms[1])
+
+
+def _spread(count: int, wanted: float) -> np.ndarray:
+    return np.unique(np.linspace(0, count - 1, int(wanted)).round().astype(int))
+
+
+def _no_markers(store: str | Path, found: str, settings: TrackSettings) -> InputError:
+    appearance = settings.markers
+    size = "" if settings.marker_diameter_px is None else f" of {settings.marker_diameter_px:g} px (marker_diameter_px)"
+    colours = " and ".join(filter(None, (", ".join(appearance.seen[:-1]), appearance.seen[-1])))
+    kind = "quadrant disks" if appearance.style == "quadrant" else "disks"
+    remedy = f"show {colours} {kind}{size}, or say how yours look (recordings.tracking.markers; expertaug inspect)"
+    return InputError(store, f"no markers: {found}", remedy)
+
+
+def _refuse_lost(store: str | Path, track: Track, settings: TrackSettings) -> None:
+    unusable = track.quality == UNUSABLE
+    if unusable.mean() <= settings.max_lost_share:
+        return
+    reasons = Counter(reason for reason, bad in zip(track.reason, unusable, strict=True) if bad).most_common(4)
+    raise InputError(
+        store,
+        f"{unusable.sum()} of {len(unusable)} frames are unusable ({', '.join(f'{r} in {n}' for r, n in reasons)})",
+        f"at most a share of {settings.max_lost_share:g} may be (max_lost_share)",
+    )
+
+
+def _write(output: str | Path, t: np.ndarray, track: Track) -> None:
+    with atomic(output) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(MARKERS)
+        for i, place in enumerate(track.position.reshape(-1, 6).tolist()):
+            values = ["" if math.isnan(v) else f"{v:.4f}" for v in place]
+            writer.writerow([i, f"{t[i]:.9g}", *values, f"{track.quality[i]:.4f}", track.reason[i]])

@@ -1,0 +1,159 @@
+"""Frames to look at: the worst of each recording on a sheet, and all recordings on one page."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+
+from expertaug.errors import InputError
+from expertaug.files import atomic, write_text
+from expertaug.measurements.paths import natural_key
+from expertaug.measurements.splitting import stretches
+from expertaug_recordings.angles.quality import MEASURED
+from expertaug_recordings.angles.summary import RecordingSummary
+from expertaug_recordings.columns import PLACES
+from expertaug_recordings.corrections import COLUMNS, MARKERS
+from expertaug_recordings.options import read_settings
+from expertaug_recordings.reports import drawing
+from expertaug_recordings.reports.settings import OverlaySettings
+from expertaug_recordings.tables import read_table
+from expertaug_recordings.video.source import open_frames
+
+WORST, WIDTH, ACROSS = 12, 320, 4  # frames on a sheet, their width in px, and how many are side by side
+ORDINARY = ("margin", "short_stretch")  # reasons that say nothing of the frame itself
+
+
+def worst_frames(quality: np.ndarray, reason: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """Rows to look at, ascending: the middle of the longest flagged runs, half of them at most; then measured frames
+    whose arms are furthest off their lengths, one of each neighbourhood.
+
+    Arguments:
+        quality, reason: of the rows (n,).
+        off: by how much their arms are off (n,), in any unit; NaN where that is not known.
+    """
+    flagged = (quality < MEASURED) & ~np.isin(reason, ORDINARY)
+    runs = sorted(stretches(flagged), key=lambda run: run[0] - run[1])[: WORST // 2]
+    rows = [(start + stop - 1) // 2 for start, stop in runs]
+    left = np.where((quality == MEASURED) & np.isfinite(off), off, -1.0)
+    apart = max(1, len(quality) // 100)
+    while len(rows) < WORST and left.max() > 0:
+        row = int(np.argmax(left))
+        rows.append(row)
+        left[max(0, row - apart) : row + apart + 1] = -1.0
+    return np.array(sorted(rows), dtype=int)
+
+
+def review_recording(
+    video: str | Path,
+    markers: str | Path,
+    angles: str | Path,
+    summary: str | Path,
+    sheet: str | Path,
+    rows: str | Path,
+    settings: Mapping[str, object] | None = None,
+) -> None:
+    """Draw a recording's worst frames with the markers that were found in them.
+
+    Arguments:
+        video: the recording's.
+        markers, angles, summary: what :func:`expertaug_recordings.angles.measure.measure_angles` read and wrote.
+        sheet: .jpg or .png.
+        rows: CSV of these frames in the layout of corrections (:mod:`expertaug_recordings.corrections`), with reasons:
+            to be mended and kept as a file of corrections.
+        settings: those of the overlay that tell the video's frames.
+
+    Raises:
+        InputError: a file cannot be used or does not fit the others.
+    """
+    options = read_settings(OverlaySettings, settings, "overlay")
+    points = read_table(markers, ("frame", *PLACES), made_by="track_markers")
+    table = read_table(angles, ("t", "quality", "source"), ("reason",))
+    found = RecordingSummary.load(summary)
+    source = table["source"].to_numpy(int)
+    if not ((source >= 0) & (source < len(points))).all():
+        raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
+    place = points[list(PLACES)].to_numpy().reshape(-1, 3, 2)[source]
+    length = np.linalg.norm(np.diff(place, axis=1), axis=2)
+    off = np.abs(length / (found.arm1_px, found.arm2_px) - 1).max(axis=1)
+    reason, quality = table["reason"].to_numpy(), table["quality"].to_numpy()
+    chosen = worst_frames(quality, reason, off)
+    with open_frames(video, options.of_frames) as frames:
+        step = max(1, int(np.floor(frames.rate_hz / found.rate_hz + 1e-3)))
+        wanted = {int(source[row]) * step: row for row in chosen}
+        tiles = {}
+        for number, image in frames.frames(step):
+            if number in wanted:
+                row = wanted[number]
+                words = f"frame {points['frame'][source[row]]}: {reason[row] or f'arms off by {off[row]:.1%}'}"
+                tiles[row] = _tile(image, place[row], words)
+            if len(tiles) == len(wanted):
+                break
+    _write_sheet(sheet, [tiles[row] for row in sorted(tiles)])
+    lines = [
+        [found.recording, int(points["frame"][source[row]]), name, *place[row, k], reason[row]]
+        for row in chosen
+        for k, name in enumerate(MARKERS)
+    ]
+    with atomic(rows) as temporary:
+        pd.DataFrame(lines, columns=[*COLUMNS, "reason"]).to_csv(temporary, index=False, float_format="%.2f")
+
+
+def _tile(image: np.ndarray, place: np.ndarray, words: str) -> np.ndarray:
+    factor = WIDTH / image.shape[1]
+    small = drawing.scaled(image, factor)
+    drawing.pendulum(small, place * factor, 8)
+    drawing.text(small, words, (6, 16), size=0.4)
+    return cv2.copyMakeBorder(small, 0, 4, 0, 4, cv2.BORDER_CONSTANT, value=(40, 40, 40))
+
+
+def _write_sheet(path: str | Path, tiles: Sequence[np.ndarray]) -> None:
+    if not tiles:
+        tiles = [np.full((60, WIDTH, 3), 40, np.uint8)]
+        drawing.text(tiles[0], "no frame stands out", (6, 30))
+    tiles = [*tiles, *[np.full_like(tiles[0], 40)] * (-len(tiles) % min(ACROSS, len(tiles)))]
+    across = min(ACROSS, len(tiles))
+    rows = [np.concatenate(tiles[k : k + across], axis=1) for k in range(0, len(tiles), across)]
+    with atomic(path) as temporary:
+        if not cv2.imwrite(str(temporary), np.concatenate(rows)):
+            raise InputError(path, "cannot be written as an image", "name it .jpg")
+
+
+def review(summaries: Sequence[str | Path], output: str | Path, refused: Mapping[str, str] | None = None) -> None:
+    """One page, which needs no other file, with each recording's numbers, warnings and worst frames.
+
+    Arguments:
+        summaries: angles.json of each recording; review.jpg and review.csv lie beside them.
+        output: .html.
+        refused: recordings that were left out, and why.
+
+    Raises:
+        InputError: a file is missing.
+    """
+    parts = []
+    for path in sorted(map(Path, summaries), key=lambda p: natural_key(p.parent.name)):
+        found, folder = RecordingSummary.load(path), path.parent
+        try:
+            image = base64.b64encode((folder / "review.jpg").read_bytes()).decode()
+            rows = (folder / "review.csv").read_text(encoding="utf-8")
+        except OSError as error:
+            raise InputError(folder, f"{Path(error.filename).name} cannot be read", "run review_recording") from error
+        reasons = ", ".join(f"{name} {count}" for name, count in found.reasons.items()) or "none"
+        warned = "".join(f"<p class=warning>{html.escape(text)}</p>" for text in found.warnings)
+        parts.append(
+            f"<h2>{html.escape(found.recording)}</h2><p>{found.frames} frames at {found.rate_hz:g} Hz, used"
+            f" {found.usable_share:.2%}; flagged: {html.escape(reasons)}</p>{warned}"
+            f'<img src="data:image/jpeg;base64,{image}" alt="worst frames"><details><summary>rows for a file of'
+            f" corrections</summary><pre>{html.escape(rows)}</pre></details>"
+        )
+    parts += [
+        f"<h2>{html.escape(name)}</h2><p class=warning>{html.escape(why)}</p>" for name, why in (refused or {}).items()
+    ]
+    style = "body{font-family:sans-serif;margin:2em}img{max-width:100%}.warning{color:#B00020}"
+    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Recordings</title><style>{style}</style>'
+    write_text(output, f"{head}<h1>Recordings</h1>{''.join(parts)}</html>\n")
