@@ -20,7 +20,7 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.interactions.mlp import MLPInteraction
 from expertaug.models.stacking import stack
 from expertaug.systems.pendulum import DampedPendulum
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 SEEDS, WINDOWS = 3, 1000
 

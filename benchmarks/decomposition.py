@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from expertaug.models import store
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
 

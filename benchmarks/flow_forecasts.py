@@ -21,7 +21,7 @@ from expertaug.inference import store
 from expertaug.learning.bound import Stopping, stored_bound
 from expertaug.models.device import device_of
 from expertaug.systems.inputs import joined
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
 DRAWS = (119, 64, 32, 16, 8)

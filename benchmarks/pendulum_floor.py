@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from expertaug import systems
 from expertaug.evaluation.metrics import log_mse
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
 OBSERVED_S = 5.0

@@ -32,7 +32,7 @@ from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.systems.simulate import simulate
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.provenance import revision
 from expertaug.trajectories import Trajectories
 

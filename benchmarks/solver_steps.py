@@ -17,7 +17,7 @@ from torch import Tensor
 
 from expertaug import systems
 from expertaug.models.recipe import HybridModel
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from training_step import median_time
 
 SEEDS, STEP = 3, 0.1

@@ -37,7 +37,7 @@ POINTS, STEP = 51, 0.1
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 TYPICAL = 2.2  # softplus of it is an ω0 amid the data, as after some training: dopri5 then needs its usual steps
 DATA = {"seed": 0, "step_s": STEP, "t2_s": 20.0, "noise": 0.01}
-AB5 = {"method": "ab5", "substeps": 2}  # as accurate as the fixed grid's rk4: tests/systems/test_adams.py
+AB5 = {"method": "ab5", "substeps": 2}  # as accurate as the fixed grid's rk4: tests/systems/solvers/test_adams.py
 OURS = {"encoder": {"kind": "recurrent"}, "interaction": {"kind": "mlp"}}
 
 

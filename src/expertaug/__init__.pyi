@@ -43,12 +43,12 @@ from expertaug.systems.base import System as System
 from expertaug.systems.bouncing_ball import BouncingBall as BouncingBall
 from expertaug.systems.double_pendulum import DoublePendulum as DoublePendulum
 from expertaug.systems.driven_pendulum import DrivenPendulum as DrivenPendulum
-from expertaug.systems.flows import DiagonalFlow as DiagonalFlow
 from expertaug.systems.pendulum import DampedPendulum as DampedPendulum
 from expertaug.systems.reaction_diffusion import ReactionDiffusion as ReactionDiffusion
 from expertaug.systems.rlc import RLC as RLC
 from expertaug.systems.simulate import trajectories as simulate
-from expertaug.systems.solver import Solver as Solver
+from expertaug.systems.solvers.linear_propagator import DiagonalFlow as DiagonalFlow
+from expertaug.systems.solvers.solver import Solver as Solver
 from expertaug.trajectories import Trajectories as Trajectories
 
 __all__ = [

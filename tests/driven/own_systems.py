@@ -3,7 +3,7 @@
 import torch
 
 from expertaug.systems.base import Parameter, System
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 
 class Duffing(System):

@@ -11,7 +11,7 @@ import expertaug as ea
 from expertaug.errors import InputError
 from expertaug.systems import load
 from expertaug.systems.bouncing_ball import BouncingBall
-from expertaug.systems.contract import check_system
+from expertaug.systems.check_system import check_system
 from expertaug.systems.inputs import solve
 
 GRAVITY, DRAG = {"g": (8.0, 12.0), "e": (0.6, 0.9)}, {"k": (0.0, 0.3)}

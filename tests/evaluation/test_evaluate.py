@@ -25,7 +25,7 @@ from expertaug.models import store
 from expertaug.models.mean import MeanModel
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.simulate import simulate
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.mlflow_store import initialise
 from expertaug.trajectories import Trajectories
 

@@ -24,7 +24,7 @@ from expertaug.models.recipe import HybridModel
 from expertaug.models.store import StoredModel
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.simulate import simulate
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
 RK4 = Solver("rk4")

@@ -25,7 +25,7 @@ from expertaug.learning.noise import Noise
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import Delta, Gaussian, Posterior
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 OPTIONS = {"draws": 39, "drawn_samples": 60, "noise": NOISE, "solver": {"method": "rk4"}}
 OWN = {"prior": {"omega0": [0.5, 3.5]}, "noise": NOISE, "resample_x": False, "z_a_from": "posterior"}

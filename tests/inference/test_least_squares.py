@@ -21,7 +21,7 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import unconstrain
 from expertaug.systems.simulate import trajectories
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 T = np.linspace(0.0, 10.0, 101)
 OBSERVED, NOISE = 51, 0.01

@@ -15,7 +15,7 @@ from expertaug.inference.refit import refit
 from expertaug.inference.settings import ValiditySettings
 from expertaug.models.decoder import Decoder
 from expertaug.models.store import StoredModel
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 HOW = ValiditySettings(samples=20, steps=25, learning_rate=0.01)
 

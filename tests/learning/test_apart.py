@@ -10,7 +10,7 @@ from expertaug.inference.predictive import forecasts
 from expertaug.learning.apart import solved_apart
 from expertaug.models.decoder import Decoder
 from expertaug.systems.base import Parameter, System
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 T = torch.linspace(0, 0.5, 6)
 

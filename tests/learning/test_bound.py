@@ -22,7 +22,7 @@ from expertaug.learning.task import task_of
 from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from tiny import PRIOR
 

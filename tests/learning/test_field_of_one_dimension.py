@@ -15,7 +15,7 @@ from expertaug.models import store
 from expertaug.models.describe import describe
 from expertaug.models.recipe import HybridModel
 from expertaug.systems.simulate import simulate
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.log_file import read_log
 
 SYSTEM = {"name": "field_systems:Fisher"}

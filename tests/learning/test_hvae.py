@@ -18,7 +18,7 @@ from expertaug.learning.task import task_of
 from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.models.posterior import Gaussian, unconstrain
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from tiny import PRIOR
 

@@ -16,7 +16,7 @@ from expertaug.learning.objectives import Aphynity
 from expertaug.learning.task import Task
 from expertaug.models.posterior import Delta, Posterior
 from expertaug.models.recipe import HybridModel
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 SYSTEM = systems.load({"name": "rlc"})
 TASK = Task(torch.arange(8) * 0.1, 5, 5, Solver("rk4"))

@@ -11,7 +11,7 @@ from expertaug.models.encoders.convolutional import ConvEncoder
 from expertaug.models.interactions.convolutional import IN_CACHE, ConvInteraction
 from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, wrap
 from expertaug.models.recipe import HybridModel
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 SYSTEM = {"name": "reaction_diffusion"}
 MODEL = {

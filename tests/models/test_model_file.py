@@ -13,7 +13,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.tensor_file import DIGEST, HEADER, _digest, read_tensors, write_tensors
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 PENDULUM = systems.load({"name": "pendulum"})
 DESCRIPTION = {

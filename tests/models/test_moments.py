@@ -8,7 +8,7 @@ from expertaug import systems
 from expertaug.models import store
 from expertaug.models.encoders.moments import Moments
 from expertaug.systems.simulate import sample
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 SYSTEM = {"name": "reaction_diffusion"}
 ENCODERS = {

@@ -15,7 +15,7 @@ from expertaug.models.encoders.window import WindowEncoder
 from expertaug.models.interactions.mlp import MLPInteraction
 from expertaug.models.posterior import Gaussian
 from expertaug.models.recipe import HybridModel
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 TIMES = torch.arange(5) * 0.1
 SYSTEM = systems.load({"name": "rlc"})

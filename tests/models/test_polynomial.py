@@ -8,7 +8,7 @@ from expertaug import systems
 from expertaug.models import store
 from expertaug.models.interactions.polynomial import PolynomialInteraction
 from expertaug.systems.reaction_diffusion import local_reaction
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 CASES = {
     "rlc": {"encoder": {"kind": "recurrent", "hidden": 4, "layers": [3]}, "interaction": {"latent_degree": 1}},

@@ -6,7 +6,7 @@ import torch
 import plain_parts as parts
 from expertaug import systems
 from expertaug.models.recipe import HybridModel
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 TIMES = torch.arange(6, dtype=torch.float64) * 0.2
 WINDOWS = {"U": [0.0, 1.0], "I": [0.0, 1.0]}

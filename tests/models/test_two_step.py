@@ -6,7 +6,7 @@ import torch
 from expertaug import systems
 from expertaug.models import store
 from expertaug.models.encoders.two_step import LOG_STD, SPREAD
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 SMALL = {"latent_layers": [7, 6], "filter_layers": [6, 5], "expert_layers": [8, 5]}
 CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}

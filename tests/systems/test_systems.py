@@ -12,7 +12,7 @@ from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.systems.double_pendulum import Constants, accelerations, energy, point_masses
 from expertaug.systems.simulate import sample, simulate
-from expertaug.systems.solver import Solver, check_finite
+from expertaug.systems.solvers.solver import Solver, check_finite
 from expertaug.trajectories import Trajectories
 
 REAL = Constants(0.103, 69.4, 1.35, 93.5)
@@ -155,7 +155,7 @@ def test_trajectories_check_and_round_trip(tmp_path):
 def test_torchdiffeq_comes_without_scipys_integrators_and_still_finds_them():
     code = """if True:
         import sys, torch
-        from expertaug.systems.solver import odeint
+        from expertaug.systems.solvers.solver import odeint
         assert "scipy.integrate" not in sys.modules
         found = odeint(lambda t, y: -y, torch.ones(1), torch.tensor([0.0, 1.0]), method="scipy_solver")
         assert "scipy.integrate" in sys.modules

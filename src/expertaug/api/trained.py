@@ -28,7 +28,7 @@ from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import joined, states_of
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
 STARTS = ("y0", "y_t1")

@@ -26,7 +26,7 @@ from expertaug.learning.objectives import Aphynity, Objective
 from expertaug.learning.sets import StackedSet
 from expertaug.models import describe
 from expertaug.models.recipe import HybridModel
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
 Preset: TypeAlias = Literal["corrected", "paper", "code"]

@@ -91,7 +91,7 @@ class _Experiment:
     def _system(self, settings: Mapping, simulated: bool = False) -> System | None:
         """A system that keeps its contract; None, and what is wrong is kept, for any other."""
         from expertaug import systems
-        from expertaug.systems.contract import check_system
+        from expertaug.systems.check_system import check_system
 
         key = json.dumps(settings, sort_keys=True)
         if key in self.systems:
@@ -109,7 +109,7 @@ class _Experiment:
 
     def _ranges(self, system: System, part: str, simulated: bool) -> dict[str, list[float]] | None:
         """From the least to the largest value of each parameter over the sets and the priors, each checked."""
-        from expertaug.systems.contract import check_ranges
+        from expertaug.systems.check_system import check_ranges
 
         one, where = self.config["experiments"][self.name], f"experiments.{self.name}"
         given = {}

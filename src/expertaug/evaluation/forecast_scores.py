@@ -21,7 +21,7 @@ from expertaug.models.measurement_noise import NoiseLike, is_some, noise_of, sha
 from expertaug.models.prediction import Predictor
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 DRAWN = 4  # of the keys of random numbers: a flow's end in 3
 BYTES = 2**25  # of the forecasts that are scored at a time

@@ -11,7 +11,7 @@ from expertaug.learning.apart import solved_apart
 from expertaug.learning.bound import bounded, within
 from expertaug.models.estimates import Estimates
 from expertaug.models.prediction import Predictor
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 
 @dataclass(frozen=True)

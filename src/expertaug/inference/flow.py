@@ -22,7 +22,7 @@ from expertaug.models.prediction import Predictor
 from expertaug.models.stacking import stack
 from expertaug.systems import System
 from expertaug.systems.inputs import states_of
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 CHUNK = 2**11  # draws made at a time: 2**17 take eight times the memory and no less time (benchmarks/flow_draws.py)
 KERNELS = 3  # widths of the bootstrap's kernel by which drawn z_a may lie beyond the training windows'

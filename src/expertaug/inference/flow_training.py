@@ -29,7 +29,7 @@ from expertaug.models.measurement_noise import noise_of
 from expertaug.models.store import StoredModel, forecast_solver
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
 IDENTITY = ("experiment", "method", "label", "preset", "choices")

@@ -18,7 +18,7 @@ from expertaug.models.measurement_noise import GivenNoise, is_some, noise_of
 from expertaug.models.prediction import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 
 class LeastSquares(Predictor, nn.Module):

@@ -23,7 +23,7 @@ from expertaug.models.prediction import Predictor
 from expertaug.models.stacking import stack
 from expertaug.models.store import StoredModel
 from expertaug.systems.inputs import inputs_of, states_of
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 OWN = 4  # what the random numbers are for (expertaug.inference.draws)
 # Of the training, spread evenly, that z_a and first points come from: to encode all takes longer than to simulate few.

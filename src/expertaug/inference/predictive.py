@@ -13,7 +13,7 @@ from expertaug.learning.apart import solved_apart
 from expertaug.learning.bound import Stopping, bounded
 from expertaug.models.decoder import Decoder
 from expertaug.systems import System
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 CHUNK_BYTES = 2**27  # of the forecasts made at a time
 

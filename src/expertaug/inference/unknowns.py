@@ -13,7 +13,7 @@ from expertaug.models.gaps import ends_of
 from expertaug.models.measurement_noise import NoiseLike, is_some
 from expertaug.models.principal import principal_axes, scores_of
 from expertaug.systems import System
-from expertaug.systems.numbers import beside
+from expertaug.systems.base import constant_like
 
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of a uniform number
 
@@ -107,22 +107,22 @@ class Unknowns(nn.Module):
         if self.given:
             around, unit = self._first(first)
             if self.middle is not None:
-                y0 = torch.where(torch.isnan(y0), beside(y0, self.middle, y0.dtype), y0)
-            y0 = y0.index_copy(-1, beside(y0, self.given, torch.long), around + unit * moved)
+                y0 = torch.where(torch.isnan(y0), constant_like(y0, self.middle, y0.dtype), y0)
+            y0 = y0.index_copy(-1, constant_like(y0, self.given, torch.long), around + unit * moved)
         return z_e, self.latent(torch.minimum(torch.maximum(scores, self.least), self.most)), y0
 
     def _first(self, first: Tensor) -> tuple[Tensor, Tensor]:
         """What the given components of first points (…, B, *state) are around, and in which units."""
         first = self._of_given(first)
         if self.ranges is None:
-            return first, beside(first, self.noise, first.dtype)
+            return first, constant_like(first, self.noise, first.dtype)
         assert self.units is not None, "ranges come with units"
-        middle, width, units = (beside(first, values, first.dtype) for values in (*self.ranges, self.units))
+        middle, width, units = (constant_like(first, values, first.dtype) for values in (*self.ranges, self.units))
         unknown = torch.isnan(first)
         return torch.where(unknown, middle, first), torch.where(unknown, width, units)
 
     def _of_given(self, y0: Tensor) -> Tensor:
-        return y0.index_select(-1, beside(y0, self.given, torch.long))
+        return y0.index_select(-1, constant_like(y0, self.given, torch.long))
 
     def log_slope(self, theta: Tensor, first: Tensor) -> Tensor:
         """Logarithm of |∂(z_e, components of z_a, y0) / ∂θ|, (…, B)."""

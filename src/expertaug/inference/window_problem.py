@@ -20,7 +20,7 @@ from expertaug.models.gaps import ends_of
 from expertaug.models.measurement_noise import NoiseLike, of_observed, shaped
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 SMALLEST = 1e-3  # of the largest value of the training set: the noise that is assumed where data have none
 FARTHEST = 10.0  # step of a first point, in standard deviations of the noise

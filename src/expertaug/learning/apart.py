@@ -10,7 +10,7 @@ from torch import Tensor
 
 from expertaug.errors import SolveError
 from expertaug.learning.bound import FALLBACK, Stopping
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 STEPS = 20  # from one time to the next; an ordinary batch of circuits, sampled every .1 s, takes half a one
 PIECES = 8

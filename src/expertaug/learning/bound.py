@@ -12,7 +12,7 @@ from torch import Tensor
 from expertaug.errors import SolveError
 from expertaug.models.decoder import Decoder
 from expertaug.models.hybrid import HybridNet
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 FACTOR = 10.0  # times the largest value of the training set
 FLOOR = 1e-3  # of the largest component's bound: a component that is zero in the training set may move a little

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.learning.bound import stored_bound
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import points_until
 
 

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.systems import System
 from expertaug.systems.inputs import solve
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 
 class Decoder(nn.Module):

@@ -11,7 +11,7 @@ from expertaug.models.posterior import Posterior
 from expertaug.models.prediction import Predictor
 from expertaug.systems import System
 from expertaug.systems.inputs import states_of
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 
 class HybridNet(Predictor, nn.Module):

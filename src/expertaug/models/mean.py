@@ -9,7 +9,7 @@ from expertaug.models.estimates import Estimates
 from expertaug.models.prediction import Predictor
 from expertaug.systems import System
 from expertaug.systems.inputs import states_of
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 
 class MeanModel(Predictor, nn.Module):

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.distributions import Distribution, constraints
 
 from expertaug.systems import Parameter
-from expertaug.systems.numbers import beside
+from expertaug.systems.base import constant_like
 
 # normal(k) gives (…, B, k) standard normal numbers: whoever samples says where randomness comes from.
 Normal = Callable[[int], Tensor]
@@ -38,8 +38,8 @@ def log_slope(raw: Tensor, parameters: Sequence[Parameter]) -> Tensor:
 
 
 def _of(parameters: Sequence[Parameter], like: Tensor) -> tuple[Tensor, Tensor]:
-    scale = beside(like, [p.scale for p in parameters], like.dtype)
-    return scale, beside(like, [p.positive for p in parameters], torch.bool)
+    scale = constant_like(like, [p.scale for p in parameters], like.dtype)
+    return scale, constant_like(like, [p.positive for p in parameters], torch.bool)
 
 
 class Delta(Distribution):

@@ -8,7 +8,7 @@ from torch import Tensor
 from expertaug.models.estimates import Estimates
 from expertaug.systems import System
 from expertaug.systems.inputs import states_of
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 
 class Predictor:

@@ -18,7 +18,7 @@ from expertaug.models.mean import MeanModel
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
 from expertaug.systems.settings import ADAMS, EVENTS
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 __all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "write_tensors"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from math import prod
@@ -12,7 +12,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,14 @@ class Parameter:
     unit: str = ""
     positive: bool = True
     scale: float = 1.0
+
+
+def constant_like(
+    like: Tensor, values: Sequence[float] | Sequence[bool] | Sequence[int], dtype: torch.dtype | None
+) -> Tensor:
+    """Constants (K,) of a type, where the tensor ``like`` lies; sent to a card without waiting for it, which
+    ``Tensor.new_tensor`` would."""
+    return torch.tensor(values, dtype=dtype).to(like.device, non_blocking=True)
 
 
 class System(ABC):

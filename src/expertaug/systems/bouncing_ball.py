@@ -7,7 +7,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 OBSERVED = ("all", "height")
 

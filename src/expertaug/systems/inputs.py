@@ -9,10 +9,9 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.systems.base import System
-from expertaug.systems.events import Event
-from expertaug.systems.numbers import beside
-from expertaug.systems.solver import Flow
+from expertaug.systems.base import System, constant_like
+from expertaug.systems.solvers.events import Event
+from expertaug.systems.solvers.linear_propagator import Propagator
 
 SAMPLES = 8
 # dy/dt at a time and states, and at inputs (…, U) where the system has some.
@@ -51,16 +50,16 @@ def solve(
     solver: Any,
     z_e: Tensor,
     u: Tensor | None = None,
-    flow: Flow | None = None,
+    propagator: Propagator | None = None,
 ) -> Tensor:
     """States (T, …, *state) at the times t (T,), the first being y0.
 
     Arguments:
         field: (s, y) → dy/dt; of a system with known inputs (s, y, u); of one with events the side is last.
         z_e: parameters (…, P), of which an event may depend.
-        solver: a :class:`~expertaug.systems.solver.Solver`, or what is called like one.
+        solver: a :class:`~expertaug.systems.solvers.solver.Solver`, or what is called like one.
         u: inputs (T, …, U) at the times t; None for a system without.
-        flow: as of the solver.
+        propagator: as of the solver.
 
     Raises:
         InputError: the system has inputs and none are given, or the other way round.
@@ -69,7 +68,7 @@ def solve(
     options = {} if event is None else {"event": event}
     check_given(system, u)
     if u is None:
-        return solver(field, y0, t, flow, rank, **options)
+        return solver(field, y0, t, propagator, rank, **options)
     u = u.to(y0.dtype)
     if system.interpolation == "linear" and len(t) > 1:
         signal = Linear(t, u)
@@ -77,14 +76,14 @@ def solve(
         def driven(s: Tensor, y: Tensor, *side: Tensor) -> Tensor:
             return field(s, y, signal(s), *side)
 
-        return solver(driven, y0, t, flow, rank, kinks=True, **options)
+        return solver(driven, y0, t, propagator, rank, kinks=True, **options)
     states = [y0]
     for k in range(len(t) - 1):  # a solver does not step across a jump of the inputs
 
         def held(s: Tensor, y: Tensor, *side: Tensor, now: Tensor = u[k]) -> Tensor:
             return field(s, y, now, *side)
 
-        states.append(solver(held, states[-1], t[k : k + 2], flow, rank, **options)[-1])
+        states.append(solver(held, states[-1], t[k : k + 2], propagator, rank, **options)[-1])
     return torch.stack(states)
 
 
@@ -196,7 +195,7 @@ class Observed(System):
         size, axis = len(self.system.state), _axis(self)
         u = y.narrow(axis, size, len(self.system.known))
         if scales is not None:
-            u = u / beside(u, scales, u.dtype).view(-1, *[1] * (-axis - 1))
+            u = u / constant_like(u, scales, u.dtype).view(-1, *[1] * (-axis - 1))
         return torch.cat((of_states(y.narrow(axis, 0, size)), u), dim=axis)
 
 

@@ -16,8 +16,8 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
-from expertaug.systems.flows import DiagonalFlow
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.linear_propagator import DiagonalFlow
+from expertaug.systems.solvers.solver import Solver
 
 SIZE = 32
 WIDTH = 2.0 / SIZE  # of a cell

@@ -13,7 +13,7 @@ from torch import Tensor
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System, load
 from expertaug.systems.inputs import check_given, solve
-from expertaug.systems.solver import Solver, check_finite
+from expertaug.systems.solvers.solver import Solver, check_finite
 from expertaug.trajectories import Trajectories
 
 CHUNK = 2**17  # values of the state solved at a time: bounds the memory and stays in the processor's cache

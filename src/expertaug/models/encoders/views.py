@@ -14,7 +14,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.models.networks.layers import feature_count
 from expertaug.systems import System
-from expertaug.systems.numbers import beside
+from expertaug.systems.base import constant_like
 
 
 class States:
@@ -61,7 +61,7 @@ class Windows:
 
     def __call__(self, observed: Tensor) -> Tensor:
         columns = [
-            observed[..., component].index_select(0, beside(observed, points, torch.long))
+            observed[..., component].index_select(0, constant_like(observed, points, torch.long))
             for component, points, _ in self.points
         ]
         return torch.cat(columns).movedim(0, -1)

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from expertaug.errors import InputError
 from expertaug.systems import System
-from expertaug.systems.numbers import beside
+from expertaug.systems.base import constant_like
 
 
 def positions(system: System, components: Sequence[str], key: str) -> list[int]:
@@ -75,10 +75,10 @@ class Interaction(nn.Module):
 
     def latents(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → what F_a may see of them, (…, B, inputs)."""
-        return torch.cat((z_a, z_e / beside(z_e, self.scales, z_e.dtype)), dim=-1) if self.scales else z_a
+        return torch.cat((z_a, z_e / constant_like(z_e, self.scales, z_e.dtype)), dim=-1) if self.scales else z_a
 
     def placed(self, rates: Tensor, y: Tensor) -> Tensor:
         """Rates of the components that F_a acts on → rates of all, the shape of y; the others are zero."""
         if len(self.acts_on) == y.shape[self._axis]:
             return rates
-        return torch.zeros_like(y).index_copy(self._axis, beside(y, self.acts_on, torch.long), rates)
+        return torch.zeros_like(y).index_copy(self._axis, constant_like(y, self.acts_on, torch.long), rates)

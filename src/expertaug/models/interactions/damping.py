@@ -11,7 +11,7 @@ from torch.nn.functional import softplus
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import Linear
 from expertaug.systems import System
-from expertaug.systems.numbers import beside
+from expertaug.systems.base import constant_like
 
 START = -2.0  # of the argument of softplus: a damping of .13 per unit of time
 
@@ -49,5 +49,5 @@ class DampingInteraction(Interaction):
     def forward(self, y: Tensor, context: Tensor) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y."""
         every = len(self.sees) == y.shape[self._axis]
-        damped = y if every else y.index_select(self._axis, beside(y, self.sees, torch.long))
+        damped = y if every else y.index_select(self._axis, constant_like(y, self.sees, torch.long))
         return self.placed(-context[(..., *[None] * self._space)] * damped, y)

@@ -11,7 +11,7 @@ from expertaug.errors import InputError
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import MLP, Linear, affine, feature_count
 from expertaug.systems import System
-from expertaug.systems.numbers import beside
+from expertaug.systems.base import constant_like
 
 
 class MLPInteraction(Interaction):
@@ -68,9 +68,9 @@ class MLPInteraction(Interaction):
 
     def forward(self, y: Tensor, context: Tensor, known: Tensor | None = None) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y; ``known`` as of :class:`Interaction`."""
-        seen = y if all(self.mask) else y * beside(y, self.mask, y.dtype)
+        seen = y if all(self.mask) else y * constant_like(y, self.mask, y.dtype)
         features = self.system.features(seen)
         if known is not None:
-            features = torch.cat((features, known / beside(known, self.units, known.dtype)), dim=-1)
+            features = torch.cat((features, known / constant_like(known, self.units, known.dtype)), dim=-1)
         hidden = affine(features, self.state_layer.weight, context)
         return self.placed(self.rest(self.rest.activation(hidden)), y)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from expertaug.systems.flows import Flow, Flows, Frame, lawson4_step
+from expertaug.systems.solvers.linear_propagator import Frame, Propagator, Propagators, lawson4_step
 
 # Weights of the last points' rates, newest first, by their number; CORRECTED begin with the predicted point's rate
 # (Hairer, Nørsett, Wanner, Solving Ordinary Differential Equations I, III.1).
@@ -26,7 +26,7 @@ EQUAL = 1e-3  # of a step's length: what rounded times may differ by
 
 
 def adams_bashforth(
-    f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, t: Tensor, flow: Flow | None, order: int
+    f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, t: Tensor, propagator: Propagator | None, order: int
 ) -> Tensor:
     """States (T, *y0.shape) at the times t (T,), on the CPU, the first being y0.
 
@@ -36,18 +36,18 @@ def adams_bashforth(
 
     Arguments:
         f: dy/dt, without the linear part.
-        flow: of the linear part; None where there is none.
+        propagator: of the linear part; None where there is none.
         order: 4 or 5.
     """
-    flows, states, last = Flows(flow), [y0], float("nan")
+    propagators, states, last = Propagators(propagator), [y0], float("nan")
     for begin, h in zip(t[:-1], t.diff().tolist(), strict=True):
         if not abs(h - last) <= EQUAL * abs(h):
-            frame, last, here = Frame(flows(h)), h, None
+            frame, last, here = Frame(propagators(h)), h, None
             rates: list[Tensor] = []  # in the frame, carried on to the present
         rate = f(begin, states[-1])
         rates = [frame.into(rate), *rates]
         if len(rates) < order - 2:
-            states.append(lawson4_step(f, begin, h, states[-1], rate, flows(h / 2)))
+            states.append(lawson4_step(f, begin, h, states[-1], rate, propagators(h / 2)))
             rates = frame.carried(rates)
             continue
         here = frame.into(states[-1]) if here is None else here

@@ -7,8 +7,8 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.systems import Parameter, System
-from expertaug.systems.contract import check_system
-from expertaug.systems.solver import Solver
+from expertaug.systems.check_system import check_system
+from expertaug.systems.solvers.solver import Solver
 
 CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}
 

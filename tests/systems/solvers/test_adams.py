@@ -8,9 +8,9 @@ import torch
 import expertaug as ea
 from expertaug import systems
 from expertaug.models import store
-from expertaug.systems.flows import DiagonalFlow
 from expertaug.systems.reaction_diffusion import SIZE
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.linear_propagator import DiagonalFlow
+from expertaug.systems.solvers.solver import Solver
 
 T = torch.linspace(0, 4, 41, dtype=torch.float64)
 

@@ -1,4 +1,4 @@
-"""The flow of a linear part of dy/dt = L y + f(t, y), y → exp(h L) y, and Runge-Kutta steps that have it exact."""
+"""The propagator y → exp(h L) y of a linear part of dy/dt = L y + f(t, y), and Runge-Kutta steps that have it exact."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 Map = Callable[[Tensor], Tensor]
-# flow(h): the map y → exp(h L) y, or None where there is no linear part.
-Flow = Callable[[float], Map | None]
+# propagator(h): the map y → exp(h L) y, or None where there is no linear part.
+Propagator = Callable[[float], Map | None]
 
 
 @dataclass(frozen=True)
@@ -34,42 +34,43 @@ class DiagonalFlow:
         return self.back(self.factor * self.into(y))
 
 
-class Flows:
-    """Flows by length of the step, each made once.
+class Propagators:
+    """Propagators by length of the step, each made once.
 
     Arguments:
-        flow: of the linear part; None where there is none.
+        propagator: of the linear part; None where there is none.
     """
 
-    def __init__(self, flow: Flow | None) -> None:
-        self.flow = flow
+    def __init__(self, propagator: Propagator | None) -> None:
+        self.propagator = propagator
         self.made: dict[str, Map] = {}
 
     def __call__(self, h: float) -> Map:
-        """The flow for h s: the identity where there is no linear part."""
+        """The propagator for h s: the identity where there is no linear part."""
         length = f"{h:.5g}"  # a grid's steps are equal but for rounding
         if length not in self.made:
-            self.made[length] = (self.flow(h) if self.flow else None) or _same
+            self.made[length] = (self.propagator(h) if self.propagator else None) or _same
         return self.made[length]
 
 
 class Frame:
-    """Where earlier rates are kept: in a flow's basis, or, of a flow that has none, as they are.
+    """Where earlier rates are kept: in the basis of a linear part, or, of one that has none, as they are.
 
     Arguments:
-        flow: for one step.
+        advance: y → exp(h L) y for one step.
     """
 
-    def __init__(self, flow: Map) -> None:
-        self.flow = flow
-        self.into, self.back = (flow.into, flow.back) if isinstance(flow, DiagonalFlow) else (_same, _same)
+    def __init__(self, advance: Map) -> None:
+        self.advance = advance
+        diagonal = isinstance(advance, DiagonalFlow)
+        self.into, self.back = (advance.into, advance.back) if diagonal else (_same, _same)
 
     def carried(self, parts: Sequence[Tensor]) -> list[Tensor]:
         """Each part, in the frame, a step later."""
-        if self.flow is _same:
+        if self.advance is _same:
             return list(parts)
-        whole = torch.stack(tuple(parts))
-        return list((self.flow.factor * whole if isinstance(self.flow, DiagonalFlow) else self.flow(whole)).unbind(0))
+        whole, advance = torch.stack(tuple(parts)), self.advance
+        return list((advance.factor * whole if isinstance(advance, DiagonalFlow) else advance(whole)).unbind(0))
 
 
 def lawson4_step(
@@ -81,7 +82,7 @@ def lawson4_step(
         f: dy/dt without L y.
         begin, h: time and length of the step.
         y, k1: state, and f there.
-        half: the flow for half the step.
+        half: y → exp(h/2 L) y.
     """
     y_half, k1_half = half(torch.stack((y, k1))).unbind(0)
     k2 = f(begin + h / 2, y_half + h / 2 * k1_half)

@@ -16,7 +16,7 @@ from torch import Tensor
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System
 from expertaug.systems.settings import EVENTS
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 SAMPLES, SEEDS = 3, 2
 TOLERANCE = 1e-4  # relative: a seed's rates alone and beside others are the same to rounding

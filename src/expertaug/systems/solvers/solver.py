@@ -11,12 +11,12 @@ from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
 from expertaug.settings import complaints
-from expertaug.systems.adams import adams_bashforth
-from expertaug.systems.events import Event, stepped
-from expertaug.systems.flows import Flow, Flows, lawson4_step
-from expertaug.systems.implicit import SCIPY, by_scipy, rodas3
-from expertaug.systems.odeint import odeint, on_grid
 from expertaug.systems.settings import ADAMS, EVENTS, FIXED, SPLITTING, SolverSettings
+from expertaug.systems.solvers.adams import adams_bashforth
+from expertaug.systems.solvers.events import Event, stepped
+from expertaug.systems.solvers.implicit import SCIPY, by_scipy, rodas3
+from expertaug.systems.solvers.linear_propagator import Propagator, Propagators, lawson4_step
+from expertaug.systems.solvers.odeint import odeint, on_grid
 
 
 class Solver(SolverSettings):
@@ -51,7 +51,7 @@ class Solver(SolverSettings):
 
     @property
     def splits(self) -> bool:
-        """Whether the method wants the linear part as a flow, and f without it."""
+        """Whether the method wants the linear part as a propagator, and f without it."""
         return self.method in SPLITTING
 
     def __call__(
@@ -59,7 +59,7 @@ class Solver(SolverSettings):
         f: Callable[..., Tensor],
         y0: Tensor,
         t: Tensor,
-        flow: Flow | None = None,
+        propagator: Propagator | None = None,
         rank: int = 1,
         kinks: bool = False,
         event: Event | None = None,
@@ -70,10 +70,10 @@ class Solver(SolverSettings):
         Arguments:
             f: dy/dt at a time, a single number that may lie on the CPU, and states (…, *state).
             t: on the CPU, or wherever y0 lies: steps on a fixed grid then wait for it once.
-            flow: of the part that f lacks, where the method wants one (:attr:`splits`).
+            propagator: of the part that f lacks, where the method wants one (:attr:`splits`).
             rank: axes of a state, which implicit methods need to know.
             kinks: whether f bends at the times t: an adaptive method then ends a step there.
-            event: where trajectories jump; f then has the side as third argument (:mod:`expertaug.systems.events`).
+            event: where trajectories jump; f then has the side as third argument (:mod:`.events`).
             most_steps: that dopri5 and dopri8 take from one time to the next before they give up; None: as many as are
                 needed.
 
@@ -93,9 +93,9 @@ class Solver(SolverSettings):
             if self.method == "rodas3":
                 return rodas3(f, y0, grid.to(y0.device, non_blocking=True), rank)[:: self.substeps]
             if self.method == "lawson4" or (self.splits and kinks):
-                return _lawson4(f, y0, grid.cpu(), flow)[:: self.substeps]
+                return _lawson4(f, y0, grid.cpu(), propagator)[:: self.substeps]
             if self.splits:
-                return adams_bashforth(f, y0, grid.cpu(), flow, ADAMS[self.method])[:: self.substeps]
+                return adams_bashforth(f, y0, grid.cpu(), propagator, ADAMS[self.method])[:: self.substeps]
             return on_grid(f, y0, grid, self.method)[:: self.substeps]
         if self.method in SCIPY:
             return by_scipy(f, y0, t, self.method, self.rtol, self.atol, rank)
@@ -111,11 +111,11 @@ class Solver(SolverSettings):
             raise SolveError(f"{self.method} failed ({error})") from error
 
 
-def _lawson4(f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, t: Tensor, flow: Flow | None) -> Tensor:
-    states, flows = [y0], Flows(flow)
+def _lawson4(f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, t: Tensor, propagator: Propagator | None) -> Tensor:
+    states, propagators = [y0], Propagators(propagator)
     for begin, h in zip(t[:-1], t.diff(), strict=True):
         y = states[-1]
-        states.append(lawson4_step(f, begin, h, y, f(begin, y), flows(float(h) / 2)))
+        states.append(lawson4_step(f, begin, h, y, f(begin, y), propagators(float(h) / 2)))
     return torch.stack(states)
 
 

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System
 from expertaug.systems.simulate import sample
-from expertaug.systems.solver import Solver
+from expertaug.systems.solvers.solver import Solver
 
 MU = 100.0
 
