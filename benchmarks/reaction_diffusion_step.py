@@ -26,6 +26,7 @@ from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.interactions.convolutional import ConvInteraction
 from expertaug.models.networks.convolutional import wrap
+from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 from training_step import median_time
 
@@ -163,7 +164,7 @@ def main() -> None:
     elif options.layers:
         ways, what = layer_ways(options.seeds, size), "an evaluation of F_a with its gradient"
     else:
-        data = DATA | {"sets": {"train": RANGES | {"size": size}}}
+        data = SimulatedData.from_mapping(DATA | {"sets": {"train": RANGES | {"size": size}}})
         train = StackedSet.of(sample(systems.load(SYSTEM), data, "train"), torch.device("cpu"))
         plain = [steps([seed], train, size, None) for seed in seeds]
         ways = {"plain, one seed after another": lambda: [step() for step in plain]}

@@ -31,6 +31,7 @@ from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
 from expertaug.models import store
+from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.provenance import revision
@@ -74,7 +75,11 @@ def run(settings: dict, experiment: str, method: str, augmented: bool, folder: P
         for name in ("train", "validation"):
             if not (data / f"{name}.npz").exists():
                 data.mkdir(parents=True, exist_ok=True)
-                simulate(name, data / f"{name}.npz", stage_settings.simulate(settings, experiment, name))
+                simulate(
+                    name,
+                    data / f"{name}.npz",
+                    SimulateJob.from_mapping(stage_settings.simulate(settings, experiment, name)),
+                )
     calibration = data / "calibration.json" if one["data"]["calibrate"] else None
     base = stage_settings.train(settings, experiment, method, group)
     model = folder / _digest(base) / "model.safetensors"

@@ -31,6 +31,7 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models.device import device_of
 from expertaug.models.recipe import HybridModel, Part
+from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 
 POINTS, STEP = 51, 0.1
@@ -43,7 +44,7 @@ OURS = {"encoder": {"kind": "recurrent"}, "interaction": {"kind": "mlp"}}
 
 def training_data(size: int = 1000, name: str = "train", device: str = "cpu") -> StackedSet:
     """The pendulum's set ``name``."""
-    data = DATA | {"sets": {name: RANGES | {"size": size}}}
+    data = SimulatedData.from_mapping(DATA | {"sets": {name: RANGES | {"size": size}}})
     return StackedSet.of(sample(systems.load({"name": "pendulum"}), data, name), torch.device(device))
 
 

@@ -16,6 +16,7 @@ from expertaug.evaluation.evaluate import evaluate
 from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
+from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 
 SYSTEM = """
@@ -103,7 +104,8 @@ def test_it_is_simulated_trained_augmented_and_evaluated(fifth, tmp_path):
     group = next(iter(stage_settings.seed_groups(whole)))
     model, samples, tuned = (tmp_path / f"{name}.safetensors" for name in ("model", "samples", "tuned"))
     for name in ("train", "validation", "test"):
-        simulate(name, tmp_path / f"{name}.npz", stage_settings.simulate(whole, "oscillator", name))
+        job = SimulateJob.from_mapping(stage_settings.simulate(whole, "oscillator", name))
+        simulate(name, tmp_path / f"{name}.npz", job)
     train(tmp_path, model, tmp_path / "work", stage_settings.train(whole, "oscillator", "own", group), None)
     augment(model, tmp_path, samples, stage_settings.augment(whole, "oscillator", "own+", group))
     settings = stage_settings.finetune(whole, "oscillator", "own+", group)

@@ -26,6 +26,7 @@ from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
 from expertaug.models import store
+from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.tracking.log_file import read_log
 
@@ -98,7 +99,8 @@ def run(out: Path) -> list[str]:
     whole = config.validate(config.merge(base, yaml.safe_load(EXPERIMENT)))
     group = next(iter(stage_settings.seed_groups(whole)))
     for name in ("train", "validation", "test"):
-        simulate(name, out / f"{name}.npz", stage_settings.simulate(whole, NAME, name))
+        job = SimulateJob.from_mapping(stage_settings.simulate(whole, NAME, name))
+        simulate(name, out / f"{name}.npz", job)
     every = variants(whole, NAME)
     for variant in every:
         folder, model = out / variant, out / variant / "model.safetensors"

@@ -7,6 +7,7 @@ import pytest
 
 from expertaug.config.presets import resolve
 from expertaug.learning.trainer import Trainer
+from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
@@ -50,7 +51,7 @@ def data(tmp_path_factory):
 def simulated(folder: Path, data: dict) -> Path:
     """A folder with the sets of pendulums that ``data`` describes."""
     for name in data["sets"]:
-        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": data})
+        simulate(name, folder / f"{name}.npz", SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": data}))
     return folder
 
 

@@ -21,6 +21,7 @@ from expertaug.learning.augment import augment
 from expertaug.learning.augmentation import load as load_augmented
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
+from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 
 RANGES = {"z_e": {"omega0": list(SEEN["omega0"])}, "z_a": {"alpha": list(FRICTION["alpha"])}}
@@ -36,7 +37,7 @@ PRIOR = {"omega0": list(SHIFTED["omega0"])}
 def stages(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stages")
     for name in DATA["sets"]:
-        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": DATA})
+        simulate(name, folder / f"{name}.npz", SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": DATA}))
     model, samples, tuned = (folder / f"{name}.safetensors" for name in ("model", "samples", "tuned"))
     system = {"system": {"name": "pendulum"}, "build": {"kind": "hybrid"}, "t1_s": 1.0, "training": OPTIONS}
     parts = {"encoder": ENCODER, "interaction": INTERACTION}

@@ -17,6 +17,7 @@ from expertaug.learning.augment import augment
 from expertaug.learning.augmentation import load as load_augmented
 from expertaug.learning.finetune import finetune
 from expertaug.learning.train import train
+from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 
 EXPERIMENT = """
@@ -89,7 +90,8 @@ def test_it_is_simulated_trained_augmented_and_evaluated(tmp_path):
     group = next(iter(stage_settings.seed_groups(whole)))
     model, samples, tuned = (tmp_path / f"{name}.safetensors" for name in ("model", "samples", "tuned"))
     for name in ("train", "validation", "test"):
-        simulate(name, tmp_path / f"{name}.npz", stage_settings.simulate(whole, "oscillator", name))
+        job = SimulateJob.from_mapping(stage_settings.simulate(whole, "oscillator", name))
+        simulate(name, tmp_path / f"{name}.npz", job)
     for method, output in (("aphynity", model), ("least_squares", tmp_path / "ls"), ("mean", tmp_path / "mean")):
         train(tmp_path, output, tmp_path / "work", stage_settings.train(whole, "oscillator", method, group), None)
     augment(model, tmp_path, samples, stage_settings.augment(whole, "oscillator", "aphynity+", group))

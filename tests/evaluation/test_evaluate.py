@@ -24,6 +24,7 @@ from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.models.mean import MeanModel
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
+from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.mlflow_store import initialise
@@ -192,7 +193,8 @@ def test_times_after_the_observed_window_are_also_scored_alone(folder):
 def test_longer_sets_are_forecast_from_the_same_windows(folder):
     """Samples of them are those of other sets, so that errors of single ones are kept of these alone."""
     long = {**DATA, "t2_s": 4.0, "sets": {"long": RANGES}}
-    simulate("long", folder / "long.npz", {"system": {"name": "pendulum"}, "data": long})
+    job = SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": long})
+    simulate("long", folder / "long.npz", job)
     settings = COMMON | {"method": "a", "label": "a", "choices": {"forecast_start": "y0"}}
     settings |= {"evaluation": {}, "sets": ["train", "validation", "test", "long"]}
     outputs = folder / "long.csv", folder / "long_forecasts.npz"

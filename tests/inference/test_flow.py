@@ -23,6 +23,7 @@ from expertaug.models.describe import describe
 from expertaug.models.recipe import HybridModel
 from expertaug.models.store import StoredModel
 from expertaug.systems.pendulum import DampedPendulum
+from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -65,7 +66,8 @@ def pendulum(tmp_path_factory):
     drawn = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.01}
     drawn["sets"] = {name: SETS | {"size": 40} for name in ("train", "validation", "test")}
     for name in drawn["sets"]:
-        simulate(name, folder / f"{name}.npz", {"system": {"name": "pendulum"}, "data": drawn})
+        job = SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": drawn})
+        simulate(name, folder / f"{name}.npz", job)
     told = COMMON | {"method": "aphynity", "label": "APHYNITY", "t1_s": 1.0, "system": {"name": "pendulum"}}
     told |= {"build": {"kind": "hybrid"}, "training": {"epochs": 1, "batch_size": 10, "solver": {"method": "rk4"}}}
     windows = {"theta": [0.0, 1.0], "omega": [0.0, 1.0]}
@@ -246,7 +248,8 @@ def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path)
     """Noisy fields, whose draws are used several times; the expert's parameter is found in their moments."""
     system, ranges = {"name": "field_systems:Fisher"}, {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.5, 1.5]}}
     drawn = {"seed": 0, "step_s": 0.1, "t2_s": 1.0, "noise": 1e-3, "sets": {"train": ranges | {"size": 40}}}
-    simulate("train", tmp_path / "train.npz", {"system": system, "data": drawn})
+    job = SimulateJob.from_mapping({"system": system, "data": drawn})
+    simulate("train", tmp_path / "train.npz", job)
     data = Trajectories.load(tmp_path / "train.npz")
     recipe = HybridModel(
         systems.load(system), {"kind": "moments", "layers": [8]}, {"kind": "polynomial", "latent_degree": 1}

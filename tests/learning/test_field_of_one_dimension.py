@@ -14,6 +14,7 @@ from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.models.describe import describe
 from expertaug.models.recipe import HybridModel
+from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.log_file import read_log
@@ -40,7 +41,8 @@ PARTS = [
 def fields(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fisher")
     for name in DATA["sets"]:
-        simulate(name, folder / f"{name}.npz", {"system": SYSTEM, "data": DATA})
+        job = SimulateJob.from_mapping({"system": SYSTEM, "data": DATA})
+        simulate(name, folder / f"{name}.npz", job)
     return folder
 
 
@@ -119,7 +121,8 @@ def test_least_squares_on_fields_is_evaluated_and_drawn(fields, tmp_path, settin
         ranges = {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.0, 0.0]}, "size": size}
         sets[name] = ranges
     for name in sets:
-        simulate(name, tmp_path / f"{name}.npz", {"system": SYSTEM, "data": DATA | {"sets": sets}})
+        job = SimulateJob.from_mapping({"system": SYSTEM, "data": DATA | {"sets": sets}})
+        simulate(name, tmp_path / f"{name}.npz", job)
     refinement = {"settings": {"starts": 4, "tries": 1}, "noise": 0.0, "prior": {"D": [5e-4, 6e-3]}}
     settings |= {"experiment": "fisher", "system": SYSTEM, "model": {}, "t1_s": 0.5, "refinement": refinement}
     settings |= {"build": {"kind": "least_squares"}, "method": "ls", "label": "LS", "classes": [SYSTEM["name"]]}

@@ -10,11 +10,14 @@ from expertaug.errors import InputError
 from expertaug.models.recipe import HybridModel
 from expertaug.systems import simulate
 from expertaug.systems.reaction_diffusion import SIZE, WIDTH, laplacian
+from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
 
 RANGES = {"z_e": {"a": [0.001, 0.004], "b": [0.001, 0.01]}, "z_a": {"k": [0.003, 0.005]}}
-DATA = {"seed": 0, "step_s": 0.1, "t2_s": 5.0, "noise": 0.0, "sets": {"train": RANGES | {"size": 6}}}
+DATA = SimulatedData.from_mapping(
+    {"seed": 0, "step_s": 0.1, "t2_s": 5.0, "noise": 0.0, "sets": {"train": RANGES | {"size": 6}}}
+)
 
 
 def wave(p, q):

@@ -1,5 +1,6 @@
 """Systems and simulation against closed forms."""
 
+import json
 import math
 import subprocess
 import sys
@@ -9,8 +10,10 @@ import pytest
 import torch
 
 from expertaug import systems
+from expertaug.cli import main
 from expertaug.errors import InputError, SolveError
 from expertaug.systems.double_pendulum import Constants, accelerations, energy, point_masses
+from expertaug.systems.settings import SYSTEMS, PendulumSettings, SimulatedData, SimulateJob
 from expertaug.systems.simulate import sample, simulate
 from expertaug.systems.solvers.solver import Solver, check_finite
 from expertaug.trajectories import Trajectories
@@ -18,9 +21,9 @@ from expertaug.trajectories import Trajectories
 REAL = Constants(0.103, 69.4, 1.35, 93.5)
 
 
-def pendulum_data(size=50, noise=0.0, alpha=(0.0, 0.6), omega0=(1.5, 3.1), **extra):
+def pendulum_data(size=50, noise=0.0, alpha=(0.0, 0.6), omega0=(1.5, 3.1)):
     sets = {"train": {"size": size, "z_e": {"omega0": list(omega0)}, "z_a": {"alpha": list(alpha)}}}
-    return {"seed": 0, "step_s": 0.1, "t2_s": 20.0, "noise": noise, "sets": sets} | extra
+    return SimulatedData.from_mapping({"seed": 0, "step_s": 0.1, "t2_s": 20.0, "noise": noise, "sets": sets})
 
 
 def test_undamped_pendulum_keeps_its_energy():
@@ -46,10 +49,11 @@ def test_small_damped_oscillation_is_the_linear_solution():
 
 
 def test_simulation_is_reproducible_and_sets_are_independent(tmp_path):
-    settings = {"system": {"name": "pendulum"}, "data": pendulum_data(noise=0.01)}
-    settings["data"]["sets"]["test"] = settings["data"]["sets"]["train"]
+    data = pendulum_data(noise=0.01)
+    data = data.model_copy(update={"sets": dict.fromkeys(("train", "test"), data.sets["train"])})
+    job = SimulateJob(system=PendulumSettings(), data=data)
     for name, folder in (("train", "a"), ("train", "b"), ("test", "a")):
-        simulate(name, tmp_path / folder / f"{name}.npz", settings)
+        simulate(name, tmp_path / folder / f"{name}.npz", job)
     assert (tmp_path / "a/train.npz").read_bytes() == (tmp_path / "b/train.npz").read_bytes()
     first, other = (Trajectories.load(tmp_path / f"a/{n}.npz") for n in ("train", "test"))
     assert not np.array_equal(first.z_e, other.z_e)
@@ -118,6 +122,37 @@ def test_bad_input_is_named():
         sample(systems.load({"name": "pendulum"}), pendulum_data(omega0=(3.0, 1.0)), "train")
     with pytest.raises(InputError, match="euler9"):
         Solver("euler9")
+
+
+@pytest.mark.parametrize("name", ["pendulm", "adams", "base", "settings", "solvers", "simulate", ""])
+def test_what_is_no_system_is_told_of_systems_alone(name):
+    with pytest.raises(InputError) as refused:
+        systems.load({"name": name})
+    known = str(refused.value).rpartition("known: ")[2]
+    assert known == f"{', '.join(SYSTEMS)}; or a dotted path, or module:Class"
+    assert ("did you mean 'pendulum'?" in str(refused.value)) == (name == "pendulm")
+
+
+@pytest.mark.parametrize(
+    ("where", "change", "expected"),
+    [
+        ("data", {"nois": 0.5}, "--settings.data.nois: unknown key; did you mean 'noise'?"),
+        ("data", {"noise": "0.5"}, "--settings.data.noise: found '0.5'"),
+        ("data", {"noise": -1.0}, "--settings.data.noise: found -1.0; give 0 or more"),
+        ("data", {"sets": {"test": {"size": 1, "z_e": {}, "za": {}}}}, "data.sets.test.za: unknown key"),
+        ("data", {"sets": {"test": {"z_e": {}}}}, "--settings.data.sets.test.size: missing"),
+        ("data", {"sets": {}}, "data.sets: no set 'train'"),
+        ("system", {"name": "pendulm"}, "--settings.system.name: 'pendulm' is no system; did you mean 'pendulum'?"),
+        ("system", {"mass": 1.0}, "--settings.system.mass: unknown key; known: name"),
+        ("sytem", {}, "--settings.sytem: unknown key; did you mean 'system'?"),
+    ],
+)
+def test_a_misspelt_setting_is_one_line_and_nothing_is_simulated(tmp_path, capsys, where, change, expected):
+    job = {"system": {"name": "pendulum"}, "data": json.loads(pendulum_data(size=2).model_dump_json())}
+    job[where] = job.get(where, {}) | change
+    assert main(["simulate", "train", "--output", str(tmp_path / "x.npz"), "--settings", json.dumps(job)]) == 2
+    told = capsys.readouterr().err
+    assert expected in told and len(told.splitlines()) == 1 and not list(tmp_path.iterdir())
 
 
 def test_non_finite_trajectory_names_system_and_parameters():

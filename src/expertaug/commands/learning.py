@@ -69,9 +69,12 @@ def _calibrate(a: argparse.Namespace) -> None:
 
 
 def _simulate(a: argparse.Namespace) -> None:
+    from expertaug.systems.settings import SimulateJob
+
+    job = SimulateJob.from_mapping(read_settings(a.settings))
     from expertaug.systems.simulate import simulate
 
-    simulate(a.set, a.output, read_settings(a.settings))
+    simulate(a.set, a.output, job)
 
 
 def _train(a: argparse.Namespace) -> None:

@@ -8,24 +8,13 @@ from pydantic import Field
 
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.settings import KEYS, LEFT_OUT, ONE, Name, NotNegative, Positive, Range, Settings, by_shape, key
+from expertaug.systems.settings import SimulatedSet
 from expertaug_recordings.angles.settings import CalibrationKeys
 from expertaug_recordings.chunks.settings import ChunkKeys
 
 Noise = Annotated[
     Annotated[NotNegative | Literal["estimated"], ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape
 ]
-
-
-class SimulatedSet(Settings):
-    """One simulated set."""
-
-    size: int = key(..., "number of trajectories", ge=1, le=10**8)
-    z_e: dict[str, Range] = key(..., "range of each expert parameter, in its unit")
-    z_a: dict[str, Range] = key(dict, "range of each parameter of the true interaction, in its unit")
-    inputs: dict[str, Range] = key(
-        LEFT_OUT,
-        "for a driven system: the range of each number from which the known inputs are drawn, and of each covariate",
-    )
 
 
 class Data(Settings):

@@ -56,15 +56,16 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
         return None, [InputError(f"{where}.name", found, "give name (a module of expertaug.systems, or a dotted path)")]
     if name in SYSTEMS:
         kind = SYSTEMS[name]
-        inputs = dict(zip(("known", "drawn"), kind.inputs(settings), strict=True))
+        made = kind.model_construct(**{k: v for k, v in settings.items() if k in kind.model_fields})  # unchecked yet
         known = KnownSystem(
             kind.STATE,
             kind.EXPERT,
             kind.INTERACTION,
             kind.FIELDS,
             events=kind.EVENTS,
-            jumps=kind.jumps(settings),
-            **inputs,
+            jumps=made.jumps,
+            known=made.inputs,
+            drawn=made.drawn,
         )
         return known, check(kind, settings, where)
     if "." not in name and ":" not in name:

@@ -133,11 +133,12 @@ class _Experiment:
 
     def _simulated(self, system: System) -> Trajectories:
         """A few samples of the training set."""
+        from expertaug.systems.settings import SimulateJob
         from expertaug.systems.simulate import sample
 
-        settings = stage_settings.simulate(self.config, self.name, "train")
-        train = settings["data"]["sets"]["train"] | {"size": SAMPLES}
-        return sample(system, settings["data"] | {"sets": {"train": train}}, "train")
+        data = SimulateJob.from_mapping(stage_settings.simulate(self.config, self.name, "train")).data
+        few = data.sets["train"].model_copy(update={"size": SAMPLES})
+        return sample(system, data.model_copy(update={"sets": {"train": few}}), "train")
 
     def _method(self, method: str, data: Trajectories | None) -> bool:
         """Make a method's system and model as its training does, and try them; whether all is well."""

@@ -16,6 +16,7 @@ from expertaug.errors import InputErrors
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
 from expertaug.learning.settings import TrainSettings
 from expertaug.settings import LEFT_OUT, NotNegative, Positive, Range, Seed, Settings, check, key
+from expertaug.systems.settings import SimulateJob
 
 WHERE = "--settings"
 Seeds = Annotated[list[Seed], Field(min_length=1)]
@@ -34,23 +35,6 @@ class InitTracking(StageSettings):
     enabled: bool = key(..., "whether there is one")
     uri: str = key(..., "of the store")
     experiment: str = key(..., "name of the MLflow experiment")
-
-
-class Simulated(StageSettings):
-    """What is simulated."""
-
-    seed: int = key(..., "of the simulation", ge=0)
-    step_s: Positive = key(..., "time from point to point", "s")
-    t2_s: Positive = key(..., "end of a trajectory", "s")
-    noise: NotNegative = key(..., "standard deviation of the noise")
-    sets: dict[str, dict[str, Any]] = key(..., "size, z_e and z_a of each set")
-
-
-class Simulate(StageSettings):
-    """A simulated set."""
-
-    system: dict[str, Any] = key(..., "name and arguments of the system")
-    data: Simulated = key(..., "what is simulated")
 
 
 class OfSeeds(StageSettings):
@@ -197,9 +181,9 @@ class Overview(StageSettings):
     all_methods: list[str] = key(..., "of the configuration, which fix the colours")
 
 
-STAGES: Mapping[str, type[StageSettings]] = {
+STAGES: Mapping[str, type[Settings]] = {
     "init-tracking": InitTracking,
-    "simulate": Simulate,
+    "simulate": SimulateJob,
     "train": Train,
     "alternate": Alternating,
     "augment": Augment,

@@ -5,29 +5,19 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
-import pkgutil
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from expertaug import registry
 from expertaug.errors import InputError
 from expertaug.measurements.names import Names
+from expertaug.systems.settings import SYSTEMS, SystemSettings
+from expertaug.wording import suggest
 
 if TYPE_CHECKING:
     from expertaug.systems.base import Parameter, System
 
 __all__ = ["Parameter", "System", "describe", "load", "names"]
-
-OTHERS = {
-    "base",
-    "contract",
-    "events",
-    "implicit",
-    "inputs",
-    "settings",
-    "simulate",
-    "solver",
-}  # modules of this package that are no systems
 
 
 def __getattr__(name: str) -> object:
@@ -37,16 +27,19 @@ def __getattr__(name: str) -> object:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def load(settings: Mapping[str, Any]) -> System:
+def load(settings: SystemSettings | Mapping[str, Any]) -> System:
     """Make the system that ``settings`` describes.
 
     Arguments:
-        settings: ``name`` is a module of this package or a dotted path of one elsewhere, which defines one
-            :class:`System`, or ``module:Class``; the other keys are its constructor's arguments.
+        settings: ``name`` is one of :data:`~expertaug.systems.settings.SYSTEMS` or a dotted path of a module
+            elsewhere, which defines one :class:`System`, or ``module:Class``; the other keys are its constructor's
+            arguments.
 
     Raises:
-        InputError: there is no such module, it defines no system, or the constructor refuses an argument.
+        InputError: there is no such system or module, it defines none, or the constructor refuses an argument.
     """
+    if isinstance(settings, SystemSettings):
+        settings = settings.model_dump(exclude_unset=True) | {"name": settings.name}
     arguments = dict(settings)
     name = str(arguments.pop("name", ""))
     cls = _class(name)
@@ -71,23 +64,24 @@ def _class(name: str) -> type[System]:
     from expertaug.systems.base import System
 
     path, _, wanted = name.partition(":")
-    here = [module.name for module in pkgutil.iter_modules(__path__)]
-    if not wanted and "." not in path and path not in here:
-        remedy = f"known: {', '.join(sorted(set(here) - OTHERS))}, a dotted path or module:Class"
+    if name in SYSTEMS:
+        path = f"{__name__}.{name}"
+    elif not wanted and "." not in path:
+        remedy = f"{suggest(name, SYSTEMS)}; or a dotted path, or module:Class"
         raise InputError("system.name", f"no system {name!r}", remedy)
-    module = registry.imported(path if wanted or "." in path else f"{__name__}.{path}", "system.name")
-    found = {
+    module = registry.imported(path, "system.name")
+    classes = {
         c.__name__: c
         for _, c in inspect.getmembers(module, inspect.isclass)
         if issubclass(c, System) and (wanted or c.__module__ == module.__name__)
     }
     if wanted:
-        if wanted not in found:
+        if wanted not in classes:
             raise InputError("system.name", f"no System '{wanted}' in {path}", "name a class whose base is System")
-        return found[wanted]
-    if len(found) != 1:
-        raise InputError("system.name", f"{module.__name__} defines {len(found)} systems", f"name one: {path}:Class")
-    return next(iter(found.values()))
+        return classes[wanted]
+    if len(classes) != 1:
+        raise InputError("system.name", f"{module.__name__} defines {len(classes)} systems", f"name one: {path}:Class")
+    return next(iter(classes.values()))
 
 
 def names(system: System) -> Names:
@@ -112,8 +106,8 @@ def describe(system: System) -> dict[str, object]:
     short = cls.__module__.removeprefix(f"{__name__}.")
     name = f"{cls.__module__}:{cls.__qualname__}" if short == cls.__module__ else short
     if dataclasses.is_dataclass(system):
-        given = {f.name: getattr(system, f.name) for f in dataclasses.fields(system) if f.init}
+        arguments = {f.name: getattr(system, f.name) for f in dataclasses.fields(system) if f.init}
     else:
-        positional, named = system._given
-        given = inspect.signature(cls).bind(*positional, **named).arguments
-    return {"name": name, **given}
+        positional, named = system._made_with
+        arguments = inspect.signature(cls).bind(*positional, **named).arguments
+    return {"name": name, **arguments}

@@ -66,7 +66,7 @@ class System(ABC):
     covariates: tuple[Parameter, ...] = ()
     interpolation: Literal["linear", "constant"] = "linear"
     input_parameters: tuple[Parameter, ...] = ()
-    _given: tuple[tuple, dict] = ((), {})
+    _made_with: tuple[tuple, dict] = ((), {})
 
     def __init_subclass__(cls, **options: object) -> None:
         """Let instances remember what they were made with (:func:`expertaug.systems.describe`)."""
@@ -77,8 +77,8 @@ class System(ABC):
 
         @wraps(own)
         def remembering(self: System, *arguments: object, **named: object) -> None:
-            if "_given" not in vars(self):
-                self._given = (arguments, named)
+            if "_made_with" not in vars(self):
+                self._made_with = (arguments, named)
             own(self, *arguments, **named)
 
         setattr(cls, "__init__", remembering)  # noqa: B010 (an assignment would hide the signature from type checkers)

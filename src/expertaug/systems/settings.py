@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
 
-from expertaug.settings import LIST, ONE, Pair, Positive, Settings, by_shape, key
+from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
+
+from expertaug.settings import (
+    LEFT_OUT,
+    LIST,
+    ONE,
+    Name,
+    NotNegative,
+    Pair,
+    Positive,
+    Range,
+    Settings,
+    by_shape,
+    key,
+    wrong,
+)
+from expertaug.wording import suggest
 
 EVENTS = "rk4"  # the method that stops at events
 ADAMS = {"ab4": 4, "ab5": 5}  # Adams–Bashforth methods, by order
@@ -37,9 +53,10 @@ class SolverSettings(Settings):
 
 
 class SystemSettings(Settings):
-    """Arguments of a system's class.
+    """Arguments of a system's class; a class of it that says its ``name`` is in :data:`SYSTEMS`.
 
     Attributes:
+        name: the module of expertaug.systems, or what :func:`expertaug.systems.load` takes.
         STATE, EXPERT, INTERACTION: names of the state's components, of z_e and of the simulation's z_a.
         SIMULATED: whether it can be simulated.
         FIELDS: whether its state is fields on a grid.
@@ -54,15 +71,32 @@ class SystemSettings(Settings):
     FIELDS: ClassVar[bool] = False
     EVENTS: ClassVar[bool] = False
 
-    @classmethod
-    def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Names of the known inputs of a system of these settings, and of what simulated ones are drawn from."""
-        return (), ()
+    name: str
 
     @classmethod
-    def jumps(cls, settings: Mapping) -> bool:
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        """Register a system of the package."""
+        super().__pydantic_init_subclass__(**options)
+        if not cls.model_fields["name"].is_required():
+            SYSTEMS[cls.model_fields["name"].default] = cls
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the known inputs."""
+        return ()
+
+    @property
+    def drawn(self) -> tuple[str, ...]:
+        """Names of what simulated inputs are drawn from."""
+        return ()
+
+    @property
+    def jumps(self) -> bool:
         """Whether what is observed jumps at events."""
         return False
+
+
+SYSTEMS: dict[str, type[SystemSettings]] = {}  # the package's own, by name
 
 
 class PendulumSettings(SystemSettings):
@@ -84,9 +118,13 @@ class DrivenPendulumSettings(SystemSettings):
 
     name: Literal["driven_pendulum"] = key("driven_pendulum", "the driven, damped pendulum")
 
-    @classmethod
-    def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return ("torque",), ("A", "f")
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return ("torque",)
+
+    @property
+    def drawn(self) -> tuple[str, ...]:
+        return ("A", "f")
 
 
 class BouncingBallSettings(SystemSettings):
@@ -103,9 +141,9 @@ class BouncingBallSettings(SystemSettings):
         "all", "which components' errors count; F_a can be learned only with height, since speeds jump"
     )
 
-    @classmethod
-    def jumps(cls, settings: Mapping) -> bool:
-        return settings.get("observed") != "height"
+    @property
+    def jumps(self) -> bool:
+        return self.observed != "height"
 
 
 class RLCSettings(SystemSettings):
@@ -125,9 +163,13 @@ class RLCSettings(SystemSettings):
         "the source's voltage: formula = by the system's own formula; measured = a known input of each trajectory",
     )
 
-    @classmethod
-    def inputs(cls, settings: Mapping) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return (("V",), ("V0", "V1", "w")) if settings.get("source") == "measured" else ((), ())
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return ("V",) if self.source == "measured" else ()
+
+    @property
+    def drawn(self) -> tuple[str, ...]:
+        return ("V0", "V1", "w") if self.source == "measured" else ()
 
 
 class ReactionDiffusionSettings(SystemSettings):
@@ -177,14 +219,64 @@ class DoublePendulumSettings(SystemSettings):
     )
 
 
-SYSTEMS: Mapping[str, type[SystemSettings]] = {
-    kind.model_fields["name"].default: kind
-    for kind in (
-        PendulumSettings,
-        DrivenPendulumSettings,
-        BouncingBallSettings,
-        RLCSettings,
-        ReactionDiffusionSettings,
-        DoublePendulumSettings,
+class UserSystemSettings(SystemSettings):
+    """A class from elsewhere, whose constructor knows its arguments."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: str = key(..., "a dotted path of a module that defines one System, or module:Class")
+
+    @field_validator("name")
+    @classmethod
+    def _is_from_elsewhere(cls, name: str) -> str:
+        if "." not in name and ":" not in name:
+            raise wrong(f"'{name}' is no system", f"{suggest(name, SYSTEMS)}, or the dotted path of a module elsewhere")
+        return name
+
+
+def _tag(settings: object) -> str:
+    name = settings.get("name") if isinstance(settings, Mapping) else getattr(settings, "name", None)
+    return f"@{name}" if name in SYSTEMS else "@user"
+
+
+if TYPE_CHECKING:
+    AnySystem = SystemSettings
+else:  # of its name's own class
+    AnySystem = Annotated[
+        Union[
+            *(Annotated[kind, Tag(f"@{name}")] for name, kind in SYSTEMS.items()),
+            Annotated[UserSystemSettings, Tag("@user")],
+        ],
+        Discriminator(_tag),
+    ]
+
+
+class SimulatedSet(Settings):
+    """One simulated set."""
+
+    size: int = key(..., "number of trajectories", ge=1, le=10**8)
+    z_e: dict[str, Range] = key(..., "range of each expert parameter, in its unit")
+    z_a: dict[str, Range] = key(dict, "range of each parameter of the true interaction, in its unit")
+    inputs: dict[str, Range] = key(
+        LEFT_OUT,
+        "for a driven system: the range of each number from which the known inputs are drawn, and of each covariate",
     )
-}
+
+
+class SimulatedData(Settings):
+    """What is simulated."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = key(..., "of the simulation")
+    step_s: Positive = key(..., "time from point to point", "s")
+    t2_s: Positive = key(..., "end of a trajectory", "s")
+    noise: NotNegative = key(..., "standard deviation of the noise on every value of the state")
+    sets: dict[Name, SimulatedSet] = key(..., "the sets by name")
+
+
+class SimulateJob(Settings):
+    """Settings of the stage simulate."""
+
+    WHERE: ClassVar[str] = "--settings"
+
+    system: AnySystem = key(..., "name and arguments of the system")
+    data: SimulatedData = key(..., "what is simulated")

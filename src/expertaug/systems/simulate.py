@@ -13,8 +13,10 @@ from torch import Tensor
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System, load
 from expertaug.systems.inputs import check_given, solve
+from expertaug.systems.settings import SimulatedData, SimulateJob
 from expertaug.systems.solvers.solver import Solver, check_finite
 from expertaug.trajectories import Trajectories
+from expertaug.wording import suggest
 
 CHUNK = 2**17  # values of the state solved at a time: bounds the memory and stays in the processor's cache
 
@@ -126,17 +128,17 @@ def _inputs(
     return torch.cat((signal, covariates.unsqueeze(1).expand(-1, len(t), -1)), dim=2).float().double()
 
 
-def sample(system: System, data: Mapping, set_name: str) -> Trajectories:
-    """The set ``set_name`` that a configuration's ``data`` block describes.
+def sample(system: System, data: SimulatedData, set_name: str) -> Trajectories:
+    """The set ``set_name`` of ``data``.
 
-    Arguments:
-        data: ``seed``, ``step_s``, ``t2_s`` in s, ``noise``, and ``sets[set_name]`` with ``size`` and the ranges
-            ``z_e``, ``z_a`` and ``inputs``, as of :func:`trajectories`.
+    Raises:
+        InputError: there is no such set, or as of :func:`trajectories`.
     """
-    own = data["sets"][set_name]
-    options = {"n": int(own["size"]), "noise": float(data["noise"]), "seed": int(data["seed"]), "name": set_name}
-    ranges = own["z_e"], own.get("z_a", {})
-    return trajectories(system, *ranges, t=times(data), inputs=own.get("inputs"), **options)
+    if set_name not in data.sets:
+        raise InputError("data.sets", f"no set '{set_name}'", suggest(set_name, data.sets))
+    drawn, t = data.sets[set_name], np.arange(round(data.t2_s / data.step_s) + 1) * data.step_s
+    options = {"n": drawn.size, "noise": data.noise, "seed": data.seed, "name": set_name}
+    return trajectories(system, drawn.z_e, drawn.z_a, t=t, inputs=drawn.inputs, **options)
 
 
 @torch.no_grad()
@@ -155,11 +157,6 @@ def _solve(
         raise SolveError(f"{name}: {error}") from error
 
 
-def times(data: Mapping) -> np.ndarray:
-    """The times 0, step_s, …, t2_s in s."""
-    return np.arange(round(data["t2_s"] / data["step_s"]) + 1) * float(data["step_s"])
-
-
-def simulate(set_name: str, output: Path, settings: Mapping) -> None:
-    """Stage: write the set ``set_name`` of ``settings = {system, data}`` to ``output``."""
-    sample(load(settings["system"]), settings["data"], set_name).save(output)
+def simulate(set_name: str, output: Path, job: SimulateJob) -> None:
+    """Stage: write the set ``set_name`` of a job to ``output``."""
+    sample(load(job.system), job.data, set_name).save(output)

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System
+from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
 
@@ -63,7 +64,7 @@ def test_van_der_pol_is_simulated_over_its_relaxations(method, monkeypatch):
         "noise": 0.0,
         "sets": {"train": {"size": 2, "z_e": {"k": [0.8, 1.2]}}},
     }
-    found = sample(VanDerPol(), data, "train")
+    found = sample(VanDerPol(), SimulatedData.from_mapping(data), "train")
     for n in range(2):
         k = float(found.z_e[n, 0])
         reference = exact(k, tuple(found.y[n, 0].astype(float)), tuple(found.t))
