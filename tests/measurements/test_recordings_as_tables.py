@@ -15,7 +15,9 @@ from expertaug.evaluation.evaluate import evaluate
 from expertaug.learning.train import train
 from expertaug.measurements.horizons import cut_measured_horizon
 from expertaug.measurements.names import Names
+from expertaug.measurements.settings import MeasurementSettings
 from expertaug.measurements.stage import cut_measurements
+from expertaug.settings import read
 from expertaug.systems.double_pendulum import Constants, energy
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.chunks.cut import split_chunks
@@ -32,6 +34,7 @@ SHARES = {"train_share": 0.4, "validation_share": 0.3, "test_share": 0.3, "guard
 # What config/experiments/double_pendulum.yaml says of recordings, said of tables.
 FILES = {
     **CHUNKS,
+    "paths": "given to the stage",
     "time": "t",
     "columns": {name: name for name in STATE},
     "angles": STATE[:2],
@@ -74,12 +77,12 @@ def folders(tmp_path_factory) -> dict[str, dict[str, Path]]:
         tables.append(root / f"{path.parent.name}.csv")
         table.to_csv(tables[-1], index=False)
     for by in SPLITS:
-        cut_measurements(tables, root / by / "files", files(by), NAMES)
+        cut_measurements(tables, root / by / "files", read(MeasurementSettings, files(by)), NAMES)
         for name in ("validation_400ms", "test_400ms"):
             split = {**CHUNKS, "rate_hz": 100.0, "by": by, "horizons_s": [HORIZON_S]}
             cut_horizon(angles, root / by / "recordings" / f"{name}.npz", {"split": split, "set": name})
-            asked = {"files": files(by) | {"horizons_s": [HORIZON_S]}, "set": name}
-            cut_measured_horizon(tables, root / by / "files" / f"{name}.npz", asked, NAMES)
+            longer = read(MeasurementSettings, {**files(by), "horizons_s": [HORIZON_S]})
+            cut_measured_horizon(tables, root / by / "files" / f"{name}.npz", longer, name, NAMES)
     return {by: {source: root / by / source for source in ("recordings", "files")} for by in SPLITS}
 
 

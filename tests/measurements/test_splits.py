@@ -112,7 +112,7 @@ def test_labels_known_in_part_and_from_the_start(tmp_path):
 def test_the_stage_writes_sets_and_says_what_they_are(tmp_path):
     path = trials(tmp_path, noise=0.01)
     before = path.read_bytes()
-    given = settings(path, columns={"theta": "angle"}).model_dump(mode="json", exclude_unset=True)
+    given = settings(path, columns={"theta": "angle"})
     cut_measurements([path], tmp_path / "data", given, NAMES)
     cut_measurements([path], tmp_path / "again", given, NAMES)
     report = json.loads((tmp_path / "data" / "splits.json").read_text())

@@ -57,15 +57,17 @@ def _inspect_data(a: argparse.Namespace) -> None:
 
 def _cut_measurements(a: argparse.Namespace) -> None:
     from expertaug import systems
+    from expertaug.measurements.settings import CutMeasurementsJob
     from expertaug.measurements.stage import cut_measurements
 
-    settings = read_settings(a.settings)
-    cut_measurements(a.files, a.output, settings["files"], systems.names(systems.load(settings["system"])))
+    job = CutMeasurementsJob.from_mapping(read_settings(a.settings))
+    cut_measurements(a.files, a.output, job.files, systems.names(systems.load(job.system)))
 
 
 def _cut_measured_horizon(a: argparse.Namespace) -> None:
     from expertaug import systems
     from expertaug.measurements.horizons import cut_measured_horizon
+    from expertaug.measurements.settings import CutMeasuredHorizonJob
 
-    settings = read_settings(a.settings)
-    cut_measured_horizon(a.files, a.output, settings, systems.names(systems.load(settings["system"])))
+    job = CutMeasuredHorizonJob.from_mapping(read_settings(a.settings))
+    cut_measured_horizon(a.files, a.output, job.files, job.set, systems.names(systems.load(job.system)))

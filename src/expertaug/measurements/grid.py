@@ -10,8 +10,11 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.measurements.settings import MeasurementSettings
-from expertaug.measurements.steps import fitted, own_step, plain
 from expertaug.measurements.trajectory import WHERE, Rows
+
+FITTING = 0.5  # part of the steps from row to row that must lie on a grid
+WELL, PARTS = 0.9, 5  # part that lies on one where rows are missing, and of how many of its steps the usual one is
+NEAR = 1e-6  # relative distance of a step from a number of few digits that is taken for it
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,45 @@ def _of_rows(trajectories: Sequence[Rows], settings: MeasurementSettings, median
     return Grid(series, row_s, step, broken, None)
 
 
+def own_step(trajectories: Sequence[Rows]) -> float:
+    """The usual time from row to row in s: the median over all trajectories."""
+    steps = np.concatenate([np.diff(one.t) for one in trajectories])
+    if not len(steps):
+        raise InputError(f"{WHERE}.time", "every trajectory has one row", "name the trajectory column, or none")
+    return float(np.median(steps))
+
+
+def fitted(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> float:
+    """The step in s that fits the rows best: the usual one or, where many rows are missing, a part of it."""
+    steps = np.concatenate([np.diff(one.t) for one in trajectories]) / median
+
+    def on(parts: int) -> np.ndarray:
+        whole = np.rint(steps * parts)
+        close = np.abs(steps * parts - whole) <= settings.tolerance
+        return close & (whole >= 1) & (whole <= settings.longest_gap + 1)
+
+    parts = 1
+    if on(1).mean() < WELL:
+        parts = max(range(1, PARTS + 1), key=lambda k: (on(k).mean(), -k))
+        parts = parts if on(parts).mean() >= WELL else 1
+    good, whole = on(parts), np.rint(steps * parts)
+    if good.mean() < FITTING:
+        found = (
+            f"times from row to row are {median * steps.min():.3g} to {median * steps.max():.3g} s, usually "
+            f"{median:.3g}: {100 * (1 - good.mean()):.0f} % lie more than {settings.tolerance:g} of that off a grid"
+        )
+        raise InputError(f"{WHERE}.time", found, "set uneven to own or interpolate, or a larger tolerance")
+    return rounded(median * steps[good].sum() / whole[good].sum())
+
+
+def rounded(step_s: float) -> float:
+    """A step, or its rate, of few digits where one is near: times that are written with few digits are meant so."""
+    for candidate in (float(f"{step_s:.5g}"), 1 / float(f"{1 / step_s:.5g}")):
+        if abs(candidate / step_s - 1) < NEAR:
+            return candidate
+    return float(f"{step_s:.9g}")
+
+
 def times_of(points: int, step_s: float) -> np.ndarray:
     """Times of a chunk's points in s, (points,): counts over a rate of few digits: 35 · .01 is not .35."""
     rate = float(f"{1 / step_s:.5g}")
@@ -163,7 +205,7 @@ def _series(rows: Rows, row: np.ndarray, usable: np.ndarray) -> Series:
 
 def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
     """Points every ``step_s`` by cubic splines through the rows of each stretch without a long gap."""
-    step_s = plain(median) if settings.step_s is None else settings.step_s
+    step_s = rounded(median) if settings.step_s is None else settings.step_s
     longest = (settings.longest_gap + 1.5) * median
     series, squares, counts = [], 0.0, 0.0
     for rows in trajectories:
@@ -188,7 +230,7 @@ def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, m
 
 def _at_own_times(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
     """Rows at the nearest points of a finer grid, ``step_s`` apart, or a tenth of the usual time from row to row."""
-    step_s = plain(median / 10) if settings.step_s is None else settings.step_s
+    step_s = rounded(median / 10) if settings.step_s is None else settings.step_s
     if step_s > median:
         found = f"found {step_s:g}, rows are usually {median:.6g} s apart"
         raise InputError(f"{WHERE}.step_s", found, "with uneven: own it is how exact times are kept: give less")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,20 +16,22 @@ from expertaug.measurements.trajectory import WHERE
 from expertaug.trajectories import Trajectories
 
 
-def cut_measured_horizon(files: Sequence[Path], output: str | Path, settings: Mapping, names: Names) -> None:
+def cut_measured_horizon(
+    files: Sequence[Path], output: str | Path, settings: MeasurementSettings, name: str, names: Names
+) -> None:
     """Stage: cut a set of long chunks out of the points of a split; at most ``MOST_LONG``, evenly spread.
 
     Arguments:
         files: as of :func:`expertaug.measurements.stage.cut_measurements`, which divides the points in the same way.
         output: gets the set (:class:`expertaug.trajectories.Trajectories`), as that function's sets but for its times.
-        settings: {files, set}: those of :class:`MeasurementSettings`, and which of its ``horizons`` to cut.
+        settings: those of that function.
+        name: which of their ``horizons`` to cut.
         names: of the system.
 
     Raises:
         InputError: a file cannot be used, or no stretch of the split's points is as long as that.
     """
-    options = MeasurementSettings.from_mapping({**settings["files"], "paths": [str(file) for file in files]})
-    long_set(measured(options, names), str(settings["set"])).save(Path(output))
+    long_set(measured(settings.of_files(files), names), name).save(Path(output))
 
 
 def long_set(data: Measured, name: str) -> Trajectories:

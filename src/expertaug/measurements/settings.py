@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, Self
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -285,6 +287,31 @@ class MeasurementSettings(Cutting, TableKeys):
     @property
     def files(self) -> list[str]:
         return [self.paths] if isinstance(self.paths, str) else list(self.paths)
+
+    def of_files(self, files: Sequence[Path]) -> Self:
+        """The same settings of these files."""
+        return self.model_copy(update={"paths": [str(file) for file in files]})
+
+
+class CutMeasurementsJob(Settings):
+    """Job of the stage cut_measurements."""
+
+    WHERE: ClassVar[str] = "--settings"
+
+    system: dict[str, Any] = key(..., "name and arguments of the system, which says what its components are called")
+    files: MeasurementSettings = key(..., "how the measurements are read, cut and divided")
+
+
+class CutMeasuredHorizonJob(CutMeasurementsJob):
+    """Job of the stage cut_measured_horizon."""
+
+    set: str = key(..., "which of the sets that files.horizons_s names")
+
+    @model_validator(mode="after")
+    def _set_is_one_of_them(self) -> Self:
+        if self.set not in self.files.horizons:
+            raise disagree(f"found '{self.set}'", f"files.horizons_s makes {', '.join(self.files.horizons)}", "set")
+        return self
 
 
 def column_of(named: str | Column) -> Column:

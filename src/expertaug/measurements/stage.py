@@ -15,21 +15,22 @@ from expertaug.measurements.settings import MeasurementSettings
 from expertaug.trajectories import Trajectories
 
 
-def cut_measurements(files: Sequence[Path], output_dir: str | Path, settings: Mapping, names: Names) -> None:
+def cut_measurements(
+    files: Sequence[Path], output_dir: str | Path, settings: MeasurementSettings, names: Names
+) -> None:
     """Stage: cut measurements into chunks and divide them into sets.
 
     Arguments:
         files: those that ``paths`` names, which the workflow follows.
         output_dir: gets train.npz, validation.npz, test.npz, chunks.csv and splits.json.
-        settings: see :class:`MeasurementSettings`.
+        settings: how they are read, cut and divided; its ``paths`` give way to the files.
         names: of the system.
 
     Raises:
         InputError: a file cannot be used, or a set has too few chunks.
     """
     output_dir = Path(output_dir)
-    options = MeasurementSettings.from_mapping({**settings, "paths": [str(file) for file in files]})
-    data = measured(options, names)
+    data = measured(settings.of_files(files), names)
     sets, rows, thresholds = sets_of(data)
     for name, one in sets.items():
         one.save(output_dir / f"{name}.npz")
