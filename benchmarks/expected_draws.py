@@ -21,12 +21,11 @@ from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import stage_settings
 from expertaug.config.complete import completed
-from expertaug.evaluation.evaluate import score
-from expertaug.evaluation.expected_error import ExpectedError
-from expertaug.evaluation.forecast_scores import drawing_of
+from expertaug.evaluation.diverged import forecast
+from expertaug.evaluation.drawn_forecasts import ExpectedError, drawing_of
 from expertaug.evaluation.metrics import squared_errors
-from expertaug.evaluation.runaways import forecast
 from expertaug.evaluation.samples import EXPECTED
+from expertaug.evaluation.score import score
 from expertaug.inference.alarm import failing
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.own_draws import own_draws

@@ -16,7 +16,7 @@ from pathlib import Path
 import torch
 
 from expertaug.cli import keep_freed_memory
-from expertaug.evaluation.evaluate import spread
+from expertaug.evaluation.score import spread
 from expertaug.inference import store
 from expertaug.learning.bound import Stopping, stored_bound
 from expertaug.models.device import device_of

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import expertaug as ea
-from expertaug.evaluation.evaluate import spread
+from expertaug.evaluation.score import spread
 from expertaug.inference.coverage import TABLE_LEVELS
 from expertaug.trajectories import Trajectories
 

@@ -24,7 +24,7 @@ from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import stage_settings
 from expertaug.config.complete import completed
-from expertaug.evaluation.evaluate import score, spread
+from expertaug.evaluation.score import score, spread
 from expertaug.inference import store
 from expertaug.inference.least_squares import estimator_of
 from expertaug.trajectories import Trajectories

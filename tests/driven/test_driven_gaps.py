@@ -8,7 +8,7 @@ import torch
 from driven_sets import ENCODER, INTERACTION, OPTIONS, WIDER
 
 import expertaug as ea
-from expertaug.evaluation.own_windows import of_own_windows
+from expertaug.evaluation.drawn_forecasts import of_own_windows
 from expertaug.inference.refit import refit
 from expertaug.learning.sets import StackedSet
 from expertaug.models.gaps import Gaps, fill
@@ -111,8 +111,8 @@ def test_ranges_are_found_with_and_without_windows(fit, gappy):
 
 
 def test_drawn_forecasts_are_scored_where_something_was_measured(fit, gappy):
-    from expertaug.evaluation.evaluate import score
-    from expertaug.evaluation.forecast_scores import drawing_of
+    from expertaug.evaluation.drawn_forecasts import drawing_of
+    from expertaug.evaluation.score import score
 
     untold = replace(gappy["test"], mask=gappy["test"].mask.copy())
     untold.mask[2, fit.observed :] = False

@@ -16,8 +16,7 @@ from pendulum_motion import CONSTANTS, FRICTION
 
 from expertaug.cli import main
 from expertaug.errors import InputError
-from expertaug.evaluation.dissipation import dissipation
-from expertaug.evaluation.energy_balance import dissipated_power, measured_loss
+from expertaug.evaluation.dissipation import dissipated_power, dissipation, measured_loss
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates

@@ -13,11 +13,11 @@ import torch
 
 import tiny
 from expertaug.errors import InputError, SolveError
-from expertaug.evaluation import evaluate as stage
+from expertaug.evaluation import score
+from expertaug.evaluation.diverged import forecast
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.log_evaluations import log_evaluations
-from expertaug.evaluation.runaways import forecast
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.tables import tabulate
 from expertaug.learning.train import train
@@ -115,7 +115,7 @@ def test_forecasts_carry_where_their_samples_come_from(folder, tmp_path):
 
 def test_parts_of_a_set_give_the_metrics_of_the_whole(folder, monkeypatch):
     whole, kept = run(folder, samples=3)
-    monkeypatch.setattr("expertaug.evaluation.evaluate.CHUNK_BYTES", 5 * 21 * 2 * 4 * 2)  # five samples of two seeds
+    monkeypatch.setattr("expertaug.evaluation.score.CHUNK_BYTES", 5 * 21 * 2 * 4 * 2)  # five samples of two seeds
     parts, again = run(folder, samples=3)
     whole, parts = (one[one.index.get_level_values("metric") != "estimate_ms"] for one in (whole, parts))
     np.testing.assert_allclose(parts, whole, rtol=1e-3)
@@ -126,7 +126,7 @@ def test_parts_of_a_set_give_the_metrics_of_the_whole(folder, monkeypatch):
 def test_what_an_estimate_costs_is_told_for_each_window(folder, monkeypatch):
     """Processor time by the window and seed, without that of the forecast."""
     clock = itertools.count(10.0, 0.6)
-    monkeypatch.setattr("expertaug.evaluation.runaways.time.process_time", lambda: next(clock))
+    monkeypatch.setattr("expertaug.evaluation.diverged.time.process_time", lambda: next(clock))
     values, _ = run(folder)
     sizes = {name: len(Trajectories.load(folder / f"{name}.npz")) for name in ("train", "test")}
     for seed in (4, 7):
@@ -216,7 +216,7 @@ def test_a_longer_forecast_may_go_as_far_as_it_is_long(folder, monkeypatch):
     Trajectories(2 * data.t, data.y, data.z_e, data.z_a).save(folder / "slow.npz")
     save_as(folder, "far", lambda model: {"bound": [100.0, 50.0]})
     limits = []
-    monkeypatch.setattr(stage, "forecast", lambda *args: (limits.append(args[5]), forecast(*args))[1])
+    monkeypatch.setattr(score, "forecast", lambda *args: (limits.append(args[5]), forecast(*args))[1])
     settings = COMMON | {"method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     outputs = folder / "slow.csv", folder / "slow_forecasts.npz"
     evaluate(folder / "far.safetensors", folder, *outputs, settings | {"sets": ["test", "slow"]})
@@ -310,9 +310,7 @@ def test_an_evaluation_needs_neither_figures_nor_a_store():
     assert not {"matplotlib", "mlflow", "pandas", "scipy"} & set(ast.literal_eval(done.stdout))
 
 
-@pytest.mark.parametrize(
-    "stage", ["tables", "alarms", "coverage", "distance", "studies", "plot", "overview", "published"]
-)
+@pytest.mark.parametrize("stage", ["tables", "alarms", "coverage", "distance", "studies", "plot", "dots", "published"])
 def test_what_reads_evaluations_does_without_torch(stage):
     """Its import takes longer than they do."""
     code = f"import sys, expertaug.evaluation.{stage}; print('torch' in sys.modules)"

@@ -10,7 +10,7 @@ import torch
 
 import tiny
 from expertaug import systems
-from expertaug.evaluation.evaluate import score
+from expertaug.evaluation.score import score
 from expertaug.inference.least_squares import estimator_of
 from expertaug.learning.train import train
 from expertaug.models import store

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation import figures, traces
+from expertaug.evaluation import dots, parameters, traces
 from expertaug.evaluation.summary import experiment_title, set_title
 
 
@@ -37,7 +37,7 @@ def assert_nothing_is_cut(figure):
 
 def test_dots_are_at_the_means(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
-    figures.log_mse(metrics, tmp_path / "dots", pairs())
+    dots.log_mse(metrics, tmp_path / "dots", pairs())
     table = pd.concat(map(pd.read_csv, metrics)).query("metric == 'log_mse_sum'")
     axis = drawn[-1].axes[0]
     marks = [line for line in axis.lines if not line.get_label().startswith("_")]  # the ends of an error bar have none
@@ -53,11 +53,11 @@ def test_dots_are_at_the_means(tmp_path, drawn):
 
 def test_where_there_is_an_iid_test_set_figures_leave_validation_out(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
-    figures.log_mse(metrics, tmp_path / "without", pairs())
+    dots.log_mse(metrics, tmp_path / "without", pairs())
     for path in metrics:
         table = pd.read_csv(path)
         pd.concat([table, table[table["set"] == "validation"].assign(set="iid")]).to_csv(path, index=False)
-    figures.log_mse(metrics, tmp_path / "with", pairs())
+    dots.log_mse(metrics, tmp_path / "with", pairs())
     entries = [[text.get_text() for text in figure.legends[0].get_texts()] for figure in drawn]
     assert entries == [["train", "validation (set of choices)", "test (OOD)"], ["train", "IID test", "test (OOD)"]]
     assert_nothing_is_cut(drawn[-1])
@@ -73,9 +73,9 @@ def test_several_experiments_and_long_labels_fit(tmp_path, drawn, monkeypatch, s
     labels = [*LABELS, name, "Other+"]
     metrics = write_metrics(tmp_path, labels=labels, seeds=seeds)
     for number, paths in enumerate((metrics, metrics + write_metrics(tmp_path, "double_swing", seeds, labels))):
-        figures.log_mse(paths, [tmp_path / f"{number}.png"])
+        dots.log_mse(paths, [tmp_path / f"{number}.png"])
         assert_nothing_is_cut(drawn[-1])
-        figures.parameter_errors(paths, [tmp_path / f"{number}.png"])
+        dots.parameter_errors(paths, [tmp_path / f"{number}.png"])
         assert_nothing_is_cut(drawn[-1])
     assert [axis.get_title() for axis in drawn[-1].axes][:2] == [r"swing: $\omega_{0}$", r"double swing: $\omega_{1}$"]
 
@@ -85,7 +85,7 @@ def test_dots_of_a_method_without_finite_values(tmp_path, drawn):
     table = pd.read_csv(metrics[0])
     table["value"] = np.inf
     table.to_csv(metrics[0], index=False)
-    figures.log_mse(metrics, [tmp_path / "dots.png"])
+    dots.log_mse(metrics, [tmp_path / "dots.png"])
     assert sum(text.get_text() == "not finite" for text in drawn[-1].axes[0].texts) == 3
     assert_nothing_is_cut(drawn[-1])
 
@@ -93,7 +93,7 @@ def test_dots_of_a_method_without_finite_values(tmp_path, drawn):
 def test_same_numbers_make_the_same_files(tmp_path):
     metrics = write_metrics(tmp_path)
     for name in ("a", "b"):
-        figures.log_mse(metrics, tmp_path / name)
+        dots.log_mse(metrics, tmp_path / name)
     for suffix in (".png", ".pdf"):
         assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
@@ -171,7 +171,7 @@ def test_parameters(tmp_path, drawn, write):
     paths = write(tmp_path)
     ranges = {"omega0": [1.5, 3.1], "omega1": [-20, 20], "omega2": [-40, 40]}
     settings = {"training_range": ranges, "priors": {"hybrid": {"omega0": [0.25, 3.5]}}} | pairs()
-    figures.parameters(paths, [tmp_path / "p.png"], settings)
+    parameters.parameters(paths, [tmp_path / "p.png"], settings)
     panels = drawn[-1].axes
     estimating = [label for label in LABELS if method_of(label) in paths and label not in ("Mean", "ML only")]
     assert [axis.get_title() for axis in panels[: len(estimating)]] == estimating
@@ -185,7 +185,7 @@ def test_parameters(tmp_path, drawn, write):
     with np.load(paths["hybrid"]) as data:
         names = data["parameter_names"]
         count = sum(len(c.get_offsets()) for c in panels[1].collections)
-        assert count == 2 * len(data["seeds"]) * min(len(data["test_z_e"]), figures.POINTS)
+        assert count == 2 * len(data["seeds"]) * min(len(data["test_z_e"]), parameters.POINTS)
     assert len(panels) == len(names) * len(estimating)
     assert_nothing_is_cut(drawn[-1])
 
@@ -193,7 +193,7 @@ def test_parameters(tmp_path, drawn, write):
 def test_long_units_of_many_methods_do_not_collide(tmp_path, drawn, monkeypatch):
     monkeypatch.setattr(plotting, "quantity", lambda name, unit: "$b$ [1/(m s)^2]")
     paths = dict.fromkeys([f"Method {k}" for k in range(7)], write_double_forecasts(tmp_path)["hybrid"])
-    figures.parameters(paths, tmp_path / "parameters")
+    parameters.parameters(paths, tmp_path / "parameters")
     with plotting.styled():
         drawn[-1].draw_without_rendering()
         boxes = [axis.xaxis.label.get_window_extent() for axis in drawn[-1].axes]
@@ -202,8 +202,8 @@ def test_long_units_of_many_methods_do_not_collide(tmp_path, drawn, monkeypatch)
 
 
 def test_methods_without_parameters_get_a_note(tmp_path, drawn):
-    figures.parameters({"mean": write_forecasts(tmp_path)["mean"]}, [tmp_path / "a.png"])
-    figures.parameter_errors(write_metrics(tmp_path, labels=("Mean", "ML only")), [tmp_path / "b.png"])
+    parameters.parameters({"mean": write_forecasts(tmp_path)["mean"]}, [tmp_path / "a.png"])
+    dots.parameter_errors(write_metrics(tmp_path, labels=("Mean", "ML only")), [tmp_path / "b.png"])
     assert [figure.texts[0].get_text() for figure in drawn] == ["no method estimates parameters"] * 2
     assert (tmp_path / "a.png").is_file()
     assert (tmp_path / "b.png").is_file()
@@ -214,7 +214,7 @@ def test_estimates_outside_are_counted(tmp_path, drawn):
     arrays = dict(np.load(paths["hybrid"]))
     arrays["test_z_e_hat"][:] = 50
     np.savez(paths["hybrid"], **arrays)
-    figures.parameters(paths, [tmp_path / "p.png"])
+    parameters.parameters(paths, [tmp_path / "p.png"])
     assert [text.get_text() for text in drawn[-1].axes[0].texts] == ["50 % outside"]
 
 
@@ -255,11 +255,11 @@ def test_bad_input(tmp_path):
     metrics, paths = write_metrics(tmp_path / "m"), write_forecasts(tmp_path / "f")
     output = tmp_path / "x.png"
     with pytest.raises(InputError, match=r"suffix '\.svg'"):
-        figures.log_mse(metrics, [tmp_path / "x.svg"])
+        dots.log_mse(metrics, [tmp_path / "x.svg"])
     other = pd.read_csv(metrics[0]).query("set == 'test'").assign(set="held_out")
     other.to_csv(tmp_path / "other.csv", index=False)
     with pytest.raises(InputError, match="no log_mse_sum on train, validation, iid, test"):
-        figures.log_mse([tmp_path / "other.csv"], output)
+        dots.log_mse([tmp_path / "other.csv"], output)
     with pytest.raises(InputError, match="no seed 9; it has 0, 1"):
         traces.forecasts(paths, output, {"seed": 9})
     with pytest.raises(InputError, match="no set 'held_out'"):
@@ -284,7 +284,7 @@ def test_a_seed_that_could_not_be_trained_is_not_drawn(tmp_path, drawn):
     arrays = dict(np.load(paths["hybrid"]))
     arrays["test_z_e_hat"][0] = arrays["validation_z_e_hat"][0] = 50
     np.savez(paths["hybrid"], **arrays, failed=[0])
-    figures.parameters(paths, [tmp_path / "p.png"])
+    parameters.parameters(paths, [tmp_path / "p.png"])
     assert not drawn[-1].axes[0].texts, "nothing is outside"
     traces.forecasts(paths, [tmp_path / "f.png"])
     line = drawn[-1].axes[0].lines[-1].get_ydata()

@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 
 from expertaug import plotting
 from expertaug.errors import InputError
+from expertaug.evaluation import run_record
 from expertaug.evaluation.costs import Cost
-from expertaug.evaluation.report import headline, record, tables
+from expertaug.evaluation.report import headline, tables
 from expertaug.evaluation.report.page import report
 from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.tables import tabulate
@@ -195,7 +196,7 @@ def test_the_main_table_is_that_of_the_csv_file(run):
 
 def test_costs_are_summed_by_stage_the_dearest_first():
     costs = {"evaluate/a": Cost(30, 100), "train/a": Cost(3600, 900), "train/b": Cost(60, 0)}
-    ((_, rows),) = record.costs_by_stage(costs).parts
+    ((_, rows),) = run_record.costs_table(costs).parts
     assert rows == [
         ["train", "2", "1 h 01 min", "1 h 00 min", "900"],
         ["evaluate", "1", "30 s", "30 s", "100"],

@@ -7,8 +7,8 @@ import pytest
 from fake_runs import write_metrics
 
 from expertaug.errors import InputError
-from expertaug.evaluation import study_figures
-from expertaug.evaluation.overview import overview
+from expertaug.evaluation import studies
+from expertaug.evaluation.dots import overview
 from expertaug.evaluation.studies import study
 
 COLUMNS = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
@@ -91,7 +91,7 @@ def test_widths_are_in_the_order_of_their_volume(tmp_path, drawn):
     assert [row[0].removeprefix("| ") for row in rows] == order and rows[3][1] == "w ∈ [0, 9]"
     errors = drawn[0].axes[1].containers[1].lines[0].get_ydata()
     assert list(errors) == [12, 42, 22, 32], "test set: as trained, narrow, default, wide"
-    assert study_figures.by_width({"": {"a": [0, 1], "b": [0, 1]}, "n": {"a": [0, 2], "b": [0, 0.1]}}) == ["n", ""]
+    assert studies.by_width({"": {"a": [0, 1], "b": [0, 1]}, "n": {"a": [0, 2], "b": [0, 0.1]}}) == ["n", ""]
 
 
 def test_widths_of_methods_with_priors_of_their_own(tmp_path, drawn):

@@ -8,7 +8,7 @@ from known_posterior import COMMON, NOISE, lines
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.evaluation.runaways import forecast
+from expertaug.evaluation.diverged import forecast
 from expertaug.inference import store
 from expertaug.inference.context import Context
 from expertaug.inference.draws import HELD_OUT, Pool

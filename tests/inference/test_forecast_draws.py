@@ -13,9 +13,8 @@ from test_flow import settings as flow_settings
 from test_least_squares import NOISE, OBSERVED, PRIOR, T, expert_alone, pendulum
 
 from expertaug import systems
-from expertaug.evaluation.evaluate import score
-from expertaug.evaluation.forecast_scores import Drawing, DrawnScores
-from expertaug.evaluation.own_windows import of_own_windows
+from expertaug.evaluation.drawn_forecasts import Drawing, DrawnScores, of_own_windows
+from expertaug.evaluation.score import score
 from expertaug.inference import own_draws as own_windows_of
 from expertaug.inference.flow_training import prepare
 from expertaug.inference.least_squares import estimator_of

@@ -10,7 +10,7 @@ from torch import nn
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.evaluation import validity_study
+from expertaug.evaluation import validity
 from expertaug.inference.refit import refit
 from expertaug.inference.settings import ValiditySettings
 from expertaug.models.decoder import Decoder
@@ -79,12 +79,12 @@ def test_the_study_has_a_sentence_a_version(tmp_path, monkeypatch):
     for name, z_e in (("train", (1.5, 3.1)), ("validation", (1.5, 3.1)), ("test", (0.6, 1.5))):
         pendulum(z_e, damping=(0.2, 0.5), n=12).save(tmp_path / f"{name}.npz")
     model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), pendulum((1.5, 3.1), n=3))
-    monkeypatch.setattr(validity_study.store, "load", lambda *_: model)
+    monkeypatch.setattr(validity.store, "load", lambda *_: model)
     fit = {"settings": {"starts": 8, "tries": 1, "steps": 10}, "noise": NOISE, "prior": PRIOR}
     told = {"experiment": "pendulum", "versions": [["aphynity", "APHYNITY", fit]], "all_methods": ["aphynity"]}
     told |= {"validity": {"samples": 10, "steps": 2}, "device": "cpu", "title": None}
     outputs = [tmp_path / f"validity.{end}" for end in ("csv", "md", "tex", "png")]
-    validity_study.validity([tmp_path / "m"], tmp_path, outputs, told)
+    validity.validity([tmp_path / "m"], tmp_path, outputs, told)
     table = pd.read_csv(outputs[0]).set_index("set")
     assert list(table.index) == ["train", "validation", "test"] and table.loc["test", "windows"] == 10
     assert table.loc["test", "wrong"] < 30 and table.loc["test", "explained"] > 50

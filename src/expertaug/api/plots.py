@@ -13,7 +13,8 @@ from expertaug.api import arrays
 from expertaug.api.arrays import Ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
-from expertaug.evaluation import figures, traces
+from expertaug.evaluation import parameters as parameter_figures
+from expertaug.evaluation import traces
 from expertaug.evaluation.diagnostic_figures import draw_alarm as alarm
 from expertaug.evaluation.diagnostic_figures import draw_calibration as calibration
 from expertaug.evaluation.forecast_file import Forecasts
@@ -81,7 +82,7 @@ def parameters(
         raise InputError("models", "none estimates parameters", "give a hybrid model")
     settings = {"labels": [(label, label) for label in found], "priors": {label: dict(prior or {}) for label in found}}
     with plotting.styled():
-        return figures.draw_parameters({label: Forecasts(**each) for label, each in found.items()}, settings)
+        return parameter_figures.draw_parameters({label: Forecasts(**each) for label, each in found.items()}, settings)
 
 
 def course(model: TrainedModel, metrics: Sequence[str] = ("loss", "validation_score")) -> Figure:

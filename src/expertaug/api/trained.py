@@ -18,7 +18,7 @@ from expertaug.api.arrays import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast, standard_deviation
 from expertaug.api.trust import judged
 from expertaug.errors import InputError
-from expertaug.evaluation.evaluate import score, spread
+from expertaug.evaluation.score import score, spread
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.misfit import misfit_of, recorded

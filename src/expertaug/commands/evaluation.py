@@ -176,7 +176,7 @@ def _distance(a: argparse.Namespace) -> None:
 
 
 def _validity(a: argparse.Namespace) -> None:
-    from expertaug.evaluation.validity_study import validity
+    from expertaug.evaluation.validity import validity
 
     validity(a.models, a.data, a.output, read_settings(a.settings))
 
@@ -206,7 +206,7 @@ def _compare(a: argparse.Namespace) -> None:
 
 
 def _overview(a: argparse.Namespace) -> None:
-    from expertaug.evaluation.overview import overview
+    from expertaug.evaluation.dots import overview
 
     overview(a.metrics, a.output, read_settings(a.settings))
 

@@ -34,7 +34,7 @@ STAGES = {
     "augment": "expertaug.learning.augment",
     "finetune": "expertaug.learning.finetune",
     "own_prior": "expertaug.inference.prior_stage",
-    "validity": "expertaug.evaluation.validity_study",
+    "validity": "expertaug.evaluation.validity",
     "own_priors": "expertaug.evaluation.own_priors",
     "flow": "expertaug.inference.flow_training",
     "during_training": "expertaug.evaluation.during_training",
@@ -49,7 +49,7 @@ STAGES = {
     "grid": "expertaug.evaluation.grid",
     "compare": "expertaug.evaluation.published",
     "dissipation": "expertaug.evaluation.dissipation",
-    "overview": "expertaug.evaluation.overview",
+    "overview": "expertaug.evaluation.dots",
     "report": "expertaug.evaluation.report.page",
 }
 

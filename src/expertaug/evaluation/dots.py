@@ -1,4 +1,4 @@
-"""Dots: a row for each version of a method, a mark for each set at the mean over seeds."""
+"""Dots: a row for each version of a method, a mark for each set at the mean over seeds; of one experiment or of all."""
 
 from __future__ import annotations
 
@@ -12,8 +12,20 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from expertaug import plotting
-from expertaug.evaluation.summary import labels_of, order_sets, set_title, summarise
-from expertaug.labels import base, ordered
+from expertaug.errors import InputError
+from expertaug.evaluation.summary import (
+    CONVENTIONS,
+    drawn_sets,
+    experiment_title,
+    in_domain,
+    labels_of,
+    log_mse_name,
+    order_sets,
+    read_metrics,
+    set_title,
+    summarise,
+)
+from expertaug.labels import SHOWN_SETS, base, ordered, paired
 
 ROW, LABELS = 0.165, 1.6  # inches: height of a row, width of the labels beside them
 # Sets of the training's domain are hollow; those beside the three of each experiment look like the test set.
@@ -124,3 +136,120 @@ def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, f
     axis.autoscale_view(scaley=False)
     axis.tick_params(axis="y", length=0)
     axis.grid(axis="x")
+
+
+def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
+    """Draw log_mse (paper's figure log_mse), parameter_errors (param_acc) and, where an experiment asks for it,
+    za_shifted, each as .png and .pdf: a panel for each experiment, methods with their augmented versions and opponents.
+
+    Arguments:
+        metrics: metrics.csv of every experiment, method and group of seeds.
+        output: folder of the figures.
+        settings: {experiments, all_methods}: of each experiment its name, whether the first two figures show it
+            (``shown``), the set that za_shifted shows (``shifted``, or null), ``opponents`` that are never augmented,
+            and how its numbers are read (convention, set_titles, title, from_s); all methods of the configuration,
+            which fix the colours.
+
+    Raises:
+        InputError: a file is broken.
+    """
+    table = read_metrics(metrics)
+    shared = {"all_methods": settings["all_methods"]}
+    folder = Path(output)
+    shown = [one for one in settings["experiments"] if one["shown"]]
+    if shown:
+        panels = []
+        for one in shown:
+            how = CONVENTIONS[one["convention"]].partition(" over")[0]
+            part = _shown(table, one, log_mse_name(one["convention"]))
+            panels.append(Panel(f"{_title(one)} ({how})", part, one))
+        note = "log-MSE, squared error summed or averaged over the observed dimensions"
+        draw_dots(panels, folder / "log_mse", shared, "log-MSE", note)
+        panels = [Panel(_title(one), _shown(table, one, "relative_error"), one) for one in shown]
+        panels = [panel for panel in panels if len(panel.table)]
+        if panels:
+            note = "mean relative error of the expert parameters"
+            draw_dots(panels, folder / "parameter_errors", shared, "relative error [%]", note, logarithmic=True)
+        else:
+            plotting.save_note("no method estimates parameters", folder / "parameter_errors")
+    panels = [
+        Panel(_title(one), _shown(table, one, log_mse_name(one["convention"]), [one["shifted"]]), one)
+        for one in settings["experiments"]
+        if one["shifted"]
+    ]
+    if panels:
+        note = "log-MSE where the interaction's parameters are shifted as well"
+        draw_dots(panels, folder / "za_shifted", shared, "log-MSE", note)
+
+
+def _shown(table: pd.DataFrame, one: Mapping, metric: str, sets: Sequence[str] = ()) -> pd.DataFrame:
+    """Rows of the methods that have an augmented version, and of these versions, or of all where there is none; and of
+    the opponents that never have one.
+
+    Arguments:
+        sets: by default the set of the training's domain and the test set.
+    """
+    part = table[(table["experiment"] == one["name"]) & (table["metric"] == metric)]
+    part = part[part["set"].isin(sets or (in_domain(part["set"]), "test"))]
+    return part[part["method"].isin([*paired(part["method"]), *one["opponents"]])]
+
+
+def _title(one: Mapping) -> str:
+    return experiment_title(one["name"], one)
+
+
+def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+    """Draw the log-MSE of every method on every set: mean over seeds, standard deviation as error bar.
+
+    Arguments:
+        metrics: metrics.csv of every method and group of seeds; several experiments become panels.
+        outputs: .png or .pdf files, or one path without suffix for both.
+        settings: all optional: ``convention`` ("sum" or "dim"), ``all_methods`` (those of the configuration, in order),
+            ``set_titles`` (how sets are printed), ``title`` (of a single experiment), ``floor`` (the version of the
+            true equation).
+
+    Raises:
+        InputError: a file is broken or has no such metric.
+    """
+    settings = dict(settings or {})
+    convention = settings.get("convention", "sum")
+    metric = log_mse_name(convention)
+    table = _select(read_metrics(metrics), [metric])
+    panels = [
+        Panel(experiment_title(name, settings), part, settings)
+        for name, part in table.groupby("experiment", sort=False)
+    ]
+    title = f"log-MSE, squared error {CONVENTIONS[convention]}"
+    draw_dots(panels, outputs, settings, "log-MSE (lower is better)", title)
+
+
+def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+    """Draw the relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`log_mse`.
+
+    Where no method estimates parameters the figure says so.
+    """
+    settings = dict(settings or {})
+    table = read_metrics(metrics)
+    names = [name for name in dict.fromkeys(table["metric"]) if name.startswith("relative_error_")]
+    names = names or [name for name in ("relative_error",) if name in set(table["metric"])]
+    if not names:
+        plotting.save_note("no method estimates parameters", outputs)
+        return
+    table = _select(table, names)
+    panels = []
+    for (experiment, metric), part in table.groupby(["experiment", "metric"], sort=False):
+        parameter = plotting.symbol(metric.removeprefix("relative_error").removeprefix("_"))
+        name = experiment_title(experiment, settings)
+        panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, settings))
+    title = "relative error of the expert parameters"
+    draw_dots(panels, outputs, settings, "relative error [%] (lower is better)", title, logarithmic=True)
+
+
+def _select(table: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFrame:
+    """Rows of these metrics on the sets that figures show of each experiment."""
+    found = table[table["metric"].isin(metrics) & table["set"].isin(SHOWN_SETS)]
+    if not len(found):
+        known = ", ".join(dict.fromkeys(table["metric"]))
+        raise InputError("metrics", f"no {' or '.join(metrics)} on {', '.join(SHOWN_SETS)}", f"the files hold {known}")
+    parts = [part for _, part in found.groupby("experiment", sort=False)]
+    return pd.concat([part[part["set"].isin(drawn_sets(part["set"]))] for part in parts])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 from torch import Tensor
 
-from expertaug.evaluation.evaluate import Scored, score, spread
+from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
 from expertaug.labels import MAIN_SETS
 from expertaug.learning.checkpoint import locked

@@ -5,36 +5,27 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.evaluation.evaluation_log import write_log
-from expertaug.evaluation.expected_error import ExpectedError
-from expertaug.evaluation.forecast_scores import DRAWN, DrawnScores, drawing_of
-from expertaug.evaluation.metrics import log_after, log_of, log_of_median, parameter_errors, squared_errors
-from expertaug.evaluation.own_windows import of_own_windows
-from expertaug.evaluation.runaways import forecast
-from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, drawn_arrays, ranks_of
+from expertaug.evaluation.drawn_forecasts import drawing_of, of_own_windows
+from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, ranks_of
+from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
 from expertaug.inference.least_squares import estimator_of
-from expertaug.inference.posterior_draws import z_e_draws
 from expertaug.inference.store import load
 from expertaug.labels import MAIN_SETS, SHOWN_SETS
-from expertaug.learning.bound import largest, stored_bound
-from expertaug.learning.misfit import misfit_of
-from expertaug.learning.noise import Noise
-from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.systems.inputs import check_given, joined
-from expertaug.tracking.log_file import COLUMNS
+from expertaug.tracking.log_file import COLUMNS, read_log
+from expertaug.tracking.run import Run
+from expertaug.tracking.runlog import RunLog
 from expertaug.trajectories import Trajectories
 
-CHUNK_BYTES = 2**25  # of the forecasts made at a time: bounds the memory, whatever the size of a state
+NAME = "evaluation.jsonl"
+FIGURES = ("forecasts.png", "parameters.png")  # drawn when all of an experiment is evaluated
 
 
 def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: Mapping) -> None:
@@ -87,7 +78,8 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
             arrays[f"{name}_{MISFIT}"] = scored.misfit.float().numpy()
             arrays |= {f"{name}_{key}": value.float().numpy() for key, value in scored.expected.items()}
             if name != "train":
-                arrays |= ranks_of(name, truth.z_e, scored.draws) | drawn_arrays(name, scored.drawn)
+                arrays |= ranks_of(name, truth.z_e, scored.draws)
+                arrays |= {} if scored.drawn is None else scored.drawn.arrays(name)
                 spread_out |= scored.draws is not None
         if kept:
             arrays |= _collect(name, truth, scored)
@@ -118,148 +110,6 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
     write_log(Path(metrics), Path(model), identity, stored.seeds, settings)
 
 
-@dataclass(frozen=True)
-class Scored:
-    """What a forecast of one set gave.
-
-    Attributes:
-        values: metric → (S,).
-        index: samples whose forecasts are kept, (K,).
-        prediction: these forecasts, (S, K, T, *state).
-        z_e: estimates (S, N, P), or None where the model estimates nothing.
-        errors: squared error of every sample (S, N), as of :func:`squared_errors`; NaN of seeds that failed.
-        draws: of z_e (S, N, K, P), where the estimator has a distribution.
-        misfit: the same over the observed window after its first point, which needs no truth.
-        expected: what is expected of the errors (:class:`ExpectedError`), each (S, N).
-        drawn: scores of forecasts from draws, where there are any.
-        band: of the kept forecasts, (2, S, K, T, *state): ends of the 90 % band.
-    """
-
-    values: Mapping[str, Tensor]
-    index: np.ndarray
-    prediction: Tensor
-    z_e: Tensor | None
-    errors: Tensor
-    misfit: Tensor
-    expected: Mapping[str, Tensor]
-    draws: Tensor | None
-    drawn: DrawnScores | None = None
-    band: Tensor | None = None
-
-    def rows(self, identity: Mapping, seeds: Sequence[int]) -> list[dict]:
-        """Rows of a metrics.csv."""
-        return [
-            {**identity, "seed": seed, "metric": metric, "value": float(value[k])}
-            for metric, value in self.values.items()
-            for k, seed in enumerate(seeds)
-        ]
-
-
-def spread(data: Trajectories, count: int | None) -> Trajectories:
-    """At most ``count`` samples, evenly spread; None = all."""
-    if count is None or count >= len(data):
-        return data
-    return data.subset(np.linspace(0, len(data) - 1, count).astype(int))
-
-
-@torch.no_grad()
-def score(
-    stored: store.StoredModel, truth: Trajectories, options: Mapping, start: str, device: torch.device, keep: int = 0
-) -> Scored:
-    """Forecast a set, part by part, and score it; seeds that could not be trained have NaN.
-
-    A forecast that runs away counts with the error that it has at the bound, and in ``runaway_share``.  ``estimate_ms``
-    is the processor time in which one seed estimates one window's parameters, all windows at once.
-
-    Arguments:
-        options: what ``evaluation`` has in :func:`evaluate`, and ``noise``.
-        start: y0 or y_t1 (:meth:`Predictor.predicted`).
-        keep: number of forecasts to keep, evenly spread.
-    """
-    system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)
-    drawing = drawing_of(stored, options, truth.t, start, device)
-    t, begin, solver = drawing.t, drawing.begin, drawing.solver
-    bound = stored_bound(stored.description, device)
-    if bound is not None:  # what turns at one speed goes as far as the time is long
-        bound = bound * max(1.0, float(truth.t[-1]) / stored.description["t"][-1])
-    index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
-    check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
-    size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
-    late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0
-    few = min(drawing.count, options.get("expected_draws", drawing.count))
-    expected = ExpectedError(stored.model, replace(drawing, count=few))
-    chosen = np.linspace(0, len(truth) - 1, min(options.get("drawn_samples", 0), len(truth))).astype(int)
-    scores, bands, random = [], [], Noise(stored.seeds, DRAWN, device=device)
-    seen = truth.seen
-    for first in range(0, len(truth), size):
-        y = torch.from_numpy(seen[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
-        limit = None if bound is None else torch.maximum(bound, largest(y[:, 0]))  # to follow the truth is not to run
-        u = None
-        if truth.u is not None:
-            u = torch.from_numpy(truth.u[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
-            u = u.expand(-1, seeds, *u.shape[2:])
-        windows = joined(y[:observed].expand(-1, seeds, *y.shape[2:]), None if u is None else u[:observed])
-        found = forecast(stored.model, windows, t, solver, start, limit, u)
-        late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
-        early.append(misfit_of(system, found.states, y[:observed]).cpu())
-        whole = joined(y.expand(-1, seeds, *y.shape[2:]), u)
-        expected.add(found, whole, windows, limit, u)
-        if begin < observed:
-            after.append(squared_errors(system, found.states[observed:], y[observed:]).cpu())
-        here = index[(index >= first) & (index < first + size)] - first
-        kept.append(found.states[:, :, here].cpu())
-        runaways.append(found.runaways.cpu())
-        estimate_s += found.estimate_s
-        if found.found.z_e is not None and stored.model.knows_z_e:
-            estimates.append(found.found.z_e.cpu())
-            of_each = z_e_draws(found.found)
-            drawn += [] if of_each is None else [of_each.cpu()]
-        if drawing.count and found.found.z_e is not None:
-            places = chosen[(chosen >= first) & (chosen < first + size)] - first
-            for wanted, made, at in ((drawing.scores, scores, places), (drawing.band, bands, here)):
-                some = torch.from_numpy(at).to(device)
-                bounds = limit if limit is None or limit.dim() == 1 else limit[some]
-                part = found.found.part(some), whole[:, :, some]
-                one = wanted(stored.model, *part, bounds, random) if len(at) else None
-                made += [] if one is None else [one]
-    errors = torch.cat(late, dim=1)
-    values = log_of(system, _told(errors))
-    misfit = torch.cat(early, dim=1)
-    values["log_mse_observed"] = log_of(system, _told(misfit))["log_mse_sum"]
-    if after:
-        values |= log_after(system, _told(torch.cat(after, dim=1)))
-    values |= log_of_median(system, _told(errors))
-    values["runaway_share"] = torch.cat(runaways, dim=1).double().mean(1)
-    if found.found.z_e is not None:
-        values["estimate_ms"] = torch.full((seeds,), 1000 * estimate_s / (seeds * len(truth)), dtype=torch.float64)
-    z_e = torch.cat(estimates, dim=1) if estimates else None
-    if z_e is not None:
-        values |= parameter_errors(system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
-    of_draws = DrawnScores.joined(scores)
-    values |= {} if of_draws is None else of_draws.metrics()
-    failed = torch.tensor([seed in stored.failed for seed in stored.seeds])
-    values = {name: value.masked_fill(failed, math.nan) for name, value in values.items()}
-    errors, misfit = (each.masked_fill(failed.unsqueeze(1), math.nan) for each in (errors, misfit))
-    return Scored(
-        values,
-        index,
-        torch.cat(kept, dim=2).movedim(0, 2),
-        z_e,
-        errors,
-        misfit,
-        expected.joined(),
-        torch.cat(drawn, dim=1) if drawn else None,
-        of_draws,
-        torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,
-    )
-
-
-def _told(errors: Tensor) -> Tensor:
-    """Errors (S, N) of the samples of which anything was measured at these times."""
-    untold = torch.isnan(errors).all(0)
-    return errors[:, ~untold] if untold.any() else errors
-
-
 def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:
     """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state), where forecasts are drawn _band
     (2, S, K, T', *state), of the last T' times, and, where samples have one, _id (K,)."""
@@ -280,3 +130,26 @@ def _write(path: Path, rows: Sequence[Mapping]) -> None:
         table.writeheader()
         for row in rows:
             table.writerow(row | ({"value": ""} if math.isnan(row["value"]) else {}))
+
+
+def write_log(metrics: Path, model: Path, identity: Mapping, seeds: Sequence[int], settings: Mapping) -> None:
+    """Write the log beside a metrics.csv; its figures are named in it before they are there.
+
+    Its parameters are those of the training, where that has left its log beside the model, and its own: scores and
+    hyperparameters stand on one run.
+
+    Arguments:
+        model: the model file that was evaluated.
+        identity: {experiment, method, label, preset, system}.
+        settings: as of :func:`evaluate`.
+    """
+    training = model.with_name("log.jsonl")
+    params = dict(read_log(training).header["params"]) if training.is_file() else {}
+    params["choices"] = {**params.get("choices", {}), **settings["choices"]}
+    params["evaluation"] = settings["evaluation"]
+    tags = {"rule": "evaluate", "table": f"tables/{identity['experiment']}.md"}
+    run = Run(**identity, stage="evaluate", seeds=seeds, params=params, tags=tags)
+    with RunLog(metrics.with_name(NAME), run) as log:
+        log.table(metrics)
+        for path in (metrics, *map(metrics.with_name, FIGURES)):
+            log.artifact(path)

@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from expertaug import files
-from expertaug.evaluation import figures, traces
-from expertaug.evaluation.evaluation_log import FIGURES, NAME
+from expertaug.evaluation import traces
+from expertaug.evaluation.evaluate import FIGURES, NAME
+from expertaug.evaluation.parameters import parameters
 from expertaug.tracking.log_file import read_log
 from expertaug.tracking.store_link import store
 
@@ -38,7 +39,7 @@ def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Mapping |
         names = {"labels": [[header["method"], header["label"]]]}
         drawn = [path.with_name(name) for name in FIGURES]
         traces.forecasts({header["method"]: path}, drawn[0], names)
-        figures.parameters({header["method"]: path}, drawn[1], names)
+        parameters({header["method"]: path}, drawn[1], names)
         logger.info("%s: drawn", path.parent)
         reached = tracking is not None and all(stored.values())  # a store that fails is not asked again for each log
         made = store(log, tracking) if reached else None

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from expertaug.evaluation import figures, traces
+from expertaug.evaluation import dots, traces
+from expertaug.evaluation.parameters import parameters
 
 NAMES = ("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
 
@@ -38,8 +39,8 @@ def plot(
     def output(name: str) -> Path:
         return Path(f"{prefix}_{name}")
 
-    figures.log_mse(metrics, output("log_mse"), shared | floor | {"convention": settings["convention"]})
-    figures.parameter_errors(metrics, output("parameter_errors"), shared)
-    figures.parameters(traced, output("parameters"), shared | ranges)
+    dots.log_mse(metrics, output("log_mse"), shared | floor | {"convention": settings["convention"]})
+    dots.parameter_errors(metrics, output("parameter_errors"), shared)
+    parameters(traced, output("parameters"), shared | ranges)
     traces.forecasts(traced, output("forecasts"), shared | rest)
     traces.curves(logs, output("curves"), shared | {"traced": list(traced)})

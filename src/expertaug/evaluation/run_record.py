@@ -1,4 +1,4 @@
-"""Where a run's numbers come from, and what they cost in sum."""
+"""Where a run's numbers come from, and what they cost in sum: of a record, and as tables of the report."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from expertaug.evaluation.costs import Cost
+from expertaug.evaluation.report.cells import Table
 from expertaug.tracking import provenance
 from expertaug.tracking.log_file import read_log
 
@@ -26,3 +27,51 @@ def of_run(results: Path, measured: Mapping[str, Cost]) -> dict[str, object]:
         "job_seconds": round(sum(cost.seconds for cost in measured.values())),
         "peak_memory_mb": round(max((cost.peak_memory_mb for cost in measured.values()), default=0)),
     }
+
+
+def costs_table(measured: Mapping[str, Cost]) -> Table:
+    """Jobs, time and memory of every stage that measured them, the dearest first, and of all."""
+    stages: dict[str, list[Cost]] = {}
+    for job, cost in measured.items():
+        stages.setdefault(job.partition("/")[0], []).append(cost)
+    ranked = sorted(stages.items(), key=lambda one: -sum(cost.seconds for cost in one[1]))
+    rows = [_row(name.replace("_", " "), found) for name, found in ranked]
+    if len(rows) > 1:
+        rows.append(_row("all", list(measured.values())))
+    return Table(["stage", "jobs", "time in sum", "longest job", "largest memory of a job [MB]"], [("", rows)])
+
+
+def duration(seconds: float) -> str:
+    """Hours, minutes and seconds: ``2 h 05 min``, ``3 min 20 s``, ``8 s``."""
+    whole = round(seconds)
+    hours, minutes = whole // 3600, whole % 3600 // 60
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
+
+
+def provenance_table(record: Mapping, settings: Mapping, revision: str | None) -> Table:
+    """Configuration, revisions, machine and versions.
+
+    Arguments:
+        record: of :func:`expertaug.evaluation.run_record.of_run`.
+        settings: of the stage: ``files`` that configure the run, ``preset``, ``seeds``, ``device``.
+        revision: of the code that made the page.
+    """
+    rows = [
+        ["configuration", ", ".join(settings["files"])],
+        [
+            "preset, seeds, device",
+            f"{settings['preset']}; {', '.join(map(str, settings['seeds']))}; {settings['device']}",
+        ],
+        ["code that trained", ", ".join(record["git_revisions"]) or "nothing was trained"],
+        ["code that made this page", revision or "unknown: not a git checkout"],
+        ["machine", ", ".join(f"{key} {value}" for key, value in record["machine"].items())],
+        ["packages", ", ".join(f"{name} {version}" for name, version in record["versions"].items())],
+    ]
+    return Table(["what", "which"], [("", rows)])
+
+
+def _row(name: str, found: list[Cost]) -> list[str]:
+    seconds, memory = [cost.seconds for cost in found], max(cost.peak_memory_mb for cost in found)
+    return [name, str(len(found)), duration(sum(seconds)), duration(max(seconds)), f"{memory:.0f}" if memory else "–"]

@@ -18,15 +18,13 @@ from expertaug.trajectories import Trajectories
 if TYPE_CHECKING:  # tables are made without torch
     from torch import Tensor
 
-    from expertaug.evaluation.forecast_scores import DrawnScores
-
 VERSION = ("experiment", "preset", "method")  # what tells one forecasts.npz from another, but for its seeds
 OWN = "own"  # the set of a model's own windows
 CRPS, INSIDE = "crps", "inside"
 RANKS, TARP, DRAWS = "ranks", "tarp", "rank_draws"  # the last is no set's
 # Arrays of a set: <set>_<name>.
 ERRORS, MISFIT, TRUTH, LATENT, ESTIMATE, IDENTITY = "errors", "misfit", "z_e", "z_a", "z_e_hat", "sample_id"
-MOVED, EXPECTED = "moved", "expected"  # see .expected_error
+MOVED, EXPECTED = "moved", "expected"  # see .drawn_forecasts
 # The conventions differ by a constant: the same interval, moved, and the same differences.
 ALIKE = {"log_mse_dim": "log_mse_sum", "log_mse_median_dim": "log_mse_median"}
 REMEDY = "make it again with evaluate"
@@ -43,13 +41,6 @@ def ranks_of(name: str, z_e: np.ndarray, draws: Tensor | None) -> dict[str, np.n
     each = [calibration(one.movedim(1, 0).double().nan_to_num().numpy(), own) for one, own in pairs]
     ranks, tarp = (np.stack([getattr(one, key) for one in each]) for key in ("marginal", "tarp"))
     return {f"{name}_{RANKS}": ranks, f"{name}_{TARP}": tarp, DRAWS: np.array(draws.shape[2])}
-
-
-def drawn_arrays(name: str, scores: DrawnScores | None) -> dict[str, np.ndarray]:
-    """<set>_crps (S, M) and <set>_inside (S, M, L) of the M windows whose forecasts are drawn."""
-    if scores is None:
-        return {}
-    return {f"{name}_{CRPS}": scores.crps, f"{name}_{INSIDE}": scores.inside}
 
 
 def arrays_of(name: str, truth: Trajectories, errors: Tensor, z_e: Tensor | None) -> dict[str, np.ndarray]:

@@ -2,25 +2,227 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation import study_figures
 from expertaug.evaluation.formats import RUNAWAYS_NOTE, cell_text, metric_title, write_study
-from expertaug.evaluation.study_figures import DURING_TRAINING_SETS, ranges_text, width_sets
 from expertaug.evaluation.summary import (
     CONVENTIONS,
+    experiment_title,
     has_runaways,
+    in_domain,
+    log_mse_name,
     read_metrics,
     set_title,
+    shown_metrics,
     summarise,
     tabled_metrics,
 )
-from expertaug.labels import base
+from expertaug.labels import base, compared
+
+DURING_TRAINING_SETS = ("train", "validation", "test")
+ALONG_COLOURS = {"train": "#7A7A7A", "validation": "#0072B2", "test": "#D55E00"}
+# Of the model as trained, then of each length of fine-tuning.
+ALONG_LINES = (
+    ("-", "o", 3),
+    (plotting.DASHED, "s", 3),
+    ((0, (1, 1.4)), "*", 6),
+    ("-.", "^", 4),
+    ((0, (6, 1.5)), "v", 4),
+)
+
+
+def ranges_text(ranges: Mapping[str, Sequence[float]]) -> str:
+    """Ranges of parameters as plain text; None: they were found."""
+    if ranges is None:
+        return "its own ranges"
+    return ", ".join(f"{name} ∈ [{low:g}, {high:g}]" for name, (low, high) in ranges.items()).replace("-", "−")
+
+
+def width_sets(summary: pd.DataFrame) -> tuple[str, str]:
+    """Sets that the study of p⁺'s width shows."""
+    return in_domain(summary["set"]), "test"
+
+
+def by_width(priors: Mapping[str, Mapping | None]) -> list[str]:
+    """Names of priors, the one of the smallest volume first; one that found its own ranges last."""
+
+    def volume(name: str) -> float:
+        return math.inf if priors[name] is None else math.prod(high - low for low, high in priors[name].values())
+
+    return sorted(priors, key=volume)
+
+
+def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+    """The log-MSE against the distance of the shift: a panel for each kind of shift, a line for each method."""
+    _by_set(summary, outputs, settings, "distance of the shift")
+
+
+def horizons(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+    """The log-MSE against the end of the forecast: a panel for each split, a line for each method."""
+    panels = [(set_title(split, settings), names) for split, names in settings["options"]["panels"]]
+    titled = {**settings, "options": {**settings["options"], "panels": panels}}
+    _by_set(summary, outputs, titled, "end of the forecast")
+
+
+def _by_set(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, xlabel: str) -> None:
+    options, metric = settings["options"], log_mse_name(settings["convention"])
+    labels = {
+        version: settings["labels"][version]
+        for version in compared(list(settings["labels"]), settings.get("classical"))
+    }
+    colours = plotting.colours(list(labels), settings["all_methods"])
+    chosen = summary[summary["metric"] == metric].set_index(["method", "set"])
+    panels = options["panels"]
+    with plotting.styled():
+        figure = plotting.new_figure(3.0, plotting.WIDTH if len(panels) > 1 else 4.6)
+        grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+        for axis, (title, names) in zip(grid, panels, strict=True):
+            for place, variant in enumerate(labels):
+                x = np.arange(len(names)) + _dodge(place, len(labels))
+                cells = [_cell(chosen, (variant, name)) for name in names]
+                _line(axis, x, cells, colours[variant], plotting.dash(variant), plotting.marker(variant))
+            places = zip(options["distances"], names, strict=True)
+            axis.set_xticks(range(len(names)), [_tick(distance, name, settings) for distance, name in places])
+            axis.set_xlim(-0.4, len(names) - 0.6)
+            axis.set(title=plotting.text(title), xlabel=xlabel)
+            axis.grid(axis="y")
+        grid[0].set_ylabel("log-MSE (lower is better)")
+        looks = {v: {"linestyle": plotting.dash(v), "marker": plotting.marker(v), "markersize": 3} for v in labels}
+        handles = [Line2D([], [], color=colours[v], **looks[v], label=label) for v, label in labels.items()]
+        plotting.legend(figure, handles)
+        _subtitle(figure, summary, settings)
+        plotting.save(figure, outputs)
+
+
+def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+    """Log-MSE and parameters' error against the prior, the narrowest first: a line for each method and set."""
+    methods = list(dict.fromkeys(map(base, settings["labels"])))
+    ranges = settings["priors"][methods[0]]
+    priors = by_width(ranges)
+    colours = plotting.colours([f"{method}+" for method in methods], settings["all_methods"])
+    chosen = summary.set_index(["metric", "method", "set"])
+    metrics, sets = shown_metrics(summary, settings["convention"]), width_sets(summary)
+    with plotting.styled():
+        figure = plotting.new_figure(3.0, plotting.WIDTH if len(metrics) > 1 else 4.6)
+        grid = figure.subplots(1, len(metrics), squeeze=False)[0]
+        for axis, metric in zip(grid, metrics, strict=True):
+            for place, method in enumerate(methods):
+                for name, line in zip(sets, (plotting.DASHED, "-"), strict=True):
+                    variants = [method, *(f"{method}+{prior}" for prior in priors)]
+                    cells = [_cell(chosen, (metric, variant, name)) for variant in variants]
+                    x = np.arange(len(variants)) + _dodge(place, len(methods))
+                    _line(axis, x, cells, colours[f"{method}+"], line, "o" if name == "test" else "s")
+            alike = {name: all(settings["priors"][m][name] == ranges[name] for m in methods) for name in priors}
+            extents = [_extent(ranges, name) if alike[name] else "" for name in priors]
+            ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
+            axis.set_xticks(range(len(ticks)), ticks)
+            axis.set_xlabel("augmentation prior p⁺")
+            what = "log-MSE" if metric.startswith("log_mse") else "relative error [%]"
+            axis.set_ylabel(f"{what} (lower is better)")
+            axis.grid(axis="y")
+            if metric == "relative_error":
+                plotting.plain_log(axis)
+        names = {f"{method}+": settings["labels"][method] for method in methods}
+        handles = [Line2D([], [], color=colours[m], linewidth=3, label=label) for m, label in names.items()]
+        for name, line, marker in zip(sets, (plotting.DASHED, "-"), "so", strict=True):
+            look = {"color": "0.3", "linestyle": line, "marker": marker, "markersize": 3}
+            handles.append(Line2D([], [], label=set_title(name, settings), **look))
+        plotting.legend(figure, handles)
+        _subtitle(figure, summary, settings)
+        plotting.save(figure, outputs)
+
+
+def during_training(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+    """The log-MSE along the training: a colour for each set, a line for each length of fine-tuning."""
+    chosen = summary[summary["metric"] == log_mse_name(settings["convention"])]
+    chosen = chosen.set_index(["set", "finetune_epochs", "epoch"])
+    epochs = sorted({key[2] for key in chosen.index})
+    lengths = sorted({key[1] for key in chosen.index})
+    lines = {length: ALONG_LINES[k % len(ALONG_LINES)] for k, length in enumerate(lengths)}
+    with plotting.styled():
+        figure = plotting.new_figure(3.4, 5.6)
+        axis = figure.subplots()
+        for name in DURING_TRAINING_SETS:
+            for place, (length, (dash, marker, size)) in enumerate(lines.items()):
+                cells = [_cell(chosen, (name, length, epoch)) for epoch in epochs]
+                x = np.array(epochs) * (1 + 0.3 * _dodge(place, len(lines)))
+                _line(axis, x, cells, ALONG_COLOURS[name], dash, marker, size)
+        axis.set_xscale("log")
+        axis.set_xticks(epochs, map(str, epochs))
+        axis.minorticks_off()
+        axis.set(xlabel="passes of the training", ylabel="log-MSE (lower is better)")
+        axis.grid(axis="y")
+        handles = [Line2D([], [], color=c, linewidth=3, label=set_title(s, settings)) for s, c in ALONG_COLOURS.items()]
+        for length, (dash, marker, size) in lines.items():
+            text = f"fine-tuned, {length} pass{'es' if length > 1 else ''}" if length else "as trained"
+            handles.append(Line2D([], [], color="0.3", linestyle=dash, marker=marker, markersize=size, label=text))
+        plotting.legend(figure, handles)
+        _subtitle(figure, summary, settings)
+        plotting.save(figure, outputs)
+
+
+def _cell(table: pd.DataFrame, key: tuple) -> pd.Series | None:
+    return table.loc[key] if key in table.index else None
+
+
+def _line(
+    axis: Axes,
+    x: np.ndarray,
+    cells: Sequence[pd.Series | None],
+    colour: object,
+    dash: object,
+    marker: str = "o",
+    size: float = 3,
+) -> None:
+    """Means with their standard deviations as bars; what has no finite value is left out."""
+    good = [k for k, cell in enumerate(cells) if cell is not None and cell["n"] > 0]
+    means = [cells[k]["mean"] for k in good]
+    spread = [0.0 if math.isnan(cells[k]["std"]) else cells[k]["std"] for k in good]
+    bars = {"elinewidth": 0.8, "capsize": 1.6}
+    axis.errorbar(x[good], means, spread, color=colour, linestyle=dash, marker=marker, markersize=size, **bars)
+
+
+def _dodge(place: int, count: int) -> float:
+    """Lines lie a little beside each other, so that their bars can be told apart."""
+    return 0.16 * (place / (count - 1) - 0.5) if count > 1 else 0.0
+
+
+def _tick(distance: str, name: str, settings: Mapping) -> str:
+    """The distance, and below it the range of the interaction's parameters."""
+    ranges = settings["sets"].get(name, {}).get("z_a", {})
+    return "\n".join([distance, *(f"{plotting.symbol(p)}: {low:g}\nto {high:g}" for p, (low, high) in ranges.items())])
+
+
+def _extent(priors: Mapping[str, Mapping | None], name: str) -> str:
+    """The range of a single parameter; of several the volume as a multiple of the experiment's own prior."""
+    if priors[name] is None or priors[""] is None:
+        return "its own"
+    if len(priors[name]) == 1:
+        low, high = next(iter(priors[name].values()))
+        return f"[{low:g}, {high:g}]"
+    own, this = (math.prod(high - low for low, high in priors[key].values()) for key in ("", name))
+    return f"volume × {this / own:.2g}" if own else ""
+
+
+def _subtitle(figure: Figure, summary: pd.DataFrame, settings: Mapping) -> None:
+    seeds = int(summary["of"].max())
+    number = "1 seed" if seeds == 1 else f"mean ± std over {seeds} seeds"
+    name = experiment_title(str(summary["experiment"].iloc[0]), settings)
+    text = f"{name}; squared error {CONVENTIONS[settings['convention']]}"
+    join = "; " if figure.get_figwidth() > 6 else "\n"
+    plotting.heading(figure, f"{text}{join}{number}; preset {summary['preset'].iloc[0]}")
+
 
 AROUND = ("epoch", "finetune_epochs")
 
@@ -125,7 +327,7 @@ def _width_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
     rows = []
     for method in dict.fromkeys(map(base, settings["labels"])):
         priors = settings["priors"][method]
-        ordered = {name: ranges_text(priors[name]) for name in study_figures.by_width(priors)}
+        ordered = {name: ranges_text(priors[name]) for name in by_width(priors)}
         for name, ranges in {None: "not augmented", **ordered}.items():
             variant = method if name is None else f"{method}+{name}"
             if variant in settings["labels"]:
@@ -147,10 +349,8 @@ def _during_training_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[lis
 
 
 KINDS = {
-    "out_of_expertise": Study("shifts out of the expertise", (), _shift_rows, study_figures.shifts),
-    "horizons": Study("longer forecasts", (), _horizon_rows, study_figures.horizons),
-    "prior_width": Study("width of the augmentation prior", (), _width_rows, study_figures.widths),
-    "during_training": Study(
-        "augmentation along the training", AROUND, _during_training_rows, study_figures.during_training
-    ),
+    "out_of_expertise": Study("shifts out of the expertise", (), _shift_rows, shifts),
+    "horizons": Study("longer forecasts", (), _horizon_rows, horizons),
+    "prior_width": Study("width of the augmentation prior", (), _width_rows, widths),
+    "during_training": Study("augmentation along the training", AROUND, _during_training_rows, during_training),
 }

@@ -12,7 +12,7 @@ import pandas as pd
 
 from expertaug.evaluation import costs, run_record
 from expertaug.evaluation.gains import CAPTION as GAINS
-from expertaug.evaluation.report import headline, record, tables
+from expertaug.evaluation.report import headline, tables
 from expertaug.evaluation.report.cells import Table
 from expertaug.evaluation.report.graph import drawing
 from expertaug.evaluation.report.shown import Shown
@@ -94,9 +94,9 @@ def report(results: Path, output: Path, settings: Mapping) -> None:
         sentences=[headline.sentence(*one) for one in experiments],
         headline=first,
         sections=[(title, blocks) for title, blocks in sections if blocks],
-        costs=record.costs_by_stage(measured) if measured else None,
+        costs=run_record.costs_table(measured) if measured else None,
         record=found,
-        provenance=record.provenance(found, settings, provenance.revision()),
+        provenance=run_record.provenance_table(found, settings, provenance.revision()),
         graph=drawing(settings["rules"]),
     )
     write_text(output, page)

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation.evaluate import spread
 from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
+from expertaug.evaluation.score import spread
 from expertaug.evaluation.summary import experiment_title
 from expertaug.inference import store
 from expertaug.inference.refit import Refit, refit

@@ -1,4 +1,4 @@
-"""Forecasts that always end: what runs away is cut off at the bound, and counted."""
+"""Forecasts that always end: what diverges is cut off at the bound, and counted."""
 
 from __future__ import annotations
 

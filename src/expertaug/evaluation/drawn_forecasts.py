@@ -1,4 +1,5 @@
-"""What a version's distribution over forecasts is worth: CRPS, energy score, and whether its bands hold."""
+"""What a version's distribution over forecasts is worth, on data and on windows of its own making: CRPS, energy score,
+coverage of its bands, and the error that it expects of each forecast."""
 
 from __future__ import annotations
 
@@ -9,19 +10,28 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from expertaug.evaluation.diverged import Forecast, forecast
+from expertaug.evaluation.metrics import squared_errors
+from expertaug.evaluation.samples import CRPS, EXPECTED, INSIDE, MOVED, OWN, ranks_of
 from expertaug.inference.coverage import TABLE_LEVELS, inside
-from expertaug.inference.posterior_draws import joint_draws
+from expertaug.inference.own_draws import own_draws
+from expertaug.inference.posterior_draws import joint_draws, z_e_draws
 from expertaug.inference.predictive import forecasts
 from expertaug.inference.predictive_scores import crps, energy_score
 from expertaug.inference.ranks import ranks
+from expertaug.learning.bound import stored_bound
 from expertaug.learning.noise import Noise
+from expertaug.learning.sets import StackedSet
 from expertaug.models import store
 from expertaug.models.estimates import Estimates
+from expertaug.models.hybrid import HybridNet
 from expertaug.models.measurement_noise import NoiseLike, is_some, noise_of, shaped
 from expertaug.models.prediction import Predictor
+from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solvers.solver import Solver
+from expertaug.trajectories import Trajectories
 
 DRAWN = 4  # of the keys of random numbers: a flow's end in 3
 BYTES = 2**25  # of the forecasts that are scored at a time
@@ -50,6 +60,10 @@ class DrawnScores:
             return None
         names = ("crps", "energy", "inside")
         return DrawnScores(*(np.concatenate([getattr(one, name) for one in parts], axis=1) for name in names))
+
+    def arrays(self, name: str) -> dict[str, np.ndarray]:
+        """Of a forecasts.npz: <set>_crps (S, M) and <set>_inside (S, M, L)."""
+        return {f"{name}_{CRPS}": self.crps, f"{name}_{INSIDE}": self.inside}
 
     def metrics(self) -> dict[str, Tensor]:
         """Metric → (S,); coverage in %."""
@@ -175,3 +189,82 @@ def _mean_where(known: np.ndarray, values: np.ndarray, axes: int | tuple[int, ..
         return values.mean(axes)
     count = known.sum(axes)
     return np.where(known, values, 0.0).sum(axes) / np.where(count > 0, count, np.nan)
+
+
+KEY = 7  # of random numbers
+
+
+class ExpectedError:
+    """What a version expects of its own forecasts, and, of refined ones, what they expect of the encoder's.
+
+    The first is the mean squared distance of forecasts from draws to the forecast, where a version has a distribution;
+    the second the squared distance between the forecasts before and after refinement.
+
+    Arguments:
+        model: whose forecasts they are.
+        drawing: how forecasts are drawn, and how many of each window; a count of 0 leaves the first out.
+    """
+
+    def __init__(self, model: Predictor, drawing: Drawing) -> None:
+        self.model, self.drawing = model, drawing
+        self.random = Noise(drawing.seeds, KEY, device=drawing.t.device)
+        self.found: dict[str, list[Tensor]] = {}
+
+    def add(self, made: Forecast, y: Tensor, windows: Tensor, bound: Tensor | None, u: Tensor | None) -> None:
+        """Of further windows.
+
+        Arguments:
+            made: their forecasts.
+            y: (T, S, B, *observed), of which the observed points are used, and all known inputs.
+            windows: observed, (T1, S, B, *observed).
+            bound: (C,) or (B, C), how far forecasts may go.
+            u: known inputs (T, S, B, U); None for a system without.
+        """
+        drawing, begin = self.drawing, self.drawing.begin
+        first = getattr(self.model, "first", None)
+        if isinstance(first, HybridNet):
+            before = forecast(first, windows, drawing.t, drawing.solver, drawing.start, bound, u)
+            self._keep(MOVED, squared_errors(self.model.system, before.states[begin:], made.states[begin:]))
+        if drawing.count and made.found.z_e is not None:
+            self._add_own(made, y, bound)
+
+    def _add_own(self, made: Forecast, y: Tensor, bound: Tensor | None) -> None:
+        drawing = self.drawing
+        size = max(BYTES // (drawing.count * y[:, 0, 0].numel() * y.element_size()), 1)
+        for k in range(0, y.shape[2], size):
+            part = slice(k, k + size)
+            limit = bound if bound is None or bound.dim() == 1 else bound[part]
+            drawn = drawing.states(self.model, made.found.part(part), y[:, :, part], limit, self.random)
+            if drawn is None:
+                return
+            states = made.states[drawing.begin :, :, part]
+            self._keep(EXPECTED, torch.stack([squared_errors(self.model.system, one, states) for one in drawn]).mean(0))
+
+    def _keep(self, name: str, values: Tensor) -> None:
+        self.found.setdefault(name, []).append(values.cpu())
+
+    def joined(self) -> dict[str, Tensor]:
+        """By the name of the array, (S, N)."""
+        return {name: torch.cat(parts, dim=1) for name, parts in self.found.items()}
+
+
+@torch.no_grad()
+def of_own_windows(
+    stored: StoredModel, train: Trajectories, settings: Mapping, count: int, drawing: Drawing
+) -> dict[str, np.ndarray]:
+    """Ranks and scores on ``count`` windows that each seed's model has made, as of a set called own.
+
+    Arguments:
+        settings: as of :func:`own_draws`.
+        drawing: how forecasts are drawn and scored.
+    """
+    device = drawing.t.device
+    y, z_e = own_draws(stored, StackedSet.of(train, device).windows(len(train.t))[:, 0], settings, count)
+    if not y.shape[2]:
+        return {}
+    found = stored.model.estimate(y[: drawing.observed])
+    draws = z_e_draws(found)
+    bound, random = stored_bound(stored.description, device), Noise(stored.seeds, DRAWN, device=device)
+    scores = drawing.scores(stored.model, found, y, bound, random)
+    each = None if draws is None else draws.cpu()
+    return ranks_of(OWN, z_e.cpu().numpy(), each) | ({} if scores is None else scores.arrays(OWN))

@@ -1,4 +1,4 @@
-"""Figures of metrics and of estimated parameters; every name and unit comes from the files."""
+"""Figures of estimated expert parameters: against the true ones, or their distribution where nobody knows these."""
 
 from __future__ import annotations
 
@@ -6,77 +6,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from expertaug import plotting
-from expertaug.errors import InputError
-from expertaug.evaluation import unknown_parameters
-from expertaug.evaluation.dots import Panel, draw_dots
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import (
-    CONVENTIONS,
     drawn_sets,
-    experiment_title,
-    log_mse_name,
-    read_metrics,
     set_title,
 )
-from expertaug.labels import SHOWN_SETS, ordered
+from expertaug.labels import ordered
 
 MARKERS = {"train": "^", "validation": "o", "iid": "o", "test": "D"}
 POINTS = 200  # of one set and seed in a scatter plot
 MARGIN = 0.12  # of an axis beyond the ranges that it shows
-
-
-def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
-    """Draw the log-MSE of every method on every set: mean over seeds, standard deviation as error bar.
-
-    Arguments:
-        metrics: metrics.csv of every method and group of seeds; several experiments become panels.
-        outputs: .png or .pdf files, or one path without suffix for both.
-        settings: all optional: ``convention`` ("sum" or "dim"), ``all_methods`` (those of the configuration, in order),
-            ``set_titles`` (how sets are printed), ``title`` (of a single experiment), ``floor`` (the version of the
-            true equation).
-
-    Raises:
-        InputError: a file is broken or has no such metric.
-    """
-    settings = dict(settings or {})
-    convention = settings.get("convention", "sum")
-    metric = log_mse_name(convention)
-    table = _select(read_metrics(metrics), [metric])
-    panels = [
-        Panel(experiment_title(name, settings), part, settings)
-        for name, part in table.groupby("experiment", sort=False)
-    ]
-    title = f"log-MSE, squared error {CONVENTIONS[convention]}"
-    draw_dots(panels, outputs, settings, "log-MSE (lower is better)", title)
-
-
-def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
-    """Draw the relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`log_mse`.
-
-    Where no method estimates parameters the figure says so.
-    """
-    settings = dict(settings or {})
-    table = read_metrics(metrics)
-    names = [name for name in dict.fromkeys(table["metric"]) if name.startswith("relative_error_")]
-    names = names or [name for name in ("relative_error",) if name in set(table["metric"])]
-    if not names:
-        plotting.save_note("no method estimates parameters", outputs)
-        return
-    table = _select(table, names)
-    panels = []
-    for (experiment, metric), part in table.groupby(["experiment", "metric"], sort=False):
-        parameter = plotting.symbol(metric.removeprefix("relative_error").removeprefix("_"))
-        name = experiment_title(experiment, settings)
-        panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, settings))
-    title = "relative error of the expert parameters"
-    draw_dots(panels, outputs, settings, "relative error [%] (lower is better)", title, logarithmic=True)
+BINS, TAIL = 25, 0.02  # of a histogram, and the part of all estimates that it leaves out at either end
 
 
 def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
@@ -116,10 +62,10 @@ def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure
         grid = figure.subplots(count, len(methods), squeeze=False, sharex="row", sharey="row")
         for row, name in enumerate(first.parameter_names):
             quantity = plotting.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
-            if unknown_parameters.is_unknown(first, row):
+            if is_unknown(first, row):
                 priors = {method: settings.get("priors", {}).get(method, {}).get(name) for method in methods}
                 axes = dict(zip(methods, grid[row], strict=True))
-                unknown_parameters.draw(axes, found, row, colours, priors)
+                _histograms(axes, found, row, colours, priors)
                 for method, axis in axes.items():
                     axis.set_xlabel(f"estimated {quantity}")
                     if row == 0:
@@ -137,14 +83,37 @@ def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure
     return figure
 
 
-def _select(table: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFrame:
-    """Rows of these metrics on the sets that figures show of each experiment."""
-    found = table[table["metric"].isin(metrics) & table["set"].isin(SHOWN_SETS)]
-    if not len(found):
-        known = ", ".join(dict.fromkeys(table["metric"]))
-        raise InputError("metrics", f"no {' or '.join(metrics)} on {', '.join(SHOWN_SETS)}", f"the files hold {known}")
-    parts = [part for _, part in found.groupby("experiment", sort=False)]
-    return pd.concat([part[part["set"].isin(drawn_sets(part["set"]))] for part in parts])
+def is_unknown(data: Forecasts, column: int) -> bool:
+    """Whether no sample of the sets that are drawn knows a parameter."""
+    return not any(np.isfinite(data.truths[name][:, column]).any() for name in drawn_sets(data.estimates))
+
+
+def _histograms(
+    axes: Mapping[str, Axes],
+    found: Mapping[str, Forecasts],
+    column: int,
+    colours: Mapping[str, Sequence[float]],
+    priors: Mapping[str, Sequence[float] | None],
+) -> None:
+    """Histograms of the estimates of one parameter, an axis a method: filled, and of the test set an outline."""
+    each = [data.estimates[n][data.places, :, column] for data in found.values() for n in drawn_sets(data.estimates)]
+    pooled = np.concatenate([one.ravel() for one in each])
+    pooled = pooled[np.isfinite(pooled)]
+    ends = np.quantile(pooled, [TAIL, 1 - TAIL]) if len(pooled) else np.array([0.0, 1.0])
+    shown = [end for prior in priors.values() if prior is not None for end in prior]
+    low, high = min([float(ends[0]), *shown]), max([float(ends[1]), *shown])
+    margin = 0.05 * ((high - low) or 1.0)
+    edges = np.linspace(low - margin, high + margin, BINS + 1)
+    for method, axis in axes.items():
+        data = found[method]
+        for name in drawn_sets(data.estimates):
+            counts, _ = np.histogram(data.estimates[name][data.places, :, column], edges)
+            height = counts / max(counts.max(initial=0), 1)
+            test = name == "test"
+            axis.stairs(height, edges, fill=not test, alpha=1.0 if test else 0.35, color=colours[method])
+        for edge in priors[method] or ():
+            axis.axvline(edge, color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
+        axis.set(xlim=(edges[0], edges[-1]), ylim=(0, 1.1), yticks=[])
 
 
 def _show_ranges(
@@ -212,7 +181,7 @@ def _scatter(
 
 
 def _parameter_legend(figure: Figure, data: Forecasts, settings: Mapping) -> None:
-    unknown = [unknown_parameters.is_unknown(data, row) for row in range(len(data.parameter_names))]
+    unknown = [is_unknown(data, row) for row in range(len(data.parameter_names))]
     handles = []
     for name in drawn_sets(data.estimates):
         title, face = set_title(name, settings), "none" if name == "test" else "0.6"
