@@ -184,7 +184,7 @@ FILES = GIVEN | {"paths": "x.csv"}
 MISSPELT = [
     (
         "cut-measurements",
-        {"sytem": {"name": "pendulum"}, "files": FILES},
+        {"system": {"name": "pendulum"}, "sytem": {}, "files": FILES},
         r"--settings\.sytem: unknown key; .*'system'",
     ),
     ("cut-measurements", {"files": FILES}, r"--settings\.system: missing"),
