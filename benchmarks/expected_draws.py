@@ -23,7 +23,6 @@ from expertaug.config import stage_settings
 from expertaug.config.complete import completed
 from expertaug.evaluation.diverged import forecast
 from expertaug.evaluation.drawn_forecasts import ExpectedError, drawing_of
-from expertaug.evaluation.metrics import squared_errors
 from expertaug.evaluation.samples import EXPECTED
 from expertaug.evaluation.score import score
 from expertaug.inference.alarm import failing
@@ -32,6 +31,7 @@ from expertaug.inference.own_draws import own_draws
 from expertaug.inference.roc import auroc
 from expertaug.inference.store import load
 from expertaug.learning.bound import stored_bound
+from expertaug.learning.misfit import squared_errors
 from expertaug.learning.sets import StackedSet
 from expertaug.trajectories import Trajectories
 

@@ -23,8 +23,7 @@ import torch
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError, SolveError
-from expertaug.evaluation.metrics import log_mse, parameter_errors
-from expertaug.evaluation.summary import log_mse_name
+from expertaug.evaluation.metrics import log_mse, log_mse_of, parameter_errors
 from expertaug.inference.alternate import alternate
 from expertaug.inference.least_squares import estimator_of
 from expertaug.learning.augment import augment
@@ -51,7 +50,7 @@ def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
     fitted = description["kind"] == "alternating"
     estimator = estimator_of(stored, **description["refinement"]) if fitted else stored.model
     solver, start = Solver.from_mapping(evaluation["solver"]), evaluation["from_s"]
-    scores, metric = {}, log_mse_name(evaluation["convention"])
+    scores, metric = {}, log_mse_of(evaluation["convention"]).name
     for name in ("train", "validation"):
         truth = Trajectories.load(data / f"{name}.npz")
         truth = truth.subset(np.linspace(0, len(truth) - 1, min(len(truth), 500)).astype(int))

@@ -141,7 +141,7 @@ def test_parts_are_joined_in_order():
     other = DrawnScores(np.zeros((2, 1)), np.zeros((2, 1)), np.zeros((2, 1, 2)))
     found = DrawnScores.joined([one, other])
     assert found.crps.shape == (2, 4) and found.inside[:, 3].max() == 0 and DrawnScores.joined([]) is None
-    assert float(found.metrics()["forecast_coverage_90"][0]) == 75
+    assert float(found.averages()["forecast_coverage"]["90"][0]) == 75
 
 
 def test_a_first_point_that_is_not_inferred_is_the_observed_one():

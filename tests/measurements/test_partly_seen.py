@@ -8,9 +8,10 @@ import torch
 from swings import NAMES, settings, trials
 
 import expertaug as ea
-from expertaug.evaluation.metrics import parameter_errors, squared_errors
+from expertaug.evaluation.metrics import parameter_errors
 from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_problem import assumed_noise
+from expertaug.learning.misfit import squared_errors
 from expertaug.learning.squared_error import mean_squared_error, squares
 from expertaug.measurements.cut import measured, sets_of
 from expertaug.models.gaps import Gaps, fill, ranges_of

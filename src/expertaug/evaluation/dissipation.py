@@ -13,7 +13,8 @@ from torch import Tensor
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import DASH, DRAWN, booktabs, escape, grid, number_format, write_tables
+from expertaug.evaluation.formats import DASH, DRAWN, booktabs, escape, grid, write_tables
+from expertaug.evaluation.metrics import Metric
 from expertaug.evaluation.score import spread
 from expertaug.evaluation.summary import experiment_title, order_sets, set_title
 from expertaug.inference.least_squares import estimator_of
@@ -190,6 +191,7 @@ CAPTION = (
     "Correlation: of the two over recordings."
 )
 TITLE = "loss of energy"
+THREE_DIGITS = Metric("dissipated", "dissipated")
 
 
 def markdown(table: pd.DataFrame, settings: Mapping) -> str:
@@ -261,7 +263,7 @@ def _text(values: pd.Series) -> str:
 
 def _number(mean: float, spread: float | None) -> str:
     """Three digits of a mean, and its spread as exactly."""
-    text = number_format("dissipated", mean)
+    text = THREE_DIGITS.format(mean)
     return text(mean) if spread is None else f"{text(mean)} ± {text(spread)}"
 
 

@@ -13,13 +13,12 @@ from matplotlib.lines import Line2D
 
 from expertaug import plotting
 from expertaug.errors import InputError
+from expertaug.evaluation.metrics import CONVENTIONS, RELATIVE_ERROR, RELATIVE_ERROR_OF, log_mse_of, metric_of
 from expertaug.evaluation.summary import (
-    CONVENTIONS,
     drawn_sets,
     experiment_title,
     in_domain,
     labels_of,
-    log_mse_name,
     order_sets,
     read_metrics,
     set_title,
@@ -161,11 +160,11 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
         panels = []
         for one in shown:
             how = CONVENTIONS[one["convention"]].partition(" over")[0]
-            part = _shown(table, one, log_mse_name(one["convention"]))
+            part = _shown(table, one, log_mse_of(one["convention"]).name)
             panels.append(Panel(f"{_title(one)} ({how})", part, one))
         note = "log-MSE, squared error summed or averaged over the observed dimensions"
         draw_dots(panels, folder / "log_mse", shared, "log-MSE", note)
-        panels = [Panel(_title(one), _shown(table, one, "relative_error"), one) for one in shown]
+        panels = [Panel(_title(one), _shown(table, one, RELATIVE_ERROR.name), one) for one in shown]
         panels = [panel for panel in panels if len(panel.table)]
         if panels:
             note = "mean relative error of the expert parameters"
@@ -173,7 +172,7 @@ def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
         else:
             plotting.save_note("no method estimates parameters", folder / "parameter_errors")
     panels = [
-        Panel(_title(one), _shown(table, one, log_mse_name(one["convention"]), [one["shifted"]]), one)
+        Panel(_title(one), _shown(table, one, log_mse_of(one["convention"]).name, [one["shifted"]]), one)
         for one in settings["experiments"]
         if one["shifted"]
     ]
@@ -213,7 +212,7 @@ def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: M
     """
     settings = dict(settings or {})
     convention = settings.get("convention", "sum")
-    metric = log_mse_name(convention)
+    metric = log_mse_of(convention).name
     table = _select(read_metrics(metrics), [metric])
     panels = [
         Panel(experiment_title(name, settings), part, settings)
@@ -230,15 +229,16 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], se
     """
     settings = dict(settings or {})
     table = read_metrics(metrics)
-    names = [name for name in dict.fromkeys(table["metric"]) if name.startswith("relative_error_")]
-    names = names or [name for name in ("relative_error",) if name in set(table["metric"])]
+    known = list(dict.fromkeys(table["metric"]))
+    names = [name for name in known if metric_of(name).family is RELATIVE_ERROR_OF]
+    names = names or [name for name in (RELATIVE_ERROR.name,) if name in known]
     if not names:
         plotting.save_note("no method estimates parameters", outputs)
         return
     table = _select(table, names)
     panels = []
     for (experiment, metric), part in table.groupby(["experiment", "metric"], sort=False):
-        parameter = plotting.symbol(metric.removeprefix("relative_error").removeprefix("_"))
+        parameter = plotting.symbol(metric_of(metric).of)
         name = experiment_title(experiment, settings)
         panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, settings))
     title = "relative error of the expert parameters"

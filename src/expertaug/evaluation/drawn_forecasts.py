@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from expertaug.evaluation.diverged import Forecast, forecast
-from expertaug.evaluation.metrics import squared_errors
 from expertaug.evaluation.samples import CRPS, EXPECTED, INSIDE, MOVED, OWN, ranks_of
 from expertaug.inference.coverage import TABLE_LEVELS, inside
 from expertaug.inference.own_draws import own_draws
@@ -20,6 +20,7 @@ from expertaug.inference.predictive import forecasts
 from expertaug.inference.predictive_scores import crps, energy_score
 from expertaug.inference.ranks import ranks
 from expertaug.learning.bound import stored_bound
+from expertaug.learning.misfit import squared_errors
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.models import store
@@ -65,14 +66,12 @@ class DrawnScores:
         """Of a forecasts.npz: <set>_crps (S, M) and <set>_inside (S, M, L)."""
         return {f"{name}_{CRPS}": self.crps, f"{name}_{INSIDE}": self.inside}
 
-    def metrics(self) -> dict[str, Tensor]:
-        """Metric → (S,); coverage in %."""
+    def averages(self) -> dict[str, Any]:
+        """Means over windows by metric, each (S,); coverage in % by level."""
         told, each = ~np.isnan(self.crps).any(0), (self.crps, self.energy, self.inside)
         means, energy, held = each if told.all() else (one[:, told] for one in each)
-        found = {"crps": means.mean(1), "energy_score": energy.mean(1)}
-        for k, level in enumerate(TABLE_LEVELS):
-            found[f"forecast_coverage_{round(100 * level)}"] = 100 * held[..., k].mean(1)
-        return {name: torch.from_numpy(value) for name, value in found.items()}
+        levels = {f"{100 * level:.0f}": 100 * held[..., k].mean(1) for k, level in enumerate(TABLE_LEVELS)}
+        return {"crps": means.mean(1), "energy_score": energy.mean(1), "forecast_coverage": levels}
 
 
 @dataclass(frozen=True)

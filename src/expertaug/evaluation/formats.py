@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from expertaug.errors import InputError
+from expertaug.evaluation.metrics import metric_of
 from expertaug.files import write_text
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 DASH = "–"
 DRAWN = (".png", ".pdf")
 KNOWN_FORM = "F_a of known form, which does not compete:"  # a title over rows
-OF_JOBS = ("wall_s", "estimate_ms")  # the same for all seeds of a job
 RUNAWAYS_NOTE = (
     "Runaways: forecasts that leave ten times the training set's largest values, or have no solution; they count with "
     "the error that they have at that bound."
@@ -25,44 +25,6 @@ COST_NOTE = (
     "Estimate: processor time in which one seed estimates the parameters and the start of one window, all windows at "
     "once, on one core; solving the equation follows, for a flow once for each of the draws that are forecast."
 )
-
-
-def metric_title(metric: str, units: Mapping[str, str]) -> str:
-    """A metric's name with its unit, as printed."""
-    if metric.startswith("log_mse"):
-        further = {"observed": ", observed window", "median": ", median sample", "after": ", after t1 alone"}
-        return "log-MSE" + further.get(metric.removeprefix("log_mse_").partition("_")[0], "")
-    if metric == "runaway_share":
-        return "runaways [%]"
-    if metric == "estimate_ms":
-        return "estimate [ms]"
-    if metric == "relative_error":
-        return "error [%]"
-    if metric.startswith("relative_error_"):
-        return f"{metric.removeprefix('relative_error_')} error [%]"
-    if metric.startswith("rmse_"):
-        name = metric.removeprefix("rmse_")
-        unit = units.get(name, f"unit of {name}")
-        return f"{name} RMSE" + (f" [{unit}]" if unit else "")
-    if metric.startswith("forecast_coverage_"):
-        return f"forecasts in the {metric.rpartition('_')[2]} % band [%]"
-    if metric in ("crps", "energy_score"):
-        return {"crps": "CRPS of forecasts", "energy_score": "energy score of forecasts"}[metric]
-    return "training time [s]" if metric == "wall_s" else metric
-
-
-def number_format(metric: str, mean: float) -> Callable[[float], str]:
-    """How many digits a metric is printed with: for those of any unit three of the mean."""
-    if metric.startswith("log_mse"):
-        return "{:.2f}".format
-    if metric.startswith(("relative_error", "forecast_coverage")):
-        return "{:.1f}".format
-    if metric == "wall_s":
-        return "{:.0f}".format
-    if metric == "runaway_share":
-        return lambda share: f"{100 * share:.1f}"
-    decimals = 2 - math.floor(math.log10(abs(mean))) if mean else 2
-    return f"{{:.{min(max(decimals, 0), 12)}f}}".format
 
 
 def cell_text(cell: Mapping | None, metric: str) -> str:
@@ -95,7 +57,7 @@ def cell_tex(cell: Mapping | None, metric: str, bold: bool = False) -> str:
 def _numbers(cell: Mapping, metric: str) -> tuple[str, list[str], str]:
     """Mean, ends of its interval or standard deviation (neither where seeds share a job's value), and how many of the
     seeds they are of, if not of all."""
-    shown = number_format(metric, cell["mean"])
+    shown = metric_of(metric).format(cell["mean"])
 
     def show(value: float) -> str:
         return shown(value if float(shown(value)) else 0.0)  # no −0.0
@@ -103,7 +65,7 @@ def _numbers(cell: Mapping, metric: str) -> tuple[str, list[str], str]:
     few = f" ({cell['n']}/{cell['of']})" if cell["n"] < cell["of"] else ""
     if math.isfinite(cell.get("low", math.nan)):
         return show(cell["mean"]), [show(cell["low"]), show(cell["high"])], few
-    if metric in OF_JOBS and not cell["std"] > 1e-9 * cell["mean"]:
+    if metric_of(metric).of_job and not cell["std"] > 1e-9 * cell["mean"]:
         return show(cell["mean"]), [], few
     return show(cell["mean"]), [DASH if math.isnan(cell["std"]) else show(cell["std"])], few
 

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 # Only the first is a gain of augmentation: an augmented version was also trained for longer than its base.
 OVER_CONTROL, FROM_BASE = "gain over control", "difference from base"
 KINDS = (OVER_CONTROL, FROM_BASE)
+NAMES = {OVER_CONTROL: "gain", FROM_BASE: "difference"}  # of columns
+ENDS = {"": "mean", "_low": "low", "_high": "high", "_p": "p"}  # of their names: what of an interval they hold
+COLUMNS = [f"{name}{end}" for name in NAMES.values() for end in ENDS]
 CAPTION = (
     "Gain over control: how much lower the error is than that of the control, the same base model trained on for the "
     "same steps on the real data alone. Difference from base: how much lower it is than that of the base model, which "
@@ -61,9 +64,9 @@ def with_columns(long: pd.DataFrame, found: Mapping[tuple[str, str, str, str], I
     """The rows with columns gain, gain_low, gain_high, gain_p and difference, difference_low, … where there are any."""
     keys = list(zip(long["row"], long["set"], long["metric"], strict=True))
     columns = {}
-    for kind, name in ((OVER_CONTROL, "gain"), (FROM_BASE, "difference")):
+    for kind, name in NAMES.items():
         cells = [found.get((row, kind, *cell)) for row, *cell in keys]
         if any(cells):
-            for end, key in (("", "mean"), ("_low", "low"), ("_high", "high"), ("_p", "p")):
+            for end, key in ENDS.items():
                 columns[f"{name}{end}"] = [float("nan") if cell is None else getattr(cell, key) for cell in cells]
     return long.assign(**columns)

@@ -12,6 +12,7 @@ import pandas as pd
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation import formats
+from expertaug.evaluation.metrics import LOG_MSE
 from expertaug.models import store
 
 
@@ -68,7 +69,7 @@ def summarise(table: pd.DataFrame, settings: Mapping) -> pd.DataFrame:
 
 
 def _row(row: pd.Series, keys: Sequence[str]) -> list[str]:
-    score = formats.cell_text(row, "log_mse")
+    score = formats.cell_text(row, LOG_MSE["sum"].name)
     return [row["point"], *(row[key] for key in keys), score, f"{row['best_epoch']:g}", f"{row['minutes']:.1f}"]
 
 

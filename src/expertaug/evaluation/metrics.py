@@ -1,14 +1,194 @@
-"""Pure functions of truth and forecast."""
+"""Metrics: what each is called, how it is printed and where, and how it is computed from the forecasts of a set.
+
+A family has a member for each parameter or level, whose name stands in place of ``{of}``.  Tables are made without
+torch, which is loaded here by what computes alone.
+"""
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal
 
-from expertaug.learning.misfit import squared_errors
-from expertaug.systems import System
+import numpy as np
 
-__all__ = ["log_after", "log_mse", "log_of", "log_of_median", "parameter_errors", "squared_errors"]
+from expertaug.errors import InputError
+from expertaug.evaluation.intervals import Resampled, log_mean, log_median, mean
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from expertaug.systems import System
+
+OF = "{of}"
+CONVENTIONS = {
+    "sum": "summed over the observed dimensions",
+    "dim": "averaged over the observed dimensions",
+}
+
+
+class Shown(Enum):
+    """Where tables print a metric."""
+
+    FIRST = "in an experiment's first table and in figures"
+    WHERE_ANY = "in the first table, where any value is above 0"
+    LAST = "in the first table's last column, of one set"
+    FURTHER = "in the table of further metrics"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the forecasts of a set by S seeds came to.
+
+    Attributes:
+        system: that is forecast.
+        errors: squared error of each sample, summed over the observed dimensions, (S, N); NaN where nothing was
+            measured.
+        misfit: the same over the observed window after its first point.
+        after: the same after the observed window, (S, N), where ``errors`` begin before.
+        diverged: whether a forecast did, (S, N).
+        estimate_ms: processor time in which one seed estimates a window; None of a model that estimates nothing.
+        z_e, truth: estimates (S, N, P) and true expert parameters (1, N, P), where the model knows them.
+        drawn: averages over windows of the scores of drawn forecasts, by metric or by member of a family, each (S,).
+    """
+
+    system: System
+    errors: Tensor
+    misfit: Tensor
+    after: Tensor | None
+    diverged: Tensor
+    estimate_ms: float | None = None
+    z_e: Tensor | None = None
+    truth: Tensor | None = None
+    drawn: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class SampleErrors:
+    """Errors of every sample of a set: squared ones (S, N), relative ones of parameters in % (S, N, P) or None."""
+
+    errors: np.ndarray
+    relative: np.ndarray | None
+    parameters: list[str]
+
+
+Statistic = tuple[Callable[[np.ndarray, np.ndarray], Resampled], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number that says how good forecasts or estimates are.
+
+    Attributes:
+        name: in files; of a family with ``{of}``.
+        title: as printed, without its unit.
+        unit: of the printed number; None: that of the parameter.
+        compute: an outcome → (S,), or of a family by member; None where it does not apply.
+        better: which direction is; None where it is no merit.
+        shown: where.
+        digits: after the point; None: three of the mean.
+        factor: from the number to the printed one.
+        convention: of the log-MSE, where another convention has its own metric.
+        is_log: whether it is a natural logarithm, which is also told by its name in the table of further metrics.
+        not_negative: whether it cannot be.
+        of_job: whether all seeds of a job share its value.
+        samples: errors of samples and member → statistic over samples and values (S, N), for intervals; None where
+            samples are not kept.
+        like: the metric from which it differs by a constant.
+        family, of: of a member.
+    """
+
+    name: str
+    title: str
+    unit: str | None = ""
+    compute: Callable[[Outcome], Any] = lambda outcome: None
+    better: Literal["lower", "higher"] | None = None
+    shown: Shown = Shown.FURTHER
+    digits: int | None = None
+    factor: float = 1.0
+    convention: str | None = None
+    is_log: bool = False
+    not_negative: bool = False
+    of_job: bool = False
+    samples: Callable[[SampleErrors, str], Statistic | None] = lambda errors, of: None
+    like: str | None = None
+    family: Metric | None = None
+    of: str = ""
+
+    def member(self, of: str) -> Metric:
+        """The metric of a parameter or level."""
+        return replace(self, name=self.name.replace(OF, of), title=self.title.replace(OF, of), family=self, of=of)
+
+    def heading(self, units: Mapping[str, str] | None = None) -> str:
+        """Title and unit, as printed; ``units`` are those of the parameters."""
+        unit = (units or {}).get(self.of, f"unit of {self.of}") if self.unit is None else self.unit
+        return f"{self.title} [{unit}]" if unit else self.title
+
+    def format(self, about: float) -> Callable[[float], str]:
+        """How numbers are printed beside the mean ``about``."""
+        digits, factor = self.digits, self.factor
+        if digits is None:
+            digits = min(max(2 - math.floor(math.log10(abs(about))) if about else 2, 0), 12)
+        return lambda value: f"{factor * value:.{digits}f}"
+
+
+METRICS: list[Metric] = []
+
+
+def register(metric: Metric) -> Metric:
+    """Add a metric: ``evaluate`` computes it of every set, tables print it; their order is that of registration."""
+    if any(metric.name == known.name for known in METRICS):
+        raise ValueError(f"there is a metric {metric.name!r} already")
+    METRICS.append(metric)
+    metric_of.cache_clear()
+    return metric
+
+
+@cache
+def metric_of(name: str) -> Metric:
+    """The metric of this name; one that nobody registered is printed as it is called."""
+    for metric in METRICS:
+        begin, family, end = metric.name.partition(OF)
+        if name == metric.name:
+            return metric
+        if family and name.startswith(begin) and name.endswith(end) and len(name) > len(begin + end):
+            return metric.member(name[len(begin) : len(name) - len(end)])
+    return Metric(name, name)
+
+
+def values_of(outcome: Outcome) -> dict[str, Tensor]:
+    """Every registered metric of an outcome that applies to it, by name, each (S,)."""
+    import torch
+
+    found: dict[str, Tensor] = {}
+    for metric in METRICS:
+        value = metric.compute(outcome)
+        if OF in metric.name:
+            found |= {metric.member(of).name: torch.as_tensor(each) for of, each in (value or {}).items()}
+        elif value is not None:
+            found[metric.name] = torch.as_tensor(value)
+    return found
+
+
+def log_mse_of(convention: str) -> Metric:
+    """The log-MSE of a convention, which tables and figures show.
+
+    Raises:
+        InputError: there is no such convention.
+    """
+    if convention not in CONVENTIONS:
+        raise InputError("convention", f"{convention!r}", f"one of {', '.join(CONVENTIONS)}")
+    return LOG_MSE[convention]
+
+
+def first_metrics(known: Iterable[str], convention: str) -> list[str]:
+    """Of known metrics those that figures and first tables show: the log-MSE in a convention, then others."""
+    names, own = set(known), log_mse_of(convention)
+    shown = [m for m in METRICS if m.shown is Shown.FIRST and m.convention in (None, own.convention)]
+    return [m.name for m in shown if m.name in names]
 
 
 def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tensor]:
@@ -23,28 +203,10 @@ def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tens
     Returns:
         name → (S,).
     """
-    return log_of(system, squared_errors(system, prediction, truth))
+    from expertaug.learning.misfit import squared_errors
 
-
-def log_of(system: System, errors: Tensor) -> dict[str, Tensor]:
-    """The log-MSE in both conventions from :func:`squared_errors` (S, N)."""
-    return _conventions("log_mse", errors.mean(1).log(), system)
-
-
-def log_of_median(system: System, errors: Tensor) -> dict[str, Tensor]:
-    """The log of the median over samples instead of the mean: ``log_mse_median``, which sums over the observed
-    dimensions, and ``log_mse_median_dim``; one runaway hardly moves it."""
-    found = _conventions("log_mse_median", torch.quantile(errors, 0.5, dim=1).log(), system)
-    return {name.removesuffix("_sum"): value for name, value in found.items()}
-
-
-def log_after(system: System, errors: Tensor) -> dict[str, Tensor]:
-    """``log_mse_after_sum`` and ``log_mse_after_dim``, where errors are those after the observed window alone."""
-    return _conventions("log_mse_after", errors.mean(1).log(), system)
-
-
-def _conventions(name: str, summed: Tensor, system: System) -> dict[str, Tensor]:
-    return {f"{name}_sum": summed, f"{name}_dim": summed - torch.log(torch.tensor(float(system.error_dims)))}
+    summed = log_of_mean(squared_errors(system, prediction, truth))
+    return {LOG_MSE["sum"].name: summed, LOG_MSE["dim"].name: per_dimension(summed, system)}
 
 
 def parameter_errors(system: System, estimate: Tensor, truth: Tensor) -> dict[str, Tensor]:
@@ -59,27 +221,204 @@ def parameter_errors(system: System, estimate: Tensor, truth: Tensor) -> dict[st
     Returns:
         name → (S,); nothing of a parameter that no sample knows.
     """
-    if torch.isnan(truth).any():
-        return _errors_where_known(system, estimate, truth)
-    relative = 100 * ((estimate - truth) / truth).abs().double().mean(1)
-    squared = (estimate - truth).double().square().mean(1).sqrt()
-    names = [p.name for p in system.expert_parameters]
-    return (
-        {"relative_error": relative.mean(1)}
-        | {f"relative_error_{n}": relative[:, i] for i, n in enumerate(names)}
-        | {f"rmse_{n}": squared[:, i] for i, n in enumerate(names)}
-    )
+    nothing = estimate[..., 0]
+    outcome = Outcome(system, nothing, nothing, None, nothing, z_e=estimate, truth=truth)
+    relative, rmse, together = _errors_of_parameters(outcome)
+    found = {} if together is None else {RELATIVE_ERROR.name: together}
+    found |= {RELATIVE_ERROR_OF.member(of).name: value for of, value in relative.items()}
+    return found | {RMSE_OF.member(of).name: value for of, value in rmse.items()}
 
 
-def _errors_where_known(system: System, estimate: Tensor, truth: Tensor) -> dict[str, Tensor]:
-    """:func:`parameter_errors` of the samples and parameters whose truth is known."""
+def measured(errors: Tensor) -> Tensor:
+    """Errors (S, N) of the samples of which anything was measured at these times."""
+    unknown = errors.isnan().all(0)
+    return errors[:, ~unknown] if unknown.any() else errors
+
+
+def log_of_mean(errors: Tensor) -> Tensor:
+    """Natural logarithm of the mean over samples, (S,), of errors (S, N)."""
+    return measured(errors).mean(1).log()
+
+
+def per_dimension(value: Tensor, system: System) -> Tensor:
+    """A log-MSE, (S,), whose squared errors are averaged over :attr:`System.error_dims` instead of summed."""
+    import torch
+
+    return value - torch.log(torch.tensor(float(system.error_dims)))
+
+
+def _log_of_median(errors: Tensor) -> Tensor:
+    return measured(errors).quantile(0.5, dim=1).log()
+
+
+def _errors_of_parameters(outcome: Outcome) -> tuple[dict[str, Tensor], dict[str, Tensor], Tensor | None]:
+    """Mean of |z − ẑ| / |z| in % and root of the mean square by parameter, each (S,), of the samples and parameters
+    whose truth is known; and the mean of the first over parameters."""
+    import torch
+
+    estimate, truth = outcome.z_e, outcome.truth
+    names = [p.name for p in outcome.system.expert_parameters]
+    if estimate is None or truth is None or not names:
+        return {}, {}, None
+    if not truth.isnan().any():
+        each = 100 * ((estimate - truth) / truth).abs().double().mean(1)
+        rms = (estimate - truth).double().square().mean(1).sqrt()
+        columns = [{name: value[:, k] for k, name in enumerate(names)} for value in (each, rms)]
+        return columns[0], columns[1], each.mean(1)
     relative, rmse = {}, {}
-    for k, parameter in enumerate(system.expert_parameters):
-        known = ~torch.isnan(truth[0, :, k])
+    for k, name in enumerate(names):
+        known = ~truth[0, :, k].isnan()
         if known.any():
-            difference = (estimate[:, known, k] - truth[:, known, k]).double()
-            relative[f"relative_error_{parameter.name}"] = 100 * (difference / truth[:, known, k]).abs().mean(1)
-            rmse[f"rmse_{parameter.name}"] = difference.square().mean(1).sqrt()
-    if not relative:
-        return {}
-    return {"relative_error": torch.stack(list(relative.values())).mean(0)} | relative | rmse
+            far = (estimate[:, known, k] - truth[:, known, k]).double()
+            relative[name] = 100 * (far / truth[:, known, k]).abs().mean(1)
+            rmse[name] = far.square().mean(1).sqrt()
+    return relative, rmse, torch.stack(list(relative.values())).mean(0) if relative else None
+
+
+def _relative_samples(errors: SampleErrors, of: str) -> Statistic | None:
+    if errors.relative is None:
+        return None
+    if of:
+        return (mean, errors.relative[..., errors.parameters.index(of)]) if of in errors.parameters else None
+    unknown = np.isnan(errors.relative)
+    if not unknown.any():
+        return mean, errors.relative.mean(2)
+    count = np.where(unknown.all(2), np.nan, (~unknown).sum(2))
+    return mean, np.where(unknown, 0.0, errors.relative).sum(2) / count
+
+
+def _drawn(name: str) -> Callable[[Outcome], Any]:
+    return lambda outcome: None if outcome.drawn is None else outcome.drawn[name]
+
+
+_LOG = {"digits": 2, "is_log": True, "better": "lower"}
+LOG_MSE = {
+    "sum": register(
+        Metric(
+            "log_mse_sum",
+            "log-MSE",
+            compute=lambda o: log_of_mean(o.errors),
+            shown=Shown.FIRST,
+            convention="sum",
+            samples=lambda errors, of: (log_mean, errors.errors),
+            **_LOG,
+        )
+    ),
+    "dim": register(
+        Metric(
+            "log_mse_dim",
+            "log-MSE",
+            compute=lambda o: per_dimension(log_of_mean(o.errors), o.system),
+            shown=Shown.FIRST,
+            convention="dim",
+            like="log_mse_sum",
+            **_LOG,
+        )
+    ),
+}
+register(Metric("log_mse_observed", "log-MSE, observed window", compute=lambda o: log_of_mean(o.misfit), **_LOG))
+register(
+    Metric(
+        "log_mse_after_sum",
+        "log-MSE, after t1 alone",
+        compute=lambda o: None if o.after is None else log_of_mean(o.after),
+        **_LOG,
+    )
+)
+register(
+    Metric(
+        "log_mse_after_dim",
+        "log-MSE, after t1 alone",
+        compute=lambda o: None if o.after is None else per_dimension(log_of_mean(o.after), o.system),
+        **_LOG,
+    )
+)
+register(
+    Metric(
+        "log_mse_median",
+        "log-MSE, median sample",
+        compute=lambda o: _log_of_median(o.errors),
+        samples=lambda errors, of: (log_median, errors.errors),
+        **_LOG,
+    )
+)
+register(
+    Metric(
+        "log_mse_median_dim",
+        "log-MSE, median sample",
+        compute=lambda o: per_dimension(_log_of_median(o.errors), o.system),
+        like="log_mse_median",
+        **_LOG,
+    )
+)
+DIVERGED = register(
+    Metric(
+        "runaway_share",
+        "runaways",
+        "%",
+        compute=lambda o: o.diverged.double().mean(1),
+        shown=Shown.WHERE_ANY,
+        digits=1,
+        factor=100,
+        not_negative=True,
+    )
+)
+COST = register(
+    Metric(
+        "estimate_ms",
+        "estimate",
+        "ms",
+        compute=lambda o: None if o.estimate_ms is None else np.full(len(o.errors), o.estimate_ms),
+        shown=Shown.LAST,
+        not_negative=True,
+        of_job=True,
+    )
+)
+RELATIVE_ERROR = register(
+    Metric(
+        "relative_error",
+        "error",
+        "%",
+        compute=lambda o: _errors_of_parameters(o)[2],
+        better="lower",
+        shown=Shown.FIRST,
+        digits=1,
+        not_negative=True,
+        samples=_relative_samples,
+    )
+)
+RELATIVE_ERROR_OF = register(
+    Metric(
+        "relative_error_{of}",
+        "{of} error",
+        "%",
+        compute=lambda o: _errors_of_parameters(o)[0],
+        better="lower",
+        digits=1,
+        not_negative=True,
+        samples=_relative_samples,
+    )
+)
+RMSE_OF = register(
+    Metric(
+        "rmse_{of}", "{of} RMSE", None, compute=lambda o: _errors_of_parameters(o)[1], better="lower", not_negative=True
+    )
+)
+register(Metric("crps", "CRPS of forecasts", compute=_drawn("crps"), better="lower", not_negative=True))
+register(
+    Metric(
+        "energy_score", "energy score of forecasts", compute=_drawn("energy_score"), better="lower", not_negative=True
+    )
+)
+register(
+    Metric(
+        "forecast_coverage_{of}",
+        "forecasts in the {of} % band",
+        "%",
+        compute=_drawn("forecast_coverage"),
+        digits=1,
+        not_negative=True,
+    )
+)
+# Of a training, not of a set's forecasts.
+WALL = register(Metric("wall_s", "training time", "s", digits=0, not_negative=True, of_job=True))

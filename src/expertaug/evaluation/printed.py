@@ -17,18 +17,15 @@ from expertaug.evaluation.formats import (
     cell_text,
     escape,
     grid,
-    metric_title,
     spanned,
     tex,
 )
 from expertaug.evaluation.intervals import LEVEL, Interval
+from expertaug.evaluation.metrics import CONVENTIONS, COST, DIVERGED, RELATIVE_ERROR, Shown, metric_of
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.summary import (
-    CONVENTIONS,
-    COST,
-    RUNAWAYS,
-    cost_column,
-    has_runaways,
+    any_of,
+    last_columns,
     order_sets,
     set_title,
     tabled_metrics,
@@ -68,7 +65,7 @@ class Printed:
     def of(cls, part: pd.DataFrame, settings: Mapping, samples: Samples, gained: Mapping) -> Printed:
         """The tables of one experiment."""
         chosen = tabled_metrics(part, settings.get("convention", "sum"))
-        columns = [*_columns(part, chosen), *cost_column(part)]
+        columns = [*_columns(part, chosen), *last_columns(part)]
         values = {(row["row"], row["set"], row["metric"]): row for _, row in part.iterrows()}
         resampled = "whole recordings" if samples.by_recording(part["experiment"].iloc[0]) else "samples"
         return cls(
@@ -133,7 +130,7 @@ class Printed:
     def _titles(self, columns: Sequence[Column]) -> list[tuple[str, str]]:
         """Set and metric of columns, as printed."""
         units = self.settings["units"]
-        return [(set_title(name, self.settings), metric_title(metric, units)) for name, metric in columns]
+        return [(set_title(name, self.settings), metric_of(metric).heading(units)) for name, metric in columns]
 
     def _gains(self) -> tuple[list[Column], list[tuple[str, str, list[tuple[Interval | None, Column]]]]]:
         """Columns, and label, kind and differences with their columns of each row, of the second table."""
@@ -157,9 +154,10 @@ class Printed:
         """The metrics that are not in the first table, a row for each and each method."""
         sets, units, rows = order_sets(self.part["set"]), self.settings["units"], []
         for metric in dict.fromkeys(self.part["metric"]):
-            if metric in (*self.chosen, RUNAWAYS, COST):
+            described = metric_of(metric)
+            if metric in self.chosen or described.shown in (Shown.WHERE_ANY, Shown.LAST):
                 continue
-            title = metric_title(metric, units) + (f" ({metric})" if metric.startswith("log_mse") else "")
+            title = described.heading(units) + (f" ({metric})" if described.is_log else "")
             for row, label, _ in self._rows():
                 found = [self.values.get((row, name, metric)) for name in sets]
                 if any(cell is not None for cell in found):
@@ -170,7 +168,7 @@ class Printed:
         """What every table says of itself: preset, seeds, spread, convention, units."""
         part, convention = self.part, self.settings.get("convention", "sum")
         parts = [f"Preset: {', '.join(dict.fromkeys(part['preset']))}.", self._spread()]
-        if self.chosen[0].startswith("log_mse"):
+        if metric_of(self.chosen[0]).is_log:
             start = self.settings.get("from_s", "")
             named = {"": "the evaluated times", None: "the forecast window (t1, t2]"}
             times = named.get(start, f"times from {start} s on")
@@ -178,15 +176,15 @@ class Printed:
                 f"log-MSE (no unit): natural logarithm of the mean, over samples and {times}, of the squared error"
                 f" {CONVENTIONS[convention]} (convention: {convention})."
             )
-        if "relative_error" in self.chosen:
+        if RELATIVE_ERROR.name in self.chosen:
             parts.append("Error: mean of |estimate − truth| / |truth| of the expert parameters, in %.")
             if (part["of"] == 0).any():
                 parts.append(f"{DASH} there: nobody knows the truth.")
         if (part["n"] < part["of"]).any():
             parts.append("(a/b): only a of b seeds have a finite value, and only those are averaged.")
-        if has_runaways(part):
+        if any_of(DIVERGED, part):
             parts.append(RUNAWAYS_NOTE)
-        if (part["metric"] == COST).any():
+        if (part["metric"] == COST.name).any():
             parts.append(COST_NOTE)
         return " ".join(parts)
 
@@ -204,7 +202,7 @@ class Printed:
 
 def _columns(part: pd.DataFrame, metrics: Sequence[str]) -> list[Column]:
     """The columns (set, metric) that hold a value, set by set; shares of runaways where there are any."""
-    told = part[(part["metric"] != RUNAWAYS) | part["set"].map(lambda s: has_runaways(part[part["set"] == s]))]
+    told = part[(part["metric"] != DIVERGED.name) | part["set"].map(lambda s: any_of(DIVERGED, part[part["set"] == s]))]
     known = set(zip(told["set"], told["metric"], strict=True))
     return [(name, metric) for name in order_sets(part["set"]) for metric in metrics if (name, metric) in known]
 
@@ -224,9 +222,9 @@ def _best(
             & (part["n"] == part["of"])
             & (part["of"] > 0)
         ]
-        if len(column) < 2 or metric in (RUNAWAYS, COST):
+        if len(column) < 2 or metric_of(metric).better is None:
             continue
-        best = column.loc[column["mean"].idxmin()]
+        best = column.loc[column["mean"].idxmin() if metric_of(metric).better == "lower" else column["mean"].idxmax()]
         found.add((best["row"], name, metric))
         for _, other in column.iterrows():
             keys = [(row["experiment"], row["preset"], row["method"]) for row in (best, other)]

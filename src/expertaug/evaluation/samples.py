@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.evaluation.intervals import Interval, Resampled, interval, log_mean, log_median, mean, units_of
+from expertaug.evaluation.intervals import Interval, Resampled, interval, units_of
+from expertaug.evaluation.metrics import SampleErrors, metric_of
 from expertaug.files import read_npz
 from expertaug.inference.calibration import calibration
 from expertaug.trajectories import Trajectories
@@ -25,8 +26,6 @@ RANKS, TARP, DRAWS = "ranks", "tarp", "rank_draws"  # the last is no set's
 # Arrays of a set: <set>_<name>.
 ERRORS, MISFIT, TRUTH, LATENT, ESTIMATE, IDENTITY = "errors", "misfit", "z_e", "z_a", "z_e_hat", "sample_id"
 MOVED, EXPECTED = "moved", "expected"  # see .drawn_forecasts
-# The conventions differ by a constant: the same interval, moved, and the same differences.
-ALIKE = {"log_mse_dim": "log_mse_sum", "log_mse_median_dim": "log_mse_median"}
 REMEDY = "make it again with evaluate"
 Key = tuple[str, str, str]  # as VERSION
 
@@ -56,32 +55,11 @@ def arrays_of(name: str, truth: Trajectories, errors: Tensor, z_e: Tensor | None
 
 
 @dataclass(frozen=True)
-class _Set:
-    """A set's samples: errors (S, N), relative errors of parameters in % (S, N, P) or None, their names, units (N,)."""
+class _Set(SampleErrors):
+    """A set's errors, and what is resampled as a whole: units (N,)."""
 
-    errors: np.ndarray
-    relative: np.ndarray | None
-    parameters: list[str]
     units: np.ndarray
     by_recording: bool
-
-    def values(self, metric: str) -> tuple[Callable[[np.ndarray, np.ndarray], Resampled], np.ndarray] | None:
-        """The statistic that a metric is, and its values of every sample, (S, N); None where they are not kept."""
-        if metric == "log_mse_sum":
-            return log_mean, self.errors
-        if metric == "log_mse_median":
-            return log_median, self.errors
-        if self.relative is None:
-            return None
-        if metric == "relative_error":
-            unknown = np.isnan(self.relative)
-            if unknown.any():
-                return mean, np.where(unknown, 0.0, self.relative).sum(2) / np.where(
-                    unknown.all(2), np.nan, (~unknown).sum(2)
-                )
-            return mean, self.relative.mean(2)
-        name = metric.removeprefix("relative_error_")
-        return (mean, self.relative[..., self.parameters.index(name)]) if name in self.parameters else None
 
 
 class Samples:
@@ -137,14 +115,15 @@ class Samples:
         return interval(theirs - mine)
 
     def _of(self, key: Key, name: str, metric: str) -> tuple[np.ndarray, Resampled] | None:
-        metric = ALIKE.get(metric, metric)
+        metric = metric_of(metric).like or metric
         if (key, name, metric) not in self._made:
             self._made[key, name, metric] = self._make(key, name, metric)
         return self._made[key, name, metric]
 
     def _make(self, key: Key, name: str, metric: str) -> tuple[np.ndarray, Resampled] | None:
         one = self._sets.get(key, {}).get(name)
-        chosen = None if one is None else one.values(metric)
+        described = metric_of(metric)
+        chosen = None if one is None else described.samples(one, described.of)
         if one is None or chosen is None:
             return None
         statistic, values = chosen

@@ -12,10 +12,10 @@ from torch import Tensor
 
 from expertaug.evaluation.diverged import forecast
 from expertaug.evaluation.drawn_forecasts import DRAWN, DrawnScores, ExpectedError, drawing_of
-from expertaug.evaluation.metrics import log_after, log_of, log_of_median, parameter_errors, squared_errors
+from expertaug.evaluation.metrics import Outcome, values_of
 from expertaug.inference.posterior_draws import z_e_draws
 from expertaug.learning.bound import largest, stored_bound
-from expertaug.learning.misfit import misfit_of
+from expertaug.learning.misfit import misfit_of, squared_errors
 from expertaug.learning.noise import Noise
 from expertaug.models import store
 from expertaug.systems.inputs import check_given, joined
@@ -129,22 +129,22 @@ def score(
                 one = wanted(stored.model, *part, bounds, random) if len(at) else None
                 made += [] if one is None else [one]
     errors = torch.cat(late, dim=1)
-    values = log_of(system, _told(errors))
     misfit = torch.cat(early, dim=1)
-    values["log_mse_observed"] = log_of(system, _told(misfit))["log_mse_sum"]
-    if after:
-        values |= log_after(system, _told(torch.cat(after, dim=1)))
-    values |= log_of_median(system, _told(errors))
-    values["runaway_share"] = torch.cat(runaways, dim=1).double().mean(1)
-    if found.found.z_e is not None:
-        values["estimate_ms"] = torch.full((seeds,), 1000 * estimate_s / (seeds * len(truth)), dtype=torch.float64)
     z_e = torch.cat(estimates, dim=1) if estimates else None
-    if z_e is not None:
-        values |= parameter_errors(system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
     of_draws = DrawnScores.joined(scores)
-    values |= {} if of_draws is None else of_draws.metrics()
+    outcome = Outcome(
+        system,
+        errors,
+        misfit,
+        torch.cat(after, dim=1) if after else None,
+        torch.cat(runaways, dim=1),
+        None if found.found.z_e is None else 1000 * estimate_s / (seeds * len(truth)),
+        z_e,
+        torch.from_numpy(truth.z_e).unsqueeze(0),
+        None if of_draws is None else of_draws.averages(),
+    )
     failed = torch.tensor([seed in stored.failed for seed in stored.seeds])
-    values = {name: value.masked_fill(failed, math.nan) for name, value in values.items()}
+    values = {name: value.masked_fill(failed, math.nan) for name, value in values_of(outcome).items()}
     errors, misfit = (each.masked_fill(failed.unsqueeze(1), math.nan) for each in (errors, misfit))
     return Scored(
         values,
@@ -158,9 +158,3 @@ def score(
         of_draws,
         torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,
     )
-
-
-def _told(errors: Tensor) -> Tensor:
-    """Errors (S, N) of the samples of which anything was measured at these times."""
-    untold = torch.isnan(errors).all(0)
-    return errors[:, ~untold] if untold.any() else errors

@@ -15,13 +15,12 @@ from matplotlib.lines import Line2D
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import RUNAWAYS_NOTE, cell_text, metric_title, write_study
+from expertaug.evaluation.formats import RUNAWAYS_NOTE, cell_text, write_study
+from expertaug.evaluation.metrics import CONVENTIONS, DIVERGED, RELATIVE_ERROR, log_mse_of, metric_of
 from expertaug.evaluation.summary import (
-    CONVENTIONS,
+    any_of,
     experiment_title,
-    has_runaways,
     in_domain,
-    log_mse_name,
     read_metrics,
     set_title,
     shown_metrics,
@@ -76,7 +75,7 @@ def horizons(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) 
 
 
 def _by_set(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, xlabel: str) -> None:
-    options, metric = settings["options"], log_mse_name(settings["convention"])
+    options, metric = settings["options"], log_mse_of(settings["convention"]).name
     labels = {
         version: settings["labels"][version]
         for version in compared(list(settings["labels"]), settings.get("classical"))
@@ -128,10 +127,10 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
             ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
             axis.set_xticks(range(len(ticks)), ticks)
             axis.set_xlabel("augmentation prior p⁺")
-            what = "log-MSE" if metric.startswith("log_mse") else "relative error [%]"
+            what = "relative error [%]" if metric == RELATIVE_ERROR.name else metric_of(metric).heading()
             axis.set_ylabel(f"{what} (lower is better)")
             axis.grid(axis="y")
-            if metric == "relative_error":
+            if metric == RELATIVE_ERROR.name:
                 plotting.plain_log(axis)
         names = {f"{method}+": settings["labels"][method] for method in methods}
         handles = [Line2D([], [], color=colours[m], linewidth=3, label=label) for m, label in names.items()]
@@ -145,7 +144,7 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
 
 def during_training(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
     """The log-MSE along the training: a colour for each set, a line for each length of fine-tuning."""
-    chosen = summary[summary["metric"] == log_mse_name(settings["convention"])]
+    chosen = summary[summary["metric"] == log_mse_of(settings["convention"]).name]
     chosen = chosen.set_index(["set", "finetune_epochs", "epoch"])
     epochs = sorted({key[2] for key in chosen.index})
     lengths = sorted({key[1] for key in chosen.index})
@@ -265,7 +264,7 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -
     summary = summarise(table[table["method"].isin(list(settings["labels"]))], kind.further)
     _require(summary, metrics, settings)
     name = str(summary["experiment"].iloc[0])
-    caption = _caption(table, settings) + (f" {RUNAWAYS_NOTE}" if has_runaways(summary) else "")
+    caption = _caption(table, settings) + (f" {RUNAWAYS_NOTE}" if any_of(DIVERGED, summary) else "")
     title, label = f"{name}: {kind.title}", f"{name}-{settings['study']}".replace("_", "-")
     if drawn := write_study(outputs, summary, kind.rows(summary, settings), caption, label, title):
         kind.draw(summary, drawn, settings)
@@ -303,7 +302,7 @@ def _shift_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
             for distance, name in zip(options["distances"], names, strict=True):
                 sampled = ranges_text(settings["sets"].get(name, {}).get("z_a", {}))
                 values = [cell_text(found.get((metric, name, v)), metric) for v in settings["labels"]]
-                rows.append([metric_title(metric, {}), title, distance, sampled, *values])
+                rows.append([metric_of(metric).heading(), title, distance, sampled, *values])
     return ["metric", "shifted", "distance", "z_a of the set", *settings["labels"].values()], rows, 4
 
 
@@ -315,7 +314,7 @@ def _horizon_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], 
         for split, names in options["panels"]:
             for end, name in zip(options["distances"], names, strict=True):
                 values = [cell_text(found.get((metric, name, v)), metric) for v in settings["labels"]]
-                rows.append([metric_title(metric, {}), set_title(split, settings), end, *values])
+                rows.append([metric_of(metric).heading(), set_title(split, settings), end, *values])
     return ["metric", "set", "until", *settings["labels"].values()], rows, 3
 
 
@@ -323,7 +322,7 @@ def _width_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], li
     """A row for each method and prior, a column for each metric and set."""
     found = cells_of(summary, "metric", "set", "method")
     columns = [(m, s) for m in tabled_metrics(summary, settings["convention"]) for s in width_sets(summary)]
-    header = [f"{set_title(name, settings)}: {metric_title(metric, {})}" for metric, name in columns]
+    header = [f"{set_title(name, settings)}: {metric_of(metric).heading()}" for metric, name in columns]
     rows = []
     for method in dict.fromkeys(map(base, settings["labels"])):
         priors = settings["priors"][method]
@@ -340,7 +339,7 @@ def _during_training_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[lis
     """A row for each snapshot and length of fine-tuning, a column for each metric and set."""
     found = cells_of(summary, "metric", "set", *AROUND)
     columns = [(m, s) for m in tabled_metrics(summary, settings["convention"]) for s in DURING_TRAINING_SETS]
-    header = [f"{set_title(name, settings)}: {metric_title(metric, {})}" for metric, name in columns]
+    header = [f"{set_title(name, settings)}: {metric_of(metric).heading()}" for metric, name in columns]
     rows = []
     for epoch, tuned in sorted({key[2:] for key in found}):
         values = [cell_text(found.get((*column, epoch, tuned)), column[0]) for column in columns]

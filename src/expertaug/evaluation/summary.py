@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from expertaug.errors import InputError
+from expertaug.evaluation.metrics import METRICS, Metric, Shown, first_metrics
 from expertaug.labels import SHOWN_SETS
 from expertaug.tracking.log_file import COLUMNS, read_rows
 
@@ -18,11 +19,6 @@ SET_TITLES = {
     "validation": "validation (set of choices)",
     "iid": "IID test",
     "test": "test (OOD)",
-}
-RUNAWAYS, COST = "runaway_share", "estimate_ms"
-CONVENTIONS = {
-    "sum": "summed over the observed dimensions",
-    "dim": "averaged over the observed dimensions",
 }
 
 
@@ -98,31 +94,23 @@ def experiment_title(name: str, settings: Mapping) -> str:
 
 def shown_metrics(table: pd.DataFrame, convention: str) -> list[str]:
     """The log-MSE in a convention, and the parameters' error where a method estimates any."""
-    return [name for name in (log_mse_name(convention), "relative_error") if name in set(table["metric"])]
+    return first_metrics(table["metric"], convention)
 
 
 def tabled_metrics(table: pd.DataFrame, convention: str) -> list[str]:
-    """Those that figures show, and the share of runaways where there is any."""
-    return [*shown_metrics(table, convention), *([RUNAWAYS] if has_runaways(table) else [])]
+    """Those that figures show, and the share of diverged forecasts where there is any."""
+    return [
+        *shown_metrics(table, convention),
+        *(m.name for m in METRICS if m.shown is Shown.WHERE_ANY and any_of(m, table)),
+    ]
 
 
-def cost_column(table: pd.DataFrame) -> list[tuple[str, str]]:
-    """Set and metric of the column that says what an estimate costs: of the last set that is shown, if any has it."""
-    sets = order_sets(table.loc[table["metric"] == COST, "set"])
-    return [(sets[-1], COST)] if sets else []
+def last_columns(table: pd.DataFrame) -> list[tuple[str, str]]:
+    """Set and metric of the columns that say what an estimate costs: of the last set that is shown, if any has it."""
+    each = [(order_sets(table.loc[table["metric"] == m.name, "set"]), m.name) for m in METRICS if m.shown is Shown.LAST]
+    return [(sets[-1], name) for sets, name in each if sets]
 
 
-def has_runaways(table: pd.DataFrame) -> bool:
-    """Whether a forecast of a summary's methods ran away."""
-    return bool((table.loc[table["metric"] == RUNAWAYS, "mean"] > 0).any())
-
-
-def log_mse_name(convention: str) -> str:
-    """Name of the log-MSE metric in a convention.
-
-    Raises:
-        InputError: there is no such convention.
-    """
-    if convention not in CONVENTIONS:
-        raise InputError("convention", f"{convention!r}", f"one of {', '.join(CONVENTIONS)}")
-    return f"log_mse_{convention}"
+def any_of(metric: Metric, table: pd.DataFrame) -> bool:
+    """Whether a metric is above 0 anywhere in a summary, as the share of forecasts that diverged."""
+    return bool((table.loc[table["metric"] == metric.name, "mean"] > 0).any())

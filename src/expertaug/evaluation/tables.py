@@ -14,6 +14,7 @@ from expertaug.evaluation import gains
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.formats import write_tables
 from expertaug.evaluation.intervals import interval
+from expertaug.evaluation.metrics import RELATIVE_ERROR
 from expertaug.evaluation.printed import Printed
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.summary import order_sets, read_metrics, shown_metrics, summarise
@@ -105,10 +106,10 @@ def _with_unknown_errors(long: pd.DataFrame, samples: Samples) -> pd.DataFrame:
     unknown = [
         samples.estimates_unknown((row.experiment, row.preset, row.method), row.set) for row in each.itertuples()
     ]
-    told = long.loc[long["metric"] == "relative_error", keys].apply(tuple, axis=1)
+    told = long.loc[long["metric"] == RELATIVE_ERROR.name, keys].apply(tuple, axis=1)
     rows = each[unknown]
     rows = rows[~rows[keys].apply(tuple, axis=1).isin(set(told))]
-    nothing = {"metric": "relative_error", "n": 0, "of": 0} | dict.fromkeys(("mean", "std", "low", "high"), math.nan)
+    nothing = {"metric": RELATIVE_ERROR.name, "n": 0, "of": 0} | dict.fromkeys(("mean", "std", "low", "high"), math.nan)
     return pd.concat([long, rows.assign(**nothing)], ignore_index=True) if len(rows) else long
 
 
@@ -125,7 +126,7 @@ def _ends(row: Any, samples: Samples) -> tuple[float, float]:
 def _wide(long: pd.DataFrame) -> pd.DataFrame:
     """One row per method; columns <set>/<metric>/mean, /std, /n, /low, /high and those of gains."""
     rows = []
-    values = ["mean", "std", "n", "low", "high", *(c for c in long if c.startswith(("gain", "difference")))]
+    values = ["mean", "std", "n", "low", "high", *(c for c in long if c in gains.COLUMNS)]
     for _, part in long.groupby(["experiment", "row"], sort=False):
         row = {key: part.iloc[0][key] for key in ("experiment", "preset", "method", "label", "seeds")}
         for cell in part.itertuples():

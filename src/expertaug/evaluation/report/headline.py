@@ -10,9 +10,10 @@ import pandas as pd
 from expertaug import labels
 from expertaug.evaluation.formats import DASH, cell_text
 from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL, references
+from expertaug.evaluation.metrics import CONVENTIONS, log_mse_of
 from expertaug.evaluation.report.cells import Table
 from expertaug.evaluation.report.tables import STAR, by_cell, gain
-from expertaug.evaluation.summary import CONVENTIONS, experiment_title, in_domain, log_mse_name, set_title
+from expertaug.evaluation.summary import experiment_title, in_domain, set_title
 
 CHOSEN = "validation"  # the set by which rows are chosen
 CAPTION = (
@@ -41,7 +42,7 @@ def chosen(long: pd.DataFrame, settings: Mapping) -> list[Row]:
         long: the experiment's long table (:func:`expertaug.evaluation.report.tables.read_long`).
         settings: of :func:`expertaug.evaluation.tables.tabulate`, with ``least_squares``: versions of it.
     """
-    part = long[(long["set"] == CHOSEN) & (long["metric"] == log_mse_name(settings["convention"]))]
+    part = long[(long["set"] == CHOSEN) & (long["metric"] == log_mse_of(settings["convention"]).name)]
     known, floors = list(dict.fromkeys(long["method"])), settings.get("floors", ())
     apart = {*floors, *settings.get("known_form", ())}
     rivals = part[~part["method"].isin(apart) & (part["n"] == part["of"])]
@@ -71,7 +72,7 @@ def table(experiments: list[tuple[pd.DataFrame, Mapping]]) -> Table:
     inner = "iid" in near.values()
     parts = []
     for long, one in experiments:
-        metric, cells = log_mse_name(one["convention"]), by_cell(long.assign(label=long["method"]))
+        metric, cells = log_mse_of(one["convention"]).name, by_cell(long.assign(label=long["method"]))
         said = dict(zip(long["method"], long["label"], strict=True))
         rows = []
         for row in chosen(long, one):
@@ -85,7 +86,7 @@ def table(experiments: list[tuple[pd.DataFrame, Mapping]]) -> Table:
 
 def sentence(long: pd.DataFrame, settings: Mapping) -> tuple[str, str]:
     """The title of an experiment, and what its rows say."""
-    metric = log_mse_name(settings["convention"])
+    metric = log_mse_of(settings["convention"]).name
     cells, said = by_cell(long.assign(label=long["method"])), dict(zip(long["method"], long["label"], strict=True))
     rows, title = chosen(long, settings), experiment_title(settings["name"], settings)
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import DASH, KNOWN_FORM, cell_text, metric_title
+from expertaug.evaluation.formats import DASH, KNOWN_FORM, cell_text
 from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL
+from expertaug.evaluation.metrics import COST, DIVERGED, metric_of
 from expertaug.evaluation.report.cells import Table, plain, spans
-from expertaug.evaluation.summary import COST, RUNAWAYS, cost_column, order_sets, set_title, tabled_metrics
+from expertaug.evaluation.summary import last_columns, order_sets, set_title, tabled_metrics
 from expertaug.labels import SHOWN_SETS
 
 SUMMARY = ("metric", "mean", "std", "n", "of")  # columns of a file of means over seeds
@@ -69,10 +70,10 @@ def main(long: pd.DataFrame, settings: Mapping) -> Table:
     """
     shown = long[long["set"].isin(SHOWN_SETS)]
     metrics = tabled_metrics(shown, settings.get("convention", "sum"))
-    told = shown[(shown["metric"] != RUNAWAYS) | (shown.groupby(["set", "metric"])["mean"].transform("max") > 0)]
+    told = shown[(shown["metric"] != DIVERGED.name) | (shown.groupby(["set", "metric"])["mean"].transform("max") > 0)]
     known = set(zip(told["set"], told["metric"], strict=True))
     columns = [(name, one) for name in order_sets(shown["set"]) for one in metrics if (name, one) in known]
-    columns += cost_column(shown)
+    columns += last_columns(shown)
     values = by_cell(shown)
     competing, others = [], []
     for (method, label), rows in shown.groupby(["method", "label"], sort=False):
@@ -80,7 +81,7 @@ def main(long: pd.DataFrame, settings: Mapping) -> Table:
         row = [label, str(len(rows["seeds"].iloc[0].split())), *cells]
         (others if method in settings.get("known_form", ()) else competing).append(row)
     parts = [("", competing), *([(KNOWN_FORM.rstrip(":"), others)] if others else [])]
-    head = ["method", "seeds", *(metric_title(metric, {}) for _, metric in columns)]
+    head = ["method", "seeds", *(metric_of(metric).heading() for _, metric in columns)]
     over = [("", 1), *spans(set_title(name, settings) for name, _ in columns)]
     return Table(head, parts, 1, over)
 
@@ -90,7 +91,7 @@ def gains(long: pd.DataFrame, settings: Mapping) -> Table | None:
     if not {"gain", "difference"} & set(long):
         return None
     shown = long[long["set"].isin(SHOWN_SETS)]
-    metrics = [name for name in tabled_metrics(shown, settings.get("convention", "sum")) if name != RUNAWAYS]
+    metrics = [name for name in tabled_metrics(shown, settings.get("convention", "sum")) if name != DIVERGED.name]
     rows, cells = [], by_cell(shown)
     columns = [
         (name, metric)
@@ -103,7 +104,7 @@ def gains(long: pd.DataFrame, settings: Mapping) -> Table | None:
             found = [gain(cells.get((label, *column)), key) for column in columns]
             if any(found):
                 rows.append([label, said, *(text or DASH for text in found)])
-    head = ["method", "", *(metric_title(metric, {}) for _, metric in columns)]
+    head = ["method", "", *(metric_of(metric).heading() for _, metric in columns)]
     over = spans(set_title(name, settings) for name, _ in columns)
     return Table(head, [("", rows)], 2, over) if rows else None
 
@@ -121,7 +122,7 @@ def further(long: pd.DataFrame, settings: Mapping) -> Table:
     """All other metrics, a row for each and each method, a column for each set that is shown."""
     shown = long[long["set"].isin(SHOWN_SETS)]
     first = tabled_metrics(shown, settings.get("convention", "sum"))
-    return by_metric(shown[~shown["metric"].isin([*first, COST])], settings)
+    return by_metric(shown[~shown["metric"].isin([*first, COST.name])], settings)
 
 
 def by_metric(summary: pd.DataFrame, settings: Mapping) -> Table:
@@ -130,7 +131,7 @@ def by_metric(summary: pd.DataFrame, settings: Mapping) -> Table:
     for metric in dict.fromkeys(summary["metric"]):
         for label in dict.fromkeys(summary.loc[summary["metric"] == metric, "label"]):
             cells = [cell_text(values.get((label, name, metric)), metric) for name in sets]
-            title = metric_title(metric, {}) + (f" ({metric})" if metric.startswith("log_mse") else "")
+            title = metric_of(metric).heading() + (f" ({metric})" if metric_of(metric).is_log else "")
             rows.append([title, label, *cells])
     return Table(["metric", "method", *(set_title(name, settings) for name in sets)], [("", rows)], 2)
 
@@ -142,7 +143,7 @@ def by_label(summary: pd.DataFrame, settings: Mapping) -> Table:
     names, rows = list(dict.fromkeys(shown["label"])), []
     for key, part in shown.groupby(keys, sort=False):
         values = {row["label"]: row for _, row in part.iterrows()}
-        first = [metric_title(str(key[0]), {}), set_title(str(key[1]), settings), *map(plain, key[2:])]
+        first = [metric_of(str(key[0])).heading(), set_title(str(key[1]), settings), *map(plain, key[2:])]
         rows.append([*first, *(cell_text(values.get(name), str(key[0])) for name in names)])
     return Table([*(key.replace("_", " ") for key in keys), *names], [("", rows)], len(keys))
 
@@ -194,7 +195,7 @@ def published(path: Path, titles: Mapping[str, str]) -> Table:
             ]
             for _, row in part.iterrows()
         ]
-        parts.append((f"{titles.get(experiment, experiment)}: {metric_title(metric, {})}", rows))
+        parts.append((f"{titles.get(experiment, experiment)}: {metric_of(metric).heading()}", rows))
     return Table(["method", "set", "published", "ours", "seeds", "p", "verdict"], parts, 2)
 
 
