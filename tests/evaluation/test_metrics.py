@@ -72,10 +72,8 @@ def test_a_registered_metric_is_computed_and_printed(monkeypatch):
 def test_a_member_of_a_family_is_known_by_its_name():
     rmse = metric_of("rmse_omega_0")
     assert (rmse.family, rmse.of) == (metrics.RMSE_OF, "omega_0")
-    assert (
-        rmse.heading({"omega_0": "1/s"}) == "omega_0 RMSE [1/s]"
+    assert rmse.heading({"omega_0": "1/s"}) == "omega_0 RMSE [1/s]"
     assert rmse.heading() == "omega_0 RMSE [unit of omega_0]"
-    )
     assert metric_of("relative_error_z").heading() == "z error [%]" and metric_of("relative_error").family is None
     assert metric_of("forecast_coverage_90").heading() == "forecasts in the 90 % band [%]"
     assert metric_of("runaway_share").format(0.125)(0.125) == "12.5"
