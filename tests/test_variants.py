@@ -1,8 +1,10 @@
-"""Names of methods and of their augmented versions."""
+"""Versions of methods: their names and labels."""
 
 import pytest
 
-from expertaug import labels, plotting
+from expertaug import plotting, versions
+from expertaug.settings import Settings, read
+from expertaug.versions import Version
 
 
 @pytest.mark.parametrize(
@@ -18,16 +20,18 @@ from expertaug import labels, plotting
     ],
 )
 def test_names_and_labels(variant, parts, printed):
-    assert labels.split(variant) == parts and labels.base(variant) == "node"
-    assert labels.label("Node (small)", variant) == printed
-    assert labels.is_augmented(variant) == ("+" in variant)
+    version = Version.parse(variant)
+    assert (version.method, version.prior) == parts and versions.base(variant) == "node"
+    assert version.label("Node (small)") == printed
+    assert version.is_augmented == ("+" in variant)
+    assert str(version) == variant
 
 
 def test_versions_are_in_the_order_of_their_methods():
-    assert labels.ordered(["b", "a+", "c", "a"], ["a"]) == ["a", "a+", "b", "c"]
-    assert labels.ordered(["a+x", "a", "a+"]) == ["a", "a+x", "a+"]
-    assert labels.paired(["a", "b", "b+"]) == ["b", "b+"]
-    assert labels.paired(["a", "b"]) == ["a", "b"]
+    assert versions.ordered(["b", "a+", "c", "a"], ["a"]) == ["a", "a+", "b", "c"]
+    assert versions.ordered(["a+x", "a", "a+"]) == ["a", "a+x", "a+"]
+    assert versions.paired(["a", "b", "b+"]) == ["b", "b+"]
+    assert versions.paired(["a", "b"]) == ["a", "b"]
 
 
 def test_lines_of_augmented_versions_are_solid():
@@ -36,16 +40,36 @@ def test_lines_of_augmented_versions_are_solid():
 
 
 def test_which_file_a_version_uses_and_what_it_is():
-    assert labels.trained("a+~flow~refined") == labels.trained("a+~flow") == "a+~flow"
-    assert labels.trained("a=~refined") == "a=" and labels.trained("a") == "a"
-    assert [labels.is_control(v) for v in ("a", "a=", "a+", "a=~refined")] == [False, True, False, True]
-    assert [labels.is_flow(v) for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, True, True]
-    assert [labels.is_refined(v) for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, False, True]
-    assert labels.ordered(["a+~refined", "a+", "a=", "a~refined", "a"]) == ["a~refined", "a", "a=", "a+~refined", "a+"]
+    parsed = Version.parse
+    assert str(parsed("a+~flow~refined").trained) == str(parsed("a+~flow").trained) == "a+~flow"
+    assert str(parsed("a=~refined").trained) == "a=" and str(parsed("a").trained) == "a"
+    assert [parsed(v).is_control for v in ("a", "a=", "a+", "a=~refined")] == [False, True, False, True]
+    assert [parsed(v).is_flow for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, True, True]
+    assert [parsed(v).is_refined for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, False, True]
+    assert versions.ordered(["a+~refined", "a+", "a=", "a~refined", "a"]) == [
+        "a~refined",
+        "a",
+        "a=",
+        "a+~refined",
+        "a+",
+    ]
 
 
 def test_figures_compare_the_classical_estimator_first():
-    versions = ["least_squares", *(f"m{k}{v}" for k in range(labels.LINES) for v in ("", "~refined"))]
-    assert "least_squares" not in labels.compared(versions)
-    assert labels.compared(versions, "least_squares")[0] == "least_squares"
-    assert len(labels.compared(versions, "least_squares")) == labels.LINES
+    names = ["least_squares", *(f"m{k}{v}" for k in range(versions.LINES) for v in ("", "~refined"))]
+    assert "least_squares" not in versions.compared(names)
+    assert versions.compared(names, "least_squares")[0] == "least_squares"
+    assert len(versions.compared(names, "least_squares")) == versions.LINES
+
+
+def test_a_version_is_made_from_the_one_before_it():
+    assert str(Version("a").augmented("wide").with_estimator(versions.FLOW)) == "a+wide~flow"
+    assert str(Version("a").control().with_estimator(versions.REFINED)) == "a=~refined"
+
+
+def test_settings_hold_versions_and_json_their_names():
+    class Shown(Settings):
+        method: Version
+
+    shown = read(Shown, {"method": "a+~flow"}, "here")
+    assert shown.method.is_flow and shown.model_dump(mode="json") == {"method": "a+~flow"}

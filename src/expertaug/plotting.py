@@ -20,7 +20,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.labels import base, is_augmented, is_control, is_flow, is_refined
+from expertaug.versions import Version, base
 
 WIDTH = 7.0  # inches: the text width of a page
 DPI = 200
@@ -58,7 +58,7 @@ def colours(variants: Sequence[str], methods: Sequence[str] = ()) -> dict[str, t
     """A colour for each version of a method: one hue per method, light as trained, dark when augmented.
 
     Arguments:
-        variants: to be drawn (:mod:`expertaug.labels`).
+        variants: to be drawn (:mod:`expertaug.versions`).
         methods: all of the configuration: keeps a method's colour the same in figures of different methods, but for
             those of one hue, in figures of both.
     """
@@ -66,7 +66,7 @@ def colours(variants: Sequence[str], methods: Sequence[str] = ()) -> dict[str, t
     hues, found = _hues(drawn, list(dict.fromkeys((*methods, *drawn)))), {}
     for variant in variants:
         red, green, blue = to_rgb(HUES[hues[base(variant)]])
-        if is_augmented(variant):
+        if Version.parse(variant).is_augmented:
             found[variant] = (0.72 * red, 0.72 * green, 0.72 * blue)
         else:
             found[variant] = tuple(0.58 * part + 0.42 for part in (red, green, blue))
@@ -87,25 +87,28 @@ def _hues(drawn: Sequence[str], methods: Sequence[str]) -> dict[str, int]:
 def dash(variant: str) -> str | tuple:
     """The style of a version's line, for versions of one colour: dotted when refined, long dashes for a flow,
     dash-dotted when a control, solid when augmented, else dashed."""
-    if is_refined(variant):
+    version = Version.parse(variant)
+    if version.is_refined:
         return (0, (1, 1))
-    if is_flow(variant):
+    if version.is_flow:
         return LONG_DASHED
-    if is_control(variant):
+    if version.is_control:
         return DASH_DOTTED
-    return "-" if is_augmented(variant) else DASHED
+    return "-" if version.is_augmented else DASHED
 
 
 def hatch(variant: str) -> str:
     """The pattern of a version's bar, for versions of one colour: stripes for a control, crosses for a flow, dots for
     refined estimates."""
-    stripes = "////" if is_control(variant) else ""
-    return stripes + ("xxxx" if is_flow(variant) else "") + ("...." if is_refined(variant) else "")
+    version = Version.parse(variant)
+    stripes = "////" if version.is_control else ""
+    return stripes + ("xxxx" if version.is_flow else "") + ("...." if version.is_refined else "")
 
 
 def marker(variant: str) -> str:
     """The marker on a version's line."""
-    return "s" if is_refined(variant) else "^" if is_flow(variant) else "v" if is_control(variant) else "o"
+    version = Version.parse(variant)
+    return "s" if version.is_refined else "^" if version.is_flow else "v" if version.is_control else "o"
 
 
 def symbol(name: str) -> str:

@@ -7,7 +7,6 @@ import re
 import shlex
 from pathlib import Path
 
-from expertaug import labels
 from expertaug.config import jobs
 from expertaug.config import recording_settings
 from expertaug.config import shown_settings
@@ -18,10 +17,11 @@ from expertaug.measurements.paths import read_checksums
 from expertaug_recordings.intake import refusal
 from expertaug_recordings.names import list_pictures
 from expertaug.config.study_checks import PUBLISHED
-from expertaug.labels import MAIN_SETS
+from expertaug.source_files import PACKAGE
+from expertaug.versions import MAIN_SETS, Version
 
 NUMBERS = os.path.relpath(PUBLISHED)
-PAGE = os.path.relpath(Path(labels.__file__).parent / "evaluation" / "report" / "page.html")
+PAGE = os.path.relpath(PACKAGE / "evaluation" / "report" / "page.html")
 SOURCE = CONFIG["recordings"]["source"]
 # Given to the rules as a resource, not as a parameter: recordings that are sound need not be redone when it changes.
 ON_BAD_RECORDING = CONFIG["recordings"]["on_bad_recording"]
@@ -84,7 +84,7 @@ def every_variant(experiment):
 
 
 def augmented_of(experiment):
-    return [v for v in every_variant(experiment) if labels.is_augmented(v) and not labels.parse(v).estimators]
+    return [v for v in every_variant(experiment) if Version.parse(v).is_augmented and not Version.parse(v).estimators]
 
 
 def finetuned_of(experiment):
@@ -93,7 +93,7 @@ def finetuned_of(experiment):
 
 
 def flows_of(experiment):
-    return [v for v in every_variant(experiment) if labels.is_flow(v) and labels.trained(v) == v]
+    return [v for v in every_variant(experiment) if Version.parse(v).is_flow and Version.parse(v).is_trained]
 
 
 def seed_groups_of(experiment):
@@ -101,7 +101,12 @@ def seed_groups_of(experiment):
 
 
 def method_of(variant):
-    return labels.split(variant)[0]
+    return Version.parse(variant).method
+
+
+def trained_as(variant):
+    """The version whose model file this one uses."""
+    return str(Version.parse(variant).trained)
 
 
 def per_seed_group(pattern, experiment, methods):
@@ -112,7 +117,7 @@ def per_seed_group(pattern, experiment, methods):
 
 def trained_of(experiment):
     """Variants that have a training's log: all but those that are computed at once."""
-    own = [v for v in jobs.variants(CONFIG, experiment) if labels.trained(v) == v]
+    own = [v for v in jobs.variants(CONFIG, experiment) if Version.parse(v).is_trained]
     return [v for v in own if CONFIG["methods"][method_of(v)]["kind"] in ("alternating", "hybrid")]
 
 
@@ -123,7 +128,7 @@ def training_of(method):
 
 def dissipating_of(experiment):
     """Trained versions of which the power that they dissipate is compared with the recordings' loss of energy."""
-    return list(dict.fromkeys(map(labels.trained, jobs.dissipating(CONFIG, experiment))))
+    return list(dict.fromkeys(trained_as(v) for v in jobs.dissipating(CONFIG, experiment)))
 
 
 def prior_file(experiment, variant, seed_group):

@@ -3,7 +3,7 @@
 
 rule evaluate_seed_group:
     input:
-        model=lambda w: results(f"{w.experiment}/{labels.trained(w.variant)}/{w.seed_group}/model.safetensors"),
+        model=lambda w: results(f"{w.experiment}/{trained_as(w.variant)}/{w.seed_group}/model.safetensors"),
         sets=lambda w: expand(
             results("{experiment}/data/{set}.npz"), experiment=w.experiment, set=sets_of(w.experiment)
         ),

@@ -185,7 +185,7 @@ rule finetune_seed_group:
         model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
         augmented=lambda w: (
             results(f"{w.experiment}/{w.variant}/{w.seed_group}/augmented.safetensors")
-            if labels.is_augmented(w.variant)
+            if Version.parse(w.variant).is_augmented
             else []
         ),
         train=results("{experiment}/data/train.npz"),

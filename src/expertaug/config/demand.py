@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from expertaug import labels
 from expertaug.config import jobs
 from expertaug.evaluation import costs
+from expertaug.versions import Version
 
 _LARGEST = ("longest_h", "memory_mb")  # of the stages' values not the sum
 STAGES = ("train", "augment", "finetune", "flow", "evaluate")
@@ -81,13 +81,13 @@ def _jobs(config: Mapping) -> Iterator[tuple[Job, list[int]]]:
 
 
 def _stages(variant: str) -> tuple[str, ...]:
-    if labels.trained(variant) != variant:
+    if not Version.parse(variant).is_trained:
         return ("evaluate",)
-    if labels.is_flow(variant):
+    if Version.parse(variant).is_flow:
         return ("flow", "evaluate")
-    if labels.is_augmented(variant):
+    if Version.parse(variant).is_augmented:
         return ("augment", "finetune", "evaluate")
-    return ("finetune" if labels.is_control(variant) else "train", "evaluate")
+    return ("finetune" if Version.parse(variant).is_control else "train", "evaluate")
 
 
 def _work(config: Mapping, stage: str, experiment: str, variant: str, seeds: list[int]) -> float:
@@ -95,7 +95,7 @@ def _work(config: Mapping, stage: str, experiment: str, variant: str, seeds: lis
     one, block = config["experiments"][experiment], {"train": "training", "finetune": "finetuning"}.get(stage)
     if block is None:
         return float(len(seeds))
-    own = (one.get("overrides") or {}).get(labels.base(variant)) or {}
+    own = (one.get("overrides") or {}).get(Version.parse(variant).method) or {}
     passes = {**one.get(block, {}), **(own.get(block) or {})}.get("epochs", 1)
     samples = one["data"].get("sets", {}).get("train", {}).get("size", 1)
     return float(passes * samples * len(seeds))

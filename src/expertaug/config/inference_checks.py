@@ -8,7 +8,7 @@ from expertaug.config.methods import FITTED
 from expertaug.config.names import unknown, unknown_one
 from expertaug.config.options import KnownSystem
 from expertaug.errors import InputError
-from expertaug.labels import FLOW, base, parse
+from expertaug.versions import FLOW, Version, base
 
 
 def check(where: str, one: Mapping, methods: Mapping, known: KnownSystem | None) -> Iterator[InputError]:
@@ -51,13 +51,13 @@ def _refined(where: str, variants: list[str], methods: Mapping) -> Iterator[Inpu
     for k, variant in enumerate(variants):
         here, kind = f"{where}[{k}]", _kind(methods, base(variant))
         yield from unknown_one(base(variant), methods, here, "method")
-        if parse(variant).estimators not in ((), (FLOW,)):
+        if Version.parse(variant).estimators not in ((), (FLOW,)):
             yield InputError(here, f"found '{variant}'", "name the version that is to be refined, as METHOD+")
         elif variant in variants[:k]:
             yield InputError(here, f"'{variant}' is there twice", "name each version once")
         elif kind == "mean":
             yield InputError(here, f"'{variant}' is of kind mean", "name a version with an expert")
-        elif kind in FITTED and FLOW not in parse(variant).estimators:
+        elif kind in FITTED and FLOW not in Version.parse(variant).estimators:
             yield InputError(here, f"'{variant}' is of kind {kind}", "it is fitted to each window already")
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from expertaug import labels as naming
 from expertaug.config import grid as grids
 from expertaug.config import options, study_checks
 from expertaug.config.methods import FITTED, build_of, experiment_of, objective_of
 from expertaug.systems.settings import CONSERVING
+from expertaug.versions import AUGMENTED, CONTROL, FLOW, REFINED, Version
 
 # What the drivers of cards put there: NVIDIA's, AMD's, and that of Linux within Windows.
 DRIVERS = (Path("/proc/driver/nvidia"), Path("/dev/kfd"), Path("/dev/dxg"))
@@ -40,7 +40,7 @@ def variants(config: Mapping, experiment: str) -> list[str]:
     one = config["experiments"][experiment]
     each = []
     for name in trained_variants(one):
-        each += [name, f"{name}~{naming.REFINED}"] if name in one["refined"] else [name]
+        each += [name, f"{name}~{REFINED}"] if name in one["refined"] else [name]
     return each
 
 
@@ -49,9 +49,9 @@ def trained_variants(experiment: Mapping) -> list[str]:
     each = []
     for method in experiment["methods"]:
         each.append(method)
-        each += [f"{method}{naming.CONTROL}"] if method in experiment["controls"] else []
-        each += [f"{method}{naming.AUGMENTED}"] if method in experiment["augmented"] else []
-        each += [f"{method}{naming.AUGMENTED}~{naming.FLOW}"] if method in experiment["flows"] else []
+        each += [f"{method}{CONTROL}"] if method in experiment["controls"] else []
+        each += [f"{method}{AUGMENTED}"] if method in experiment["augmented"] else []
+        each += [f"{method}{AUGMENTED}~{FLOW}"] if method in experiment["flows"] else []
     return each
 
 
@@ -64,12 +64,12 @@ def further_variants(config: Mapping, experiment: str) -> list[str]:
 def finds_prior(config: Mapping, experiment: str, variant: str) -> str | None:
     """The augmented version (METHOD+, METHOD+NAME) whose p⁺ a version uses, where that is to find its own ranges from
     the trained METHOD; empty where they are found before anything is trained; None where ranges are given."""
-    found, one = naming.parse(variant), experiment_of(config, experiment, naming.base(variant))
+    found, one = Version.parse(variant), experiment_of(config, experiment, Version.parse(variant).method)
     block = one["augmentations"][found.prior] if found.prior else one["augmentation"]
     if block["prior"] is not None:
         return None
     untrained = config["methods"][found.method]["kind"] in FITTED
-    return "" if untrained and naming.FLOW not in found.estimators else f"{found.method}+{found.prior or ''}"
+    return "" if untrained and FLOW not in found.estimators else f"{found.method}+{found.prior or ''}"
 
 
 def finds_prior_to_train(config: Mapping, experiment: str, method: str) -> bool:
@@ -84,7 +84,7 @@ def finds_prior_to_train(config: Mapping, experiment: str, method: str) -> bool:
 def found_priors(config: Mapping, experiment: str) -> list[str]:
     """Augmented versions whose p⁺ is found from a trained model; an empty one stands for that of the experiment."""
     versions = [*variants(config, experiment), *further_variants(config, experiment)]
-    kinds = {v: config["methods"][naming.base(v)]["kind"] for v in versions}
+    kinds = {v: config["methods"][Version.parse(v).method]["kind"] for v in versions}
     found = [finds_prior(config, experiment, v) for v in versions if kinds[v] != "mean"]
     if any(finds_prior_to_train(config, experiment, m) for m in config["experiments"][experiment]["methods"]):
         found.append("")
@@ -118,7 +118,7 @@ def studied(config: Mapping, experiment: str, name: str) -> list[str]:
     one = config["experiments"][experiment]
     if name == "prior_width":
         further = further_variants(config, experiment)
-        methods = [m for m in one["methods"] if any(naming.base(v) == m for v in further)]
+        methods = [m for m in one["methods"] if any(Version.parse(v).method == m for v in further)]
         return [*methods, *(f"{m}+" for m in methods), *further]
     return variants(config, experiment)
 
@@ -147,8 +147,8 @@ def dissipating(config: Mapping, experiment: str) -> list[str]:
         return []
     if data["source"] == "files" and len(data["files"]["columns"]) < CONSERVING[name]:
         return []
-    own = [v for v in variants(config, experiment) if not naming.parse(v).step and not naming.is_flow(v)]
-    return [v for v in own if _dissipates(config, experiment, naming.base(v))]
+    own = [v for v in variants(config, experiment) if not Version.parse(v).step and not Version.parse(v).is_flow]
+    return [v for v in own if _dissipates(config, experiment, Version.parse(v).method)]
 
 
 def _dissipates(config: Mapping, experiment: str, method: str) -> bool:
@@ -161,7 +161,7 @@ def _dissipates(config: Mapping, experiment: str, method: str) -> bool:
 
 def label(config: Mapping, variant: str) -> str:
     """What tables and figures print for a version of a method."""
-    return naming.label(config["methods"][naming.base(variant)]["label"], variant)
+    return Version.parse(variant).label(config["methods"][Version.parse(variant).method]["label"])
 
 
 def snapshots(config: Mapping, experiment: str, method: str) -> list[int]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from expertaug import labels
 from expertaug.config import jobs, stage_settings
 from expertaug.config.layers import layers, origin_of
 from expertaug.config.load import validate
 from expertaug.config.names import unknown_one
 from expertaug.config.yaml_file import Located
 from expertaug.errors import InputErrors
+from expertaug.versions import AUGMENTED, FLOW, Version
 from expertaug.wording import show as written
 
 WIDTH = 58  # columns of a key and its value
@@ -59,12 +59,12 @@ def _jobs(config: Mapping, experiment: str, method: str) -> Iterator[tuple[str, 
     for group in jobs.seed_groups(config, experiment):
         title = f"{method} {group}"
         yield f"train {title}", stage_settings.train(config, experiment, method, group), {}
-        own = [v for v in _variants(config, experiment) if labels.base(v) == method and v != method]
+        own = [v for v in _variants(config, experiment) if Version.parse(v).method == method and v != method]
         for variant in own:
-            found = labels.parse(variant)
-            if found.estimators == (labels.FLOW,):
+            found = Version.parse(variant)
+            if found.estimators == (FLOW,):
                 yield f"flow {variant} {group}", stage_settings.flow(config, experiment, variant, group), {}
-            if found.estimators or found.step != labels.AUGMENTED:
+            if found.estimators or found.step != AUGMENTED:
                 continue
             prior = {"prior": ("augmentations", found.prior, "prior")} if found.prior else {}
             here = f"{variant} {group}"

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from expertaug import labels as naming
 from expertaug.config.grid import points
 from expertaug.config.jobs import horizons, label, studied, variants
 from expertaug.config.methods import experiment_of
+from expertaug.versions import Version, base
 
 TRACED = 6  # lines of one figure
 OPPONENTS = ("least_squares", "alternating")  # kinds that are never augmented, shown beside those that are
@@ -31,7 +31,7 @@ def study(config: Mapping, experiment: str, name: str) -> dict:
     }
     if name == "prior_width":
         further = {k: v["prior"] for k, v in one["augmentations"].items()}
-        methods = dict.fromkeys(naming.base(variant) for variant in studied(config, experiment, name))
+        methods = dict.fromkeys(base(variant) for variant in studied(config, experiment, name))
         own = {m: experiment_of(config, experiment, m)["augmentation"]["prior"] for m in methods}
         return settings | {"priors": {m: {"": own[m]} | further for m in methods}}
     if name == "horizons":
@@ -96,7 +96,7 @@ def overview(config: Mapping, experiments: list[str]) -> dict:
 def tabulate(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and how metrics and sets are to be read."""
     named = variants(config, experiment)
-    floors = [v for v in named if config["methods"][naming.base(v)].get("truth")]
+    floors = [v for v in named if config["methods"][base(v)].get("truth")]
     known = [v for v in named if _knows_the_form(config, v)]
     return {"labels": _labels(config, named), "floors": floors, "known_form": known, **reading(config, experiment)}
 
@@ -109,7 +109,7 @@ def _traced(config: Mapping, experiment: str) -> list[str]:
     system = config["experiments"][experiment]["system"]
 
     def rank(variant: str) -> int:
-        method, found = naming.base(variant), naming.parse(variant)
+        method, found = base(variant), Version.parse(variant)
         build = builds[method]
         if variant == classical:
             return 0
@@ -117,7 +117,7 @@ def _traced(config: Mapping, experiment: str) -> list[str]:
             return 4
         if build.get("expert") is False or build.get("interaction") is False:
             return 3
-        if naming.is_control(variant) or experiment_of(config, experiment, method)["system"] != system:
+        if Version.parse(variant).is_control or experiment_of(config, experiment, method)["system"] != system:
             return 3
         return 2 if found.estimators else 0 if method in _augmented(config, experiment) else 1
 
@@ -138,7 +138,7 @@ def plot(config: Mapping, experiment: str) -> dict:
     """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
     one = config["experiments"][experiment]
     priors = {
-        v: experiment_of(config, experiment, naming.base(v))["augmentation"]["prior"] or {}
+        v: experiment_of(config, experiment, base(v))["augmentation"]["prior"] or {}
         for v in variants(config, experiment)
     }
     return {
@@ -157,7 +157,7 @@ def report(config: Mapping) -> dict:
     """What the report's tables say of each experiment of the run, and what it tells of the run itself."""
     experiments = []
     for name in config["run"]:
-        fitted = [v for v in variants(config, name) if config["methods"][naming.base(v)]["kind"] == "least_squares"]
+        fitted = [v for v in variants(config, name) if config["methods"][base(v)]["kind"] == "least_squares"]
         experiments.append({"name": name, **tabulate(config, name), "least_squares": fitted})
     return {"experiments": experiments} | {key: config[key] for key in ("preset", "seeds", "device")}
 
@@ -166,7 +166,7 @@ def windows(config: Mapping, experiment: str) -> dict:
     """What the studies of single windows say: alarm and distance."""
     one = config["experiments"][experiment]
     simulated = one["data"]["source"] == "simulation"
-    shown = [v for v in variants(config, experiment) if config["methods"][naming.base(v)]["kind"] != "mean"]
+    shown = [v for v in variants(config, experiment) if config["methods"][base(v)]["kind"] != "mean"]
     return {
         "labels": _labels(config, shown),
         "all_methods": all_methods(config),
@@ -198,4 +198,4 @@ def _labels(config: Mapping, named: Iterable[str]) -> list[list[str]]:
 
 def _knows_the_form(config: Mapping, variant: str) -> bool:
     """Whether F_a of a method has the form of the hidden term."""
-    return config["methods"][naming.base(variant)].get("known_form", False)
+    return config["methods"][base(variant)].get("known_form", False)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from expertaug import labels as naming
 from expertaug.config import options
 from expertaug.config.jobs import checked, dissipating, label, seed_groups, sets, snapshots
 from expertaug.config.methods import FITTED, build_of, experiment_of, foreign, modules, objective_of
@@ -40,6 +39,7 @@ from expertaug.config.shown_settings import (
     windows,
 )
 from expertaug.config.training_blocks import solver_of, with_own_options
+from expertaug.versions import FLOW, Version
 
 __all__ = [
     "augment",
@@ -133,7 +133,8 @@ def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
 
 
 def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
-    method, name = naming.split(variant)
+    version = Version.parse(variant)
+    method, name = version.method, version.prior
     one = experiment_of(config, experiment, method)
     block = one["augmentations"][name] if name else one["augmentation"]
     return {
@@ -150,12 +151,12 @@ def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
 
 
 def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict:
-    method = naming.base(variant)
+    method = Version.parse(variant).method
     one = experiment_of(config, experiment, method)
     return {
         **_identity(config, experiment, variant),
         "training": with_own_options(one["finetuning"], config["methods"][method]),
-        **({"prior": _prior(one["augmentation"])} if naming.is_control(variant) else {}),
+        **({"prior": _prior(one["augmentation"])} if Version.parse(variant).is_control else {}),
         "choices": _choices(config["experiments"][experiment], "finetune"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
@@ -164,15 +165,15 @@ def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict
 
 
 def flow(config: Mapping, experiment: str, variant: str, group: str) -> dict:
-    one = experiment_of(config, experiment, naming.base(variant))
+    one = experiment_of(config, experiment, Version.parse(variant).method)
     told = augment(config, experiment, variant, group) | _identity(config, experiment, variant)
     return told | {"flow": one["flow"], "choices": _choices(one, "flow"), "worst": 0.0}
 
 
 def own_prior(config: Mapping, experiment: str, variant: str, group: str | None) -> dict:
     """Of an augmented version whose p⁺ finds its own ranges; of none ("") before anything is trained."""
-    method = naming.base(variant) or None
-    one, name = experiment_of(config, experiment, method), naming.parse(variant).prior
+    method = Version.parse(variant).method or None
+    one, name = experiment_of(config, experiment, method), Version.parse(variant).prior
     block = one["augmentations"][name] if name else one["augmentation"]
     found = {k: block[k] for k in ("windows", "budget")} | {"noise": _noise(one), "refinement": one["refinement"]}
     if method is not None:
@@ -189,13 +190,13 @@ def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict
     return {
         **_identity(config, experiment, variant),
         "evaluation": _evaluation(config, experiment),
-        **(_estimator(config, experiment, variant) if naming.is_refined(variant) else {}),
+        **(_estimator(config, experiment, variant) if Version.parse(variant).is_refined else {}),
         **_drawn(config, experiment, variant),
         "sets": sets(config, experiment),
         "choices": _choices(config["experiments"][experiment], "evaluate"),
         "seeds": seed_groups(config, experiment)[group],
         "device": config["device"],
-        **foreign(config, experiment, naming.split(variant)[0]),
+        **foreign(config, experiment, Version.parse(variant).method),
     }
 
 
@@ -222,7 +223,7 @@ def dissipation(config: Mapping, experiment: str) -> dict:
     # What a fitted method starts within its file says; refined versions start at their own estimates then.
     pairs = zip(fits, versions, strict=True)
     fits = [_without_search(fit, v) if fit and fit["prior"] == "own" else fit for fit, v in pairs]
-    own = [foreign(config, experiment, naming.base(v)).get("classes", []) for v in versions]
+    own = [foreign(config, experiment, Version.parse(v).method).get("classes", []) for v in versions]
     classes = list(dict.fromkeys(name for names in own for name in names))
     return {
         "experiment": experiment,
@@ -253,25 +254,25 @@ def _identity(config: Mapping, experiment: str, variant: str) -> dict:
 
 def _estimator(config: Mapping, experiment: str, variant: str) -> dict:
     """What least squares on each window needs, where a version's estimates come from it."""
-    method = naming.base(variant)
-    if not naming.is_refined(variant) and config["methods"][method]["kind"] not in FITTED:
+    method = Version.parse(variant).method
+    if not Version.parse(variant).is_refined and config["methods"][method]["kind"] not in FITTED:
         return {}
     one = experiment_of(config, experiment, method)
     return {"refinement": {"settings": one["refinement"], "noise": _noise(one), "prior": _prior(one["augmentation"])}}
 
 
 def _without_search(fit: Mapping, variant: str) -> dict | None:
-    return {**fit, "prior": None} if naming.is_refined(variant) else None
+    return {**fit, "prior": None} if Version.parse(variant).is_refined else None
 
 
 def _drawn(config: Mapping, experiment: str, variant: str) -> dict:
     """The data's noise, and what a version's own windows are made with, where the experiment has p⁺."""
-    version = naming.parse(variant)
+    version = Version.parse(variant)
     one = experiment_of(config, experiment, version.method)
     if config["methods"][version.method]["kind"] == "mean":
         return {"noise": _noise(one)}
     anew = one["choices"]["augmented_x"] == "resampled"
-    anew = one["flow"].get("resample_x", anew) if naming.FLOW in version.estimators else anew
+    anew = one["flow"].get("resample_x", anew) if FLOW in version.estimators else anew
     own = {"resample_x": anew, "z_a_from": one["choices"]["augmented_z_a"]}
     own["prior"] = _prior(one["augmentations"][version.prior] if version.prior else one["augmentation"])
     return {"noise": _noise(one), "own": own}

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from expertaug.config.names import other_parameters, unknown, unknown_keys, unknown_one
 from expertaug.errors import InputError
-from expertaug.labels import MAIN_SETS
 from expertaug.measurements.settings import MeasurementSettings
+from expertaug.versions import MAIN_SETS
 from expertaug_recordings.chunks.settings import ChunkSettings
 
 PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"

@@ -16,7 +16,8 @@ from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
-from expertaug.labels import REFINED, is_augmented, is_flow, is_refined
+from expertaug.versions import REFINED
+from expertaug.versions import Version as MethodVersion
 
 KNOWN, IID = "validation", "iid"
 SCORES = {
@@ -74,7 +75,8 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
 def _shown(found: Mapping[str, Mapping], traced: Collection[str]) -> str:
     """The version that the figure shows: the first with most scores, of those where some forecasts fail, augmented
     models before others."""
-    ranked = sorted(found, key=lambda v: (not is_augmented(v) or is_flow(v) or is_refined(v), v not in traced))
+    named = {v: MethodVersion.parse(v) for v in found}
+    ranked = sorted(found, key=lambda v: (not named[v].is_augmented or bool(named[v].estimators), v not in traced))
     scores = {}
     for v in ranked:
         of_test = _of_first_seed(found[v])[1]

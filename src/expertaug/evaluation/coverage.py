@@ -17,7 +17,7 @@ from expertaug.evaluation.summary import experiment_title, set_title
 from expertaug.evaluation.windows import Drawn, Version, experiment_of, read_windows
 from expertaug.inference.calibration import Calibration
 from expertaug.inference.coverage import TABLE_LEVELS, area_to_curve, interval_coverage
-from expertaug.labels import is_flow
+from expertaug.versions import Version as MethodVersion
 
 EMPTY = "No version has intervals of parameters that are known (those of forecasts: see the experiment's table)."
 FORECAST = "forecast"  # in the place of a parameter
@@ -67,7 +67,7 @@ def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
     if not known:
         plotting.save_note(EMPTY, drawn)
         return
-    shown = next((v for v in known if is_flow(v)), known[0])
+    shown = next((v for v in known if MethodVersion.parse(v).is_flow), known[0])
     one = versions[shown]
     found = {set_title(name, settings): one.sets[name].drawn for name in one.judged}
     found = {OWN_TITLE: one.own, **found}

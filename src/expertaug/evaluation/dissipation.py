@@ -18,7 +18,6 @@ from expertaug.evaluation.metrics import Metric
 from expertaug.evaluation.score import spread
 from expertaug.evaluation.summary import experiment_title, order_sets, set_title
 from expertaug.inference.least_squares import estimator_of
-from expertaug.labels import MAIN_SETS, is_refined, trained
 from expertaug.learning.sets import StackedSet
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
@@ -27,6 +26,7 @@ from expertaug.models.estimates import Estimates
 from expertaug.systems import System
 from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import Trajectories
+from expertaug.versions import MAIN_SETS, Version
 
 
 def measured_loss(system: System, t: Tensor, states: Tensor, z_e: Tensor) -> Tensor:
@@ -100,7 +100,7 @@ def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], set
     files = _by_method(models, settings)
     parts = []
     for version, label, refinement in settings["versions"]:
-        for path in files[trained(version)]:
+        for path in files[str(Version.parse(version).trained)]:
             stored = store.load(path, device, settings.get("classes", ()))
             rows = _losses(stored, refinement, chunks, device)
             parts.append(rows.assign(experiment=settings["experiment"], method=version, label=label))
@@ -119,7 +119,7 @@ def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], set
 
 def _by_method(models: Sequence[Path], settings: Mapping) -> dict[str, list[Path]]:
     """Model files by the version that they were trained as."""
-    wanted = list(dict.fromkeys(trained(version) for version, *_ in settings["versions"]))
+    wanted = list(dict.fromkeys(str(Version.parse(version).trained) for version, *_ in settings["versions"]))
     files: dict[str, list[Path]] = {name: [] for name in wanted}
     for path in map(Path, models):
         description = store.read_tensors(path)[0]
@@ -301,5 +301,5 @@ def draw(table: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> Non
 
 def _look(version: str, colour: object) -> dict:
     """A point; hollow where estimates are refined."""
-    filled = "none" if is_refined(version) else colour
+    filled = "none" if Version.parse(version).is_refined else colour
     return {"color": colour, "marker": "o", "markersize": 3.2, "markerfacecolor": filled, "linestyle": "none"}

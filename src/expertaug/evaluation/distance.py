@@ -16,7 +16,7 @@ from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.summary import experiment_title
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.alarm import attainable, threshold
-from expertaug.labels import compared
+from expertaug.versions import compared
 
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
 CAPTION = (

@@ -24,7 +24,7 @@ from expertaug.evaluation.summary import (
     set_title,
     summarise,
 )
-from expertaug.labels import SHOWN_SETS, base, ordered, paired
+from expertaug.versions import SHOWN_SETS, base, ordered, paired
 
 ROW, LABELS = 0.165, 1.6  # inches: height of a row, width of the labels beside them
 # Sets of the training's domain are hollow; those beside the three of each experiment look like the test set.

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
-from expertaug.labels import MAIN_SETS
 from expertaug.learning.checkpoint import locked
 from expertaug.learning.during_training import BASE, stages
 from expertaug.models import store
@@ -19,6 +18,7 @@ from expertaug.tracking.log_file import COLUMNS
 from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 from expertaug.trajectories import Trajectories
+from expertaug.versions import MAIN_SETS
 
 
 def during_training(

@@ -17,12 +17,12 @@ from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.store import load
-from expertaug.labels import MAIN_SETS, SHOWN_SETS
 from expertaug.models.device import device_of
 from expertaug.tracking.log_file import COLUMNS, read_log
 from expertaug.tracking.run import Run
 from expertaug.tracking.runlog import RunLog
 from expertaug.trajectories import Trajectories
+from expertaug.versions import MAIN_SETS, SHOWN_SETS
 
 NAME = "evaluation.jsonl"
 FIGURES = ("forecasts.png", "parameters.png")  # drawn when all of an experiment is evaluated

@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 from expertaug import plotting
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import set_title
-from expertaug.labels import paired
+from expertaug.versions import paired
 
 TIMES = 4
 GAP = 0.25  # between states and errors, in widths of a panel

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from expertaug.labels import CONTROL, ESTIMATOR, is_augmented, parse
+from expertaug.versions import CONTROL, ESTIMATOR, Version
 
 if TYPE_CHECKING:
     from expertaug.evaluation.intervals import Interval
@@ -29,7 +29,7 @@ CAPTION = (
 
 def references(version: str, known: Iterable[str]) -> dict[str, str]:
     """The versions with which an augmented one is compared, of those that were run, by :data:`KINDS`."""
-    found, names = parse(version), set(known)
+    found, names = Version.parse(version), set(known)
     end = "".join(f"{ESTIMATOR}{one}" for one in found.estimators)
     wanted = {OVER_CONTROL: f"{found.method}{CONTROL}{end}", FROM_BASE: f"{found.method}{end}"}
     return {kind: name for kind, name in wanted.items() if name in names}
@@ -45,7 +45,7 @@ def gains(long: pd.DataFrame, samples: Samples) -> dict[tuple[str, str, str, str
     found = {}
     for (experiment, preset), part in long.groupby(["experiment", "preset"], sort=False):
         methods = list(dict.fromkeys(part["method"]))
-        compared = {method: references(method, methods) for method in methods if is_augmented(method)}
+        compared = {method: references(method, methods) for method in methods if Version.parse(method).is_augmented}
         for one in part[part["method"].isin(list(compared))].itertuples():
             for kind, reference in compared[one.method].items():
                 keys = (experiment, preset, one.method), (experiment, preset, reference)

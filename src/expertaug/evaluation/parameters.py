@@ -17,7 +17,7 @@ from expertaug.evaluation.summary import (
     drawn_sets,
     set_title,
 )
-from expertaug.labels import ordered
+from expertaug.versions import ordered
 
 MARKERS = {"train": "^", "validation": "o", "iid": "o", "test": "D"}
 POINTS = 200  # of one set and seed in a scatter plot

@@ -27,7 +27,7 @@ from expertaug.evaluation.summary import (
     summarise,
     tabled_metrics,
 )
-from expertaug.labels import base, compared
+from expertaug.versions import base, compared
 
 DURING_TRAINING_SETS = ("train", "validation", "test")
 ALONG_COLOURS = {"train": "#7A7A7A", "validation": "#0072B2", "test": "#D55E00"}

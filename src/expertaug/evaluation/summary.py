@@ -11,8 +11,8 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import METRICS, Metric, Shown, first_metrics
-from expertaug.labels import SHOWN_SETS
 from expertaug.tracking.log_file import COLUMNS, read_rows
+from expertaug.versions import SHOWN_SETS
 
 SET_TITLES = {
     "train": "train",

@@ -18,7 +18,7 @@ from expertaug.evaluation.metrics import RELATIVE_ERROR
 from expertaug.evaluation.printed import Printed
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.summary import order_sets, read_metrics, shown_metrics, summarise
-from expertaug.labels import SHOWN_SETS, ordered
+from expertaug.versions import SHOWN_SETS, ordered
 
 
 def tabulate(

@@ -16,8 +16,8 @@ from expertaug.errors import InputError
 from expertaug.evaluation import fields
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import experiment_title, set_title
-from expertaug.labels import is_augmented, is_flow, ordered
 from expertaug.tracking.log_file import Log, read_log
+from expertaug.versions import Version, ordered
 
 TRUTH = "0.05"
 MOST_DIMENSIONS = 4
@@ -81,7 +81,7 @@ def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts:
                 for method in methods:
                     place = _seed_position(forecasts[method], found[method], seed)
                     prediction = found[method].prediction[name][place]
-                    order = 4 if is_augmented(method) else 3
+                    order = 4 if Version.parse(method).is_augmented else 3
                     line = {"color": colours[method], "linestyle": plotting.dash(method), "zorder": order}
                     axis.plot(first.t, prediction[sample, :, dimension], linewidth=1.2, **line)
                     if name in found[method].band:
@@ -125,7 +125,8 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
     settings = dict(settings or {})
     all_methods, labels = settings.get("all_methods", ()), {}
     found: dict[str, dict[str, list[Log]]] = {}
-    read = [log for log in map(read_log, logs) if not is_flow(log.header["method"])]  # their scores are densities
+    # The scores of flows are densities.
+    read = [log for log in map(read_log, logs) if not Version.parse(log.header["method"]).is_flow]
     trained = {log.header["method"] for log in read}
     shown = trained & set(settings.get("traced") or trained) or trained
     for log in (log for log in read if log.header["method"] in shown):

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from expertaug import labels
 from expertaug.evaluation.formats import DASH, cell_text
 from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL, references
 from expertaug.evaluation.metrics import CONVENTIONS, log_mse_of
 from expertaug.evaluation.report.cells import Table
 from expertaug.evaluation.report.tables import STAR, by_cell, gain
 from expertaug.evaluation.summary import experiment_title, in_domain, set_title
+from expertaug.versions import Version
 
 CHOSEN = "validation"  # the set by which rows are chosen
 CAPTION = (
@@ -47,14 +47,14 @@ def chosen(long: pd.DataFrame, settings: Mapping) -> list[Row]:
     apart = {*floors, *settings.get("known_form", ())}
     rivals = part[~part["method"].isin(apart) & (part["n"] == part["of"])]
     found = [Row(method, "best by validation") for method in _best(rivals)]
-    plus = [labels.is_augmented(method) and not labels.parse(method).estimators for method in rivals["method"]]
+    plus = [Version.parse(method).is_augmented and not Version.parse(method).estimators for method in rivals["method"]]
     augmented = _best(rivals[plus])
     for method in augmented:
         beside = references(method, known)
         found.append(Row(method, "best + by validation"))
         found += [Row(beside[kind], said) for kind, said in BESIDE.items() if kind in beside]
     fitted = [method for method in settings.get("least_squares", ()) if method in known and method not in apart]
-    found += [Row(method, "least squares") for method in fitted if not labels.is_refined(method)]
+    found += [Row(method, "least squares") for method in fitted if not Version.parse(method).is_refined]
     found += [Row(method, "floor") for method in floors if method in known]
     reasons: dict[str, list[str]] = {}
     for row in found:

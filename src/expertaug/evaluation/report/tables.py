@@ -13,7 +13,7 @@ from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL
 from expertaug.evaluation.metrics import COST, DIVERGED, metric_of
 from expertaug.evaluation.report.cells import Table, plain, spans
 from expertaug.evaluation.summary import last_columns, order_sets, set_title, tabled_metrics
-from expertaug.labels import SHOWN_SETS
+from expertaug.versions import SHOWN_SETS
 
 SUMMARY = ("metric", "mean", "std", "n", "of")  # columns of a file of means over seeds
 STAR = "*"  # told apart from 0
