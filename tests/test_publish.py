@@ -1,6 +1,7 @@
 """Publishing a run: what is copied, what is recorded, what is refused."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,11 @@ import yaml
 
 from expertaug.config import load as config
 from expertaug.errors import InputError
+from expertaug.evaluation.products import STUDIES, kept
 from expertaug.evaluation.publish import publish
+from expertaug.evaluation.studies import KINDS
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
@@ -19,6 +24,7 @@ def run(tmp_path, monkeypatch):
     files = {
         "tables/pendulum.md": "table",
         "tables/pendulum_dissipation.md": "a study",
+        "tables/pendulum_own_priors.md": "what p⁺ found",
         "figures/pendulum_log_mse.png": "figure",
         "figures/pendulum_log_mse.pdf": "heavy",
         "figures/pendulum_old_log_mse.png": "of an experiment that is no longer run",
@@ -48,6 +54,7 @@ def test_tables_figures_and_provenance_are_kept_and_nothing_else(run):
     publish(settings(run), run / "kept", "snakemake --cores 2")
     files = {str(p.relative_to(run / "kept")) for p in (run / "kept").rglob("*") if p.is_file()}
     assert files == {"tables/pendulum.md", "tables/pendulum_dissipation.md", "figures/pendulum_log_mse.png"} | {
+        "tables/pendulum_own_priors.md",
         "config.yaml",
         "costs.csv",
         "provenance.json",
@@ -112,6 +119,35 @@ def test_a_file_that_somebody_put_into_a_published_folder_is_named_and_stays(run
     with pytest.raises(InputError, match=r"kept/tables/notes\.md: publish did not write this file"):
         publish(settings(run), run / "kept", "snakemake")
     assert (run / "kept/tables/notes.md").read_text() == "mine"
+
+
+def test_what_somebody_put_beside_what_an_old_record_does_not_list_is_named_and_stays(run):
+    """Records of before had no list of files; what publishing made is known by its name all the same."""
+    publish(settings(run), run / "kept", "snakemake")
+    record = json.loads((run / "kept/provenance.json").read_text())
+    del record["files"]
+    (run / "kept/provenance.json").write_text(json.dumps(record))
+    (run / "kept/thesis.md").write_text("years of work")
+    with pytest.raises(InputError, match=r"kept/thesis\.md: publish did not write this file"):
+        publish(settings(run), run / "kept", "snakemake")
+    assert (run / "kept/thesis.md").read_text() == "years of work"
+    (run / "kept/thesis.md").unlink()
+    publish(settings(run), run / "kept", "snakemake")
+    assert "files" in json.loads((run / "kept/provenance.json").read_text())
+
+
+def test_every_table_and_figure_that_the_workflow_makes_is_kept():
+    """A rule's output under tables/ or figures/ is one of the declared products, own p⁺ among them."""
+    rules = "".join(path.read_text() for path in (ROOT / "workflow/rules").glob("*.smk"))
+    made = set(re.findall(r'results\(f?"((?:tables|figures)/\{+experiment\}+[^"]*\.(?:csv|md|tex|png))"', rules))
+    assert "tables/{experiment}_own_priors.md" in made
+    declared = kept(["EXPERIMENT"])
+    for file in made:
+        parts = re.split(r"\{+(\w+)\}+", file)  # text and wildcards in turns
+        parts[1::2] = ["EXPERIMENT" if name == "experiment" else r"\w+" for name in parts[1::2]]
+        pattern = "".join(parts)
+        assert any(re.fullmatch(pattern, name) for name in declared), f"{file} is made and not kept"
+    assert {one.name for one in STUDIES} == set(KINDS)
 
 
 def test_a_link_to_a_published_folder_stays_a_link(run):

@@ -12,6 +12,7 @@ from expertaug.config import recording_settings
 from expertaug.config import shown_settings
 from expertaug.config import stage_code
 from expertaug.config import stage_settings
+from expertaug.evaluation import products
 from expertaug.files import sha256
 from expertaug.measurements.paths import read_checksums
 from expertaug_recordings.intake import refusal
@@ -32,8 +33,8 @@ RECORDED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "rec
 SIMULATED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "simulation"]
 RENDERED = ["video.mp4"] if SOURCE == "rendered" else []
 LEARNING_SETS = ["train", "validation"]
-FIGURES = ["log_mse", "parameter_errors", "parameters", "forecasts", "curves"]
-ENDS = [".csv", ".md", ".tex"]
+FIGURES = [product.name for product in products.PLOTTED]
+ENDS = [f".{end}" for end in products.TABLE_ENDS]
 COMPARED = [e for e in RUN if CONFIG["experiments"][e]["evaluation"]["published"] is not None]
 OVERVIEW = stage_settings.overview(CONFIG, RUN)["experiments"]
 OVERVIEWS = ["log_mse", "parameter_errors"] if any(one["shown"] for one in OVERVIEW) else []

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from expertaug.evaluation import dots, traces
 from expertaug.evaluation.parameters import parameters
+from expertaug.evaluation.products import PLOTTED
 
-NAMES = ("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
+NAMES = [product.name for product in PLOTTED]
 
 
 def plot(

@@ -11,22 +11,14 @@ from pathlib import Path
 import yaml
 
 from expertaug.errors import InputError
-from expertaug.evaluation import costs, run_record
-from expertaug.evaluation.plot import NAMES
-from expertaug.evaluation.studies import KINDS
+from expertaug.evaluation import costs, products, run_record
 from expertaug.files import read_json, write_json, write_text
 
 REPOSITORY = Path(__file__).parents[3]
 RECORD = "provenance.json"
-KEPT = ["tables/{0}.csv", "tables/{0}_long.csv", "tables/{0}.md", "tables/{0}.tex"]
-KEPT += [f"figures/{{0}}_{name}.png" for name in (*NAMES, "splits")]
-STUDIED = [*KINDS, "grid", "alarm", "coverage", "distance", "validity", "dissipation"]
-KEPT += [f"tables/{{0}}_{name}.{end}" for name in (*STUDIED, "published") for end in ("csv", "md", "tex")]
-KEPT += [f"figures/{{0}}_{name}.png" for name in STUDIED]
-KEPT += ["{0}/data/splits.json", "{0}/data/calibration.json"]
-RECORDINGS = ["recordings/summary.csv", "recordings/summary.md"]
-OVERALL = [f"tables/published.{end}" for end in ("csv", "md", "tex")]
-OVERALL += [f"figures/{name}.png" for name in ("log_mse", "parameter_errors", "za_shifted")]
+OWN = (RECORD, "config.yaml", "costs.csv")  # beside what is copied
+OF_DATA = ("data/splits.json", "data/calibration.json")  # of an experiment
+RECORDINGS = ("recordings/summary.csv", "recordings/summary.md")
 
 
 def publish(settings: Mapping, folder: Path, command: str) -> None:
@@ -90,17 +82,32 @@ def _check_replaceable(folder: Path, results: Path) -> None:
     found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()}
     if any(".git" in Path(path).parts for path in found):
         raise InputError(folder, "is or contains a repository", remedy)
-    strangers = sorted(found - set(record.get("files", found)))  # records of before have no list
+    strangers = sorted(found - set(record["files"] if isinstance(record.get("files"), list) else _published(folder)))
     if strangers:
         raise InputError(folder / strangers[0], "publish did not write this file and would delete it", "move it")
 
 
+def _published(folder: Path) -> list[str]:
+    """What publishing may have made of a folder whose record, as those of before, does not list it: what would be kept
+    of the experiments that its config.yaml names."""
+    try:
+        config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
+        return [*OWN, *_files(list(map(str, config["run"])))]
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+        return list(OWN)
+
+
+def _files(experiments: list[str]) -> list[str]:
+    """What is copied of a run, as far as it is there, in the results folder."""
+    of_data = [f"{experiment}/{file}" for experiment in experiments for file in OF_DATA]
+    return [*products.kept(experiments), *of_data, *RECORDINGS]
+
+
 def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
     """Copy the kept files of a run to a new folder and write its record."""
-    files = [pattern.format(experiment) for pattern in KEPT for experiment in settings["run"]]
     filmed = any(settings["experiments"][name]["data"]["source"] == "recordings" for name in settings["run"])
-    for file in (*files, *OVERALL, *(RECORDINGS if filmed else [])):
-        if (results / file).exists():
+    for file in _files(settings["run"]):
+        if (results / file).exists() and (filmed or file not in RECORDINGS):
             (new / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(results / file, new / file)
     own = {*settings["run"], *([None] if filmed else [])}
