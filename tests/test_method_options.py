@@ -95,3 +95,11 @@ def test_fits_without_a_training_are_solved_as_the_trainings_are(base):
     for method in ("least_squares", "truth"):
         assert settings(base, method)["training"]["solver"]["method"] == "ab5"
         assert settings(base, method, lawson)["training"]["solver"]["method"] == "lawson4"
+
+
+@pytest.mark.parametrize("part", ["encoder", "interaction"])
+def test_a_list_in_a_parts_place_is_one_line(base, part):
+    merged = config.merge(base, yaml.safe_load(HVAE))
+    merged["experiments"]["pendulum"]["overrides"]["variational"]["model"] = {part: [1]}
+    with pytest.raises(InputError, match=f"overrides.variational.model.{part}: found .1.; give a mapping of keys"):
+        config.validate(merged)

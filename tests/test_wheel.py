@@ -1,11 +1,13 @@
 """A wheel holds all that a run of the workflow needs."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import expertaug
 from expertaug.commands import parse, workflow
 
 ROOT = Path(__file__).parents[1]
@@ -31,10 +33,18 @@ def test_an_installed_wheel_plans_the_small_run_without_a_checkout(tmp_path):
     (wheel,) = tmp_path.glob("expertaug-*.whl")
     run(*pip, "install", "--no-deps", "--target", str(site), str(wheel))
 
+    assert wheel.name.startswith(f"expertaug-{expertaug.__version__}-")
     environment = {**os.environ, "PYTHONPATH": str(site)}
     smoke = ("--cores", "1", "--configfile", "config/smoke.yaml")
     said = run("expertaug.cli", "run", "-n", *smoke, cwd=away, env=environment).stdout
     assert "This was a dry-run" in said and "train_seed_group" in said
+
+
+def test_the_version_is_one_number():
+    said = run("expertaug.cli", "--version").stdout.strip()
+    cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M)
+    newest = re.search(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
+    assert cited and newest and said == expertaug.__version__ == cited[1] == newest[1]
 
 
 def test_arguments_go_to_snakemake_as_they_are(tmp_path):

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import importlib
 
+__version__ = "1.0.0"  # pyproject.toml takes it from here
+
 # Name → where it is: a module, or module:name.
 _EXPORTS = {
     "Aphynity": "expertaug.learning.objectives:Aphynity",
@@ -67,24 +69,12 @@ _EXPORTS = {
 
 
 def __getattr__(name: str) -> object:
-    if name == "__version__":
-        return _version()
     if name not in _EXPORTS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, _, attribute = _EXPORTS[name].partition(":")
     found = importlib.import_module(module)
     globals()[name] = getattr(found, attribute) if attribute else found
     return globals()[name]
-
-
-def _version() -> str:
-    """Of the installed package, which has it from the tags of its repository."""
-    from importlib import metadata
-
-    try:
-        return metadata.version(__name__)
-    except metadata.PackageNotFoundError:  # a source tree on the path that nobody installed
-        return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -109,6 +109,9 @@ def part(of: str, settings: Mapping, where: str, known: KnownSystem | None, t1_s
         known: of the system.
         t1_s: end of the observed window.
     """
+    if not isinstance(settings, Mapping):
+        yield InputError(where, f"found {show(settings)}", "give a mapping of keys")
+        return
     kind = settings.get("kind")
     if not isinstance(kind, str):
         found = "missing" if "kind" not in settings else f"found {show(kind)}"
