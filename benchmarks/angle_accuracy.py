@@ -31,9 +31,9 @@ from expertaug.files import atomic
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.columns import MARKERS, PLACES
 from expertaug_recordings.markers.geometry import estimate_geometry
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.tracker import track_frames
-from expertaug_recordings.rendering.render import RenderSettings, motion
+from expertaug_recordings.rendering.render import RenderVideoJob, motion
+from expertaug_recordings.settings import MeasureAnglesJob, TrackMarkersJob
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 WRONG_PX, WRONG_DEG = 1.0, 0.5
@@ -49,7 +49,7 @@ def main() -> int:
     parser.add_argument("--rates", type=float, nargs="*", default=[400, 240, 120, 60, 50, 38, 30, 25])
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    logging.getLogger("expertaug").setLevel(logging.ERROR)
+    logging.getLogger("expertaug_recordings").setLevel(logging.ERROR)
     rates = pd.DataFrame([score_rate(rate, options.frames) for rate in options.rates])
     print(rates.to_string(index=False, float_format="%.3g"))
     spoilers = pd.DataFrame([score_spoiler(name, options.frames) for name in SPOILERS])
@@ -68,15 +68,17 @@ def main() -> int:
 
 def clip_at(rate: float, frames: int, index: int = 0) -> Motion:
     """A simulated motion at a frame rate."""
-    settings = RenderSettings(duration_s=min(SECONDS, frames / rate), rate_hz=rate)
+    settings = RenderVideoJob(duration_s=min(SECONDS, frames / rate), rate_hz=rate)
     _, states, pivot = motion(index, settings)
     arms = tuple(length * settings.pixels_per_metre for length in settings.arms_m)
     return Motion(f"{rate:g} Hz", states, pivot, arms)
 
 
-def measured(images: np.ndarray, rate: float, settings: dict | None = None) -> tuple[np.ndarray, pd.DataFrame, Counter]:
+def measured(
+    images: np.ndarray, rate: float, job: MeasureAnglesJob | None = None
+) -> tuple[np.ndarray, pd.DataFrame, Counter]:
     """Marker places (n, 3, 2), the table of angles, and the reasons of frames that are not used."""
-    tracking = TrackSettings()
+    tracking = TrackMarkersJob()
     geometry, _ = estimate_geometry(images[:: max(1, len(images) // tracking.calibration_frames)], tracking)
     if geometry is None:
         raise InputError("clip", "no markers")
@@ -87,7 +89,7 @@ def measured(images: np.ndarray, rate: float, settings: dict | None = None) -> t
     with tempfile.TemporaryDirectory() as work:
         paths = [Path(work) / name for name in ("markers.csv", "angles.csv", "angles.json")]
         table[list(MARKERS)].to_csv(paths[0], index=False)
-        measure_angles(*paths, settings)
+        measure_angles(*paths, job or MeasureAnglesJob())
         angles = pd.read_csv(paths[1], keep_default_na=True)
     return found.position, angles, Counter(angles.loc[angles["quality"] < 1, "reason"])
 
@@ -106,8 +108,8 @@ def score_rate(rate: float, frames: int) -> dict[str, float]:
     clip = clip_at(rate, frames)
     images = film(clip)
     row: dict[str, float] = {"rate_hz": rate}
-    for name, settings in (("", {}), ("fixed_", {"smoothing_window_s": 0.08})):
-        _, table, _ = measured(images, rate, settings)
+    for name, job in (("", MeasureAnglesJob()), ("fixed_", MeasureAnglesJob(smoothing_window_s=0.08))):
+        _, table, _ = measured(images, rate, job)
         good = (table["quality"] == 1).to_numpy()
         off = table[STATE].to_numpy()[good] - clip.states[good]
         raw = turned(table["theta2_raw"].to_numpy()[good] - clip.states[good, 1])
@@ -139,7 +141,7 @@ def score_spoiler(name: str, frames: int) -> dict[str, object]:
     images, truth, rotation = spoiled(name, clip)
     row: dict[str, object] = {"spoiler": name, "frames": len(images)}
     try:
-        places, table, reasons = measured(images, rate, {"rotation_deg": rotation})
+        places, table, reasons = measured(images, rate, MeasureAnglesJob(rotation_deg=rotation))
     except InputError as error:
         return row | {"used": 0.0, "wrong": 0, "reasons": f"refused: {error}"[:120]}
     good = (table["quality"] == 1).to_numpy()

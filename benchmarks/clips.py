@@ -15,8 +15,9 @@ import pandas as pd
 from expertaug.files import read_json
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.imports.ibm import import_markers, list_marker_files
-from expertaug_recordings.rendering.render import RenderSettings, markers, motion, poses
+from expertaug_recordings.rendering.render import RenderVideoJob, markers, motion, poses
 from expertaug_recordings.rendering.scene import Scene
+from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
 from expertaug_recordings.video.writer import encode
 
 SIZE, RATE_HZ = 480, 400.0
@@ -67,8 +68,8 @@ def recorded(folder: Path, most: int | None = None) -> Iterator[Motion]:
     with tempfile.TemporaryDirectory() as work:
         for name, path in list(list_marker_files(folder).items())[:most]:
             table, angles, summary = (Path(work) / file for file in ("markers.csv", "angles.csv", "angles.json"))
-            import_markers(path, table)
-            measure_angles(table, angles, summary)
+            import_markers(path, table, ImportMarkersJob())
+            measure_angles(table, angles, summary, MeasureAnglesJob())
             found, known = pd.read_csv(angles), read_json(summary)
             states = found[["theta1", "theta2", "omega1", "omega2"]].to_numpy()
             states = states[np.isfinite(states).all(axis=1)]
@@ -78,7 +79,7 @@ def recorded(folder: Path, most: int | None = None) -> Iterator[Motion]:
 
 def simulated(count: int, seconds: float = 10.0) -> Iterator[Motion]:
     """The motion of the built-in simulator."""
-    settings = RenderSettings(duration_s=seconds)
+    settings = RenderVideoJob(duration_s=seconds)
     arms = tuple(length * settings.pixels_per_metre for length in settings.arms_m)
     for index in range(count):
         _, states, pivot = motion(index, settings)

@@ -38,6 +38,7 @@ from damaged import damaged, mutant
 from damaged.base import Case, sound
 from expertaug.errors import InputError
 from expertaug_recordings.imports.ibm import import_markers, unpack_archive
+from expertaug_recordings.settings import ExtractFramesJob, ImportMarkersJob, UnpackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 
 MEMORY_BYTES = 2**30  # that a case may take
@@ -56,13 +57,15 @@ def read_file(case: Case, folder: Path) -> object:
     path = folder / f"recording{case.suffix}"
     path.write_bytes(case.data)
     if case.kind == "video":
-        extract_frames(path, folder / "frames.b2frame", {"rate_hz": 400.0} if case.suffix == ".h264" else {})
+        job = ExtractFramesJob(rate_hz=400.0 if case.suffix == ".h264" else None)
+        extract_frames(path, folder / "frames.b2frame", job)
         store = FrameStore(folder / "frames.b2frame")
         return store.read(0, len(store)), store.rate_hz, store.t
     if case.kind == "markers":
-        import_markers(path, folder / "markers.csv")
+        import_markers(path, folder / "markers.csv", ImportMarkersJob())
         return (folder / "markers.csv").read_bytes()
-    return {name: csv.read_bytes() for name, csv in unpack_archive(path, folder / "unpacked").items()}
+    unpacked = unpack_archive(path, folder / "unpacked", UnpackMarkersJob())
+    return {name: csv.read_bytes() for name, csv in unpacked.items()}
 
 
 def same(one: object, other: object) -> bool:

@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 
 from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.settings import ExtractFramesJob, RenderVideoJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 
 RATE_HZ, ROUNDS = 400, 5
@@ -38,16 +39,17 @@ def main(duration_s: float) -> None:
     cv2.setNumThreads(1)
     with tempfile.TemporaryDirectory() as folder:
         video, store = Path(folder) / "video.mp4", Path(folder) / "frames.b2frame"
-        settings = {"duration_s": duration_s, "rate_hz": RATE_HZ}
+        job = RenderVideoJob(duration_s=duration_s, rate_hz=RATE_HZ)
         frames = round(duration_s * RATE_HZ)
-        rendering = seconds(lambda: render_recording(0, video, Path(folder) / "truth.csv", settings))
+        rendering = seconds(lambda: render_recording(0, video, Path(folder) / "truth.csv", job))
         size = video.stat().st_size / frames
         print(f"clip: {frames} frames, {size:.0f} bytes a frame; rendered at {frames / rendering:.0f} frames/s")
         for step in (1, 4):
             alone, ours = [], []
             for _ in range(ROUNDS):
                 alone.append(seconds(lambda: opencv_alone(video)))
-                ours.append(seconds(lambda: extract_frames(video, store, {"analysis_rate_hz": RATE_HZ / step})))  # noqa: B023
+                extraction = ExtractFramesJob(analysis_rate_hz=RATE_HZ / step)
+                ours.append(seconds(lambda: extract_frames(video, store, extraction)))  # noqa: B023
             alone_rate, our_rate = (frames / statistics.median(times) for times in (alone, ours))
             kept = len(FrameStore(store))
             print(

@@ -29,10 +29,10 @@ from clips import recordings_folder
 from expertaug import plotting
 from expertaug.files import atomic
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.tracker import track_frames
-from expertaug_recordings.rendering.render import RenderSettings
+from expertaug_recordings.rendering.render import RenderVideoJob
 from expertaug_recordings.rendering.scene import Pose, Scene
+from expertaug_recordings.settings import TrackMarkersJob
 from expertaug_recordings.video.writer import encode
 
 CHANNELS = (("blue", "#0072B2"), ("green", "#009E73"), ("red", "#D55E00"))
@@ -52,7 +52,7 @@ def main() -> int:
     if real is None:
         print("no frame.png of the real recordings (EXPERTAUG_RECORDINGS)", file=sys.stderr)
         return 2
-    settings = TrackSettings()
+    settings = TrackMarkersJob()
     geometry, _ = estimate_geometry([real], settings)
     centres = track_frames([real], geometry, settings).position[0]
     rendered = render(centres, geometry)
@@ -67,7 +67,7 @@ def main() -> int:
 
 def render(centres: np.ndarray, geometry: Geometry) -> np.ndarray:
     """One frame of a compressed video in which the pendulum rests in this pose."""
-    known = RenderSettings()
+    known = RenderVideoJob()
     angles = [math.atan2(*(centres[k + 1] - centres[k])) for k in (0, 1)]
     pose = Pose(*(tuple(map(float, centre)) for centre in centres), *angles)
     scene = Scene(SIDE, pose.pivot, (geometry.arm1, geometry.arm2), known.noise, np.random.default_rng(0))

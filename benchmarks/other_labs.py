@@ -49,7 +49,7 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=WHOLE.frames)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    logging.getLogger("expertaug").setLevel(logging.ERROR)
+    logging.getLogger("expertaug_recordings").setLevel(logging.ERROR)
     rows = []
     for name, kind in KINDS.items():
         series = replace(kind, frames=options.frames)

@@ -22,6 +22,7 @@ from scipy.signal import savgol_coeffs
 from expertaug.systems.double_pendulum import Constants
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.rendering.motion import simulate
+from expertaug_recordings.settings import MeasureAnglesJob
 
 CONSTANTS, FRICTION = Constants(B1=0.103, G1=69.4, B2=1.366, G2=93.6), (0.03, 0.12)
 NOISE_PX, ARMS_PX = 0.07, (118.0, 90.0)
@@ -45,7 +46,7 @@ def compared(full: CubicSpline, rate: float, seed: int) -> np.ndarray:
     with tempfile.TemporaryDirectory() as folder:
         seen, table, record = (Path(folder) / name for name in ("markers.csv", "angles.csv", "angles.json"))
         markers(full(t), t, seed).to_csv(seen, index=False)
-        measure_angles(seen, table, record, {"rate_hz": float(rate)})
+        measure_angles(seen, table, record, MeasureAnglesJob(rate_hz=float(rate)))
         found = pd.read_csv(table)
     found = found[(found.quality == 1) & found.omega1_std.notna()]
     off = found[SPEEDS].to_numpy() - full(found.t.to_numpy())[:, 2:]

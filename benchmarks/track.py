@@ -25,11 +25,11 @@ import numpy as np
 
 from expertaug_recordings.markers.appearance import ROLES, STYLES
 from expertaug_recordings.markers.geometry import estimate_geometry
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.markers.tracker import Track, track_frames
-from expertaug_recordings.rendering.render import RenderSettings, markers, motion, poses
+from expertaug_recordings.rendering.render import RenderVideoJob, markers, motion, poses
 from expertaug_recordings.rendering.scene import HALF, RADIUS, Scene
+from expertaug_recordings.settings import ExtractFramesJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 from expertaug_recordings.video.writer import encode
 
@@ -41,7 +41,7 @@ ROUNDS = 5
 NOISE = 4.0  # grey levels, on the painted disks
 
 
-def fastest(count: int, settings: RenderSettings) -> tuple[np.ndarray, tuple[float, float]]:
+def fastest(count: int, settings: RenderVideoJob) -> tuple[np.ndarray, tuple[float, float]]:
     """States (count, 4) round the fastest turn of the second arm in all recordings, and that recording's pivot."""
     runs = [motion(index, settings) for index in range(RECORDINGS)]
     _, states, pivot = max(runs, key=lambda run: np.abs(run[1][:, 3]).max())
@@ -55,7 +55,7 @@ def render(
     states: np.ndarray,
     pivot: tuple[float, float],
     arms: tuple[float, float],
-    settings: RenderSettings,
+    settings: RenderVideoJob,
     centres: np.ndarray | None = None,
 ) -> None:
     """A compressed clip of these states (n, 4), with plain disks painted at ``centres`` (n, 3, 2) px if given."""
@@ -98,8 +98,8 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=480, help="of the picture, in px")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    usual, larger = RenderSettings(), options.size / SIZE
-    settings = RenderSettings(
+    usual, larger = RenderVideoJob(), options.size / SIZE
+    settings = RenderVideoJob(
         duration_s=SECONDS,
         crf=options.crf,
         image_size_px=options.size,
@@ -112,17 +112,16 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         clip, store = Path(folder) / "clip.mp4", Path(folder) / "frames.b2frame"
         render(clip, states, pivot, arms, settings, truth if options.style == "disk" else None)
-        extract_frames(clip, store, {})
-        measure(store, {"markers": {"style": options.style}}, truth, settings.rate_hz)
+        extract_frames(clip, store, ExtractFramesJob())
+        measure(store, TrackMarkersJob(markers={"style": options.style}), truth, settings.rate_hz)
 
 
-def measure(store: Path, look: dict, truth: np.ndarray, rate_hz: float) -> None:
+def measure(store: Path, look: TrackMarkersJob, truth: np.ndarray, rate_hz: float) -> None:
     """Track frames that lie decoded in memory, all and every fourth, and then those of the store."""
     frames = FrameStore(store).read(0, len(truth))
-    checked = TrackSettings.from_mapping(look)
-    geometry, _ = estimate_geometry(frames[:: max(1, len(frames) // checked.calibration_frames)], checked)
+    geometry, _ = estimate_geometry(frames[:: max(1, len(frames) // look.calibration_frames)], look)
     for step in (1, 4):
-        taken, track = seconds(lambda step=step: track_frames(frames[::step], geometry, checked))
+        taken, track = seconds(lambda step=step: track_frames(frames[::step], geometry, look))
         report(f"{rate_hz / step:3.0f} Hz", taken, track, truth[::step])
     taken, _ = seconds(lambda: track_markers(store, store.with_name("markers.csv"), look))
     print(f"track_markers from the store: {len(frames) / taken:.0f} frames/s")

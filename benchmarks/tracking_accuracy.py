@@ -30,8 +30,8 @@ from clips import Motion, film, recorded, recordings_folder, simulated
 from expertaug import plotting
 from expertaug.files import atomic
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.tracker import Track, track_frames
+from expertaug_recordings.settings import TrackMarkersJob
 
 TARGETS = {"median_px": 0.08, "p99_px": 0.25, "angle_deg": 0.05, "swaps": 0, "lost": 0}
 RADIUS_PX = 12.5  # a marker found further than this from where it is, is another one
@@ -59,7 +59,7 @@ def main() -> int:
     parser.add_argument("--levels", type=int, default=8, help="of each fault, at most")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    logging.getLogger("expertaug").setLevel(logging.ERROR)  # measuring the real angles warns of the real frame rate
+    logging.getLogger("expertaug_recordings").setLevel(logging.ERROR)
     folder = recordings_folder(options.recordings)
     if folder is None:
         print("the real recordings are not here (EXPERTAUG_RECORDINGS): simulated motion only")
@@ -96,7 +96,7 @@ def score_motion(motion: Motion, frames: int) -> list[dict]:
 
 def track(images: np.ndarray, clip: Motion) -> Track:
     """Track with lengths that are measured on the clip itself, as the stage does."""
-    settings = TrackSettings()
+    settings = TrackMarkersJob()
     geometry, _ = estimate_geometry(images[:: max(1, len(images) // settings.calibration_frames)], settings)
     return track_frames(images, geometry or Geometry(*clip.arms, 25.5), settings)
 

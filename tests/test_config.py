@@ -16,12 +16,16 @@ from expertaug.config import load as config
 from expertaug.errors import InputError, InputErrors, lines
 from expertaug.learning.settings import TrainSettings
 from expertaug.wording import number_in
-from expertaug_recordings.angles.settings import AngleSettings, CalibrationSettings
-from expertaug_recordings.chunks.settings import ChunkSettings
-from expertaug_recordings.imports.settings import ArchiveSettings, MarkerSettings
-from expertaug_recordings.markers.settings import TrackSettings
-from expertaug_recordings.rendering.settings import RenderSettings
-from expertaug_recordings.video.settings import ExtractSettings
+from expertaug_recordings.settings import (
+    CalibrateJob,
+    ExtractFramesJob,
+    ImportMarkersJob,
+    MeasureAnglesJob,
+    RenderVideoJob,
+    SplitChunksJob,
+    TrackMarkersJob,
+    UnpackMarkersJob,
+)
 
 ROOT = Path(__file__).parents[1]
 
@@ -342,17 +346,18 @@ def test_slices_are_settings_of_their_stages(base, tmp_path):
         own = {"rendered": {}, "videos": {"path": str(tmp_path), "from_s": 0.5, "to_s": 2.0}}
         over = {"recordings": {"source": source, source: own.get(source, {"path": str(tmp_path)})}}
         found = json.loads(json.dumps(config.validate(config.merge(base, over))))  # as a stage reads them
-        RenderSettings.from_mapping(stage_settings.render_video(found))
-        ExtractSettings.from_mapping(stage_settings.extract_frames(found))
-        TrackSettings.from_mapping(stage_settings.track_markers(found))
+        RenderVideoJob.from_mapping(stage_settings.render_video(found))
+        ExtractFramesJob.from_mapping(stage_settings.extract_frames(found))
+        TrackMarkersJob.from_mapping(stage_settings.track_markers(found))
         for kind, settings in (
-            (ArchiveSettings, stage_settings.unpack_markers(found)),
-            (MarkerSettings, stage_settings.import_markers(found)),
-            (AngleSettings, stage_settings.measure_angles(found)),
-            (ChunkSettings, stage_settings.split_chunks(found, "double_pendulum")),
-            (CalibrationSettings, stage_settings.calibrate(found, "double_pendulum")),
+            (UnpackMarkersJob, stage_settings.unpack_markers(found)),
+            (ImportMarkersJob, stage_settings.import_markers(found)),
+            (MeasureAnglesJob, stage_settings.measure_angles(found)),
+            (SplitChunksJob, stage_settings.split_chunks(found, "double_pendulum")),
+            (CalibrateJob, stage_settings.calibrate(found, "double_pendulum")),
         ):
-            kind(**settings)
+            assert isinstance(settings, kind)
+            kind(**json.loads(settings.model_dump_json(exclude_unset=True)))
         TrainSettings.from_mapping(stage_settings.train(found, "pendulum", "aphynity", "seeds_0_1_2")["training"])
 
 
@@ -582,9 +587,9 @@ def test_horizons_and_dissipation_of_recordings(base):
     assert jobs.sets(found, "double_pendulum") == sets
     assert stage_settings.evaluate(found, "double_pendulum", "aphynity", "seeds_0_1_2")["sets"] == sets
     assert jobs.sets(found, "pendulum") == ["train", "validation", "iid", "test"]
-    assert "horizons_s" not in stage_settings.split_chunks(found, "double_pendulum"), "a horizon redoes no training"
+    assert not stage_settings.split_chunks(found, "double_pendulum").horizons_s, "a horizon redoes no training"
     one = stage_settings.cut_horizon(found, "double_pendulum", "test_500ms")
-    assert one["set"] == "test_500ms" and one["split"]["horizons_s"] == [0.5]
+    assert one.set == "test_500ms" and one.split.horizons_s == [0.5]
     study = stage_settings.study(found, "double_pendulum", "horizons")["options"]
     panels = [["validation", "validation_1s", "validation_500ms"], ["test", "test_1s", "test_500ms"]]
     assert study == {"distances": ["0.19 s", "1 s", "0.5 s"], "panels": [[one[0], one] for one in panels]}

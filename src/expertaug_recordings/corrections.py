@@ -26,7 +26,7 @@ class Correction(Settings):
     y: float | None = key(None, "downwards", "px")
 
 
-def read_corrections(path: str | Path) -> dict[str, list[dict[str, object]]]:
+def read_corrections(path: str | Path) -> dict[str, list[Correction]]:
     """Corrections by recording.
 
     Arguments:
@@ -44,7 +44,7 @@ def read_corrections(path: str | Path) -> dict[str, list[dict[str, object]]]:
         raise InputError(path, "no such file", f"give a CSV of {', '.join(COLUMNS)}") from error
     except (ValueError, OSError) as error:
         raise InputError(path, f"no table of corrections ({error})", f"give a CSV of {', '.join(COLUMNS)}") from error
-    found: dict[str, list[dict[str, object]]] = {}
+    corrections: dict[str, list[Correction]] = {}
     for number, row in enumerate(table.itertuples(index=False), 2):
         where = f"{path}, row {number}"
         try:
@@ -57,8 +57,8 @@ def read_corrections(path: str | Path) -> dict[str, list[dict[str, object]]]:
             raise InputError(where, found_here, f"give a frame's number and {', '.join(MARKERS)} or {ALL}")
         if (place[0] is None) != (place[1] is None) or (row.marker == ALL and place[0] is not None):
             raise InputError(where, f"found {row.x!r}, {row.y!r}", "give x and y, or neither; neither with all")
-        mine = found.setdefault(str(row.recording), [])
-        mine.append({"frame": frame, "marker": row.marker, "x": place[0], "y": place[1]})
+        mine = corrections.setdefault(str(row.recording), [])
+        mine.append(Correction(frame=frame, marker=row.marker, x=place[0], y=place[1]))
         if len(mine) > MOST:
             raise InputError(path, f"more than {MOST} corrections of {row.recording}", "mend the tracking's settings")
-    return found
+    return corrections

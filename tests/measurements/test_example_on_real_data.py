@@ -52,7 +52,7 @@ def test_a_double_pendulum_of_a_table_is_calibrated(tmp_path):
     train = Trajectories.load(data / "train.npz")
     assert not train.mask.all(), "with gaps"
     np.testing.assert_array_equal(train.z_e[train.mask[:, 0, 2], 0], train.y[train.mask[:, 0, 2], 0, 2])
-    told = json.dumps(stage_settings.calibrate(found, one))
+    told = stage_settings.calibrate(found, one).model_dump_json()
     output = tmp_path / "calibration.json"
     assert main(["calibrate", str(data / "train.npz"), "--output", str(output), "--settings", told]) == 0
     report = json.loads(output.read_text())
@@ -96,7 +96,7 @@ def test_the_files_that_it_is_made_for(tmp_path):
         if one == "real_pendulum":
             assert np.abs(sets["train"].y).max() < 1.1 < np.abs(sets["test"].y[..., 0]).max(axis=1).min()
             continue
-        told = json.dumps(stage_settings.calibrate(found, one))
+        told = stage_settings.calibrate(found, one).model_dump_json()
         output = data / "calibration.json"
         assert main(["calibrate", str(data / "train.npz"), "--output", str(output), "--settings", told]) == 0
         report = json.loads(output.read_text())

@@ -23,6 +23,7 @@ from expertaug.trajectories import Trajectories
 from expertaug_recordings.chunks.cut import split_chunks
 from expertaug_recordings.chunks.horizons import cut_horizon
 from expertaug_recordings.rendering.motion import simulate
+from expertaug_recordings.settings import CutHorizonJob, SplitChunksJob
 
 CONFIG = Path(__file__).parents[2] / "config"
 STATE = ["theta1", "theta2", "omega1", "omega2"]
@@ -67,7 +68,9 @@ def folders(tmp_path_factory) -> dict[str, dict[str, Path]]:
         angles[-1].parent.mkdir()
         table.to_csv(angles[-1], index=False)
     for by in SPLITS:
-        split_chunks(angles, root / by / "recordings", {**CHUNKS, "rate_hz": 100.0, "by": by})
+        split_chunks(
+            angles, root / by / "recordings", SplitChunksJob.from_mapping({**CHUNKS, "rate_hz": 100.0, "by": by})
+        )
     constants = json.loads((root / "energy" / "recordings" / "splits.json").read_text())["energy_constants"]
     tables = []
     for path in angles:
@@ -80,7 +83,7 @@ def folders(tmp_path_factory) -> dict[str, dict[str, Path]]:
         cut_measurements(tables, root / by / "files", read(MeasurementSettings, files(by)), NAMES)
         for name in ("validation_400ms", "test_400ms"):
             split = {**CHUNKS, "rate_hz": 100.0, "by": by, "horizons_s": [HORIZON_S]}
-            cut_horizon(angles, root / by / "recordings" / f"{name}.npz", {"split": split, "set": name})
+            cut_horizon(angles, root / by / "recordings" / f"{name}.npz", CutHorizonJob(split=split, set=name))
             longer = read(MeasurementSettings, {**files(by), "horizons_s": [HORIZON_S]})
             cut_measured_horizon(tables, root / by / "files" / f"{name}.npz", longer, name, NAMES)
     return {by: {source: root / by / source for source in ("recordings", "files")} for by in SPLITS}

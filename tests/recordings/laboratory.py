@@ -21,6 +21,7 @@ from expertaug_recordings.chunks.cut import split_chunks
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.rendering.motion import simulate
+from expertaug_recordings.settings import StatedTimes
 from expertaug_recordings.video.frame_store import extract_frames
 
 DEFAULT = Path(__file__).parents[2] / "config" / "config.yaml"
@@ -61,8 +62,8 @@ class Series:
         found[:, 1] += self.off * scale * np.stack([np.sin(aside), np.cos(aside)], axis=1)
         return found
 
-    def write(self, folder: Path) -> dict[str, object]:
-        """Write the pictures; keys of recordings.videos that tell their times."""
+    def write(self, folder: Path) -> StatedTimes:
+        """Write the pictures; what is to be stated of their times."""
         folder.mkdir(parents=True)
         paint, names = [PAINT[name] for name in ("red", "green", "blue")], []
         for k, (places, t) in enumerate(zip(self.centres(), self.t, strict=True)):
@@ -71,12 +72,12 @@ class Series:
             names.append(f"{round(t * 1e6):010d}.jpg" if self.times == "names" else f"{k:05d}.jpg")
             cv2.imwrite(str(folder / names[-1]), picture, [cv2.IMWRITE_JPEG_QUALITY, 90])
         if self.times == "names":
-            return {"times": "names", "time_unit_s": 1e-6}
+            return StatedTimes(times="names", time_unit_s=1e-6)
         pd.DataFrame({"file": names, "t": self.t}).to_csv(folder / self.times, index=False)
-        return {"times": self.times}
+        return StatedTimes(times=self.times)
 
 
-def to_tables(series: Path, stated: dict[str, object], work: Path) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
+def to_tables(series: Path, stated: StatedTimes, work: Path) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
     """From inspect to chunks by what it proposes alone: markers.csv, angles.csv and the folder of the sets."""
     proposed = yaml.safe_load(inspect(series, work / "contact.png", stated))
     settings = config.validate(config.merge(config.load([DEFAULT]), proposed | {"run": ["double_pendulum"]}))

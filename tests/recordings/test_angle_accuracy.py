@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.settings import ExtractFramesJob, MeasureAnglesJob, RenderVideoJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import extract_frames
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
@@ -22,16 +23,18 @@ def tracked(request, tmp_path_factory):
     """Rate, and a folder with markers.csv and truth.csv of a rendered recording."""
     rate, folder = request.param, tmp_path_factory.mktemp("clip")
     look = {"rate_hz": float(rate), "duration_s": CLIPS[rate]}
-    render_recording(0, folder / "video.mp4", folder / "truth.csv", look)
-    extract_frames(folder / "video.mp4", folder / "frames.b2frame", {})
-    track_markers(folder / "frames.b2frame", folder / "markers.csv")
+    render_recording(0, folder / "video.mp4", folder / "truth.csv", RenderVideoJob.from_mapping(look))
+    extract_frames(folder / "video.mp4", folder / "frames.b2frame", ExtractFramesJob())
+    track_markers(folder / "frames.b2frame", folder / "markers.csv", TrackMarkersJob())
     return rate, folder
 
 
 def measured(folder, settings=None):
     """Errors (n, 4) of the measured frames in deg and rad/s, errors (n, 2) of the raw angles, stated uncertainties
     (n, 4), the table and the summary."""
-    measure_angles(folder / "markers.csv", folder / "angles.csv", folder / "angles.json", settings)
+    measure_angles(
+        folder / "markers.csv", folder / "angles.csv", folder / "angles.json", MeasureAnglesJob.from_mapping(settings)
+    )
     table, true = pd.read_csv(folder / "angles.csv"), pd.read_csv(folder / "truth.csv")
     good = (table["quality"] == 1).to_numpy()
     off = table[STATE].to_numpy() - true[STATE].to_numpy()

@@ -11,6 +11,7 @@ from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.imports.ibm import import_markers, list_marker_files
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.reports.summary import summarise
+from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 
@@ -18,7 +19,9 @@ STATE = ["theta1", "theta2", "omega1", "omega2"]
 def measure(folder, table, settings=None):
     folder.mkdir(parents=True, exist_ok=True)
     table.to_csv(folder / "markers.csv", index=False)
-    measure_angles(folder / "markers.csv", folder / "angles.csv", folder / "angles.json", settings)
+    measure_angles(
+        folder / "markers.csv", folder / "angles.csv", folder / "angles.json", MeasureAnglesJob.from_mapping(settings)
+    )
     return pd.read_csv(folder / "angles.csv"), json.loads((folder / "angles.json").read_text())
 
 
@@ -204,8 +207,8 @@ def test_summary_table(tmp_path):
 @pytest.mark.parametrize("name", ["0", "10"])
 def test_real_recordings(tmp_path, name):
     files = list_marker_files(real_recordings())
-    import_markers(files[name], tmp_path / "markers.csv")
-    measure_angles(tmp_path / "markers.csv", tmp_path / "angles.csv", tmp_path / "angles.json")
+    import_markers(files[name], tmp_path / "markers.csv", ImportMarkersJob())
+    measure_angles(tmp_path / "markers.csv", tmp_path / "angles.csv", tmp_path / "angles.json", MeasureAnglesJob())
     summary = json.loads((tmp_path / "angles.json").read_text())
     assert summary["usable_share"] > 0.99
     assert summary["arm1_px"] == pytest.approx(120.1 if name == "0" else 117.4, abs=0.1)

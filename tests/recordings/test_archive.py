@@ -10,6 +10,7 @@ from pendulum_motion import markers, truth
 from expertaug.errors import InputError
 from expertaug.files import sha256
 from expertaug_recordings.imports.ibm import import_markers, list_marker_files, unpack_archive
+from expertaug_recordings.settings import ImportMarkersJob, UnpackMarkersJob
 
 ROW = "1201,1221,977,1782,1437,1744\n"
 
@@ -72,7 +73,7 @@ def test_only_csvs_are_unpacked(tmp_path, make):
         "dp/other/3.csv",
     ]
     archive = make(tmp_path / "markers.archive", names)
-    found = unpack_archive(archive, tmp_path / "out", {"sha256": sha256(archive)})
+    found = unpack_archive(archive, tmp_path / "out", UnpackMarkersJob(sha256=sha256(archive)))
     assert list(found) == ["3", "11"]
     assert found["3"].read_text() == ROW
     assert sum(p.is_file() for p in (tmp_path / "out").rglob("*")) == 2
@@ -82,7 +83,7 @@ def test_only_csvs_are_unpacked(tmp_path, make):
 def test_a_tar_may_be_packed_in_any_way(tmp_path, packing):
     with tarfile.open(tmp_path / "a", f"w:{packing}") as tar:
         tar.addfile(tarfile.TarInfo("1.csv"), io.BytesIO())
-    assert list(unpack_archive(tmp_path / "a", tmp_path / "out")) == ["1"]
+    assert list(unpack_archive(tmp_path / "a", tmp_path / "out", UnpackMarkersJob())) == ["1"]
 
 
 def test_what_might_be_old_lzma_is_not_tried(tmp_path, monkeypatch):
@@ -90,13 +91,15 @@ def test_what_might_be_old_lzma_is_not_tried(tmp_path, monkeypatch):
     (tmp_path / "a.zip").write_bytes(b"\x5d\x00\x00\x00\x80" + b"\xff" * 8 + bytes(1000))
     monkeypatch.setattr("lzma.LZMADecompressor", lambda *_, **__: pytest.fail("tried"))
     with pytest.raises(InputError, match="neither a tar nor a zip"):
-        unpack_archive(tmp_path / "a.zip", tmp_path / "out")
+        unpack_archive(tmp_path / "a.zip", tmp_path / "out", UnpackMarkersJob())
 
 
 def test_unpacking_replaces_the_folder(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "old.csv").write_text(ROW)
-    assert list(unpack_archive(make_tar(tmp_path / "a.tar.gz", ["1.csv"]), tmp_path / "out")) == ["1"]
+    assert list(unpack_archive(make_tar(tmp_path / "a.tar.gz", ["1.csv"]), tmp_path / "out", UnpackMarkersJob())) == [
+        "1"
+    ]
 
 
 @pytest.mark.parametrize("name", ["../1.csv", "a/../../1.csv", "/tmp/1.csv", "C:\\1.csv"])
@@ -104,14 +107,14 @@ def test_unpacking_replaces_the_folder(tmp_path):
 def test_members_that_would_land_outside(tmp_path, make, name):
     archive = make(tmp_path / "a.archive", ["0.csv", name])
     with pytest.raises(InputError, match="outside of the folder"):
-        unpack_archive(archive, tmp_path / "out")
+        unpack_archive(archive, tmp_path / "out", UnpackMarkersJob())
     assert [p.name for p in tmp_path.iterdir()] == ["a.archive"]
 
 
 @pytest.mark.parametrize("kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.CHRTYPE])
 def test_links_in_a_tar(tmp_path, kind):
     with pytest.raises(InputError, match="link or a device"):
-        unpack_archive(make_tar(tmp_path / "a.tar.gz", ["1.csv"], kind), tmp_path / "out")
+        unpack_archive(make_tar(tmp_path / "a.tar.gz", ["1.csv"], kind), tmp_path / "out", UnpackMarkersJob())
 
 
 def test_link_in_a_zip(tmp_path):
@@ -120,20 +123,20 @@ def test_link_in_a_zip(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as pack:
         pack.writestr(info, "/etc/passwd")
     with pytest.raises(InputError, match="link or a device"):
-        unpack_archive(tmp_path / "a.zip", tmp_path / "out")
+        unpack_archive(tmp_path / "a.zip", tmp_path / "out", UnpackMarkersJob())
 
 
 def test_a_zip_of_too_many_members(tmp_path, monkeypatch):
     monkeypatch.setattr("expertaug_recordings.imports.unpacking.MAX_MEMBERS", 10)
     archive = make_zip(tmp_path / "a.zip", [f"{k}.csv" for k in range(11)])
     with pytest.raises(InputError, match="holds more than 10 members"):
-        unpack_archive(archive, tmp_path / "out")
+        unpack_archive(archive, tmp_path / "out", UnpackMarkersJob())
     assert [p.name for p in tmp_path.iterdir()] == ["a.zip"]
 
 
 def test_members_in_deep_folders(tmp_path):
     with pytest.raises(InputError, match="lies 41 folders deep; at most 32 can be used"):
-        unpack_archive(make_zip(tmp_path / "a.zip", ["a/" * 40 + "1.csv"]), tmp_path / "out")
+        unpack_archive(make_zip(tmp_path / "a.zip", ["a/" * 40 + "1.csv"]), tmp_path / "out", UnpackMarkersJob())
 
 
 def test_what_a_killed_job_left_goes_with_the_next(tmp_path, monkeypatch):
@@ -145,15 +148,19 @@ def test_what_a_killed_job_left_goes_with_the_next(tmp_path, monkeypatch):
         patch.setattr("expertaug_recordings.imports.ibm.unpack", kill)
         patch.setattr("shutil.rmtree", lambda *_, **__: None)
         with pytest.raises(SystemExit):
-            unpack_archive(archive, tmp_path / "out")
+            unpack_archive(archive, tmp_path / "out", UnpackMarkersJob())
     assert len(list(tmp_path.iterdir())) == 2
-    unpack_archive(archive, tmp_path / "out")
+    unpack_archive(archive, tmp_path / "out", UnpackMarkersJob())
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.zip", "out"]
 
 
 def test_wrong_checksum(tmp_path):
     with pytest.raises(InputError, match="SHA-256"):
-        unpack_archive(make_tar(tmp_path / "a.tar.gz", ["1.csv"]), tmp_path / "out", {"sha256": "0" * 64})
+        unpack_archive(
+            make_tar(tmp_path / "a.tar.gz", ["1.csv"]),
+            tmp_path / "out",
+            UnpackMarkersJob.from_mapping({"sha256": "0" * 64}),
+        )
     assert not (tmp_path / "out").exists()
 
 
@@ -162,19 +169,19 @@ def test_damaged_archive(tmp_path, damage):
     archive = make_tar(tmp_path / "a.tar.gz", [f"{k}.csv" for k in range(50)])
     archive.write_bytes(archive.read_bytes()[:150] if damage == "truncated" else b"hello")
     with pytest.raises(InputError):
-        unpack_archive(archive, tmp_path / "out")
+        unpack_archive(archive, tmp_path / "out", UnpackMarkersJob())
     assert not (tmp_path / "out").exists()
 
 
 def test_two_members_of_one_name(tmp_path):
     with pytest.raises(InputError, match="two files of one name"):
-        unpack_archive(make_tar(tmp_path / "a.tar.gz", ["a/1.csv", "b/1.csv"]), tmp_path / "out")
+        unpack_archive(make_tar(tmp_path / "a.tar.gz", ["a/1.csv", "b/1.csv"]), tmp_path / "out", UnpackMarkersJob())
 
 
 def test_markers_are_imported(tmp_path):
     table = markers(truth()[0, :200])
     write_ibm(tmp_path / "1.csv", table)
-    import_markers(tmp_path / "1.csv", tmp_path / "markers.csv", {"rate_hz": 500})
+    import_markers(tmp_path / "1.csv", tmp_path / "markers.csv", ImportMarkersJob(rate_hz=500))
     found = pd.read_csv(tmp_path / "markers.csv")
     assert list(found.columns) == list(table.columns)
     assert np.abs(found["tip_x"] - table["tip_x"]).max() <= 0.1 + 1e-9
@@ -219,13 +226,13 @@ def broken_csv(kind):
 def test_bad_marker_files(tmp_path, kind, message):
     (tmp_path / "1.csv").write_text(broken_csv(kind))
     with pytest.raises(InputError, match=message) as error:
-        import_markers(tmp_path / "1.csv", tmp_path / "markers.csv")
+        import_markers(tmp_path / "1.csv", tmp_path / "markers.csv", ImportMarkersJob())
     assert "\n" not in str(error.value)
     assert not (tmp_path / "markers.csv").exists()
 
 
 def test_unknown_setting(tmp_path):
     with pytest.raises(InputError, match=r"settings\.rate: unknown key"):
-        import_markers(tmp_path / "1.csv", tmp_path / "markers.csv", {"rate": 400})
+        import_markers(tmp_path / "1.csv", tmp_path / "markers.csv", ImportMarkersJob.from_mapping({"rate": 400}))
     with pytest.raises(InputError, match="takes for a text; write"):
-        import_markers(tmp_path / "1.csv", tmp_path / "markers.csv", {"rate_hz": "4e2"})
+        import_markers(tmp_path / "1.csv", tmp_path / "markers.csv", ImportMarkersJob.from_mapping({"rate_hz": "4e2"}))

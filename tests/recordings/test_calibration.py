@@ -14,6 +14,7 @@ from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.angles.pendulum_fit import fit_constants, implied_rate
 from expertaug_recordings.chunks.cut import split_chunks
 from expertaug_recordings.imports.ibm import import_markers, list_marker_files
+from expertaug_recordings.settings import CalibrateJob, ImportMarkersJob, MeasureAnglesJob, SplitChunksJob
 
 
 def clean_chunks(noise=0.0, seed=0):
@@ -81,7 +82,7 @@ def test_implied_rate_of_stretched_time():
 
 def test_calibrate(tmp_path):
     clean_chunks(noise=0.0002).save(tmp_path / "train.npz")
-    calibrate(tmp_path / "train.npz", tmp_path / "calibration.json", {"rate_provenance": "x"})
+    calibrate(tmp_path / "train.npz", tmp_path / "calibration.json", CalibrateJob(rate_provenance="x"))
     report = json.loads((tmp_path / "calibration.json").read_text())
     assert relative(Constants(**report["constants"]), CONSTANTS) < 0.02
     rubbed = report["with_friction"]
@@ -93,14 +94,14 @@ def test_calibrate(tmp_path):
 
 def test_calibrate_refuses_what_is_no_set_of_chunks(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        calibrate(tmp_path / "train.npz", tmp_path / "calibration.json")
+        calibrate(tmp_path / "train.npz", tmp_path / "calibration.json", CalibrateJob())
     clean_chunks().subset(slice(0, 5)).save(tmp_path / "train.npz")
     with pytest.raises(InputError, match="at least 10 chunks"):
-        calibrate(tmp_path / "train.npz", tmp_path / "calibration.json")
+        calibrate(tmp_path / "train.npz", tmp_path / "calibration.json", CalibrateJob())
     still = Trajectories(np.arange(20) / 100, np.zeros((20, 20, 4)), np.zeros((20, 2)))
     still.save(tmp_path / "train.npz")
     with pytest.raises(InputError, match="do not determine"):
-        calibrate(tmp_path / "train.npz", tmp_path / "calibration.json")
+        calibrate(tmp_path / "train.npz", tmp_path / "calibration.json", CalibrateJob())
     assert not (tmp_path / "calibration.json").exists()
 
 
@@ -108,14 +109,14 @@ def measured(folder, paths):
     for name, table in paths.items():
         (folder / name).mkdir()
         table.to_csv(folder / name / "markers.csv", index=False)
-        measure_angles(*(folder / name / f for f in ("markers.csv", "angles.csv", "angles.json")))
+        measure_angles(*(folder / name / f for f in ("markers.csv", "angles.csv", "angles.json")), MeasureAnglesJob())
     return [folder / name / "angles.csv" for name in paths]
 
 
 def test_from_markers_to_constants(tmp_path):
     angles = measured(tmp_path, {f"r{k}": markers(y, seed=k) for k, y in enumerate(truth())})
-    split_chunks(angles, tmp_path / "data", {"stride": 20})
-    calibrate(tmp_path / "data" / "train.npz", tmp_path / "data" / "calibration.json")
+    split_chunks(angles, tmp_path / "data", SplitChunksJob(stride=20))
+    calibrate(tmp_path / "data" / "train.npz", tmp_path / "data" / "calibration.json", CalibrateJob())
     report = json.loads((tmp_path / "data" / "calibration.json").read_text())
     assert relative(Constants(**report["with_friction"]["constants"]), CONSTANTS) < 0.003
 
@@ -125,11 +126,11 @@ def test_real_recordings_reproduce_the_known_forecast_errors(tmp_path):
     """The facts' table by time, on the recordings that are here; the compound fits must be at least as good."""
     angles = []
     for name, path in list_marker_files(real_recordings()).items():
-        import_markers(path, tmp_path / name / "markers.csv")
-        measure_angles(*(tmp_path / name / f for f in ("markers.csv", "angles.csv", "angles.json")))
+        import_markers(path, tmp_path / name / "markers.csv", ImportMarkersJob())
+        measure_angles(*(tmp_path / name / f for f in ("markers.csv", "angles.csv", "angles.json")), MeasureAnglesJob())
         angles.append(tmp_path / name / "angles.csv")
-    split_chunks(angles, tmp_path / "data", {"by": "time", "phases": "first", "stride": 20})
-    calibrate(tmp_path / "data" / "train.npz", tmp_path / "data" / "calibration.json")
+    split_chunks(angles, tmp_path / "data", SplitChunksJob(by="time", phases="first", stride=20))
+    calibrate(tmp_path / "data" / "train.npz", tmp_path / "data" / "calibration.json", CalibrateJob())
     report = json.loads((tmp_path / "data" / "calibration.json").read_text())
     sets = [Trajectories.load(tmp_path / "data" / f"{name}.npz") for name in ("train", "validation", "test")]
     rubbed = report["with_friction"]

@@ -12,9 +12,9 @@ from expertaug.trajectories import Trajectories
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.chunks.cut import split_chunks
 from expertaug_recordings.chunks.horizons import cut_horizon
-from expertaug_recordings.chunks.settings import ChunkKeys, ChunkSettings
 from expertaug_recordings.imports.ibm import import_markers, list_marker_files
 from expertaug_recordings.reports.splits import plot_splits
+from expertaug_recordings.settings import ChunkKeys, CutHorizonJob, ImportMarkersJob, MeasureAnglesJob, SplitChunksJob
 
 SMALL = {"min_chunks": 1, "guard_s": 0.0}
 
@@ -65,7 +65,7 @@ def test_no_frame_is_in_two_splits_and_none_is_unmeasured(tmp_path, by, seed):
         "guard_s": float(rng.choice([0.0, 0.06])),
         "min_chunks": 1,
     }
-    split_chunks(angles, tmp_path / "data", settings)
+    split_chunks(angles, tmp_path / "data", SplitChunksJob.from_mapping(settings))
     frames = frames_of(tmp_path / "data")
     assert set(frames) == set(SPLITS)
     for a, b in (("train", "validation"), ("train", "test"), ("validation", "test")):
@@ -78,7 +78,9 @@ def test_no_frame_is_in_two_splits_and_none_is_unmeasured(tmp_path, by, seed):
 
 def test_chunks_hold_the_states_of_their_frames(tmp_path):
     y = truth()[0, :8000]
-    split_chunks([write_angles(tmp_path / "r0", y)], tmp_path / "data", {**SMALL, "stride": 7})
+    split_chunks(
+        [write_angles(tmp_path / "r0", y)], tmp_path / "data", SplitChunksJob.from_mapping({**SMALL, "stride": 7})
+    )
     table = pd.read_csv(tmp_path / "data" / "chunks.csv")
     for name in SPLITS:
         chunks, rows = Trajectories.load(tmp_path / "data" / f"{name}.npz"), table[table["split"] == name]
@@ -95,7 +97,7 @@ def test_chunks_hold_the_states_of_their_frames(tmp_path):
 
 def test_energy_rule_orders_the_splits(tmp_path):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth())]
-    split_chunks(angles, tmp_path / "data", {**SMALL, "phases": "first", "stride": 20})
+    split_chunks(angles, tmp_path / "data", SplitChunksJob.from_mapping({**SMALL, "phases": "first", "stride": 20}))
     table = pd.read_csv(tmp_path / "data" / "chunks.csv").groupby("split")["energy"]
     report = json.loads((tmp_path / "data" / "splits.json").read_text())
     low, high = report["thresholds"]["train_below"], report["thresholds"]["test_above"]
@@ -108,7 +110,11 @@ def test_energy_rule_orders_the_splits(tmp_path):
 
 
 def test_time_rule_takes_test_from_the_start(tmp_path):
-    split_chunks([write_angles(tmp_path / "r0", truth()[0])], tmp_path / "data", {**SMALL, "by": "time", "stride": 1})
+    split_chunks(
+        [write_angles(tmp_path / "r0", truth()[0])],
+        tmp_path / "data",
+        SplitChunksJob.from_mapping({**SMALL, "by": "time", "stride": 1}),
+    )
     first = pd.read_csv(tmp_path / "data" / "chunks.csv").groupby("split")["first_frame"]
     assert (first.min()["test"], first.min()["validation"], first.min()["train"]) == (0, 4800, 9600)
     assert first.max()["test"] == 4800 - 77 and first.max()["train"] == 16000 - 77
@@ -117,7 +123,11 @@ def test_time_rule_takes_test_from_the_start(tmp_path):
 def test_stride_phases_and_a_lower_analysis_rate(tmp_path):
     def count(rate, **settings):
         angles = write_angles(tmp_path / "r0", truth()[0][:: int(400 / rate)], rate)
-        split_chunks([angles], tmp_path / "data", {**SMALL, "by": "time", "evaluation_stride": 20, **settings})
+        split_chunks(
+            [angles],
+            tmp_path / "data",
+            SplitChunksJob.from_mapping({**SMALL, "by": "time", "evaluation_stride": 20, **settings}),
+        )
         return json.loads((tmp_path / "data" / "splits.json").read_text())["chunks"]["train"]
 
     assert count(400, stride=20, phases="first") == 80  # 16 s of .2 s
@@ -129,8 +139,8 @@ def test_stride_phases_and_a_lower_analysis_rate(tmp_path):
 def test_max_chunks_is_an_even_and_repeatable_subset(tmp_path):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth()[:, :8000])]
     settings = {**SMALL, "by": "time", "max_chunks": {"train": 30, "test": None}}
-    split_chunks(angles, tmp_path / "a", settings)
-    split_chunks(angles, tmp_path / "b", settings)
+    split_chunks(angles, tmp_path / "a", SplitChunksJob.from_mapping(settings))
+    split_chunks(angles, tmp_path / "b", SplitChunksJob.from_mapping(settings))
     report = json.loads((tmp_path / "a" / "splits.json").read_text())
     assert report["recordings"]["train"] == {"r0": 10, "r1": 10, "r2": 10}
     assert report["chunks"]["test"] > 30
@@ -157,7 +167,7 @@ def test_segments_and_guard():
 def test_bad_settings(tmp_path, settings, message):
     angles = write_angles(tmp_path / "r0", truth()[0, :8000])
     with pytest.raises(InputError, match=message):
-        split_chunks([angles], tmp_path / "data", settings)
+        split_chunks([angles], tmp_path / "data", SplitChunksJob.from_mapping(settings))
     assert not (tmp_path / "data").exists()
 
 
@@ -165,14 +175,14 @@ def test_too_few_chunks_in_a_split_names_it(tmp_path):
     y = truth()[0, :8000]
     angles = write_angles(tmp_path / "r0", y, gaps=[(0, 2400)])
     with pytest.raises(InputError, match="too few chunks for the test split"):
-        split_chunks([angles], tmp_path / "data", {"by": "time", "min_chunks": 5})
+        split_chunks([angles], tmp_path / "data", SplitChunksJob.from_mapping({"by": "time", "min_chunks": 5}))
 
 
 def test_chunks_of_a_short_recording_lie_nearer_until_there_are_enough(tmp_path, caplog):
     """600 frames at 40 Hz, as another laboratory's series, by the settings that nobody wrote for it."""
     angles = write_angles(tmp_path / "r0", truth()[0, :6000:10], 40.0)
     settings = ChunkKeys().at(40.0, "split")
-    split_chunks([angles], tmp_path / "data", settings.model_dump())
+    split_chunks([angles], tmp_path / "data", SplitChunksJob.from_mapping(settings.model_dump()))
     counts = json.loads((tmp_path / "data" / "splits.json").read_text())["chunks"]
     assert min(counts.values()) >= settings.min_chunks == 30
     assert "the test split's chunks begin every 4 points instead of every 8" in caplog.text
@@ -184,15 +194,15 @@ def test_chunks_of_a_short_recording_lie_nearer_until_there_are_enough(tmp_path,
 def test_two_recordings_of_one_name_and_a_broken_table(tmp_path):
     angles = write_angles(tmp_path / "r0", truth()[0, :8000])
     with pytest.raises(InputError, match="different names"):
-        split_chunks([angles, angles], tmp_path / "data")
+        split_chunks([angles, angles], tmp_path / "data", SplitChunksJob())
     angles.write_text("frame,t\n0,0\n")
     with pytest.raises(InputError, match="column theta1 is missing"):
-        split_chunks([angles], tmp_path / "data")
+        split_chunks([angles], tmp_path / "data", SplitChunksJob())
 
 
 def test_figure(tmp_path):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth()[:, :8000])]
-    split_chunks(angles, tmp_path / "data", SMALL)
+    split_chunks(angles, tmp_path / "data", SplitChunksJob.from_mapping(SMALL))
     plot_splits(tmp_path / "data", [tmp_path / "splits.png", tmp_path / "splits.pdf"])
     assert (tmp_path / "splits.png").stat().st_size > 20_000 and (tmp_path / "splits.pdf").stat().st_size > 5_000
     chunks, figure = tmp_path / "data" / "chunks.csv", tmp_path / "again.png"
@@ -218,10 +228,10 @@ def test_figure(tmp_path):
 def test_real_recordings_by_energy(tmp_path):
     angles = []
     for name, path in list(list_marker_files(real_recordings()).items())[:4]:
-        import_markers(path, tmp_path / name / "markers.csv")
-        measure_angles(*(tmp_path / name / f for f in ("markers.csv", "angles.csv", "angles.json")))
+        import_markers(path, tmp_path / name / "markers.csv", ImportMarkersJob())
+        measure_angles(*(tmp_path / name / f for f in ("markers.csv", "angles.csv", "angles.json")), MeasureAnglesJob())
         angles.append(tmp_path / name / "angles.csv")
-    split_chunks(angles, tmp_path / "data", {"phases": "first", "stride": 20})
+    split_chunks(angles, tmp_path / "data", SplitChunksJob(phases="first", stride=20))
     frames = frames_of(tmp_path / "data")
     assert not frames["train"] & frames["test"]
     report = json.loads((tmp_path / "data" / "splits.json").read_text())
@@ -234,11 +244,11 @@ def test_real_recordings_by_energy(tmp_path):
 def test_long_chunks_lie_in_the_frames_of_their_split(tmp_path, by):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth())]
     settings = {**SMALL, "by": by, "horizons_s": [1.0, 2.0]}
-    split_chunks(angles, tmp_path / "data", settings)
+    split_chunks(angles, tmp_path / "data", SplitChunksJob.from_mapping(settings))
     spans = frames_of(tmp_path / "data")
     for name in ("validation_1s", "test_2s"):
         output = tmp_path / f"{name}.npz"
-        cut_horizon(angles, output, {"split": settings, "set": name})
+        cut_horizon(angles, output, CutHorizonJob(split=settings, set=name))
         long, (split, end) = Trajectories.load(output), (name.split("_")[0], float(name[-2]))
         assert long.t[-1] == pytest.approx(end) and len(long.t) == 100 * end + 1
         assert 0 < len(long) <= 300
@@ -257,7 +267,7 @@ def test_recordings_too_short_for_a_horizon_are_refused_in_one_line(tmp_path):
     angles = [write_angles(tmp_path / "r0", truth()[0][:1600])]
     settings = {**SMALL, "by": "time", "horizons_s": [2.0]}
     with pytest.raises(InputError, match=r"no test chunk of 2 s: the longest stretch of its frames lasts 1\.2 s; give"):
-        cut_horizon(angles, tmp_path / "test_2s.npz", {"split": settings, "set": "test_2s"})
+        cut_horizon(angles, tmp_path / "test_2s.npz", CutHorizonJob.from_mapping({"split": settings, "set": "test_2s"}))
 
 
 @pytest.mark.parametrize(
@@ -266,10 +276,10 @@ def test_recordings_too_short_for_a_horizon_are_refused_in_one_line(tmp_path):
 )
 def test_horizons_that_make_no_sense(tmp_path, horizons, message):
     with pytest.raises(InputError, match=message):
-        split_chunks([tmp_path / "a.csv"], tmp_path / "data", {"horizons_s": horizons})
+        split_chunks([tmp_path / "a.csv"], tmp_path / "data", SplitChunksJob.from_mapping({"horizons_s": horizons}))
 
 
 def test_names_of_long_sets():
-    found = ChunkSettings(horizons_s=[1.0, 0.5]).horizons
+    found = SplitChunksJob(horizons_s=[1.0, 0.5]).horizons
     assert list(found) == ["validation_1s", "test_1s", "validation_500ms", "test_500ms"]
     assert found["test_500ms"] == ("test", 0.5)

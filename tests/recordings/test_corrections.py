@@ -10,7 +10,8 @@ from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug_recordings.angles.measure import measure_angles
-from expertaug_recordings.corrections import read_corrections
+from expertaug_recordings.corrections import Correction, read_corrections
+from expertaug_recordings.settings import MeasureAnglesJob
 
 TIP = ["tip_x", "tip_y"]
 
@@ -25,7 +26,7 @@ def test_a_corrected_frame_is_measured_and_says_so(tmp_path):
     rows += [{"frame": 1000, "marker": "all"}, {"frame": 1200, "marker": "tip"}]
     files = [tmp_path / name for name in ("markers.csv", "angles.csv", "angles.json")]
     before = files[0].read_bytes()
-    measure_angles(*files, {"corrections": rows})
+    measure_angles(*files, MeasureAnglesJob(corrections=rows))
     angles = pd.read_csv(files[1], keep_default_na=False)
     assert (angles["reason"][300:331] == "corrected").all() and (angles["quality"][300:331].astype(float) == 1).all()
     off = np.angle(np.exp(1j * (angles["theta2"].astype(float)[300:331] - truth()[0, 300:331, 1])))
@@ -33,7 +34,7 @@ def test_a_corrected_frame_is_measured_and_says_so(tmp_path):
     assert (angles["quality"][[1000, 1200]].astype(float) < 1).all()
     assert files[0].read_bytes() == before  # what the tracker found stays
     with pytest.raises(InputError, match="a correction of frame 2000; its frames are 0 to 1999"):
-        measure_angles(*files, {"corrections": [{"frame": 2000, "marker": "all"}]})
+        measure_angles(*files, MeasureAnglesJob(corrections=[{"frame": 2000, "marker": "all"}]))
 
 
 def write(path, *rows):
@@ -60,12 +61,12 @@ def test_only_the_recordings_that_are_corrected_are_measured_anew(tmp_path):
     path = write(tmp_path / "c.csv", "rendered_01,7,tip,3.5,4", "rendered_01,8,all,,")
     block = {"run": ["double_pendulum"], "recordings": {"corrections": str(path)}}
     found = config.validate(config.merge(config.load(FILES), block))
-    one = stage_settings.measure_angles(found, "rendered_01")["corrections"]
+    one = stage_settings.measure_angles(found, "rendered_01").corrections
     assert one == [
-        {"frame": 7, "marker": "tip", "x": 3.5, "y": 4.0},
-        {"frame": 8, "marker": "all", "x": None, "y": None},
+        Correction(frame=7, marker="tip", x=3.5, y=4.0),
+        Correction(frame=8, marker="all", x=None, y=None),
     ]
-    assert stage_settings.measure_angles(found, "rendered_00")["corrections"] == []
+    assert stage_settings.measure_angles(found, "rendered_00").corrections == []
     write(path, "rendered_1,7,tip,3.5,4")
     with pytest.raises(InputError, match=r"recordings.corrections: 'rendered_1' is no recording"):
         config.validate(config.merge(config.load(FILES), block))

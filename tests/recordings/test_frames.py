@@ -7,7 +7,8 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug_recordings.rendering.render import render_recording
-from expertaug_recordings.video.frame_store import ExtractSettings, FrameStore, extract_frames, writing
+from expertaug_recordings.settings import ExtractFramesJob, RenderVideoJob
+from expertaug_recordings.video.frame_store import FrameStore, extract_frames, writing
 from expertaug_recordings.video.pixel_layout import Layout
 
 FRAMES = 50
@@ -16,7 +17,7 @@ FRAMES = 50
 @pytest.fixture(scope="module")
 def video(tmp_path_factory):
     folder = tmp_path_factory.mktemp("videos")
-    render_recording(0, folder / "video.mp4", folder / "truth.csv", {"duration_s": FRAMES / 400})
+    render_recording(0, folder / "video.mp4", folder / "truth.csv", RenderVideoJob(duration_s=FRAMES / 400))
     return folder / "video.mp4"
 
 
@@ -29,7 +30,7 @@ def decoded(video):
 @pytest.fixture(scope="module")
 def store(video, tmp_path_factory):
     path = tmp_path_factory.mktemp("stores") / "frames.b2frame"
-    extract_frames(video, path, {})
+    extract_frames(video, path, ExtractFramesJob())
     return path
 
 
@@ -62,7 +63,7 @@ def test_times_and_source(store):
 
 def test_analysis_rate_keeps_every_fourth_frame(video, decoded, tmp_path):
     extract_frames(
-        video, tmp_path / "s.b2frame", {"analysis_rate_hz": 100, "image_size_px": 480, "expected_frames": FRAMES}
+        video, tmp_path / "s.b2frame", ExtractFramesJob(analysis_rate_hz=100, image_size_px=480, expected_frames=FRAMES)
     )
     frames = FrameStore(tmp_path / "s.b2frame")
     np.testing.assert_array_equal(frames.read(0, FRAMES), decoded[::4])
@@ -71,14 +72,14 @@ def test_analysis_rate_keeps_every_fourth_frame(video, decoded, tmp_path):
 
 def test_configured_rate_stretches_time(video, tmp_path):
     extract_frames(
-        video, tmp_path / "s.b2frame", {"analysis_rate_hz": 100, "rate_hz": 500, "rate_provenance": "motion"}
+        video, tmp_path / "s.b2frame", ExtractFramesJob(analysis_rate_hz=100, rate_hz=500, rate_provenance="motion")
     )
     frames = FrameStore(tmp_path / "s.b2frame")
     assert (len(frames), frames.rate_hz, frames.source["rate_provenance"]) == (10, 100, "motion")
 
 
 def test_of_a_rate_that_does_not_divide_the_frames_are_kept_for_resampling(video, decoded, tmp_path):
-    extract_frames(video, tmp_path / "s.b2frame", {"analysis_rate_hz": 150})
+    extract_frames(video, tmp_path / "s.b2frame", ExtractFramesJob(analysis_rate_hz=150))
     frames = FrameStore(tmp_path / "s.b2frame")
     assert frames.rate_hz == 200
     np.testing.assert_array_equal(frames.read(0, FRAMES), decoded[::2])
@@ -86,7 +87,7 @@ def test_of_a_rate_that_does_not_divide_the_frames_are_kept_for_resampling(video
 
 def test_the_analysis_rate_is_at_most_the_video_s(video, tmp_path):
     with pytest.raises(InputError, match=r"analysis rate of 800 Hz is above the frame rate of 400 Hz; set .* 400 or"):
-        extract_frames(video, tmp_path / "s.b2frame", {"analysis_rate_hz": 800})
+        extract_frames(video, tmp_path / "s.b2frame", ExtractFramesJob.from_mapping({"analysis_rate_hz": 800}))
     assert not (tmp_path / "s.b2frame").exists()
 
 
@@ -101,21 +102,21 @@ def test_the_analysis_rate_is_at_most_the_video_s(video, tmp_path):
 )
 def test_bad_settings_are_named(settings, message):
     with pytest.raises(InputError, match=message):
-        ExtractSettings.from_mapping(settings)
+        ExtractFramesJob.from_mapping(settings)
 
 
 def test_bad_video_leaves_nothing(video, tmp_path):
     data = video.read_bytes()
     (tmp_path / "bad.mp4").write_bytes(data[: len(data) // 2] + bytes(1000) + data[len(data) // 2 + 1000 :])
     with pytest.raises(InputError, match=r"bad.mp4: (spoiled|ends)"):
-        extract_frames(tmp_path / "bad.mp4", tmp_path / "out" / "s.b2frame", {})
+        extract_frames(tmp_path / "bad.mp4", tmp_path / "out" / "s.b2frame", ExtractFramesJob())
     assert not list((tmp_path / "out").iterdir())
 
 
 def test_output_folder_that_cannot_be_written(video, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=r"s\.b2frame: cannot be written"):
-        extract_frames(video, tmp_path / "file" / "s.b2frame", {})
+        extract_frames(video, tmp_path / "file" / "s.b2frame", ExtractFramesJob())
 
 
 @pytest.mark.parametrize("damage", [lambda d: b"", lambda d: d[: len(d) // 2], lambda d: b"frames" * 99])

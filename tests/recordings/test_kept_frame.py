@@ -7,9 +7,9 @@ import pytest
 from av.video.reformatter import VideoReformatter
 
 from expertaug_recordings.markers.geometry import estimate_geometry
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.settings import ExtractFramesJob, RenderVideoJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 from expertaug_recordings.video.kept_frame import KeptFrame
 from expertaug_recordings.video.pixel_layout import Layout
@@ -58,13 +58,13 @@ def test_frames_that_are_turned_or_no_yuv_have_none(layout):
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     folder = tmp_path_factory.mktemp("store")
-    render_recording(0, folder / "video.mp4", folder / "truth.csv", {"duration_s": 0.25})
-    extract_frames(folder / "video.mp4", folder / "frames.b2frame", {})
+    render_recording(0, folder / "video.mp4", folder / "truth.csv", RenderVideoJob(duration_s=0.25))
+    extract_frames(folder / "video.mp4", folder / "frames.b2frame", ExtractFramesJob())
     return FrameStore(folder / "frames.b2frame")
 
 
 def test_kept_frames_are_tracked_as_their_images_are(store, monkeypatch):
-    settings, images = TrackSettings(), list(store)
+    settings, images = TrackMarkersJob(), list(store)
     geometry, _ = estimate_geometry(images, settings)
     whole = track_frames(images, geometry, settings)
     made, image = [], Layout.image

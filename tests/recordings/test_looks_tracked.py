@@ -11,9 +11,9 @@ from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, compressed, draw, markers_of, 
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.geometry import centre_of_circle, estimate_geometry, measure_diameter
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.markers.tracker import track_frames
+from expertaug_recordings.settings import ExtractFramesJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames, writing
 from expertaug_recordings.video.pixel_layout import Layout
 
@@ -30,7 +30,7 @@ LOOKS = {
 
 def settings_of(style, names, marked, **more):
     markers = {"style": style, "pivot": names[0] if marked else None, "joint": names[1], "tip": names[2]}
-    return TrackSettings.from_mapping({"markers": markers, "marker_diameter_px": 24.0} | more)
+    return TrackMarkersJob.from_mapping({"markers": markers, "marker_diameter_px": 24.0} | more)
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_angles_are_those_of_the_truth(clip, states):
 
 def test_an_unknown_diameter_is_measured(clip):
     frames, _, settings = clip
-    found = measure_diameter(frames[::30], TrackSettings(markers=settings.markers, marker_diameter_px=None))
+    found = measure_diameter(frames[::30], TrackMarkersJob(markers=settings.markers, marker_diameter_px=None))
     assert found == pytest.approx(24, abs=1)
 
 
@@ -107,7 +107,7 @@ def test_an_unmarked_pivot_is_found_or_given(states, tmp_path):
     markers = {"style": "disk", "pivot": None, "joint": "magenta", "tip": "cyan"}
     for given in (None, [390.0, 165.0]):
         settings = {"markers": markers | {"pivot_px": given}, "marker_diameter_px": 24.0}
-        track_markers(store, tmp_path / "markers.csv", settings)
+        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob.from_mapping(settings))
         with (tmp_path / "markers.csv").open(newline="") as stream:
             rows = list(csv.DictReader(stream))
         pivot = np.array([[float(row["pivot_x"]), float(row["pivot_y"])] for row in rows])
@@ -117,7 +117,7 @@ def test_an_unmarked_pivot_is_found_or_given(states, tmp_path):
     with pytest.raises(
         InputError, match=r"0 show both \(yellow in 0, cyan in 60\); show yellow and cyan disks of 24 px"
     ):
-        track_markers(store, tmp_path / "none.csv", one)
+        track_markers(store, tmp_path / "none.csv", TrackMarkersJob.from_mapping(one))
 
 
 def test_a_joint_that_hardly_moves_tells_no_pivot():
@@ -139,7 +139,7 @@ def test_an_unknown_diameter_of_nothing_is_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"of 12 frames looked at, none shows a marker; show red, green and blue quadrant"
     ):
-        track_markers(store, tmp_path / "markers.csv", {"marker_diameter_px": None})
+        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob.from_mapping({"marker_diameter_px": None}))
 
 
 def test_the_turn_that_a_phone_writes_into_its_file_is_obeyed(states, tmp_path):
@@ -151,7 +151,7 @@ def test_the_turn_that_a_phone_writes_into_its_file_is_obeyed(states, tmp_path):
     matrix = data.find(b"tkhd") + 44
     data[matrix : matrix + 36] = struct.pack(">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, 0, 0, 1 << 30)
     (tmp_path / "phone.mp4").write_bytes(data)
-    extract_frames(tmp_path / "phone.mp4", tmp_path / "frames.b2", {})
+    extract_frames(tmp_path / "phone.mp4", tmp_path / "frames.b2", ExtractFramesJob())
     store = FrameStore(tmp_path / "frames.b2")
     assert store.shape == (20, 640, 360, 3)
     settings = settings_of("disk", ("red", "green", "blue"), True)

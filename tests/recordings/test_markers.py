@@ -11,11 +11,11 @@ import pytest
 from expertaug.errors import InputError
 from expertaug_recordings.columns import MARKERS
 from expertaug_recordings.markers.geometry import estimate_geometry
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.rendering.render import markers, poses
 from expertaug_recordings.rendering.scene import Scene
+from expertaug_recordings.settings import TrackMarkersJob
 from expertaug_recordings.video.frame_store import writing
 from expertaug_recordings.video.pixel_layout import Layout
 
@@ -46,7 +46,7 @@ def save(frames, path):
 def test_table_has_one_row_a_frame_and_empty_positions_where_lost(clip, tmp_path):
     frames, truth = clip[0].copy(), clip[1]
     frames[40:50, :, :, :] = 0
-    track = track_markers(save(frames, tmp_path / "frames.b2nd"), tmp_path / "markers.csv")
+    track = track_markers(save(frames, tmp_path / "frames.b2nd"), tmp_path / "markers.csv", TrackMarkersJob())
     with (tmp_path / "markers.csv").open(newline="") as stream:
         header, *rows = csv.reader(stream)
     assert tuple(header) == MARKERS
@@ -67,7 +67,7 @@ def test_table_has_one_row_a_frame_and_empty_positions_where_lost(clip, tmp_path
 def test_given_arm_lengths_are_used(clip, tmp_path):
     store = save(clip[0][:20], tmp_path / "frames.b2nd")
     with pytest.raises(InputError, match=r"20 of 20 frames are unusable \(arm_length in 20\); at most a share of 0.25"):
-        track_markers(store, tmp_path / "markers.csv", {"arm2_px": 86.0})
+        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob.from_mapping({"arm2_px": 86.0}))
     assert not (tmp_path / "markers.csv").exists()
 
 
@@ -79,7 +79,7 @@ def test_video_without_markers_is_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"frames\.b2nd: no markers: of 12 frames looked at, 0 show all three"
     ) as error:
-        track_markers(store, tmp_path / "markers.csv")
+        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob())
     assert "red in 0, green in 0, blue in 0" in str(error.value)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "markers.csv").exists()
@@ -92,13 +92,13 @@ def test_video_that_loses_a_marker_for_long_is_refused(clip, tmp_path):
         cv2.rectangle(frames[i], (x - 15, y - 15), (x + 15, y + 15), (0, 0, 0), -1)
     store = save(frames, tmp_path / "frames.b2nd")
     with pytest.raises(InputError, match=r"40 of 100 frames are unusable \(lost:green in 40\)"):
-        track_markers(store, tmp_path / "markers.csv")
-    assert len(track_markers(store, tmp_path / "markers.csv", {"max_lost_share": 0.5}).reason) == 100
+        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob())
+    assert len(track_markers(store, tmp_path / "markers.csv", TrackMarkersJob(max_lost_share=0.5)).reason) == 100
 
 
 def test_missing_store_is_named(tmp_path):
     with pytest.raises(InputError, match=r"nothing\.b2nd: no such file"):
-        track_markers(tmp_path / "nothing.b2nd", tmp_path / "markers.csv")
+        track_markers(tmp_path / "nothing.b2nd", tmp_path / "markers.csv", TrackMarkersJob())
 
 
 def test_real_frame_within_half_a_pixel_of_its_labels():
@@ -108,8 +108,8 @@ def test_real_frame_within_half_a_pixel_of_its_labels():
     frame = cv2.imread(str(REAL / "frame.png"))
     row = np.genfromtxt(labels, delimiter=",", skip_header=101, max_rows=1)
     truth = (row.reshape(3, 2)[:, ::-1] - 2) / 5  # vertical first in the file
-    geometry, _ = estimate_geometry([frame], TrackSettings())
-    track = track_frames([frame], geometry, TrackSettings())
+    geometry, _ = estimate_geometry([frame], TrackMarkersJob())
+    track = track_frames([frame], geometry, TrackMarkersJob())
     assert track.reason == [""]
     assert np.abs(track.position[0] - truth).max() < 0.5
     assert geometry.arm1 == pytest.approx(120.4, abs=0.9)

@@ -6,7 +6,7 @@ from expertaug.errors import InputError
 from expertaug.systems.double_pendulum import Constants, accelerations, energy
 from expertaug_recordings.rendering import motion
 from expertaug_recordings.rendering.motion import Launch, simulate
-from expertaug_recordings.rendering.render import RenderSettings
+from expertaug_recordings.rendering.render import RenderVideoJob
 
 CONSTANTS = Constants(B1=0.103, G1=69.4, B2=1.35, G2=93.5)
 TIMES = np.arange(2000) / 400
@@ -32,7 +32,7 @@ def test_energy_is_conserved_without_friction(start):
 
 
 def test_friction_takes_energy_as_in_the_real_recordings(start):
-    s = RenderSettings()
+    s = RenderVideoJob()
     times = np.arange(16_000) / 400
     e = energy(simulate(start, times, s.constants, s.friction), s.constants)
     assert np.all(np.diff(e, axis=1) < 1e-9)
@@ -42,7 +42,7 @@ def test_friction_takes_energy_as_in_the_real_recordings(start):
 
 
 def test_speeds_are_those_of_a_hand_launch(start):
-    states = simulate(start, TIMES, CONSTANTS, RenderSettings().friction)
+    states = simulate(start, TIMES, CONSTANTS, RenderVideoJob().friction)
     fastest = np.abs(states[..., 2:]).max(axis=1)
     assert np.all((fastest > [18, 40]) & (fastest < [31, 85]))
     np.testing.assert_array_less(energy(start, CONSTANTS), 330.001)

@@ -11,6 +11,7 @@ from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, wr
 from expertaug.errors import InputError
 from expertaug_recordings.reports.forecasts import Forecast, read_forecasts
 from expertaug_recordings.reports.overlay import GHOSTS, Painter, _read, note, overlay
+from expertaug_recordings.settings import OverlayJob
 
 COUNT, MARKERS = 200, ("pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y")
 
@@ -44,7 +45,7 @@ def files_of(folder):
 
 
 def run(folder, output, settings=None, **more):
-    overlay(*files_of(folder), output, settings, **more)
+    overlay(*files_of(folder), output, OverlayJob.from_mapping(settings), **more)
     with av.open(str(output)) as container:
         stream = container.streams.video[0]
         frames = [frame.to_ndarray(format="bgr24") for frame in container.decode(video=0)]
@@ -169,21 +170,21 @@ def test_a_ghost_swings_where_the_forecast_says(recording):
 def test_files_that_do_not_fit_are_refused(recording, tmp_path):
     files = files_of(recording)
     with pytest.raises(InputError, match=r"o\.webm: suffix '\.webm'; an overlay is \.mp4"):
-        overlay(*files, tmp_path / "o.webm")
+        overlay(*files, tmp_path / "o.webm", OverlayJob())
     with pytest.raises(InputError, match=r"video\.mp4: 200 frames at 100 Hz; .*markers\.csv has 200 at 240 Hz"):
-        overlay(*files, tmp_path / "o.mp4", {"rate_hz": 100.0})
+        overlay(*files, tmp_path / "o.mp4", OverlayJob(rate_hz=100.0))
     pd.read_csv(files[1])[:50].to_csv(tmp_path / "markers.csv", index=False)
     with pytest.raises(InputError, match=r"50 frames, .*angles\.csv has 200, .*angles\.json has 200"):
-        overlay(files[0], tmp_path / "markers.csv", *files[2:], tmp_path / "o.mp4")
+        overlay(files[0], tmp_path / "markers.csv", *files[2:], tmp_path / "o.mp4", OverlayJob())
     for text, message in (("{}", "recording: Field required"), ("[1]", "JSON: Input should be an object")):
         (tmp_path / "angles.json").write_text(text)
         with pytest.raises(InputError, match=rf"angles\.json: {message}; run measure_angles again"):
-            overlay(*files[:3], tmp_path / "angles.json", tmp_path / "o.mp4")
+            overlay(*files[:3], tmp_path / "angles.json", tmp_path / "o.mp4", OverlayJob())
     table = pd.read_csv(files[2], keep_default_na=False)
     table["quality"] = 0.7
     table.to_csv(tmp_path / "angles.csv", index=False)
     with pytest.raises(InputError, match=r"a frame without a quality of 0, \.5 or 1"):
-        overlay(*files[:2], tmp_path / "angles.csv", files[3], tmp_path / "o.mp4")
+        overlay(*files[:2], tmp_path / "angles.csv", files[3], tmp_path / "o.mp4", OverlayJob())
     assert not (tmp_path / "o.mp4").exists()
 
 

@@ -16,6 +16,7 @@ from expertaug_recordings.angles.tilt import find_gravity
 from expertaug_recordings.chunks.cut import split_chunks
 from expertaug_recordings.reports.page import _heading, plot_recording, plot_refused
 from expertaug_recordings.reports.summary import summarise
+from expertaug_recordings.settings import MeasureAnglesJob, SplitChunksJob
 
 FLAGS = {  # reason of the tracker → frames and what it says of them
     "lost:blue": (1000, 1040),
@@ -41,7 +42,10 @@ def flagged(tmp_path_factory):
     table.loc[3500:3549, ["quality", "reason"]] = 0.0, "lost:red"
     table.to_csv(folder / "markers.csv", index=False)
     measure_angles(
-        folder / "markers.csv", folder / "angles.csv", folder / "angles.json", {"rate_provenance": "a label"}
+        folder / "markers.csv",
+        folder / "angles.csv",
+        folder / "angles.json",
+        MeasureAnglesJob(rate_provenance="a label"),
     )
     return folder
 
@@ -60,7 +64,7 @@ def test_no_flagged_frame_is_measured_and_each_reason_is_counted(flagged):
 
 
 def test_no_chunk_spans_a_flagged_frame(flagged, tmp_path):
-    split_chunks([flagged / "angles.csv"], tmp_path / "data", {"by": "time", "stride": 1, "min_chunks": 1})
+    split_chunks([flagged / "angles.csv"], tmp_path / "data", SplitChunksJob(by="time", stride=1, min_chunks=1))
     first = pd.read_csv(tmp_path / "data" / "chunks.csv")["first_frame"].to_numpy()
     spans = first[:, None] + np.arange(19 * 4 + 1)
     assert len(first) > 1000
@@ -122,9 +126,9 @@ def test_what_the_project_rendered_itself_raises_no_alarm(tmp_path):
     files = [tmp_path / "r0" / name for name in ("markers.csv", "angles.csv", "angles.json")]
     markers(truth()[0, :2000]).to_csv(files[0], index=False)
     config = {"recordings": {"source": "rendered", "angles": {}, "arms_m": [0.091, 0.07], "analysis_rate_hz": 400.0}}
-    settings = stage_settings.measure_angles(config)
-    for provenance, warnings in ((settings["rate_provenance"], 0), ("a label", 1)):
-        measure_angles(*files, settings | {"rate_provenance": provenance})
+    job = stage_settings.measure_angles(config)
+    for provenance, warnings in ((job.rate_provenance, 0), ("a label", 1)):
+        measure_angles(*files, job.model_copy(update={"rate_provenance": provenance}))
         found = RecordingSummary.load(files[2])
         assert found.implied_rate_hz == pytest.approx(500, rel=0.01) and len(found.warnings) == warnings
 
@@ -137,7 +141,7 @@ def test_the_direction_of_gravity_is_stated_and_implied(tmp_path, tilt):
     markers(y + np.deg2rad([tilt, tilt, 0, 0])).to_csv(folder / "markers.csv", index=False)
     files = [folder / name for name in ("markers.csv", "angles.csv", "angles.json")]
     for stated in (tilt, 0.0):
-        measure_angles(*files, {"arm1_m": None, "rotation_deg": stated})
+        measure_angles(*files, MeasureAnglesJob(arm1_m=None, rotation_deg=stated))
         summary = json.loads(files[2].read_text())
         assert summary["implied_rotation_deg"] == pytest.approx(tilt, abs=0.2)
         assert summary["implied_rate_hz"] is None
@@ -159,7 +163,7 @@ def test_the_table_of_a_recording_without_arm_lengths(tmp_path):
     folder = tmp_path / "r0"
     folder.mkdir()
     markers(truth()[0, :2000]).to_csv(folder / "markers.csv", index=False)
-    measure_angles(folder / "markers.csv", folder / "angles.csv", folder / "angles.json", {"arm1_m": None})
+    measure_angles(folder / "markers.csv", folder / "angles.csv", folder / "angles.json", MeasureAnglesJob(arm1_m=None))
     summarise([folder / "angles.json"], tmp_path / "summary.csv", tmp_path / "summary.md")
     row = (tmp_path / "summary.md").read_text().splitlines()[2]
     assert "| 400 | – |" in row and "Warnings" not in (tmp_path / "summary.md").read_text()

@@ -7,6 +7,7 @@ import pytest
 
 from expertaug.config.recording_checks import list_videos
 from expertaug.errors import InputError
+from expertaug_recordings.settings import ExtractFramesJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 from expertaug_recordings.video.pictures import Pictures
 
@@ -24,7 +25,7 @@ def write(folder, suffix=".png", name="frame_{}", count=COUNT):
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".PNG"])
 def test_pictures_become_frames_in_their_natural_order(tmp_path, suffix):
     images = write(tmp_path / "series", suffix)
-    extract_frames(tmp_path / "series", tmp_path / "s.b2frame", {"rate_hz": 50, "analysis_rate_hz": 25})
+    extract_frames(tmp_path / "series", tmp_path / "s.b2frame", ExtractFramesJob(rate_hz=50, analysis_rate_hz=25))
     store = FrameStore(tmp_path / "s.b2frame")
     np.testing.assert_array_equal(np.stack(list(store)), images[::2])
     np.testing.assert_allclose(store.t, np.arange(0, COUNT, 2) / 50)
@@ -35,7 +36,7 @@ def test_times_of_a_table_are_kept(tmp_path):
     t = np.cumsum(np.random.default_rng(0).uniform(20, 33, COUNT))
     names = [f"frame_{k}.jpg" for k in range(COUNT)]
     pd.DataFrame({"file": names, "t": t}).sample(frac=1, random_state=0).to_csv(tmp_path / "series" / "times.csv")
-    extract_frames(tmp_path / "series", tmp_path / "s.b2frame", {"times": "times.csv", "time_unit_s": 1e-3})
+    extract_frames(tmp_path / "series", tmp_path / "s.b2frame", ExtractFramesJob(times="times.csv", time_unit_s=1e-3))
     store = FrameStore(tmp_path / "s.b2frame")
     np.testing.assert_allclose(store.t, (t - t[0]) / 1000)
     assert store.rate_hz == pytest.approx(1000 / np.median(np.diff(t)))

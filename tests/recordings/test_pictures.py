@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
+from expertaug_recordings.settings import ExtractFramesJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 from expertaug_recordings.video.pixel_layout import Layout
 from expertaug_recordings.video.reader import Video
@@ -54,7 +55,7 @@ def test_images_are_those_of_opencv(tmp_path, given, kept, share):
     expected = by_opencv(path)
     with Video(path) as video:
         np.testing.assert_array_equal(np.stack([image for _, image in video.frames()]), expected)
-    extract_frames(path, tmp_path / "s.b2frame", {})
+    extract_frames(path, tmp_path / "s.b2frame", ExtractFramesJob())
     store = FrameStore(tmp_path / "s.b2frame")
     assert (store.layout.pixel_format, store.layout.frame_bytes) == (kept, share * expected[0].size)
     np.testing.assert_array_equal(store.read(0, len(store)), expected)

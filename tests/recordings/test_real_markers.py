@@ -9,9 +9,9 @@ from expertaug_recordings.inspection.detect import look_for_pendulum
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, sound
 from expertaug_recordings.markers.plain_disks import fitter
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.tracker import STIFFNESS, Tracker, track_frames
 from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.settings import RenderVideoJob, TrackMarkersJob
 
 NAMES = ("red", "green", "blue")
 COLOURS = [PAINT[name] for name in NAMES]
@@ -25,7 +25,7 @@ def centres():
 
 def tracked(frames, diameter=24.0):
     markers = {"style": "disk", **dict(zip(("pivot", "joint", "tip"), NAMES, strict=True))}
-    settings = TrackSettings.from_mapping({"markers": markers, "marker_diameter_px": diameter})
+    settings = TrackMarkersJob.from_mapping({"markers": markers, "marker_diameter_px": diameter})
     geometry, found = estimate_geometry(frames[::3], settings)
     return track_frames(frames, geometry, settings), geometry, found
 
@@ -70,8 +70,8 @@ def test_a_disk_that_was_expected_elsewhere_is_measured_where_it_is_or_not_at_al
     blue = [PAINT["blue"], None, None]
     (frame,) = draw(np.tile(place, (1, 3, 1)), (300, 300), blue, 60.0, background=DARK, mark=mark)
     colours = {"pivot": "red", "joint": "green", "tip": "blue"}
-    settings = TrackSettings.from_mapping({"markers": {"style": "disk", **colours}, "marker_diameter_px": 60.0})
-    finder = fitter(60.0, settings.min_level, settings.rim_tolerance, settings.markers, STIFFNESS)
+    settings = TrackMarkersJob.from_mapping({"markers": {"style": "disk", **colours}, "marker_diameter_px": 60.0})
+    finder = fitter(60.0, settings.min_level, settings.rim_tolerance, settings.appearance, STIFFNESS)
     found = 0
     for angle in np.arange(0, 2 * np.pi, 0.3):
         for far in (6.0, 12.0, 16.0, 20.0, 24.0):
@@ -125,7 +125,7 @@ def test_a_twin_at_rest_is_not_taken_for_a_marker(k, centres):
 
 def test_gravity_is_told_by_the_motion_not_by_where_the_joint_hangs(tmp_path):
     """The first rendered recording goes over the top: its joint is above the pivot on average."""
-    render_recording(0, tmp_path / "clip.mp4", tmp_path / "truth.csv", {"rate_hz": 100.0, "duration_s": 3.0})
+    render_recording(0, tmp_path / "clip.mp4", tmp_path / "truth.csv", RenderVideoJob(rate_hz=100.0, duration_s=3.0))
     proposed = yaml.safe_load(inspect(tmp_path / "clip.mp4", tmp_path / "contact.png"))
     assert proposed["recordings"]["angles"]["rotation_deg"] == pytest.approx(0, abs=0.5)
 
@@ -140,7 +140,7 @@ def test_where_the_motion_does_not_tell_gravity_no_direction_is_written(tmp_path
 
 def test_a_lost_pivot_does_not_excuse_a_covered_tip():
     """The frame is used where the pivot alone is lost: the others must be sound."""
-    settings = TrackSettings()
+    settings = TrackMarkersJob()
     tracker = Tracker(Geometry(90.0, 60.0, 25.0), settings)
     frame, centre = np.zeros((480, 480, 3), np.uint8), np.array([[np.nan, np.nan], [240.0, 240.0], [240.0, 300.0]])
     share = np.array([0.0, 1.0, 1.0])

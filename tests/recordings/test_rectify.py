@@ -13,6 +13,7 @@ from expertaug.errors import InputError
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
+from expertaug_recordings.settings import MeasureAnglesJob
 
 SIZE, FOCAL = (480, 480), 900.0
 CAMERA = np.array([[FOCAL, 0, 239.5], [0, FOCAL, 239.5], [0, 0, 1]])
@@ -47,7 +48,9 @@ def filmed(folder, see, noise=0.07, count=3000):
 def errors(folder, y, **rectify):
     """Medians of the errors of both angles in degrees, without what is constant, and the summary."""
     settings = {"rectify": rectify} if rectify else {}
-    measure_angles(folder / "markers.csv", folder / "angles.csv", folder / "angles.json", settings)
+    measure_angles(
+        folder / "markers.csv", folder / "angles.csv", folder / "angles.json", MeasureAnglesJob.from_mapping(settings)
+    )
     table = pd.read_csv(folder / "angles.csv")
     off = np.angle(np.exp(1j * (table[["theta1", "theta2"]].to_numpy() - y[:, :2])))
     off = np.rad2deg(off[(table["quality"] == 1).to_numpy()])

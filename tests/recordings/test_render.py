@@ -6,8 +6,9 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug_recordings.rendering import scene
-from expertaug_recordings.rendering.render import RenderSettings, motion, poses, render_recording
+from expertaug_recordings.rendering.render import motion, poses, render_recording
 from expertaug_recordings.rendering.scene import Scene
+from expertaug_recordings.settings import RenderVideoJob
 
 SHORT = {"duration_s": 0.1, "seed": 3}
 ARMS = (117.8, 90.1)
@@ -24,7 +25,7 @@ def read_all(path):
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rendered")
-    render_recording(1, folder / "video.mp4", folder / "truth.csv", SHORT)
+    render_recording(1, folder / "video.mp4", folder / "truth.csv", RenderVideoJob.from_mapping(SHORT))
     return folder
 
 
@@ -68,8 +69,10 @@ def test_motion_blur_is_the_mean_of_the_exposure():
 
 
 def test_same_seed_gives_the_same_bytes(rendered, tmp_path):
-    render_recording(1, tmp_path / "video.mp4", tmp_path / "truth.csv", {**SHORT, "count": 2})
-    render_recording(0, tmp_path / "other.mp4", tmp_path / "other.csv", SHORT)
+    render_recording(
+        1, tmp_path / "video.mp4", tmp_path / "truth.csv", RenderVideoJob.from_mapping({**SHORT, "count": 2})
+    )
+    render_recording(0, tmp_path / "other.mp4", tmp_path / "other.csv", RenderVideoJob.from_mapping(SHORT))
     assert (tmp_path / "video.mp4").read_bytes() == (rendered / "video.mp4").read_bytes()
     assert (tmp_path / "truth.csv").read_bytes() == (rendered / "truth.csv").read_bytes()
     assert (tmp_path / "other.mp4").read_bytes() != (rendered / "video.mp4").read_bytes()
@@ -94,7 +97,7 @@ def test_frames_look_like_the_real_one(rendered):
     brightest = frames.max(axis=3)
     assert 0.92 < (brightest == 0).mean() < 0.97
     assert 0.013 < (brightest > 50).mean() < 0.019
-    _, _, pivot = motion(1, RenderSettings.from_mapping(SHORT))
+    _, _, pivot = motion(1, RenderVideoJob.from_mapping(SHORT))
     x, y = (round(v) for v in pivot)
     np.testing.assert_allclose(
         np.median(frames[:, y + 4 : y + 8, x + 4 : x + 8], axis=(0, 1, 2)), [125, 108, 166], atol=20
@@ -119,10 +122,10 @@ def test_frames_look_like_the_real_one(rendered):
 )
 def test_bad_settings_are_named(settings, message):
     with pytest.raises(InputError, match=message):
-        RenderSettings.from_mapping(settings)
+        RenderVideoJob.from_mapping(settings)
 
 
 def test_recording_outside_the_set_is_refused(tmp_path):
     with pytest.raises(InputError, match="recording 5 of 2"):
-        render_recording(5, tmp_path / "v.mp4", tmp_path / "t.csv", {"count": 2})
+        render_recording(5, tmp_path / "v.mp4", tmp_path / "t.csv", RenderVideoJob.from_mapping({"count": 2}))
     assert not any(tmp_path.iterdir())

@@ -11,6 +11,7 @@ from expertaug_recordings.columns import PLACES
 from expertaug_recordings.corrections import read_corrections
 from expertaug_recordings.exports import export_recording
 from expertaug_recordings.reports.review import WORST, review, review_recording, worst_frames
+from expertaug_recordings.settings import MeasureAnglesJob, ReviewRecordingJob
 
 COUNT = 360
 
@@ -31,7 +32,7 @@ def recording(tmp_path_factory):
     table.loc[100:119, ["quality", "reason"]] = 0.0, "lost:blue"
     table.loc[200, ["tip_x", "tip_y"]] = place[200, 2] + 0.02 * (place[200, 2] - place[200, 1])
     table.to_csv(folder / "markers.csv", index=False)
-    measure_angles(*(folder / n for n in ("markers.csv", "angles.csv", "angles.json")), {"arm1_m": None})
+    measure_angles(*(folder / n for n in ("markers.csv", "angles.csv", "angles.json")), MeasureAnglesJob(arm1_m=None))
     return folder
 
 
@@ -46,7 +47,7 @@ def test_the_worst_frames_are_those_that_are_flagged_and_those_whose_arms_are_of
 
 def test_the_sheet_the_rows_and_the_page(recording):
     files = [recording / n for n in ("clip.mp4", "markers.csv", "angles.csv", "angles.json")]
-    review_recording(*files, recording / "review.jpg", recording / "review.csv")
+    review_recording(*files, recording / "review.jpg", recording / "review.csv", ReviewRecordingJob())
     rows = pd.read_csv(recording / "review.csv")
     assert {109, 200} <= set(rows["frame"]) and set(rows["marker"]) == {"pivot", "joint", "tip"}
     assert (rows[rows["frame"] == 109]["reason"] == "lost:blue").all()
@@ -54,7 +55,7 @@ def test_the_sheet_the_rows_and_the_page(recording):
     assert sheet.shape[1] == 4 * 324 and sheet.shape[0] >= 3 * 180
     rows[rows["frame"] == 200].to_csv(recording / "mine.csv", index=False)
     corrected = read_corrections(recording / "mine.csv")["clip"]
-    assert [c["marker"] for c in corrected] == ["pivot", "joint", "tip"]
+    assert [c.marker for c in corrected] == ["pivot", "joint", "tip"]
     review([recording / "angles.json"], recording / "review.html", {"b<1": "no & markers"})
     page = (recording / "review.html").read_text()
     assert page.count("data:image/jpeg;base64,") == 1 and "lost:blue 20" in page

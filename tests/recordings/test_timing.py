@@ -14,6 +14,7 @@ from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.imports.ibm import import_markers, list_marker_files
 from expertaug_recordings.reports.page import _heading, plot_recording
 from expertaug_recordings.reports.summary import RecordingSummary, summarise
+from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
 
 
 def true_angles(t):
@@ -63,7 +64,7 @@ def test_uncertainties_of_uneven_frames_hold_what_interpolating_costs(tmp_path, 
     t = (np.arange(20 * rate) + rng.uniform(-0.2, 0.2, 20 * rate)) / rate
     files = [tmp_path / name for name in ("markers.csv", "angles.csv", "angles.json")]
     table_at(t, noise=0.07).to_csv(files[0], index=False)
-    measure_angles(*files, {"rate_hz": float(rate)})
+    measure_angles(*files, MeasureAnglesJob(rate_hz=float(rate)))
     table = pd.read_csv(files[1])
     table = table[table["quality"] == 1]
     off = np.angle(np.exp(1j * (table[["theta1", "theta2"]].to_numpy() - true_angles(table["t"]))))
@@ -118,7 +119,7 @@ def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
 def test_nothing_is_found_in_the_real_recordings(tmp_path):
     files = list_marker_files(real_recordings())
     for name in list(files)[::6]:
-        import_markers(files[name], tmp_path / "markers.csv", {})
+        import_markers(files[name], tmp_path / "markers.csv", ImportMarkersJob())
         timing = read_markers(tmp_path / "markers.csv").timing
         assert (timing.repeated, timing.dropped) == (0, 0), name
 
@@ -137,7 +138,7 @@ def test_the_page_the_table_and_the_summary_say_what_resampling_cost(tmp_path):
     folder.mkdir()
     files = [folder / name for name in ("markers.csv", "angles.csv", "angles.json")]
     table_at(t, noise=0.05).to_csv(files[0], index=False)
-    measure_angles(*files, {"rate_hz": 100.0, "rate_provenance": "rendered at this rate"})
+    measure_angles(*files, MeasureAnglesJob(rate_hz=100.0, rate_provenance="rendered at this rate"))
     angles, summary = pd.read_csv(files[1]), json.loads(files[2].read_text())
     assert summary["timing"]["frames_hz"] == pytest.approx(120, rel=0.01) and summary["rate_hz"] == 100
     assert summary["usable_share"] > 0.9 and len(angles) == summary["frames"]

@@ -6,15 +6,15 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.rendering.render import markers, poses
 from expertaug_recordings.rendering.scene import Scene
+from expertaug_recordings.settings import TrackMarkersJob
 from expertaug_recordings.video.writer import encode
 
 ARMS, PIVOT, RATE = (117.8, 90.1), (238.3, 239.6), 400.0
 GEOMETRY = Geometry(*ARMS, 25.5)
-SETTINGS = TrackSettings()
+SETTINGS = TrackMarkersJob()
 
 NAMES = ("red", "green", "blue")
 
@@ -122,4 +122,4 @@ def test_marker_at_the_edge_is_doubtful(clip):
 )
 def test_wrong_settings_are_named(settings, message):
     with pytest.raises(InputError, match=message):
-        TrackSettings.from_mapping(settings)
+        TrackMarkersJob.from_mapping(settings)

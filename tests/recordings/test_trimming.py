@@ -9,8 +9,8 @@ from test_video import drawn, remux
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.masks import MaskedFrames
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.settings import ExtractFramesJob, StatedTimes, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 from expertaug_recordings.video.source import open_frames
 from expertaug_recordings.video.writer import encode
@@ -37,7 +37,7 @@ def number_of(image):
 
 
 def numbers(path, step=1, **span):
-    with open_frames(path, span) as frames:
+    with open_frames(path, StatedTimes.from_mapping(span)) as frames:
         read = [(index, number_of(image)) for index, image in frames.frames(step)]
         return read, frames
 
@@ -84,11 +84,11 @@ def test_a_span_of_pictures(tmp_path):
 @pytest.mark.parametrize("span", [{"from_s": 5.0}, {"from_s": 1.0, "to_s": 0.5}, {"to_s": 0.01}])
 def test_a_span_without_frames_is_refused(numbered, span):
     with pytest.raises(InputError, match=r"clip.mp4: from .* s there are [01] frames; it lasts 1.97 s: set recordings"):
-        open_frames(numbered, span)
+        open_frames(numbered, StatedTimes.from_mapping(span))
 
 
 def test_extraction_keeps_the_span(numbered, tmp_path):
-    extract_frames(numbered, tmp_path / "s.b2frame", {"from_s": 0.5, "to_s": 1.0})
+    extract_frames(numbered, tmp_path / "s.b2frame", ExtractFramesJob(from_s=0.5, to_s=1.0))
     store = FrameStore(tmp_path / "s.b2frame")
     assert len(store) == 16 and store.t[-1] == pytest.approx(0.5) and number_of(store[0]) == 15
 
@@ -102,11 +102,11 @@ def test_nothing_is_found_in_a_mask(tmp_path):
     for frame, (x, y) in zip(frames, other, strict=True):
         cv2.circle(frame, (round(x), round(y)), 40, (150, 180, 220), -1, cv2.LINE_AA)
         cv2.circle(frame, (round(x), round(y)), 12, PAINT["green"], -1, cv2.LINE_AA)
-    extract_frames(write_video(frames, tmp_path / "clip.mp4", RATE), tmp_path / "s.b2frame", {})
+    extract_frames(write_video(frames, tmp_path / "clip.mp4", RATE), tmp_path / "s.b2frame", ExtractFramesJob())
     look = {"markers": {"style": "disk"}, "marker_diameter_px": 24, "max_lost_share": 1.0}
 
     def off(**masks):
-        track = track_markers(tmp_path / "s.b2frame", tmp_path / "m.csv", look | masks)
+        track = track_markers(tmp_path / "s.b2frame", tmp_path / "m.csv", TrackMarkersJob.from_mapping(look | masks))
         return np.linalg.norm(track.position - centres, axis=2), track.quality
 
     for mask in ([[0, 0], [200, 200]], [[0, 0], [200, 0], [200, 200], [0, 200]]):
@@ -120,4 +120,4 @@ def test_nothing_is_found_in_a_mask(tmp_path):
 
 def test_a_mask_has_corners():
     with pytest.raises(InputError, match=r"masks\[?.?0"):
-        TrackSettings.from_mapping({"masks": [[[1, 2]]]})
+        TrackMarkersJob.from_mapping({"masks": [[[1, 2]]]})

@@ -6,6 +6,7 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.settings import RenderVideoJob
 from expertaug_recordings.video.reader import Video
 from expertaug_recordings.video.writer import encode
 
@@ -20,7 +21,7 @@ def read(path, **given):
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     folder = tmp_path_factory.mktemp("videos")
-    render_recording(0, folder / "video.mp4", folder / "truth.csv", {"duration_s": FRAMES / 400})
+    render_recording(0, folder / "video.mp4", folder / "truth.csv", RenderVideoJob(duration_s=FRAMES / 400))
     return folder / "video.mp4"
 
 

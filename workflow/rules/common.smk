@@ -15,6 +15,7 @@ from expertaug.config import stage_settings
 from expertaug.evaluation import products
 from expertaug.files import sha256
 from expertaug.measurements.paths import read_checksums
+from expertaug.settings import Settings
 from expertaug_recordings.intake import refusal
 from expertaug_recordings.names import list_pictures
 from expertaug.config.study_checks import PUBLISHED
@@ -54,7 +55,10 @@ def one_of(names):
 
 def settings(stage, *names):
     """A stage's slice of the configuration as JSON."""
-    return json.dumps(getattr(stage_settings, stage)(CONFIG, *names), sort_keys=True)
+    made = getattr(stage_settings, stage)(CONFIG, *names)
+    if isinstance(made, Settings):
+        made = made.model_dump(mode="json", exclude_unset=True)
+    return json.dumps(made, sort_keys=True)
 
 
 def code(stage, experiment=None, method=None):

@@ -276,7 +276,7 @@ rule review_frames_of_recording:
         mem_mb=1000,
     params:
         versions=versions("review_recording"),
-        settings=lambda w: settings("overlay", w.recording),
+        settings=lambda w: settings("review_recording", w.recording),
     message:
         "look for the worst frames of {wildcards.recording}"
     shell:

@@ -64,8 +64,9 @@ def add_to(commands: Commands) -> None:
 
 def _calibrate(a: argparse.Namespace) -> None:
     from expertaug_recordings.angles.calibration import calibrate
+    from expertaug_recordings.settings import CalibrateJob
 
-    calibrate(a.train, a.output, read_settings(a.settings))
+    calibrate(a.train, a.output, CalibrateJob.from_mapping(read_settings(a.settings)))
 
 
 def _simulate(a: argparse.Namespace) -> None:

@@ -6,10 +6,15 @@ import argparse
 import logging
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from expertaug.commands.options import Commands, add_outputs, add_paths, read_settings
 from expertaug.errors import InputError
 
+if TYPE_CHECKING:
+    from expertaug.settings import Settings
+
+J = TypeVar("J", bound="Settings")
 logger = logging.getLogger(__name__)
 
 
@@ -102,6 +107,11 @@ def _add_intake(parser: argparse.ArgumentParser, checksum: bool = False) -> None
         parser.add_argument("--sha256", metavar="HEX", help="checksum that the file must have")
 
 
+def _job(a: argparse.Namespace, kind: type[J]) -> J:
+    """The stage's settings, read before anything is done."""
+    return kind.from_mapping(read_settings(a.settings))
+
+
 def _take(a: argparse.Namespace, task: Callable[[], None], source: Path, outputs: list[Path]) -> None:
     """Run a stage on one recording, which may be left out."""
     from expertaug_recordings.intake import take
@@ -111,39 +121,48 @@ def _take(a: argparse.Namespace, task: Callable[[], None], source: Path, outputs
 
 def _render_video(a: argparse.Namespace) -> None:
     from expertaug_recordings.rendering.render import render_recording
+    from expertaug_recordings.settings import RenderVideoJob
 
-    render_recording(a.index, a.output, a.truth, read_settings(a.settings))
+    render_recording(a.index, a.output, a.truth, _job(a, RenderVideoJob))
 
 
 def _extract_frames(a: argparse.Namespace) -> None:
+    from expertaug_recordings.settings import ExtractFramesJob
     from expertaug_recordings.video.frame_store import extract_frames
 
-    _take(a, lambda: extract_frames(a.video, a.output, read_settings(a.settings)), a.video, [a.output])
+    job = _job(a, ExtractFramesJob)
+    _take(a, lambda: extract_frames(a.video, a.output, job), a.video, [a.output])
 
 
 def _track_markers(a: argparse.Namespace) -> None:
     from expertaug_recordings.markers.track import track_markers
+    from expertaug_recordings.settings import TrackMarkersJob
 
-    _take(a, lambda: track_markers(a.frames, a.output, read_settings(a.settings)), a.frames, [a.output])
+    job = _job(a, TrackMarkersJob)
+    _take(a, lambda: track_markers(a.frames, a.output, job), a.frames, [a.output])
 
 
 def _unpack_markers(a: argparse.Namespace) -> None:
     from expertaug_recordings.imports.ibm import unpack_archive
+    from expertaug_recordings.settings import UnpackMarkersJob
 
-    unpack_archive(a.archive, a.output, read_settings(a.settings))
+    unpack_archive(a.archive, a.output, _job(a, UnpackMarkersJob))
 
 
 def _import_markers(a: argparse.Namespace) -> None:
     from expertaug_recordings.imports.ibm import import_markers
+    from expertaug_recordings.settings import ImportMarkersJob
 
-    _take(a, lambda: import_markers(a.csv, a.output, read_settings(a.settings)), a.csv, [a.output])
+    job = _job(a, ImportMarkersJob)
+    _take(a, lambda: import_markers(a.csv, a.output, job), a.csv, [a.output])
 
 
 def _measure_angles(a: argparse.Namespace) -> None:
     from expertaug_recordings.angles.measure import measure_angles
+    from expertaug_recordings.settings import MeasureAnglesJob
 
-    outputs = [a.output, a.summary]
-    _take(a, lambda: measure_angles(a.markers, *outputs, read_settings(a.settings)), a.markers, outputs)
+    job, outputs = _job(a, MeasureAnglesJob), [a.output, a.summary]
+    _take(a, lambda: measure_angles(a.markers, *outputs, job), a.markers, outputs)
 
 
 def _summarise_recordings(a: argparse.Namespace) -> None:
@@ -168,14 +187,16 @@ def _plot_recording(a: argparse.Namespace) -> None:
 def _overlay(a: argparse.Namespace) -> None:
     from expertaug_recordings.intake import refusal
     from expertaug_recordings.reports.overlay import note, overlay
+    from expertaug_recordings.settings import OverlayJob
 
+    job = _job(a, OverlayJob)
     forecasts = dict(text.partition("=")[::2] for text in a.forecasts)
     for label, path in forecasts.items():
         if not (label and path):
             raise InputError("--forecasts", f"found '{label or path}'", "give LABEL=PATH")
     reason = refusal(a.angles)
     if reason is None:
-        overlay(a.video, a.markers, a.angles, a.summary, a.output, read_settings(a.settings), forecasts)
+        overlay(a.video, a.markers, a.angles, a.summary, a.output, job, forecasts)
     else:
         note(f"left out: {reason}", a.output)
 
@@ -184,10 +205,12 @@ def _review_recording(a: argparse.Namespace) -> None:
     from expertaug.files import write_text
     from expertaug_recordings.intake import refusal
     from expertaug_recordings.reports.review import review_recording
+    from expertaug_recordings.settings import ReviewRecordingJob
 
+    job = _job(a, ReviewRecordingJob)
     if (reason := refusal(a.angles)) is None:
         files = (a.video, a.markers, a.angles, a.summary, a.output, a.rows)
-        review_recording(*files, read_settings(a.settings))
+        review_recording(*files, job)
     else:
         write_text(a.output, reason)
         write_text(a.rows, reason)
@@ -215,10 +238,12 @@ def _export_recording(a: argparse.Namespace) -> None:
 
 def _inspect(a: argparse.Namespace) -> None:
     from expertaug_recordings.inspection.inspect import inspect
+    from expertaug_recordings.settings import StatedTimes
 
     stated = {"rate_hz": a.rate, "times": a.times, "time_unit_s": a.time_unit}
     stated |= {"from_s": a.from_s, "to_s": a.to_s}
-    text = inspect(a.videos, a.output, {k: v for k, v in stated.items() if v is not None})
+    known = StatedTimes.from_mapping({k: v for k, v in stated.items() if v is not None})
+    text = inspect(a.videos, a.output, known)
     logger.info("%s: contact sheet", a.output)
     print(text, end="")
 
@@ -226,15 +251,19 @@ def _inspect(a: argparse.Namespace) -> None:
 def _split_chunks(a: argparse.Namespace) -> None:
     from expertaug_recordings.chunks.cut import split_chunks
     from expertaug_recordings.intake import divide
+    from expertaug_recordings.settings import SplitChunksJob
 
-    split_chunks(divide(a.angles)[0], a.output, read_settings(a.settings))
+    job = _job(a, SplitChunksJob)
+    split_chunks(divide(a.angles)[0], a.output, job)
 
 
 def _cut_horizon(a: argparse.Namespace) -> None:
     from expertaug_recordings.chunks.horizons import cut_horizon
     from expertaug_recordings.intake import divide
+    from expertaug_recordings.settings import CutHorizonJob
 
-    cut_horizon(divide(a.angles)[0], a.output, read_settings(a.settings))
+    job = _job(a, CutHorizonJob)
+    cut_horizon(divide(a.angles)[0], a.output, job)
 
 
 def _plot_splits(a: argparse.Namespace) -> None:

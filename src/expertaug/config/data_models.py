@@ -9,8 +9,7 @@ from pydantic import Field
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.settings import KEYS, LEFT_OUT, ONE, Name, NotNegative, Positive, Range, Settings, by_shape, key
 from expertaug.systems.settings import SimulatedSet
-from expertaug_recordings.angles.settings import CalibrationKeys
-from expertaug_recordings.chunks.settings import ChunkKeys
+from expertaug_recordings.settings import CalibrationKeys, ChunkKeys
 
 Noise = Annotated[
     Annotated[NotNegative | Literal["estimated"], ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape

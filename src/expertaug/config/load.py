@@ -17,7 +17,7 @@ from expertaug.config.yaml_file import Located, read
 from expertaug.errors import InputError, InputErrors
 from expertaug.settings import check
 from expertaug.wording import show
-from expertaug_recordings.chunks.settings import ChunkKeys
+from expertaug_recordings.settings import ChunkKeys
 
 __all__ = ["default_files", "load", "merge", "validate", "with_defaults"]
 INCLUDE = "include"

@@ -6,14 +6,27 @@ from collections.abc import Mapping
 
 from expertaug.config import jobs
 from expertaug.config.layers import merge
-from expertaug_recordings.corrections import read_corrections
-from expertaug_recordings.provenance import RENDERED
-from expertaug_recordings.video.settings import TimeKeys
+from expertaug_recordings.corrections import Correction, read_corrections
+from expertaug_recordings.settings import (
+    RENDERED,
+    CalibrateJob,
+    CutHorizonJob,
+    ExtractFramesJob,
+    ImportMarkersJob,
+    MeasureAnglesJob,
+    OverlayJob,
+    RenderVideoJob,
+    ReviewRecordingJob,
+    SplitChunksJob,
+    TimeKeys,
+    TrackMarkersJob,
+    UnpackMarkersJob,
+)
 
 
-def render_video(config: Mapping) -> dict:
+def render_video(config: Mapping) -> RenderVideoJob:
     """All but the number of recordings, on which no recording depends."""
-    return {k: v for k, v in config["recordings"]["rendered"].items() if k != "count"}
+    return RenderVideoJob.from_mapping({k: v for k, v in config["recordings"]["rendered"].items() if k != "count"})
 
 
 def of_recording(recordings: Mapping, name: str | None) -> Mapping:
@@ -21,53 +34,72 @@ def of_recording(recordings: Mapping, name: str | None) -> Mapping:
     return merge(recordings, recordings["by_recording"].get(name, {})) if name is not None else recordings
 
 
-def extract_frames(config: Mapping, recording: str | None = None) -> dict:
+def extract_frames(config: Mapping, recording: str | None = None) -> ExtractFramesJob:
     recordings = of_recording(config["recordings"], recording)
     rate = {"analysis_rate_hz": recordings["analysis_rate_hz"]}
     if recordings["source"] == "videos":
-        return rate | {k: v for k, v in recordings["videos"].items() if k != "path"}
+        return ExtractFramesJob.from_mapping(rate | {k: v for k, v in recordings["videos"].items() if k != "path"})
     rendered = recordings["rendered"]
-    return rate | {
-        "rate_hz": rendered["rate_hz"],
-        "rate_provenance": RENDERED,
-        "expected_frames": max(1, round(rendered["duration_s"] * rendered["rate_hz"])),
-        "image_size_px": rendered["image_size_px"],
-    }
+    return ExtractFramesJob.from_mapping(
+        rate
+        | {
+            "rate_hz": rendered["rate_hz"],
+            "rate_provenance": RENDERED,
+            "expected_frames": max(1, round(rendered["duration_s"] * rendered["rate_hz"])),
+            "image_size_px": rendered["image_size_px"],
+        }
+    )
 
 
-def track_markers(config: Mapping, recording: str | None = None) -> dict:
-    return dict(of_recording(config["recordings"], recording)["tracking"])
+def track_markers(config: Mapping, recording: str | None = None) -> TrackMarkersJob:
+    return TrackMarkersJob.from_mapping(of_recording(config["recordings"], recording)["tracking"])
 
 
-def unpack_markers(config: Mapping) -> dict:
-    return {"sha256": config["recordings"]["markers"]["sha256"]}
+def unpack_markers(config: Mapping) -> UnpackMarkersJob:
+    return UnpackMarkersJob(sha256=config["recordings"]["markers"]["sha256"])
 
 
-def import_markers(config: Mapping) -> dict:
-    return {k: v for k, v in config["recordings"]["markers"].items() if k not in ("path", "sha256")}
+def import_markers(config: Mapping) -> ImportMarkersJob:
+    markers = config["recordings"]["markers"]
+    return ImportMarkersJob.from_mapping({k: v for k, v in markers.items() if k not in ("path", "sha256")})
 
 
-def measure_angles(config: Mapping, recording: str | None = None) -> dict:
+def measure_angles(config: Mapping, recording: str | None = None) -> MeasureAnglesJob:
     recordings = of_recording(config["recordings"], recording)
     rate, provenance = _rate(recordings)
-    own = {"arm1_m": _arms(recordings)[0], "rate_provenance": provenance, "rate_hz": rate}
-    own |= {"single": _single(recordings)} | {
-        "corrections": corrections(recordings).get(recording, []) if recording is not None else []
-    }
-    return recordings["angles"] | own | {"span_s": _span(recordings)}
+    return MeasureAnglesJob.from_mapping(
+        recordings["angles"]
+        | {
+            "arm1_m": _arms(recordings)[0],
+            "rate_provenance": provenance,
+            "rate_hz": rate,
+            "single": _single(recordings),
+            "corrections": corrections(recordings).get(recording, []) if recording is not None else [],
+            "span_s": _span(recordings),
+        }
+    )
 
 
-def corrections(recordings: Mapping) -> dict[str, list]:
+def corrections(recordings: Mapping) -> dict[str, list[Correction]]:
     """What was placed by hand, by recording."""
     path = recordings["corrections"]
     return {} if path is None else read_corrections(path)
 
 
-def overlay(config: Mapping, recording: str | None = None) -> dict:
+def overlay(config: Mapping, recording: str | None = None) -> OverlayJob:
     """What is shown, and the rate by which the video's frames are told."""
     shown = {k: v for k, v in config["recordings"]["overlay"].items() if k not in ("experiment", "variants")}
-    rates = extract_frames(config, recording)
-    return shown | {k: rates[k] for k in ("rate_hz", "rate_provenance", *TimeKeys.model_fields) if k in rates}
+    return OverlayJob.from_mapping(shown | _times(config, recording))
+
+
+def review_recording(config: Mapping, recording: str | None = None) -> ReviewRecordingJob:
+    return ReviewRecordingJob.from_mapping(_times(config, recording))
+
+
+def _times(config: Mapping, recording: str | None) -> dict[str, object]:
+    """What is stated of a video's times."""
+    told = {"rate_hz", "rate_provenance", *TimeKeys.model_fields}
+    return extract_frames(config, recording).model_dump(include=told, exclude_unset=True)
 
 
 def overlaid(config: Mapping) -> tuple[str, list[str]] | None:
@@ -96,29 +128,30 @@ def cut_measured_horizon(config: Mapping, experiment: str, name: str) -> dict:
     return settings | {"files": settings["files"] | {"horizons_s": [seconds]}, "set": name}
 
 
-def split_chunks(config: Mapping, experiment: str) -> dict:
+def split_chunks(config: Mapping, experiment: str) -> SplitChunksJob:
+    return SplitChunksJob.from_mapping(_split(config, experiment))
+
+
+def _split(config: Mapping, experiment: str) -> dict:
     split = {k: v for k, v in config["experiments"][experiment]["data"]["split"].items() if k != "horizons_s"}
     return split | ({"single": True} if _single(config["recordings"]) else {})
 
 
-def cut_horizon(config: Mapping, experiment: str, name: str) -> dict:
+def cut_horizon(config: Mapping, experiment: str, name: str) -> CutHorizonJob:
     """Of a set of long chunks, by its name."""
     _, seconds = jobs.horizons(config, experiment)[name]
-    return {"split": split_chunks(config, experiment) | {"horizons_s": [seconds]}, "set": name}
+    return CutHorizonJob.from_mapping({"split": _split(config, experiment) | {"horizons_s": [seconds]}, "set": name})
 
 
-def calibrate(config: Mapping, experiment: str) -> dict:
+def calibrate(config: Mapping, experiment: str) -> CalibrateJob:
     recordings, data = config["recordings"], config["experiments"][experiment]["data"]
     if data["source"] == "files":
         unknown = dict.fromkeys(("arm1_m", "arm2_m", "nominal_rate_hz"))
-        return data["calibration"] | unknown | {"rate_provenance": "the measurements' own times"}
-    rate, provenance = _rate(recordings)
-    return data["calibration"] | {
-        "arm1_m": _arms(recordings)[0],
-        "arm2_m": _arms(recordings)[1],
-        "nominal_rate_hz": rate,
-        "rate_provenance": provenance,
-    }
+        given = unknown | {"rate_provenance": "the measurements' own times"}
+    else:
+        (arm1, arm2), (rate, provenance) = _arms(recordings), _rate(recordings)
+        given = {"arm1_m": arm1, "arm2_m": arm2, "nominal_rate_hz": rate, "rate_provenance": provenance}
+    return CalibrateJob.from_mapping(data["calibration"] | given)
 
 
 def _single(recordings: Mapping) -> bool:

@@ -55,7 +55,8 @@ def _jobs(config: Mapping, experiment: str, method: str) -> Iterator[tuple[str, 
         own = {"files": ("data", "files")}
         yield "cut_measurements", stage_settings.cut_measurements(config, experiment), own
     else:
-        yield "split_chunks", stage_settings.split_chunks(config, experiment), {"": ("data", "split")}
+        split = stage_settings.split_chunks(config, experiment).model_dump(mode="json", exclude_unset=True)
+        yield "split_chunks", split, {"": ("data", "split")}
     for group in jobs.seed_groups(config, experiment):
         title = f"{method} {group}"
         yield f"train {title}", stage_settings.train(config, experiment, method, group), {}

@@ -10,7 +10,7 @@ from expertaug.config.names import other_parameters, unknown, unknown_keys, unkn
 from expertaug.errors import InputError
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.versions import MAIN_SETS
-from expertaug_recordings.chunks.settings import ChunkSettings
+from expertaug_recordings.settings import SplitChunksJob
 
 PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"
 
@@ -37,7 +37,7 @@ def horizons_of(experiment: Mapping) -> dict[str, tuple[str, float]]:
     data = experiment["data"]
     if data["source"] == "files":
         return MeasurementSettings.from_mapping(data["files"]).horizons
-    return ChunkSettings.from_mapping(data["split"]).horizons if data["source"] == "recordings" else {}
+    return SplitChunksJob.from_mapping(data["split"]).horizons if data["source"] == "recordings" else {}
 
 
 def published_systems() -> list[str]:

@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from expertaug_recordings.angles.marker_table import MarkerTable
 from expertaug_recordings.angles.noise import spread
 from expertaug_recordings.angles.offsets import NONE, Offsets, find_offsets
-from expertaug_recordings.angles.settings import AngleKeys
+from expertaug_recordings.settings import AngleKeys
 
 STILL_S = 1e6  # a pivot averaged over so long does not move
 WINDOWS_S = (STILL_S, 0.16, 0.08, 0.04, 0.02, 0.01, 0.0)  # over which a pivot may be averaged

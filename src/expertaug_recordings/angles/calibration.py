@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -14,8 +13,7 @@ from expertaug.systems.double_pendulum import Constants
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.angles.forecast import forecast
 from expertaug_recordings.angles.pendulum_fit import Fit, fit_constants, implied_rate
-from expertaug_recordings.angles.settings import CalibrationSettings
-from expertaug_recordings.options import read_settings
+from expertaug_recordings.settings import CalibrateJob
 
 
 def forecast_log_mse(
@@ -35,7 +33,7 @@ def forecast_log_mse(
     return math.log(float((2 - 2 * torch.cos(difference)).nanmean()))  # (Δ sin)² + (Δ cos)² = 2 − 2 cos Δ
 
 
-def calibrate(train: str | Path, output: str | Path, settings: Mapping[str, object] | None = None) -> None:
+def calibrate(train: str | Path, output: str | Path, job: CalibrateJob) -> None:
     """Fit the compound expert's constants on the training chunks alone and write ``calibration.json``.
 
     Arguments:
@@ -43,12 +41,11 @@ def calibrate(train: str | Path, output: str | Path, settings: Mapping[str, obje
         output: JSON with the constants, their standard errors (clustered by chunk; chunks that overlap count as
             independent), R², the log-MSE of forecasts of the training chunks, the same with joint friction, the frame
             rate that the motion implies (by the fit with friction) and the settings used.
-        settings: see :class:`CalibrationSettings`.
+        job: what is known of the recordings.
 
     Raises:
         InputError: a file without chunks of enough points, or motion that determines no pendulum.
     """
-    options = read_settings(CalibrationSettings, settings, "calibration")
     chunks = Trajectories.load(train)
     if len(chunks) < 10 or chunks.y.ndim != 3 or chunks.y.shape[1] < 7 or chunks.y.shape[2] != 4:
         found = f"{len(chunks)} chunks, y of shape {chunks.y.shape}"
@@ -58,22 +55,22 @@ def calibrate(train: str | Path, output: str | Path, settings: Mapping[str, obje
         plain, rubbed = (fit_constants(chunks.seen, interval, friction) for friction in (False, True))
     except InputError as error:
         raise InputError(train, str(error)) from error
-    report = _describe(chunks, plain, options)
-    report["with_friction"] = {"friction": list(rubbed.friction)} | _describe(chunks, rubbed, options)
-    rate, arm = options.nominal_rate_hz, options.arm1_m
+    report = _describe(chunks, plain, job)
+    report["with_friction"] = {"friction": list(rubbed.friction)} | _describe(chunks, rubbed, job)
+    rate, arm = job.nominal_rate_hz, job.arm1_m
     report |= {
         "implied_rate_hz": None if rate is None or arm is None else implied_rate(rubbed.constants, rate, arm),
         "chunks": len(chunks),
-        **{name: value for name, value in options.model_dump().items() if name != "step_s"},
+        **{name: value for name, value in job.model_dump().items() if name != "step_s"},
     }
     write_json(output, report)
 
 
-def _describe(chunks: Trajectories, fit: Fit, options: CalibrationSettings) -> dict[str, object]:
+def _describe(chunks: Trajectories, fit: Fit, job: CalibrateJob) -> dict[str, object]:
     return {
         "constants": fit.constants.to_dict(),
         "std_errors": fit.std_errors,
         "r2_1": fit.r2[0],
         "r2_2": fit.r2[1],
-        "train_log_mse": forecast_log_mse(chunks, fit.constants, fit.friction, options.step_s),
+        "train_log_mse": forecast_log_mse(chunks, fit.constants, fit.friction, job.step_s),
     }

@@ -9,7 +9,7 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug_recordings.angles.pendulum_fit import Fit, fit_constants, implied_rate
 from expertaug_recordings.angles.tilt import find_gravity
-from expertaug_recordings.provenance import RENDERED
+from expertaug_recordings.settings import RENDERED
 
 SPAN_S = 0.01  # between the points by which the constants are fitted
 MAX_RATE_ERROR = 0.05  # of the stated frame rate, beyond which the motion contradicts it

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -21,12 +20,11 @@ from expertaug_recordings.angles.marker_table import FEWEST, MarkerTable, read_m
 from expertaug_recordings.angles.noise import Noise, marker_noise, measure_noise
 from expertaug_recordings.angles.quality import CORRECTED, MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
 from expertaug_recordings.angles.rectify import Rectified, rectify
-from expertaug_recordings.angles.settings import AngleSettings
 from expertaug_recordings.angles.single import explain_single, single_energy
 from expertaug_recordings.angles.smoothing import Motion, Smoothing, smooth_motion, window_frames
 from expertaug_recordings.angles.summary import RecordingSummary, RectifiedSummary, TimingSummary
 from expertaug_recordings.angles.windows import longest_window
-from expertaug_recordings.options import read_settings
+from expertaug_recordings.settings import MeasureAnglesJob
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
 SECOND = ("theta2", "omega2", "tip")  # columns that a single pendulum has nothing for begin so
@@ -65,9 +63,7 @@ class Angles:
     energy: np.ndarray
 
 
-def measure_angles(
-    markers: str | Path, output: str | Path, summary: str | Path, settings: Mapping[str, object] | None = None
-) -> None:
+def measure_angles(markers: str | Path, output: str | Path, summary: str | Path, job: MeasureAnglesJob) -> None:
     """Measure a recording's angles.
 
     The pivot, the arm lengths and the offsets of markers from their hinges are calibrated on the recording itself, and
@@ -82,74 +78,73 @@ def measure_angles(
             pivot_std, joint_std, tip_std (px), those of the markers' coordinates; source, the row of ``markers`` that
             is nearest in time.
         summary: JSON of :class:`expertaug_recordings.angles.summary.RecordingSummary`.
-        settings: see :class:`AngleSettings`.
+        job: its settings.
 
     Raises:
         InputError: a missing column, times that do not grow, too few usable frames, or motion that is no pendulum's.
     """
-    options = read_settings(AngleSettings, settings, "angles")
     path = Path(markers)
-    if options.single:
-        options = options.model_copy(update={"model_offsets": False})
-    seen = read_markers(path, options.rate_hz, options.corrections, options.single)
-    markers_in_plane, rectified = rectify(path, seen, options)
-    angles = _measure(path, markers_in_plane, options)
-    found = _summarise(Path(output).parent.name, angles, options, rectified)
-    _write(output, angles, options.single)
+    if job.single:
+        job = job.model_copy(update={"model_offsets": False})
+    seen = read_markers(path, job.rate_hz, job.corrections, job.single)
+    markers_in_plane, rectified = rectify(path, seen, job)
+    angles = _measure(path, markers_in_plane, job)
+    found = _summarise(Path(output).parent.name, angles, job, rectified)
+    _write(output, angles, job.single)
     for text in found.warnings:
         logger.warning("%s: %s", found.recording, text)
     found.save(summary)
 
 
-def _measure(path: Path, markers: MarkerTable, options: AngleSettings) -> Angles:
+def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     """Each step in turn: what the tracker trusts, the arms, the motion, its quality, its constants."""
     rate = markers.rate_hz
     tracked, reason = trust_tracker(markers)
-    _require(path, tracked, rate, options)
+    _require(path, tracked, rate, job)
     if not np.isfinite(markers.pivot).any():
         raise InputError(path, "no frame has a pivot", "check the tracking")
-    arms = find_arms(markers, tracked, options)
+    arms = find_arms(markers, tracked, job)
     off = tracked & arms.off
     reason[off] = "arm_length"
     fitting = tracked & ~off
-    _require(path, fitting, rate, options)
-    given, order = options.smoothing_window_s, options.smoothing_order
+    _require(path, fitting, rate, job)
+    given, order = job.smoothing_window_s, job.smoothing_order
     how = Smoothing(
         order=order,
         window=None if given is None else window_frames(given, order, rate),
-        longest_gap=max(0, min(options.max_gap_frames, int(np.ceil(np.pi * rate / options.max_speed)) - 2)),
-        sigmas=options.outlier_sigmas,
-        floor=np.deg2rad(options.outlier_floor_deg),
+        longest_gap=max(0, min(job.max_gap_frames, int(np.ceil(np.pi * rate / job.max_speed)) - 2)),
+        sigmas=job.outlier_sigmas,
+        floor=np.deg2rad(job.outlier_floor_deg),
     )
     noise, length_std = measure_noise(arms.lengths, fitting, how.window or longest_window(order, rate))
     marker_std = marker_noise(length_std, markers.pivot, arms.pivot)
-    theta = np.where(fitting[:, None], arms.angles(options.rotation_deg), np.nan)
+    theta = np.where(fitting[:, None], arms.angles(job.rotation_deg), np.nan)
     motion = smooth_motion(theta, rate, noise, how)
     if markers.interpolation is not None:
         motion = motion.with_error(markers.interpolation)
     quality, reason = judge(motion, fitting, reason, arms.borrowed)
     good = quality == MEASURED
     reason[good & markers.corrected] = CORRECTED
-    _require(path, good, rate, options)
+    _require(path, good, rate, job)
     try:
         known = np.where(good[:, None], motion.y, np.nan)
-        if options.single:
+        if job.single:
             implied = explain_single(known[:, [0, 2]], rate)
         else:
-            implied = explain(known, rate, options.arm1_m, options.rotation_deg)
+            implied = explain(known, rate, job.arm1_m, job.rotation_deg)
     except InputError as error:
         raise InputError(path, str(error)) from error
     motion = with_motion_between(motion, implied.fit, noise, rate)
-    of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if options.single else None
+    of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if job.single else None
     level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
     return Angles(
         markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level
     )
 
 
-def _require(path: Path, usable: np.ndarray, rate: float, options: AngleSettings) -> None:
+def _require(path: Path, usable: np.ndarray, rate: float, job: MeasureAnglesJob) -> None:
     """Refuse a recording with too few usable frames."""
-    wanted = max(FEWEST, options.min_usable_s * rate)
+    wanted = max(FEWEST, job.min_usable_s * rate)
     if usable.sum() < wanted:
         remedy = f"at least {int(np.ceil(wanted))} are needed: check the tracking"
         raise InputError(path, f"{int(usable.sum())} of {len(usable)} frames are usable", remedy)
@@ -169,16 +164,16 @@ def _write(output: str | Path, angles: Angles, single: bool) -> None:
         table.to_csv(temporary, index=False, float_format="%.9g")
 
 
-def _summarise(name: str, angles: Angles, options: AngleSettings, rectified: Rectified | None) -> RecordingSummary:
+def _summarise(name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rectified | None) -> RecordingSummary:
     arms, fit, tilt = angles.arms, angles.implied.fit, angles.implied.tilt_deg
-    rate, rotation = angles.markers.rate_hz, options.rotation_deg
+    rate, rotation = angles.markers.rate_hz, job.rotation_deg
     good = angles.quality == MEASURED
     gaps = gap_lengths(angles.quality != UNUSABLE)
     uncertain = np.nanmedian(angles.motion.std[good], axis=0)
     second = max(1, round(rate))
     return RecordingSummary(
         recording=name,
-        pendulum="single" if options.single else "double",
+        pendulum="single" if job.single else "double",
         frames=len(good),
         duration_s=len(good) / rate,
         tracked_share=float(angles.tracked.mean()),
@@ -205,16 +200,16 @@ def _summarise(name: str, angles: Angles, options: AngleSettings, rectified: Rec
         rejected_outlier=int((angles.reason == "outlier").sum()),
         reasons=dict(sorted(Counter(text for text in angles.reason if text).items())),
         timing=TimingSummary(**asdict(angles.markers.timing)),
-        span_s=options.span_s,
+        span_s=job.span_s,
         rectified=None if rectified is None else RectifiedSummary(**asdict(rectified)),
         rate_hz=rate,
-        rate_provenance=options.rate_provenance,
+        rate_provenance=job.rate_provenance,
         implied_rate_hz=angles.implied.rate_hz,
         rotation_deg=rotation,
         implied_rotation_deg=None if tilt is None else rotation + tilt,
         warnings=[
-            *contradictions(angles.implied, rate, options.rate_provenance, options.arm1_m, rotation),
-            *_doubts(angles, uncertain, options),
+            *contradictions(angles.implied, rate, job.rate_provenance, job.arm1_m, rotation),
+            *_doubts(angles, uncertain, job),
             *angles.markers.timing.doubts(len(angles.markers)),
         ],
         constants=fit.constants.to_dict(),
@@ -226,10 +221,10 @@ def _summarise(name: str, angles: Angles, options: AngleSettings, rectified: Rec
     )
 
 
-def _doubts(angles: Angles, uncertain: np.ndarray, options: AngleSettings) -> list[str]:
+def _doubts(angles: Angles, uncertain: np.ndarray, job: MeasureAnglesJob) -> list[str]:
     """Where polynomials do not follow the motion, in plain words."""
     good = angles.quality == MEASURED
-    rate, given = angles.markers.rate_hz, options.smoothing_window_s
+    rate, given = angles.markers.rate_hz, job.smoothing_window_s
     if given is not None:
         worse = np.sqrt(np.nanmean(angles.motion.std[good, :2] ** 2, axis=0)) / angles.noise.std
         if worse.max() <= MOST_WORSE:

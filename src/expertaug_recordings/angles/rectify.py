@@ -12,7 +12,7 @@ from expertaug_recordings.angles.checkerboard import WHERE, Board, read_board
 from expertaug_recordings.angles.ellipse import View, find_view
 from expertaug_recordings.angles.marker_table import MarkerTable
 from expertaug_recordings.angles.quality import trust_tracker
-from expertaug_recordings.angles.settings import AngleKeys
+from expertaug_recordings.settings import AngleKeys
 
 WORTH = 1.5  # by which factor the arms become steadier where a correction is proposed
 LEAST_STRETCH = 1.004  # that is proposed: smaller ones change an angle by .1° at most

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from expertaug.errors import InputError
@@ -10,24 +10,23 @@ from expertaug.measurements.chunks import MOST_LONG, rows_of, thinned
 from expertaug.measurements.settings import points_in
 from expertaug.measurements.splitting import SPLITS, stretches
 from expertaug_recordings.chunks.cut import divide, trajectories_of
-from expertaug_recordings.chunks.settings import ChunkSettings
-from expertaug_recordings.options import read_settings
+from expertaug_recordings.settings import CutHorizonJob
 
 
-def cut_horizon(angles: Sequence[str | Path], output: str | Path, settings: Mapping[str, object]) -> None:
+def cut_horizon(angles: Sequence[str | Path], output: str | Path, job: CutHorizonJob) -> None:
     """Cut a set of long chunks out of the frames of a split; at most ``MOST_LONG``, evenly spread.
 
     Arguments:
         angles: as of :func:`expertaug_recordings.chunks.cut.split_chunks`, which divides the frames in the same way.
         output: gets the set (:class:`expertaug.trajectories.Trajectories`), as that function's sets but for its times.
-        settings: {split, set}: those of :class:`ChunkSettings`, and which of its ``horizons`` to cut.
+        job: which set, and how the frames were divided.
 
     Raises:
         InputError: a bad table, or no stretch of the split's frames is as long as that.
     """
     output = Path(output)
-    options = read_settings(ChunkSettings, settings["split"], "chunks")  # type: ignore[arg-type]
-    split, seconds = options.horizons[str(settings["set"])]
+    options = job.split
+    split, seconds = options.horizons[job.set]
     long = options.model_copy(update={"length": points_in(seconds, 1 / options.rate_hz), "phases": "first"})
     division = divide(angles, output, options)
     rows = rows_of(division.labels, division.steps, split, long, options.evaluation_stride)

@@ -6,7 +6,7 @@ import csv as csv_format
 import io
 import re
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -15,10 +15,9 @@ import pandas as pd
 from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
 from expertaug_recordings.columns import PLACES
-from expertaug_recordings.imports.settings import ArchiveSettings, MarkerSettings
 from expertaug_recordings.imports.unpacking import unpack
 from expertaug_recordings.names import P, by_name
-from expertaug_recordings.options import read_settings
+from expertaug_recordings.settings import ImportMarkersJob, UnpackMarkersJob
 
 IBM_FOLDER = "dpc_dataset_csv"  # the dataset's archive keeps its marker CSVs in original/dpc_dataset_csv/
 IBM_COLUMNS = ("y_red", "x_red", "y_green", "x_green", "y_blue", "x_blue")
@@ -41,15 +40,13 @@ def list_marker_files(path: str | Path) -> dict[str, Path]:
     return _by_name(path, (p for p in path.rglob("*") if p.is_file() and _is_marker_file(p.relative_to(path))))
 
 
-def unpack_archive(
-    archive: str | Path, folder: str | Path, settings: Mapping[str, object] | None = None
-) -> dict[str, Path]:
+def unpack_archive(archive: str | Path, folder: str | Path, job: UnpackMarkersJob) -> dict[str, Path]:
     """Unpack the marker CSVs of a .tar.gz or .zip, and nothing else, into ``folder``, which is replaced as a whole.
 
     Arguments:
         archive: the file.
         folder: where to; it appears only when everything went well.
-        settings: see :class:`ArchiveSettings`.
+        job: the archive's checksum.
 
     Returns:
         what :func:`list_marker_files` finds there.
@@ -59,11 +56,10 @@ def unpack_archive(
             (``..``, an absolute path, a link), no CSV, two CSVs of one name or a folder that cannot be written.
     """
     archive, folder = Path(archive), Path(folder)
-    options = read_settings(ArchiveSettings, settings, "archive")
     if not archive.is_file():
         raise InputError(archive, "no such file", "give the dataset's .tar.gz or .zip")
-    if options.sha256 is not None and (found := sha256(archive)) != options.sha256.lower():
-        raise InputError(archive, f"SHA-256 is {found}", f"expected {options.sha256}: get the archive again")
+    if job.sha256 is not None and (found := sha256(archive)) != job.sha256.lower():
+        raise InputError(archive, f"SHA-256 is {found}", f"expected {job.sha256}: get the archive again")
     temporary = folder.with_name(f".{folder.name}.unpacking")  # one name: what a killed job left goes with the next
     try:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -82,24 +78,23 @@ def unpack_archive(
     return list_marker_files(folder)
 
 
-def import_markers(csv: str | Path, output: str | Path, settings: Mapping[str, object] | None = None) -> None:
+def import_markers(csv: str | Path, output: str | Path, job: ImportMarkersJob) -> None:
     """Convert one IBM marker CSV to a ``markers.csv``.
 
     Arguments:
         csv: no header; a row per frame of y_red, x_red, y_green, x_green, y_blue, x_blue: vertical (downwards) first,
             in pixels times ``scale`` plus ``offset``.
         output: frame, t (s), pivot_x ... tip_y (px), quality (1), reason (empty).
-        settings: see :class:`MarkerSettings`.
+        job: what the numbers mean.
 
     Raises:
         InputError: a missing column, text, NaN or points that make no arm; with row and column, both from 1.
     """
-    options = read_settings(MarkerSettings, settings, "markers")
     raw = _read_ibm(Path(csv))
-    _check_arms(Path(csv), raw, options)
-    px = (raw - options.offset) / options.scale
+    _check_arms(Path(csv), raw, job)
+    px = (raw - job.offset) / job.scale
     frame = np.arange(len(px))
-    table = pd.DataFrame({"frame": frame, "t": frame / options.rate_hz})
+    table = pd.DataFrame({"frame": frame, "t": frame / job.rate_hz})
     for name, column in zip(PLACES, (1, 0, 3, 2, 5, 4), strict=True):
         table[name] = px[:, column]
     table["quality"], table["reason"] = 1, ""
@@ -162,22 +157,22 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _check_arms(path: Path, raw: np.ndarray, options: MarkerSettings) -> None:
-    far = np.abs(raw - options.offset) > MAX_PX * options.scale
+def _check_arms(path: Path, raw: np.ndarray, job: ImportMarkersJob) -> None:
+    far = np.abs(raw - job.offset) > MAX_PX * job.scale
     if far.any():
         row, column = np.argwhere(far)[0]
         found = f"row {row + 1}, column {IBM_COLUMNS[column]}: {raw[row, column]:g}"
-        raise InputError(path, found, f"expected pixels times {options.scale:g}, within {MAX_PX:g} px")
+        raise InputError(path, found, f"expected pixels times {job.scale:g}, within {MAX_PX:g} px")
     points = raw.reshape(-1, 3, 2)
     for arm, columns in ((0, "y_green,x_green"), (1, "y_blue,x_blue")):
-        length = np.linalg.norm(points[:, arm + 1] - points[:, arm], axis=1) / options.scale
+        length = np.linalg.norm(points[:, arm + 1] - points[:, arm], axis=1) / job.scale
         middle = float(np.median(length))
         remedy = "the points must make two arms of constant length; are the columns y,x of red, green, blue?"
         if (length == 0).any():
             row = int(np.argmax(length == 0)) + 1
             raise InputError(path, f"row {row}, columns {columns}: arm {arm + 1} has no length", remedy)
-        off = np.abs(length / middle - 1) > options.arm_tolerance
-        if off.mean() > options.arm_outliers:
+        off = np.abs(length / middle - 1) > job.arm_tolerance
+        if off.mean() > job.arm_outliers:
             row = int(np.argmax(off)) + 1
             found = f"arm {arm + 1} is {length[row - 1]:.1f} px, not {middle:.1f}; {off.mean():.0%} of the rows are off"
             raise InputError(path, f"row {row}, columns {columns}: {found}", remedy)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
 
@@ -16,15 +15,13 @@ from expertaug_recordings.angles.marker_table import FEWEST, MarkerTable, on_tim
 from expertaug_recordings.angles.noise import measure_noise
 from expertaug_recordings.angles.quality import trust_tracker
 from expertaug_recordings.angles.rectify import seen_through, worth_it
-from expertaug_recordings.angles.settings import AngleKeys
 from expertaug_recordings.angles.single import fit_single
 from expertaug_recordings.angles.smoothing import Smoothing, smooth_motion
 from expertaug_recordings.angles.tilt import Gravity, find_gravity
 from expertaug_recordings.angles.windows import longest_window
 from expertaug_recordings.markers.geometry import Geometry
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.tracker import track_frames
-from expertaug_recordings.video.settings import ExtractSettings
+from expertaug_recordings.settings import AngleKeys, StatedTimes, TrackMarkersJob
 from expertaug_recordings.video.source import open_frames
 
 FRAMES, SECONDS = 300, 2.0  # from the middle of a video: so many frames, or seconds where that is more
@@ -32,21 +29,21 @@ FRAMES, SECONDS = 300, 2.0  # from the middle of a video: so many frames, or sec
 
 def told_by_motion(
     path: Path,
-    stated: Mapping[str, object],
+    stated: StatedTimes,
     times: np.ndarray | None,
     geometry: Geometry,
-    settings: TrackSettings,
+    settings: TrackMarkersJob,
 ) -> tuple[Gravity | None, View | None]:
     """Direction of gravity in the image: 0 down, 90 right; None where the motion does not tell it.  And the view that
     makes the arms steadier; None where that is not worth it.
 
     Arguments:
         path: of the video.
-        stated: what it does not say itself: keys of recordings.videos.
+        stated: of its times, what it does not say itself.
         times: of its frames in s, (n,), where they are uneven.
         geometry, settings: with which its markers are tracked.
     """
-    with open_frames(path, ExtractSettings.from_mapping(stated)) as video:
+    with open_frames(path, stated) as video:
         rate = video.rate_hz if times is None else 1 / float(np.median(np.diff(times)))
         count = min(video.count, max(FRAMES, round(SECONDS * rate)))
         first = (video.count - count) // 2
@@ -54,7 +51,7 @@ def told_by_motion(
         track = track_frames(images, geometry, settings)
     frames = np.arange(count)
     t = frames / rate if times is None else times[first : first + count]
-    single = settings.markers.tip is None
+    single = settings.appearance.tip is None
     if not np.isfinite(track.position[:, 0]).any():
         return None, None
     places = (with_twin(track.position) if single else track.position).swapaxes(0, 1)

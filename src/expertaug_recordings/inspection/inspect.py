@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -18,23 +18,21 @@ from expertaug_recordings.inspection.several import combine, rates_differ
 from expertaug_recordings.markers.appearance import ROLES
 from expertaug_recordings.markers.geometry import best
 from expertaug_recordings.markers.plain_disks import fitter
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.names import printable
 from expertaug_recordings.reports import drawing
+from expertaug_recordings.settings import StatedTimes, TrackMarkersJob
 
 DIRECTIONS = "0 down, 90 right, -90 left, 180 up"
 SHOWN_WIDTH, SMALL_WIDTH = 480, 240  # px of a frame on the contact sheet of one video, and of several
 
 
-def inspect(
-    videos: str | Path | Sequence[str | Path], sheet: str | Path, stated: Mapping[str, object] | None = None
-) -> str:
+def inspect(videos: str | Path | Sequence[str | Path], sheet: str | Path, stated: StatedTimes | None = None) -> str:
     """Look for a pendulum's markers in videos and propose the configuration that tracks them.
 
     Arguments:
         videos: files or folders as :func:`~expertaug_recordings.video.source.open_frames` takes.
         sheet: contact sheet to write, .png or .jpg: some frames of each with what was seen on them.
-        stated: what the files do not say: keys of recordings.videos (rate_hz, times, time_unit_s).
+        stated: of their times, what the files do not say.
 
     Returns:
         YAML text.  Of several videos those of which nothing can be proposed are left out, and a comment says why.
@@ -50,7 +48,7 @@ def inspect(
     looks, refused = [], []
     for path in paths:
         try:
-            looks.append(look_at(path, stated or {}))
+            looks.append(look_at(path, stated or StatedTimes()))
         except InputError as error:
             refused.append(error)
     if looks:
@@ -97,8 +95,8 @@ def _yaml(looks: Sequence[Look], refused: Sequence[InputError]) -> str:
 def _caption(look: Look) -> str:
     if look.found is None:
         return "no pendulum seen"
-    settings = TrackSettings.from_mapping(look.tracking)
-    appearance, geometry = settings.markers, look.geometry
+    settings = TrackMarkersJob.from_mapping(look.tracking)
+    appearance, geometry = settings.appearance, look.geometry
     named = [f"{role} {name}" if name != role else role for role, name in zip(ROLES, appearance.names, strict=True)]
     if appearance.pivot is None:
         named[0] = "pivot unmarked"
@@ -110,8 +108,8 @@ def _caption(look: Look) -> str:
 
 def _with_pendulum(frame: np.ndarray, width: int, look: Look) -> np.ndarray:
     image, factor = _small(frame, width)
-    settings, geometry, gravity = TrackSettings.from_mapping(look.tracking), look.geometry, look.gravity
-    appearance = settings.markers
+    settings, geometry, gravity = TrackMarkersJob.from_mapping(look.tracking), look.geometry, look.gravity
+    appearance = settings.appearance
     finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance, appearance)
     places = finder.candidates(frame)
     place = np.full((3, 2), np.nan)

@@ -16,8 +16,7 @@ from expertaug_recordings.inspection import proposal
 from expertaug_recordings.inspection.detect import Pendulum, Spot, look_for_pendulum
 from expertaug_recordings.inspection.gravity import told_by_motion
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
-from expertaug_recordings.markers.settings import TrackSettings
-from expertaug_recordings.video.settings import ExtractSettings
+from expertaug_recordings.settings import StatedTimes, TrackMarkersJob
 from expertaug_recordings.video.source import open_frames
 
 FRAMES, MEMORY = 24, 2**28  # frames that are looked at, and bytes that they may take
@@ -28,7 +27,7 @@ MIN_SHARE = 0.5  # of the frames in which the tracker must find all markers with
 @dataclass(frozen=True)
 class Footage:
     """Frames (H, W, 3) spread over a video with their numbers, what the file says of itself (times (n,) in s of its
-    frames where they are uneven), and what its user does (keys of recordings.videos)."""
+    frames where they are uneven), and what its user does."""
 
     path: Path
     frames: list[np.ndarray]
@@ -36,7 +35,7 @@ class Footage:
     rate_hz: float
     count: int
     times: np.ndarray | None
-    stated: Mapping[str, object]
+    stated: StatedTimes
 
     @property
     def facts(self) -> str:
@@ -73,7 +72,7 @@ class Look:
     view: View | None = None
 
 
-def look_at(video: Path, stated: Mapping[str, object]) -> Look:
+def look_at(video: Path, stated: StatedTimes) -> Look:
     """Look for a pendulum's markers.
 
     Raises:
@@ -87,7 +86,7 @@ def look_at(video: Path, stated: Mapping[str, object]) -> Look:
     if geometry is None or counts["all"] < MIN_SHARE * counts["frames"]:
         refusal = f"its markers are all found in {counts['all']} of {counts['frames']} frames only"
         return Look(footage, spots, found, tracking, None, geometry, counts, refusal)
-    gravity, view = told_by_motion(video, stated, footage.times, geometry, TrackSettings.from_mapping(tracking))
+    gravity, view = told_by_motion(video, stated, footage.times, geometry, TrackMarkersJob.from_mapping(tracking))
     return Look(footage, spots, found, tracking, gravity, geometry, counts, view=view)
 
 
@@ -96,9 +95,9 @@ def count_with(frames: Sequence[np.ndarray], tracking: Mapping[str, object]) -> 
     return _best_proposal(frames, [tracking])[2]["all"]
 
 
-def _read(path: Path, stated: Mapping[str, object]) -> Footage:
+def _read(path: Path, stated: StatedTimes) -> Footage:
     """All of the video is decoded, since only that tells whether it is sound and when its frames were taken."""
-    with open_frames(path, ExtractSettings.from_mapping(stated)) as video:
+    with open_frames(path, stated) as video:
         wanted = max(SHOWN, min(FRAMES, MEMORY // (video.width * video.height * 3)))
         step = max(1, video.count // wanted)
         kept = [(number, image.copy()) for number, image in video.frames(step)][:wanted]
@@ -115,7 +114,7 @@ def _best_proposal(
     tried = []
     for one in proposals:
         try:
-            tried.append((one, *estimate_geometry(frames, TrackSettings.from_mapping(one))))
+            tried.append((one, *estimate_geometry(frames, TrackMarkersJob.from_mapping(one))))
         except InputError:  # the tracker sees too little of the joint to find the pivot
             tried.append((one, None, Counter(frames=len(frames))))
     return max(tried, key=lambda one: one[2]["all"])

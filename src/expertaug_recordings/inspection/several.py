@@ -47,11 +47,12 @@ def combine(looks: Sequence[Look]) -> dict[str, object]:
             own[names[look.footage.path]] = block
     paths = [glob.escape(str(look.footage.path)) for look in looks]
     rate = min(look.footage.rate_hz for look in looks)
+    stated = looks[0].footage.stated.model_dump(exclude_unset=True)
     return {
         "source": "videos",
         "analysis_rate_hz": float(f"{rate:.9g}"),
         "arms_m": None,
-        "videos": {"path": paths[0] if len(paths) == 1 else paths, **looks[0].footage.stated},
+        "videos": {"path": paths[0] if len(paths) == 1 else paths, **stated},
         "tracking": shared,
         **({"angles": angles} if angles else {}),
         **({"by_recording": own} if own else {}),

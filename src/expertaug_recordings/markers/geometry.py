@@ -13,7 +13,7 @@ from expertaug.errors import InputError
 from expertaug_recordings.markers.appearance import WHERE
 from expertaug_recordings.markers.plain_disks import fitter
 from expertaug_recordings.markers.quadrant_disks import Disks
-from expertaug_recordings.markers.settings import TrackSettings
+from expertaug_recordings.settings import TrackMarkersJob
 
 DIAMETERS = (8.0, 1.25)  # px of the smallest that is tried where none is given, and the step to the next
 LARGEST = 0.25  # of the image's shorter side
@@ -42,7 +42,7 @@ class Geometry:
     twins: tuple[tuple[tuple[float, float], ...], ...] = ((), (), ())
 
 
-def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackSettings) -> tuple[Geometry | None, Counter]:
+def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackMarkersJob) -> tuple[Geometry | None, Counter]:
     """Medians over the frames in which all markers are found, without any knowledge of where they are.
 
     Arguments:
@@ -56,7 +56,7 @@ def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackSettings) -> 
     Raises:
         InputError: the pivot bears no marker and the joint's way does not tell where it is.
     """
-    appearance = settings.markers
+    appearance = settings.appearance
     finder = fitter(settings.marker_diameter_px, settings.min_level, settings.rim_tolerance, appearance)
     seen = [finder.fit(frame, places) if len(places := finder.candidates(frame)) else None for frame in frames]
     twins = [(), *(_twins(seen, k, settings) if k < appearance.last else () for k in (1, 2))]
@@ -93,7 +93,7 @@ def _spread(values: np.ndarray) -> list[float]:
     return (1.4826 * np.median(np.abs(values - np.median(values, axis=0)), axis=0)).tolist()
 
 
-def _sightings(seen: Sequence[Disks | None], k: int, settings: TrackSettings) -> tuple[np.ndarray, np.ndarray]:
+def _sightings(seen: Sequence[Disks | None], k: int, settings: TrackMarkersJob) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 2) of sound disks that look like marker k, and their frames (n,)."""
     places, numbers = [np.empty((0, 2))], [np.empty(0, int)]
     for number, disks in enumerate(seen):
@@ -104,7 +104,7 @@ def _sightings(seen: Sequence[Disks | None], k: int, settings: TrackSettings) ->
     return np.concatenate(places), np.concatenate(numbers)
 
 
-def _twins(seen: Sequence[Disks | None], k: int, settings: TrackSettings) -> tuple[tuple[float, float], ...]:
+def _twins(seen: Sequence[Disks | None], k: int, settings: TrackMarkersJob) -> tuple[tuple[float, float], ...]:
     """Places at which something that looks like the moving marker k is in most of the frames, while another one that
     does is elsewhere."""
     places, numbers = _sightings(seen, k, settings)
@@ -120,7 +120,7 @@ def _twins(seen: Sequence[Disks | None], k: int, settings: TrackSettings) -> tup
 
 
 def _other_pivots(
-    seen: Sequence[Disks | None], settings: TrackSettings, twins: Sequence[tuple[float, float]]
+    seen: Sequence[Disks | None], settings: TrackMarkersJob, twins: Sequence[tuple[float, float]]
 ) -> tuple[tuple[float, float], ...]:
     """Places of things that look like the pivot's marker, but from which the joint does not keep its distance best."""
     places, numbers = _sightings(seen, 0, settings)
@@ -136,7 +136,7 @@ def _other_pivots(
     return tuple(place for _, place in sorted(choices)[1:])
 
 
-def measure_diameter(frames: Sequence[np.ndarray], settings: TrackSettings) -> float | None:
+def measure_diameter(frames: Sequence[np.ndarray], settings: TrackMarkersJob) -> float | None:
     """Diameter in px with which the markers are seen in most of the frames and with the cleanest rims; None for none.
 
     Arguments:
@@ -149,13 +149,13 @@ def measure_diameter(frames: Sequence[np.ndarray], settings: TrackSettings) -> f
         tried = settings.model_copy(
             update={"marker_diameter_px": diameter, "diameter_tolerance_px": (step - 1) * diameter}
         )
-        finder = fitter(diameter, tried.min_level, tried.rim_tolerance, tried.markers)
+        finder = fitter(diameter, tried.min_level, tried.rim_tolerance, tried.appearance)
         score, radii = 0.0, []
         for frame in frames:
             places = finder.candidates(frame)
             disks = finder.fit(frame, places) if len(places) else None
             chosen = (
-                [best(disks, k, tried) for k in range(settings.markers.first, settings.markers.last)]
+                [best(disks, k, tried) for k in range(settings.appearance.first, settings.appearance.last)]
                 if disks
                 else [None]
             )
@@ -194,7 +194,7 @@ def centre_of_circle(points: np.ndarray) -> tuple[float, float]:
     return float(a), float(b)
 
 
-def sound(disks: Disks, settings: TrackSettings) -> np.ndarray:
+def sound(disks: Disks, settings: TrackMarkersJob) -> np.ndarray:
     """(m,) whether what was fitted is a disk of the right size."""
     size = np.abs(2 * disks.radius - settings.marker_diameter_px) < settings.diameter_tolerance
     return size & (disks.share > settings.min_rim_share)
@@ -203,7 +203,7 @@ def sound(disks: Disks, settings: TrackSettings) -> np.ndarray:
 def best(
     disks: Disks,
     k: int,
-    settings: TrackSettings,
+    settings: TrackMarkersJob,
     twins: Sequence[tuple[float, float]] = (),
 ) -> int | None:
     """The sound disk of marker k with the cleanest rim, at none of the places ``twins``."""

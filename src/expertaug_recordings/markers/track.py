@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,21 +16,21 @@ from expertaug.files import atomic
 from expertaug_recordings.columns import MARKERS
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, measure_diameter
 from expertaug_recordings.markers.masks import MaskedFrames
-from expertaug_recordings.markers.settings import TrackSettings
 from expertaug_recordings.markers.tracker import UNUSABLE, Track, track_frames
+from expertaug_recordings.settings import TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore
 
 DIAMETER_FRAMES = 12  # on which an unknown diameter is measured
 
 
-def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, object] | None = None) -> Track:
+def track_markers(store: str | Path, output: str | Path, job: TrackMarkersJob) -> Track:
     """Track the markers of a frame store and write ``markers.csv``.
 
     Arguments:
         store: frame store of one recording, evenly timed.
         output: CSV with one row a frame: frame, t (s), x and y of the markers (px from the centre of the top-left
             pixel, y down; empty where lost), quality, reason (:class:`~expertaug_recordings.markers.tracker.Track`).
-        settings: keys of :class:`~expertaug_recordings.markers.tracker.TrackSettings`.
+        job: how they look, and tolerances.
 
     Returns:
         What was written.
@@ -40,16 +39,15 @@ def track_markers(store: str | Path, output: str | Path, settings: Mapping[str, 
         InputError: a setting is wrong, or the video shows no markers or is unusable in too many frames.
     """
     cv2.setNumThreads(1)
-    checked = TrackSettings.from_mapping(settings)
-    frames = MaskedFrames(FrameStore(store), checked.masks)
-    checked, geometry = _calibrate(store, frames, checked)
-    track = track_frames(frames, geometry, checked)
-    _refuse_lost(store, track, checked)
+    frames = MaskedFrames(FrameStore(store), job.masks)
+    job, geometry = _calibrate(store, frames, job)
+    track = track_frames(frames, geometry, job)
+    _refuse_lost(store, track, job)
     _write(output, np.asarray(frames.t), track)
     return track
 
 
-def _calibrate(store: str | Path, frames: MaskedFrames, settings: TrackSettings) -> tuple[TrackSettings, Geometry]:
+def _calibrate(store: str | Path, frames: MaskedFrames, settings: TrackMarkersJob) -> tuple[TrackMarkersJob, Geometry]:
     """Settings with a diameter, and lengths from frames spread over the store; arm lengths that the settings give are
     taken from there."""
     if settings.marker_diameter_px is None:
@@ -64,7 +62,7 @@ def _calibrate(store: str | Path, frames: MaskedFrames, settings: TrackSettings)
     except InputError as error:
         raise InputError(store, str(error)) from error
     if geometry is None:
-        appearance = settings.markers
+        appearance = settings.appearance
         seen = ", ".join(f"{name} in {found[name]}" for name in appearance.seen)
         wanted = {1: "it", 2: "both", 3: "all three"}[len(appearance.seen)]
         whole = f"of {found['frames']} frames looked at, {found['all']} show {wanted} ({seen})"
@@ -78,8 +76,8 @@ def _spread(count: int, wanted: float) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, int(wanted)).round().astype(int))
 
 
-def _no_markers(store: str | Path, found: str, settings: TrackSettings) -> InputError:
-    appearance = settings.markers
+def _no_markers(store: str | Path, found: str, settings: TrackMarkersJob) -> InputError:
+    appearance = settings.appearance
     size = "" if settings.marker_diameter_px is None else f" of {settings.marker_diameter_px:g} px (marker_diameter_px)"
     colours = " and ".join(filter(None, (", ".join(appearance.seen[:-1]), appearance.seen[-1])))
     kind = "quadrant disks" if appearance.style == "quadrant" else "disks"
@@ -87,7 +85,7 @@ def _no_markers(store: str | Path, found: str, settings: TrackSettings) -> Input
     return InputError(store, f"no markers: {found}", remedy)
 
 
-def _refuse_lost(store: str | Path, track: Track, settings: TrackSettings) -> None:
+def _refuse_lost(store: str | Path, track: Track, settings: TrackMarkersJob) -> None:
     unusable = track.quality == UNUSABLE
     if unusable.mean() <= settings.max_lost_share:
         return

@@ -16,10 +16,12 @@ import numpy as np
 from expertaug_recordings.markers.geometry import WIDE, Geometry, best, sound
 from expertaug_recordings.markers.plain_disks import fitter
 from expertaug_recordings.markers.quadrant_disks import Disks
-from expertaug_recordings.markers.settings import ARM, RESIDUAL, SEARCH, TrackSettings
+from expertaug_recordings.settings import TrackMarkersJob
 from expertaug_recordings.video.kept_frame import KeptFrame
 
 PIVOT, JOINT, TIP = range(3)
+# px of a plain diameter, where nothing is given: of an arm's length, of the ring that is searched, of residuals
+ARM, SEARCH, RESIDUAL = 2.0, 10.0, 0.6
 STIFFNESS = 5.0  # once the diameter is known: a disk covered by a quarter is then .3 px off instead of 2 px
 MOST_RESIDUAL = 1.2  # px of quadrants of a plain diameter
 UNUSABLE = 0.0
@@ -42,7 +44,7 @@ class Track:
     reason: list[str]
 
 
-def track_frames(frames: Iterable[np.ndarray | KeptFrame], geometry: Geometry, settings: TrackSettings) -> Track:
+def track_frames(frames: Iterable[np.ndarray | KeptFrame], geometry: Geometry, settings: TrackMarkersJob) -> Track:
     """Track consecutive, evenly timed frames, BGR (H, W, 3) or as kept, of a pendulum with these lengths."""
     tracker = Tracker(geometry, settings)
     rows = [tracker.step(frame) for frame in frames]
@@ -58,10 +60,10 @@ class Tracker:
         settings: checked settings.
     """
 
-    def __init__(self, geometry: Geometry, settings: TrackSettings) -> None:
+    def __init__(self, geometry: Geometry, settings: TrackMarkersJob) -> None:
         self.arms = (geometry.arm1, geometry.arm2)
         self.settings = settings
-        self.appearance = settings.markers
+        self.appearance = settings.appearance
         self.fitter = fitter(geometry.diameter, settings.min_level, settings.rim_tolerance, self.appearance, STIFFNESS)
         scale = settings.scale
         spread = [WIDE * one for one in geometry.spread]

@@ -8,8 +8,8 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.systems.double_pendulum import Constants, energy
-from expertaug_recordings.rendering.settings import LaunchSettings
 from expertaug_recordings.runge_kutta import step
+from expertaug_recordings.settings import LaunchSettings
 
 STEPS_PER_FRAME_AT_400_HZ = 4
 MAX_STEP = 1 / (400 * STEPS_PER_FRAME_AT_400_HZ)  # s; the fastest launches turn by .05 rad in one

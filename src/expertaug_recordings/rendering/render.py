@@ -7,7 +7,6 @@ do not depend on how many others are rendered.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -19,7 +18,7 @@ from expertaug.systems.double_pendulum import Constants
 from expertaug_recordings.columns import PLACES
 from expertaug_recordings.rendering.motion import Launch, simulate
 from expertaug_recordings.rendering.scene import Pose, Scene
-from expertaug_recordings.rendering.settings import RenderSettings
+from expertaug_recordings.settings import RenderVideoJob
 from expertaug_recordings.video.writer import encode
 
 TRUTH_COLUMNS = ",".join(("t", "theta1", "theta2", "omega1", "omega2", *PLACES))
@@ -27,45 +26,44 @@ VISIBLE_BLUR = 0.2  # px of motion within an exposure, below which one pose stan
 LONG_BLUR = 2.0  # px from which on two are not enough
 
 
-def render_recording(index: int, video: Path, truth: Path, settings: Mapping | RenderSettings) -> None:
+def render_recording(index: int, video: Path, truth: Path, job: RenderVideoJob) -> None:
     """Render recording ``index`` of the set as H.264 video, with its truth beside it for scoring.
 
     Arguments:
         index: number of the recording, from 0.
         video: file to write; mp4 by its name.
         truth: CSV to write, one row a frame: t in s, angles in rad, speeds in rad/s, marker centres in px.
-        settings: see :class:`RenderSettings`.
+        job: its settings.
 
     Raises:
         InputError: a setting or the output folder cannot be used.
     """
     cv2.setNumThreads(1)
-    s = settings if isinstance(settings, RenderSettings) else RenderSettings.from_mapping(settings)
-    if index < 0 or (s.count is not None and index >= s.count):
+    if index < 0 or (job.count is not None and index >= job.count):
         raise InputError(
-            "recordings.rendered", f"recording {index} of {s.count}", "they are numbered from 0 to count - 1"
+            "recordings.rendered", f"recording {index} of {job.count}", "they are numbered from 0 to count - 1"
         )
-    times, states, pivot = motion(index, s)
-    rng = np.random.default_rng([s.seed, index, 1])
-    arms = tuple(length * s.pixels_per_metre for length in s.arms_m)
-    scene = Scene(s.image_size_px, pivot, arms, s.noise, rng)
+    times, states, pivot = motion(index, job)
+    rng = np.random.default_rng([job.seed, index, 1])
+    arms = tuple(length * job.pixels_per_metre for length in job.arms_m)
+    scene = Scene(job.image_size_px, pivot, arms, job.noise, rng)
     with atomic(video) as temporary:
-        frames = (scene.frame(poses(state, pivot, arms, s.exposure_s)) for state in states)
-        encode(temporary, frames, s.image_size_px, s.rate_hz, crf=s.crf, speed=s.preset)
+        frames = (scene.frame(poses(state, pivot, arms, job.exposure_s)) for state in states)
+        encode(temporary, frames, job.image_size_px, job.rate_hz, crf=job.crf, speed=job.preset)
     joint, tip = markers(states, pivot, arms)
     table = np.column_stack([times, states, np.broadcast_to(pivot, joint.shape), joint, tip])
     with atomic(truth) as temporary:
         np.savetxt(temporary, table, fmt="%.9g", delimiter=",", header=TRUTH_COLUMNS, comments="")
 
 
-def motion(index: int, s: RenderSettings) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
+def motion(index: int, job: RenderVideoJob) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
     """Times (T,), states (T, 4) and the pivot in px of one recording."""
-    rng = np.random.default_rng([s.seed, index, 0])
-    constants = Constants(**s.constants.model_dump())
-    start = Launch(**s.launch.model_dump()).draw(rng, constants)
-    pivot = tuple(float(c + rng.uniform(-1, 1) * s.pivot_spread_px) for c in s.pivot_px)
-    times = np.arange(s.frames) / s.rate_hz
-    return times, simulate(start[None], times, constants, s.friction)[0], pivot
+    rng = np.random.default_rng([job.seed, index, 0])
+    constants = Constants(**job.constants.model_dump())
+    start = Launch(**job.launch.model_dump()).draw(rng, constants)
+    pivot = tuple(float(c + rng.uniform(-1, 1) * job.pivot_spread_px) for c in job.pivot_px)
+    times = np.arange(job.frames) / job.rate_hz
+    return times, simulate(start[None], times, constants, job.friction)[0], pivot
 
 
 def markers(states: np.ndarray, pivot: tuple[float, float], arms: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:

@@ -16,10 +16,9 @@ from expertaug.files import atomic
 from expertaug_recordings.angles.quality import INTERPOLATED, MEASURED, UNUSABLE
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.columns import PLACES
-from expertaug_recordings.options import read_settings
 from expertaug_recordings.reports import drawing
 from expertaug_recordings.reports.forecasts import Forecast, read_forecasts
-from expertaug_recordings.reports.settings import OverlaySettings
+from expertaug_recordings.settings import OverlayJob
 from expertaug_recordings.tables import read_table
 from expertaug_recordings.video.source import open_frames
 from expertaug_recordings.video.writer import encode
@@ -57,7 +56,7 @@ def overlay(
     angles: str | Path,
     summary: str | Path,
     output: str | Path,
-    settings: Mapping[str, object] | None = None,
+    job: OverlayJob,
     forecasts: Mapping[str, str | Path] | None = None,
 ) -> None:
     """Draw the measurement of a recording over its frames, as H.264 video that a browser plays.
@@ -69,26 +68,25 @@ def overlay(
         video: the recording's video.
         markers, angles, summary: what :func:`expertaug_recordings.angles.measure.measure_angles` read and wrote.
         output: .mp4.
-        settings: see :class:`OverlaySettings`.
+        job: what is shown.
         forecasts: forecasts.npz by the label to print.
 
     Raises:
         InputError: a file cannot be used or does not fit the others, or nothing of the recording is in the chosen part.
     """
     cv2.setNumThreads(1)
-    options = read_settings(OverlaySettings, settings, "overlay")
     if Path(output).suffix.lower() != ".mp4":
         raise InputError(output, f"suffix '{Path(output).suffix}'", "an overlay is .mp4")
     seen = _read(markers, angles, summary)
     name, rate = seen.summary.recording, seen.summary.rate_hz
     predicted = read_forecasts(forecasts or {}, name, seen.frame, rate)
-    stride = max(1, round(rate * options.speed / options.fps))
-    fps = rate * options.speed / stride
-    rows = _rows(seen, predicted, options, stride)
+    stride = max(1, round(rate * job.speed / job.fps))
+    fps = rate * job.speed / stride
+    rows = _rows(seen, predicted, job, stride)
     if not len(rows):
-        found = f"{options.start_s:g} s is after its end at {seen.t[-1]:.2f} s"
+        found = f"{job.start_s:g} s is after its end at {seen.t[-1]:.2f} s"
         raise InputError("recordings.overlay.start_s", found, "choose an earlier part")
-    with open_frames(video, options.of_frames) as source:
+    with open_frames(video, job) as source:
         step = max(1, math.floor(source.rate_hz / rate + 1e-3))
         other = seen.summary.timing.frames_hz is None and abs(step * rate / source.rate_hz - 1) > 1e-3
         if other or int(seen.source.max()) * step >= source.count:
@@ -140,11 +138,11 @@ def _read(markers: str | Path, angles: str | Path, summary: str | Path) -> Measu
     return Measured(found, frame, source.astype(int), t, place, table[["theta1", "theta2"]].to_numpy(), quality, reason)
 
 
-def _rows(seen: Measured, predicted: Sequence[Forecast], options: OverlaySettings, stride: int) -> np.ndarray:
+def _rows(seen: Measured, predicted: Sequence[Forecast], job: OverlayJob, stride: int) -> np.ndarray:
     """Rows that are shown: of the chosen part and round every forecast."""
     t = seen.t - seen.t[0]
-    end = math.inf if options.duration_s is None else options.start_s + options.duration_s
-    shown = (t >= options.start_s) & (t < end)
+    end = math.inf if job.duration_s is None else job.start_s + job.duration_s
+    shown = (t >= job.start_s) & (t < end)
     if shown.any():
         for one in predicted:
             shown |= (t >= t[one.rows[0]] - AROUND_S) & (t <= t[one.rows[-1]] + AROUND_S)

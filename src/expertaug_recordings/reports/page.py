@@ -17,7 +17,7 @@ from expertaug.errors import InputError
 from expertaug_recordings.angles.quality import INTERPOLATED, MEASURED, UNUSABLE
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.columns import PLACES
-from expertaug_recordings.provenance import RENDERED
+from expertaug_recordings.settings import RENDERED
 from expertaug_recordings.tables import read_table
 
 STATE = ("theta1", "theta2", "omega1", "omega2")

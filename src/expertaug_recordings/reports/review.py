@@ -19,9 +19,8 @@ from expertaug_recordings.angles.quality import MEASURED
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.columns import PLACES
 from expertaug_recordings.corrections import COLUMNS, MARKERS
-from expertaug_recordings.options import read_settings
 from expertaug_recordings.reports import drawing
-from expertaug_recordings.reports.settings import OverlaySettings
+from expertaug_recordings.settings import ReviewRecordingJob
 from expertaug_recordings.tables import read_table
 from expertaug_recordings.video.source import open_frames
 
@@ -56,7 +55,7 @@ def review_recording(
     summary: str | Path,
     sheet: str | Path,
     rows: str | Path,
-    settings: Mapping[str, object] | None = None,
+    job: ReviewRecordingJob,
 ) -> None:
     """Draw a recording's worst frames with the markers that were found in them.
 
@@ -66,12 +65,11 @@ def review_recording(
         sheet: .jpg or .png.
         rows: CSV of these frames in the layout of corrections (:mod:`expertaug_recordings.corrections`), with reasons:
             to be mended and kept as a file of corrections.
-        settings: those of the overlay that tell the video's frames.
+        job: how the video's frames are opened.
 
     Raises:
         InputError: a file cannot be used or does not fit the others.
     """
-    options = read_settings(OverlaySettings, settings, "overlay")
     points = read_table(markers, ("frame", *PLACES), made_by="track_markers")
     table = read_table(angles, ("t", "quality", "source"), ("reason",))
     found = RecordingSummary.load(summary)
@@ -83,7 +81,7 @@ def review_recording(
     off = np.abs(length / (found.arm1_px, found.arm2_px) - 1).max(axis=1)
     reason, quality = table["reason"].to_numpy(), table["quality"].to_numpy()
     chosen = worst_frames(quality, reason, off)
-    with open_frames(video, options.of_frames) as frames:
+    with open_frames(video, job) as frames:
         step = max(1, int(np.floor(frames.rate_hz / found.rate_hz + 1e-3)))
         wanted = {int(source[row]) * step: row for row in chosen}
         tiles = {}

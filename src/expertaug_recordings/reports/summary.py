@@ -11,7 +11,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic, write_text
 from expertaug.measurements.paths import natural_key
 from expertaug_recordings.angles.summary import RecordingSummary
-from expertaug_recordings.provenance import RENDERED
+from expertaug_recordings.settings import RENDERED
 
 # Columns of the table: key in a recording's summary → heading and format of the Markdown table.
 HEADINGS = {

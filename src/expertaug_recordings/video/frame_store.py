@@ -21,9 +21,9 @@ from av.video.reformatter import VideoReformatter
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug_recordings.settings import ExtractFramesJob
 from expertaug_recordings.video.kept_frame import KeptFrame
 from expertaug_recordings.video.pixel_layout import Layout
-from expertaug_recordings.video.settings import ExtractSettings
 from expertaug_recordings.video.source import Frames, open_frames
 
 FORMAT = "expertaug frames 2"
@@ -206,7 +206,7 @@ def writing(path: str | Path, layout: Layout, rate_hz: float, source: Mapping) -
             ) from error
 
 
-def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings) -> None:
+def extract_frames(video: Path, store: Path, job: ExtractFramesJob) -> None:
     """Decode a video into a frame store at the analysis rate; memory does not grow with the length.
 
     Arguments:
@@ -214,14 +214,13 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
             (:class:`~expertaug_recordings.video.pictures.Pictures`).
         store: file to write.  It has every n-th frame, as many as the analysis rate takes; where that does not divide
             the rate, and where times are uneven, the angles are resampled later.
-        settings: see :class:`ExtractSettings`.
+        job: its settings.
 
     Raises:
         InputError: the video or a setting cannot be used, or the store cannot be written.
     """
-    s = settings if isinstance(settings, ExtractSettings) else ExtractSettings.from_mapping(settings)
-    with open_frames(video, s) as source:
-        step = 1 if s.analysis_rate_hz is None else max(1, math.floor(source.rate_hz / s.analysis_rate_hz + 1e-3))
+    with open_frames(video, job, job.expected_frames, job.image_size_px) as source:
+        step = 1 if job.analysis_rate_hz is None else max(1, math.floor(source.rate_hz / job.analysis_rate_hz + 1e-3))
         described = {
             "video": Path(video).name,
             "rate_hz": source.rate_hz,
@@ -234,7 +233,7 @@ def extract_frames(video: Path, store: Path, settings: Mapping | ExtractSettings
                 out.append(picture)
             if source.times is not None:
                 out.times, out.rate_hz = source.times[::step], source.rate_hz / step
-            _refuse_slow(source, s.analysis_rate_hz)
+            _refuse_slow(source, job.analysis_rate_hz)
 
 
 def _refuse_slow(source: Frames, analysis_rate_hz: float | None) -> None:
