@@ -19,7 +19,8 @@ from expertaug.commands import options
 from expertaug.config import stage_code
 from expertaug.errors import SolveError
 from expertaug.systems import simulate
-from expertaug.tracking import mlflow_store
+from expertaug.tracking import store
+from expertaug.tracking.settings import Tracking
 
 ROOT = Path(__file__).parents[1]
 PENDULUM = {
@@ -180,13 +181,13 @@ def test_validate(tmp_path, capsys, monkeypatch):
 
 
 def test_tracking_store_is_prepared_or_switched_off(tmp_path, monkeypatch):
-    monkeypatch.setattr(mlflow_store, "connect", lambda uri, experiment, prepare: (None, f"id of {experiment}"))
+    monkeypatch.setattr(store, "connect", lambda uri, experiment, prepare: (None, f"id of {experiment}"))
     output = tmp_path / "tracking.json"
     settings = {"enabled": True, "uri": "sqlite:///x.db", "experiment": "e"}
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings)) == 0
     files = [f"--{name}={name}" for name in ("data", "output", "work", "settings")]
     arguments = commands.parser().parse_args(["train", *files, f"--tracking={output}"])
-    assert options.tracking_of(arguments) == settings | {"experiment_id": "id of e", "tags": {"rule": "train"}}
+    assert options.tracking_of(arguments) == Tracking(**settings, experiment_id="id of e", rule="train")
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings | {"enabled": False})) == 0
     assert json.loads(output.read_text()) == {"enabled": False}
     assert options.tracking_of(arguments) is None

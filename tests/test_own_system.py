@@ -28,7 +28,7 @@ from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
-from expertaug.tracking.log_file import read_log
+from expertaug.tracking.log import read_log
 
 SYSTEM = '''
 """Predator and prey (Lotka 1925; Volterra 1926), in truth with a saturating appetite (Holling 1959)."""
@@ -164,9 +164,9 @@ def test_what_it_learned_beats_what_it_began_with(results):
     for variant in every:
         stored = store.load(folder / variant / "model.safetensors", classes=["own.predation"])
         assert stored.failed == [] and np.isfinite(stored.description["best_score"]).all()
-        losses = [line["loss"] for line in read_log(folder / variant / "log.jsonl").steps]
+        losses = [line.metrics["loss"] for line in read_log(folder / variant / "log.jsonl").steps]
         assert np.isfinite(losses).all()
-    scores = [line["validation_score"] for line in read_log(folder / "aphynity/log.jsonl").steps]
+    scores = [line.metrics["validation_score"] for line in read_log(folder / "aphynity/log.jsonl").steps]
     assert (np.min(scores, axis=0) < np.array(scores[0]) - 0.5).all()
 
 

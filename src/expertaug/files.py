@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
+import logging
 import math
 import os
 import re
@@ -21,6 +22,9 @@ from expertaug.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
+logger = logging.getLogger(__name__)
+
+TOLD_S = 5.0  # of waiting for a lock, after which a line says so
 RATIO, UNSUSPECTED = 200, 2**26  # what measured data is never compressed by, and the bytes from which that is asked
 
 
@@ -107,6 +111,40 @@ def _reason(error: Exception) -> str | None:
     return None if code is None else os.strerror(int(code[1]))
 
 
+@contextmanager
+def locked(path: Path, wait_s: float = 0.0, held: str = "another process holds this lock") -> Iterator[None]:
+    """Hold the lock that a file is; the kernel releases it however this process ends.
+
+    Arguments:
+        wait_s: how long to wait for another process.
+        held: what it means that another one holds it, for the message.
+
+    Raises:
+        InputError: another process holds it, and did so for ``wait_s``; or the file cannot be made.
+    """
+    from filelock import FileLock, Timeout  # 50 ms, which few commands need
+
+    lock = FileLock(path, fallback_to_soft=False)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            lock.acquire(timeout=min(wait_s, TOLD_S))
+        except Timeout:
+            if wait_s <= TOLD_S:
+                raise
+            logger.info("%s: another process holds this lock; waiting for it, up to %.0f s", path, wait_s)
+            lock.acquire(timeout=wait_s - TOLD_S)
+    except Timeout as error:
+        found = f"another process has held this lock for {wait_s:.0f} s" if wait_s else held
+        raise InputError(path, found, "stop that process, or wait for it and try again") from error
+    except OSError as error:
+        raise InputError(path, f"cannot be written ({error.strerror})", "choose a writable results folder") from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
 def write_text(path: str | Path, text: str) -> None:
     """Write ``text`` to ``path`` atomically."""
     with atomic(path) as temporary:
@@ -183,12 +221,8 @@ def _check_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, left: int) -
     Raises:
         ValueError: they do not fit, or the array holds neither numbers nor texts.
     """
-    from numpy.lib import format as npy
-
-    with archive.open(member) as stream:
-        read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(stream)]
-        shape, _, dtype = read(stream)
-        size = stream.tell() + math.prod(shape) * dtype.itemsize
+    shape, dtype, header = _npy_header(archive, member)
+    size = header + math.prod(shape) * dtype.itemsize
     name = member.filename
     if dtype.kind not in "biufUS":
         raise ValueError(f"{name} holds {dtype}")
@@ -198,6 +232,24 @@ def _check_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, left: int) -
         raise ValueError(f"{name} claims {size / 1e9:.1f} GB in {member.compress_size / 1e6:.1f} MB")
     if left < 0:
         raise ValueError(f"{name} and what is read with it need more memory than there is")
+
+
+def npz_headers(path: str | Path) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
+    """Shape and type of each array of an npz, by name, without its numbers; empty for any other file."""
+    if not zipfile.is_zipfile(path):
+        return {}
+    with zipfile.ZipFile(path) as archive:
+        return {m.filename.removesuffix(".npy"): _npy_header(archive, m)[:2] for m in archive.infolist()}
+
+
+def _npy_header(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[tuple[int, ...], np.dtype, int]:
+    """Shape and type that an array's header claims, and the header's length in bytes."""
+    from numpy.lib import format as npy
+
+    with archive.open(member) as stream:
+        read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(stream)]
+        shape, _, dtype = read(stream)
+        return shape, dtype, stream.tell()
 
 
 def _memory() -> int:

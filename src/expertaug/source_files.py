@@ -26,13 +26,9 @@ WITHOUT_EFFECT = frozenset(
         "expertaug": (
             "cli",
             "commands",
-            "tracking.data_file",
-            "tracking.mlflow_mirror",
-            "tracking.mlflow_parent",
-            "tracking.mlflow_store",
             "tracking.rebuild",
-            "tracking.store_link",
-            "tracking.store_lock",
+            "tracking.store",
+            "tracking.sync",
         ),
         "expertaug_recordings": ("intake",),
     }.items()

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from expertaug.tracking.run import Run
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.log import Run
+from expertaug.tracking.run_log import RunLog
 
 SETS = ("train", "validation", "test")
 LABELS = ("Mean", "Expert only", "ML only", "Hybrid", "Hybrid+")

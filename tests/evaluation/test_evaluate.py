@@ -27,7 +27,8 @@ from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
-from expertaug.tracking.mlflow_store import initialise
+from expertaug.tracking.settings import Tracking
+from expertaug.tracking.store import initialise
 from expertaug.trajectories import Trajectories
 
 RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
@@ -274,12 +275,12 @@ def evaluated(folder, tmp_path):
 def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_path):
     import mlflow
 
-    tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/mlflow.db", "experiment": "test", "tags": {}}
+    tracking = Tracking(enabled=True, uri=f"sqlite:///{tmp_path}/mlflow.db", experiment="test")
     initialise(tracking, tmp_path / "marker.json")
     log_evaluations(evaluated[:1], tmp_path / "evaluations.json", tracking)
     log_evaluations(evaluated, tmp_path / "evaluations.json", tracking)  # the first is not stored twice
     assert list(json.loads((tmp_path / "evaluations.json").read_text())["stored"].values()) == [True, True]
-    client = mlflow.MlflowClient(tracking["uri"])
+    client = mlflow.MlflowClient(tracking.uri)
     experiment = client.get_experiment_by_name("test").experiment_id
     runs = {run.info.run_id: run for run in client.search_runs([experiment])}
     assert len(runs) == len(client.search_runs([experiment])) == 2 + 2 * len(COMMON["seeds"])
@@ -296,7 +297,7 @@ def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_pa
 
 def test_a_store_that_fails_is_told_once_and_costs_no_figure(evaluated, tmp_path, caplog):
     (tmp_path / "file").touch()
-    tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/file/mlflow.db", "experiment": "test"}
+    tracking = Tracking(enabled=True, uri=f"sqlite:///{tmp_path}/file/mlflow.db", experiment="test")
     log_evaluations(evaluated, tmp_path / "evaluations.json", tracking)
     assert list(json.loads((tmp_path / "evaluations.json").read_text())["stored"].values()) == [False, False]
     assert all((path.with_name("parameters.png")).is_file() for path in evaluated)

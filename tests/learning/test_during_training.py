@@ -12,8 +12,9 @@ from expertaug.learning import snapshots
 from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
-from expertaug.tracking.log_file import read_log
-from expertaug.tracking.mlflow_store import initialise
+from expertaug.tracking.log import read_log
+from expertaug.tracking.settings import Tracking
+from expertaug.tracking.store import initialise
 
 PRIOR = {"omega0": [0.5, 3.5]}
 CPU = torch.device("cpu")
@@ -90,7 +91,7 @@ def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, s
     with pytest.raises(KeyboardInterrupt):
         during_training(*files, copy.deepcopy(options), None)
     assert trained == [1, 2] and not files[2].exists()
-    assert read_log(tmp_path / "during_training.jsonl").lines[-1]["status"] == "KILLED"
+    assert read_log(tmp_path / "during_training.jsonl").lines[-1].status == "KILLED"
     calls = []
     monkeypatch.setattr(
         learning_during_training, "finetune", lambda *a: (calls.append(a[5]["training"]["epochs"]), finetune(*a))
@@ -109,7 +110,7 @@ def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, s
 def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings):
     from mlflow.tracking import MlflowClient
 
-    tracking = {"enabled": True, "uri": f"sqlite:///{tmp_path}/mlflow/mlflow.db", "experiment": "trial"}
+    tracking = Tracking(enabled=True, uri=f"sqlite:///{tmp_path}/mlflow/mlflow.db", experiment="trial")
     initialise(tracking, tmp_path / "tracking.json")
     train(data, tmp_path / "model.safetensors", tmp_path / "work", settings | {"snapshots": [1, 3]}, tracking)
     options = study_settings(settings) | {"finetune_epochs": [1, 2]}
@@ -121,7 +122,7 @@ def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings
         options,
         tracking,
     )
-    client = MlflowClient(tracking_uri=tracking["uri"])
+    client = MlflowClient(tracking_uri=tracking.uri)
     runs = client.search_runs([client.get_experiment_by_name("trial").experiment_id])
     parents = {run.data.tags["mlflow.parentRunId"] for run in runs if "seed" in run.data.tags}
     assert len(parents) == 1, "the method's training and its study have one parent"

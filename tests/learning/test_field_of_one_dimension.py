@@ -17,7 +17,7 @@ from expertaug.models.recipe import HybridModel
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
-from expertaug.tracking.log_file import read_log
+from expertaug.tracking.log import read_log
 
 SYSTEM = {"name": "field_systems:Fisher"}
 RANGES = {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.5, 1.5]}}
@@ -58,7 +58,7 @@ def test_it_is_trained_augmented_and_evaluated(fields, tmp_path, settings, encod
     settings["training"] |= {"epochs": 8, "learning_rate": 1e-2, "objective": {"lambda0": 1000.0}}
     model, plus, tuned = (tmp_path / f"{name}.safetensors" for name in ("model", "plus", "tuned"))
     train(fields, model, tmp_path / "work", settings, None)
-    losses = [np.mean(line["data"]) for line in read_log(tmp_path / "log.jsonl").steps]
+    losses = [np.mean(line.metrics["data"]) for line in read_log(tmp_path / "log.jsonl").steps]
     assert losses[-1] < 0.5 * losses[0], losses
     augment(model, fields, plus, settings | {"prior": {"D": [1e-3, 6e-3]}, "noise": 0.0})
     settings["training"] |= {"epochs": 1}

@@ -5,20 +5,20 @@ from __future__ import annotations
 import json
 
 import pytest
-from logged import settings
+from logged import elsewhere, settings
 
-from expertaug.tracking.mlflow_store import initialise
+from expertaug.tracking.store import initialise
 
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     folder = tmp_path_factory.mktemp("store")
     found = settings(folder)
-    initialise(found | {"experiment": "empty"}, folder / "marker.json")
+    initialise(elsewhere(found, experiment="empty"), folder / "marker.json")
     assert json.loads((folder / "marker.json").read_text())["experiment_id"]
     return found
 
 
 @pytest.fixture
 def tracking(store, request):
-    return store | {"experiment": request.node.name}
+    return elsewhere(store, experiment=request.node.name)

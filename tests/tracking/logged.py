@@ -7,7 +7,8 @@ import sys
 import textwrap
 from pathlib import Path
 
-from expertaug.tracking.run import Run
+from expertaug.tracking.log import Run
+from expertaug.tracking.settings import Tracking
 
 FIELDS = {
     "experiment": "swing",
@@ -22,35 +23,35 @@ FIELDS = {
 RUN = Run(**FIELDS)
 
 
-def settings(folder: Path) -> dict:
-    return {
-        "enabled": True,
-        "uri": f"sqlite:///{folder}/mlflow/mlflow.db",
-        "experiment": "trial",
-        "tags": {"rule": "train"},
-    }
+def settings(folder: Path) -> Tracking:
+    return Tracking(enabled=True, uri=f"sqlite:///{folder}/mlflow/mlflow.db", experiment="trial", rule="train")
 
 
-def runs_of(tracking: dict) -> list:
+def elsewhere(tracking: Tracking, **changed: str) -> Tracking:
+    """Another store, or another experiment in the same one."""
+    return tracking.model_copy(update=changed)
+
+
+def runs_of(tracking: Tracking) -> list:
     from mlflow.tracking import MlflowClient
 
-    client = MlflowClient(tracking_uri=tracking["uri"])
-    experiment = client.get_experiment_by_name(tracking["experiment"])
+    client = MlflowClient(tracking_uri=tracking.uri)
+    experiment = client.get_experiment_by_name(tracking.experiment)
     return client.search_runs([experiment.experiment_id], max_results=1000)
 
 
-def history(tracking: dict, run, key: str) -> list[tuple[int, float, int]]:
+def history(tracking: Tracking, run, key: str) -> list[tuple[int, float, int]]:
     from mlflow.tracking import MlflowClient
 
-    found = MlflowClient(tracking_uri=tracking["uri"]).get_metric_history(run.info.run_id, key)
+    found = MlflowClient(tracking_uri=tracking.uri).get_metric_history(run.info.run_id, key)
     return sorted((metric.step, metric.value, metric.timestamp) for metric in found)
 
 
-def contents(tracking: dict) -> list:
+def contents(tracking: Tracking) -> list:
     """All that a store holds, without the ids that every store makes for itself."""
     from mlflow.tracking import MlflowClient
 
-    client = MlflowClient(tracking_uri=tracking["uri"])
+    client = MlflowClient(tracking_uri=tracking.uri)
     found = []
     for run in runs_of(tracking):
         tags = {k: v for k, v in run.data.tags.items() if k not in ("mlflow.parentRunId",)}
@@ -73,8 +74,9 @@ def contents(tracking: dict) -> list:
 WORKER = """
     import sys, time
     from pathlib import Path
-    from expertaug.tracking.run import Run
-    from expertaug.tracking.runlog import RunLog
+    from expertaug.tracking.log import Run
+    from expertaug.tracking.run_log import RunLog
+    from expertaug.tracking.settings import Tracking
     path, tracking, fields, start = eval(sys.argv[1])
     while time.time() < start: pass
     log = RunLog(path, Run(**fields), tracking)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from pathlib import Path
 
 import browser
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 from logged import FIELDS, RUN, WORKER, runs_of, settings, start
 
 from expertaug.config.progress import Watch
-from expertaug.tracking.mlflow_store import initialise
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.run_log import RunLog
+from expertaug.tracking.settings import Tracking
+from expertaug.tracking.store import initialise
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(browser.missing()), reason=browser.missing() or "-")]
 
@@ -43,13 +45,18 @@ def tracking(tmp_path_factory):
     with RunLog(folder / "evaluation.jsonl", type(RUN)(**(FIELDS | {"stage": "evaluate"})), found) as log:
         log.metrics(0, {"test/log_mse_sum": [-2.0, -1.5], "test/rmse_omega0": [0.1, 0.2]})
         log.artifact(folder / "forecasts.png")
-    return found | {"results": results}
+    return found
 
 
 @pytest.fixture(scope="module")
-def dashboard(tracking):
+def results(tracking):
+    return Path(tracking.uri.removeprefix("sqlite:///")).parents[1]
+
+
+@pytest.fixture(scope="module")
+def dashboard(results):
     """The command and the link, as the end of a run prints them; the link at the port of this test."""
-    line = Watch(tracking["results"], tracking["results"]).where_to_look()[-1]
+    line = Watch(results, results).where_to_look()[-1]
     command, link = line.removeprefix("Dashboard: ").split(", then ")
     with browser.served(command) as address:
         yield link.replace("http://127.0.0.1:5000", address)
@@ -62,7 +69,7 @@ def page(tmp_path_factory):
     found.close()
 
 
-def run_named(tracking: dict, name: str):
+def run_named(tracking: Tracking, name: str):
     return next(run for run in runs_of(tracking) if run.info.run_name == name)
 
 
@@ -99,11 +106,10 @@ def test_two_runs_are_compared(dashboard, page, tracking):
     page.keep("compared")
 
 
-def test_a_curve_moves_while_a_training_runs_and_has_no_gap_after_a_kill(dashboard, page, tracking, tmp_path):
-    path = tracking["results"] / "swing" / "other" / "seeds_0" / "log.jsonl"
+def test_a_curve_moves_while_a_training_runs_and_has_no_gap_after_a_kill(dashboard, page, tracking, results):
+    path = results / "swing" / "other" / "seeds_0" / "log.jsonl"
     fields = FIELDS | {"seeds": [0], "label": "Other", "method": "other", "stage": "stuck"}
-    store = {key: tracking[key] for key in ("enabled", "uri", "experiment", "tags")}
-    job = start(str(path), store, fields, 0, code=SLOWLY)
+    job = start(str(path), tracking, fields, 0, code=SLOWLY)
     try:
         page.wait_for(lambda: any(run.info.run_name == "seed 0 · stuck" for run in runs_of(tracking)))
         charts = page_of(dashboard, run_named(tracking, "seed 0 · stuck"), "/model-metrics")
@@ -117,7 +123,7 @@ def test_a_curve_moves_while_a_training_runs_and_has_no_gap_after_a_kill(dashboa
     finally:
         job.send_signal(signal.SIGKILL)
         job.wait()
-    with RunLog(path, type(RUN)(**fields), store, resume=state) as log:
+    with RunLog(path, type(RUN)(**fields), tracking, resume=state) as log:
         for step in range(156, 300):
             log.metrics(step, {"loss": [step]})
     page.open(charts, "loss")

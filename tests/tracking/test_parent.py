@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from logged import RUN, runs_of
+from logged import RUN, elsewhere, runs_of
 from mlflow.tracking import MlflowClient
 from safetensors.numpy import save_file
 
-from expertaug.tracking.data_file import described
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.run_log import RunLog, describe_data
+from expertaug.tracking.settings import Tracking
 
 
-def parent_of(tracking: dict):
+def parent_of(tracking: Tracking):
     return next(run for run in runs_of(tracking) if "parent_key" in run.data.tags)
 
 
@@ -29,7 +28,7 @@ def test_a_parent_has_mean_spread_parameters_data_and_figures(tmp_path, tracking
         log.metrics(1, {"loss": [9, 9], "validation_score": [1, 2]})
         log.metrics(2, {"loss": [1, 3], "validation_score": [1, 2]})
         log.artifact(folder / "curve.png")
-    with RunLog(folder.parent / "seeds_2" / "log.jsonl", replace(RUN, seeds=[2]), tracking) as log:
+    with RunLog(folder.parent / "seeds_2" / "log.jsonl", RUN.model_copy(update={"seeds": (2,)}), tracking) as log:
         log.metrics(2, {"loss": [8]})
     parent = parent_of(tracking)
     assert parent.data.metrics["loss"] == 4
@@ -37,7 +36,7 @@ def test_a_parent_has_mean_spread_parameters_data_and_figures(tmp_path, tracking
     assert parent.data.metrics["selection score - observed window - per dimension"] == 1.5
     assert parent.data.params["training.rate"] == "0.001" and "seed" not in parent.data.params
     assert "tables/swing.md" in parent.data.tags["mlflow.note.content"]
-    client = MlflowClient(tracking_uri=tracking["uri"])
+    client = MlflowClient(tracking_uri=tracking.uri)
     assert [item.path for item in client.list_artifacts(parent.info.run_id, "seeds_0_1")] == ["seeds_0_1/curve.png"]
     (found,) = parent.inputs.dataset_inputs
     assert found.dataset.name == "swing train" and json.loads(found.dataset.profile) == {"num_rows": 5}
@@ -55,9 +54,9 @@ def test_a_parent_has_mean_spread_parameters_data_and_figures(tmp_path, tracking
     ],
 )
 def test_a_parent_has_the_worst_state_of_its_runs(tmp_path, store, one, other, worst):
-    tracking = store | {"experiment": f"worst {one} {other}"}
+    tracking = elsewhere(store, experiment=f"worst {one} {other}")
     for seed, state in enumerate((one, other, "FINISHED")):
-        log = RunLog(tmp_path / str(seed) / "log.jsonl", replace(RUN, seeds=[seed]), tracking)
+        log = RunLog(tmp_path / str(seed) / "log.jsonl", RUN.model_copy(update={"seeds": (seed,)}), tracking)
         if state is None:
             log.flush()  # it still runs
         else:
@@ -71,7 +70,7 @@ def test_a_file_of_tensors_is_listed_as_a_model_without_pickle(tmp_path, trackin
     save_file({"w": np.zeros(3)}, folder / "model.safetensors")
     with RunLog(folder / "log.jsonl", RUN, tracking) as log:
         log.artifact(folder / "model.safetensors")
-    client = MlflowClient(tracking_uri=tracking["uri"])
+    client = MlflowClient(tracking_uri=tracking.uri)
     found = client.search_logged_models([parent_of(tracking).info.experiment_id])
     assert sorted(model.name for model in found) == ["swing Hybrid+ seed 0", "swing Hybrid+ seed 1"]
     assert {(model.status.value, model.tags["format"]) for model in found} == {("READY", "safetensors")}
@@ -82,6 +81,6 @@ def test_a_file_of_tensors_is_listed_as_a_model_without_pickle(tmp_path, trackin
         assert model.params["training.rate"] == "0.001"
 
 
-def test_what_is_no_archive_of_arrays_is_not_described(tmp_path):
+def test_what_is_no_archive_of_arrays_is_not_describe_data(tmp_path):
     (tmp_path / "model.safetensors").write_bytes(b"tensors")
-    assert described(tmp_path / "model.safetensors") == {}
+    assert describe_data(tmp_path / "model.safetensors") == {}

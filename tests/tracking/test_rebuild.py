@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from logged import FIELDS, RUN, contents, runs_of, settings, start
+from logged import FIELDS, RUN, contents, elsewhere, runs_of, settings, start
 
 from expertaug.errors import InputError
 from expertaug.tracking.rebuild import rebuild
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.run_log import RunLog
 
 
 def test_rebuild_equals_the_original(tmp_path, tracking):
@@ -26,15 +24,14 @@ def test_rebuild_equals_the_original(tmp_path, tracking):
     rows = ["experiment,system,method,label,preset,seed,set,metric,value"]
     rows += [f"swing,pendulum,hybrid+,Hybrid+,corrected,{seed},test,log_mse_sum,{-seed - 0.5}" for seed in (0, 1)]
     (folder / "metrics.csv").write_text("\n".join(rows) + "\n")
-    with RunLog(folder / "evaluate.jsonl", replace(RUN, stage="evaluate"), tracking) as log:
+    with RunLog(folder / "evaluate.jsonl", RUN.model_copy(update={"stage": "evaluate"}), tracking) as log:
         log.table(folder / "metrics.csv")
-    again = tracking | {"experiment": "again"}
-    again["uri"] = f"sqlite:///{tmp_path}/again/mlflow.db"
-    assert rebuild(results, again["uri"], again["experiment"]) == 2
+    again = elsewhere(tracking, experiment="again", uri=f"sqlite:///{tmp_path}/again/mlflow.db")
+    assert rebuild(results, again.uri, again.experiment) == 2
     assert repr(contents(again)) == repr(contents(tracking))
     (folder / "evaluate.jsonl").unlink()
-    third = tracking | {"uri": f"sqlite:///{tmp_path}/third/mlflow.db"}
-    assert rebuild(results, third["uri"], third["experiment"]) == 2
+    third = elsewhere(tracking, uri=f"sqlite:///{tmp_path}/third/mlflow.db")
+    assert rebuild(results, third.uri, third.experiment) == 2
     evaluated = [run for run in runs_of(third) if run.data.tags.get("stage") == "evaluate"]
     assert sorted(run.data.metrics["test/log_mse_sum"] for run in evaluated) == [-1.5, -0.5]
 
@@ -44,7 +41,7 @@ def test_rebuild_keeps_the_old_store_aside(tmp_path):
     results, tracking = tmp_path / "results", settings(tmp_path / "results")
     job = start(str(results / "a" / "log.jsonl"), tracking, FIELDS, 0)
     assert job.communicate(timeout=60)[1] == ""
-    assert rebuild(results, tracking["uri"], "trial") == 1
+    assert rebuild(results, tracking.uri, "trial") == 1
     assert (results / "mlflow" / "previous" / "mlflow.db").is_file()
     assert len(runs_of(tracking)) == 3
 
@@ -60,7 +57,7 @@ def test_rebuild_leaves_the_store_alone_when_it_fails(tmp_path, monkeypatch):
         (folder / "mlflow.db-wal").write_text("of the new one")
         raise OSError("disk gone")
 
-    monkeypatch.setattr("expertaug.tracking.mlflow_store.connect", broken)
+    monkeypatch.setattr("expertaug.tracking.store.connect", broken)
     with pytest.raises(InputError, match="disk gone"):
         rebuild(tmp_path, uri, "trial")
     assert (folder / "mlflow.db").read_text() == "old"

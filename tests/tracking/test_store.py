@@ -3,36 +3,37 @@
 from __future__ import annotations
 
 import fcntl
-import json
 import logging
 import shutil
 import signal
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from logged import RUN, history, runs_of, settings, start
+from logged import RUN, elsewhere, history, runs_of, settings, start
 
+from expertaug import files
 from expertaug.errors import InputError
-from expertaug.tracking import mlflow_mirror, store_link, store_lock
-from expertaug.tracking.log_file import read_log
-from expertaug.tracking.mlflow_store import rebuild_command
+from expertaug.tracking import store, sync
+from expertaug.tracking.log import Header, read_log
 from expertaug.tracking.rebuild import rebuild
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.run_log import RunLog
+from expertaug.tracking.settings import Tracking
+from expertaug.tracking.store import rebuild_command
 
 DIES = """
     import os, signal, sys
-    from expertaug.tracking.mlflow_mirror import Mirror
-    from expertaug.tracking.run import Run
-    from expertaug.tracking.runlog import RunLog
+    from expertaug.tracking.log import Run
+    from expertaug.tracking.run_log import RunLog
+    from expertaug.tracking.settings import Tracking
+    from expertaug.tracking.sync import Mirror
     path, tracking, fields, start = eval(sys.argv[1])
     Mirror._log_params = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
     RunLog(path, Run(**fields), tracking)
 """
 
 
-def children_of(tracking: dict) -> list:
+def children_of(tracking: Tracking) -> list:
     return [run for run in runs_of(tracking) if "seed" in run.data.tags]
 
 
@@ -49,7 +50,7 @@ def test_a_kill_while_runs_are_made_leaves_none_open(tmp_path, tracking):
     path = tmp_path / "results" / "log.jsonl"
     job = start(str(path), tracking, vars(RUN), 0, code=DIES)
     assert job.wait(60) == -signal.SIGKILL
-    assert read_log(path).header["id"]  # written before any run was made
+    assert read_log(path).header.id  # written before any run was made
     assert [run.info.status for run in children_of(tracking)] == ["RUNNING"]
     RunLog(path, RUN, tracking).close()
     found = sorted((superseded(run), run.info.status) for run in children_of(tracking))
@@ -58,8 +59,8 @@ def test_a_kill_while_runs_are_made_leaves_none_open(tmp_path, tracking):
 
 def test_a_rerun_marks_the_runs_that_it_replaces(tmp_path, tracking):
     path = tmp_path / "results" / "seeds_0_1" / "log.jsonl"
-    elsewhere = tmp_path / "results" / "seeds_2" / "log.jsonl"
-    RunLog(elsewhere, replace(RUN, seeds=[2]), tracking).close()
+    other = tmp_path / "results" / "seeds_2" / "log.jsonl"
+    RunLog(other, RUN.model_copy(update={"seeds": (2,)}), tracking).close()
     for value in (1, 2, 3):
         with RunLog(path, RUN, tracking) as log:
             log.metrics(0, {"loss": [value, value]})
@@ -72,8 +73,8 @@ def test_a_rerun_marks_the_runs_that_it_replaces(tmp_path, tracking):
     names = {run.info.run_name for run in found if superseded(run)}
     assert names == {"seed 0 · train (superseded)", "seed 1 · train (superseded)"}
     assert len(found) == 7
-    again = {"uri": f"sqlite:///{tmp_path}/again/mlflow.db", "experiment": "again"}
-    rebuild(tmp_path / "results", again["uri"], again["experiment"])
+    again = elsewhere(tracking, uri=f"sqlite:///{tmp_path}/again/mlflow.db", experiment="again")
+    rebuild(tmp_path / "results", again.uri, again.experiment)
     assert sorted(run.data.tags["seed"] for run in children_of(again)) == ["0", "1", "2"]
 
 
@@ -81,7 +82,7 @@ def test_a_rerun_marks_the_runs_that_it_replaces(tmp_path, tracking):
 def failing(monkeypatch):
     """Say how often the store fails from now on, each time with half of the values stored."""
     left = [0]
-    stored = mlflow_mirror.Mirror._log_metrics
+    stored = sync.Mirror._log_metrics
 
     def half(mirror, lines):
         stored(mirror, lines[: len(lines) // 2] if left[0] else lines)
@@ -89,13 +90,13 @@ def failing(monkeypatch):
             left[0] -= 1
             raise OSError("database is locked")
 
-    monkeypatch.setattr(mlflow_mirror.Mirror, "_log_metrics", half)
+    monkeypatch.setattr(sync.Mirror, "_log_metrics", half)
     return lambda times: left.__setitem__(0, times)
 
 
 @pytest.mark.parametrize("later", [True, False], ids=["on the way", "at the end"])
 def test_what_a_failing_store_missed_is_stored_later(tmp_path, tracking, failing, later, monkeypatch, caplog):
-    monkeypatch.setattr(store_link, "FIRST_WAIT_S", 0.0 if later else 1e9)
+    monkeypatch.setattr(sync, "FIRST_WAIT_S", 0.0 if later else 1e9)
     log = RunLog(tmp_path / "log.jsonl", RUN, tracking)
     for step in range(40):
         log.metrics(step, {"loss": [step, -step]})
@@ -165,43 +166,43 @@ def test_a_clock_before_1970_stops_neither_mirror_nor_rebuild(tmp_path, tracking
         with RunLog(tmp_path / "a" / "log.jsonl", RUN, tracking) as log:
             log.metrics(0, {"loss": [1, 2]})
     assert told(caplog) == []
-    assert read_log(tmp_path / "a" / "log.jsonl").steps[0]["time"] == -86400.0
-    again = {"uri": f"sqlite:///{tmp_path}/again/mlflow.db", "experiment": "again"}
-    assert rebuild(tmp_path / "a", again["uri"], again["experiment"]) == 1
+    assert read_log(tmp_path / "a" / "log.jsonl").steps[0].time == -86400.0
+    again = elsewhere(tracking, uri=f"sqlite:///{tmp_path}/again/mlflow.db", experiment="again")
+    assert rebuild(tmp_path / "a", again.uri, again.experiment) == 1
     for found in (tracking, again):
         assert [(run.info.status, run.info.end_time) for run in children_of(found)] == [("FINISHED", 1)] * 2
 
 
 def test_a_lock_that_another_holds_is_told_and_waited_for_to_a_limit(tmp_path, monkeypatch, caplog):
     caplog.set_level(logging.INFO)
-    monkeypatch.setattr(store_lock, "TOLD_S", 0.0)
-    monkeypatch.setattr(store_lock, "LIMIT_S", 0.3)
+    monkeypatch.setattr(files, "TOLD_S", 0.0)
+    monkeypatch.setattr(store, "LOCK_S", 0.3)
     database = tmp_path / "mlflow.db"
     with (tmp_path / "mlflow.db.lock").open("a") as other:
         fcntl.flock(other, fcntl.LOCK_EX)
         found = r"mlflow\.db\.lock: another process has held"
-        with pytest.raises(InputError, match=found), store_lock.locked(f"sqlite:///{database}", database):
+        with pytest.raises(InputError, match=found), store.locked(f"sqlite:///{database}"):
             pass
-        (tmp_path / "log.jsonl").write_text(json.dumps(RUN.header("x")) + "\n")
+        (tmp_path / "log.jsonl").write_text(Header.begin(RUN, "x", None, {}).model_dump_json() + "\n")
         with pytest.raises(InputError, match="another process has held this lock"):
             rebuild(tmp_path, f"sqlite:///{database}", "trial")
     assert any("waiting for it" in message for message in caplog.messages)
-    with store_lock.locked(f"sqlite:///{database}", database):
+    with store.locked(f"sqlite:///{database}"):
         pass
 
 
 def test_the_lock_of_a_server_is_in_a_folder_of_the_users_own(tmp_path, monkeypatch):
     cache, shared = tmp_path / "cache", tmp_path / "tmp"
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
-    monkeypatch.setattr(store_lock.tempfile, "gettempdir", lambda: str(shared))
-    with store_lock.locked("http://server", None):
+    monkeypatch.setattr(store.tempfile, "gettempdir", lambda: str(shared))
+    with store.locked("http://server"):
         assert len(list((cache / "expertaug").glob("*.lock"))) == 1
     assert (cache / "expertaug").stat().st_mode & 0o777 == 0o700
     (cache / "expertaug").chmod(0o777)
-    assert store_lock.private_folder().parent == shared
+    assert store.private_folder().parent == shared
     shutil.rmtree(shared)
     shared.mkdir()
     (tmp_path / "elsewhere").mkdir()
-    (shared / f"expertaug-{store_lock.os.getuid()}").symlink_to(tmp_path / "elsewhere")
+    (shared / f"expertaug-{store.os.getuid()}").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(InputError, match="cannot be used for locks"):
-        store_lock.private_folder()
+        store.private_folder()

@@ -28,9 +28,11 @@ def add_to(commands: Commands) -> None:
 
 
 def _init_tracking(a: argparse.Namespace) -> None:
-    from expertaug.tracking.mlflow_store import initialise
+    from expertaug.settings import read
+    from expertaug.tracking.settings import InitTrackingJob
+    from expertaug.tracking.store import initialise
 
-    initialise(read_settings(a.settings), a.output)
+    initialise(read(InitTrackingJob, read_settings(a.settings)), a.output)
 
 
 def _rebuild_tracking(a: argparse.Namespace) -> None:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from expertaug.commands.prior_file import read_ranges, with_ranges
 from expertaug.errors import InputError, SolveError
+
+if TYPE_CHECKING:
+    from expertaug.tracking.settings import Tracking
 
 
 class Commands:
@@ -95,13 +99,17 @@ def read_settings(text: str) -> dict:
     return value
 
 
-def tracking_of(arguments: argparse.Namespace) -> Mapping | None:
+def tracking_of(arguments: argparse.Namespace) -> Tracking | None:
     """The tracking store that ``init-tracking`` prepared, for a stage that logs; None where it is switched off."""
     if arguments.tracking is None:
         return None
     from expertaug.files import read_json
+    from expertaug.settings import read
+    from expertaug.tracking.settings import Tracking
 
-    found = read_json(arguments.tracking)
-    if not isinstance(found, dict) or "enabled" not in found:
+    marker = read_json(arguments.tracking)
+    if not isinstance(marker, dict) or "enabled" not in marker:
         raise InputError(arguments.tracking, "does not say which tracking store", "make it again with init-tracking")
-    return {**found, "tags": {"rule": arguments.stage}} if found["enabled"] else None
+    if marker["enabled"] is False:
+        return None
+    return read(Tracking, marker | {"rule": arguments.stage}, str(arguments.tracking))

@@ -9,7 +9,7 @@ from expertaug import source_files
 
 # Stage → the module whose public function does its work.
 STAGES = {
-    "init_tracking": "expertaug.tracking.mlflow_store",
+    "init_tracking": "expertaug.tracking.store",
     "render_video": "expertaug_recordings.rendering.render",
     "extract_frames": "expertaug_recordings.video.frame_store",
     "track_markers": "expertaug_recordings.markers.track",

@@ -17,6 +17,7 @@ from expertaug.inference.settings import AlternatingSettings, FlowSettings, Refi
 from expertaug.learning.settings import TrainSettings
 from expertaug.settings import LEFT_OUT, NotNegative, Positive, Range, Seed, Settings, check, key
 from expertaug.systems.settings import SimulateJob
+from expertaug.tracking.settings import InitTrackingJob
 
 WHERE = "--settings"
 Seeds = Annotated[list[Seed], Field(min_length=1)]
@@ -27,14 +28,6 @@ class StageSettings(Settings):
     """Of a stage; what else it may be given is its own to know."""
 
     model_config = ConfigDict(extra="ignore")
-
-
-class InitTracking(StageSettings):
-    """The tracking store."""
-
-    enabled: bool = key(..., "whether there is one")
-    uri: str = key(..., "of the store")
-    experiment: str = key(..., "name of the MLflow experiment")
 
 
 class OfSeeds(StageSettings):
@@ -182,7 +175,7 @@ class Overview(StageSettings):
 
 
 STAGES: Mapping[str, type[Settings]] = {
-    "init-tracking": InitTracking,
+    "init-tracking": InitTrackingJob,
     "simulate": SimulateJob,
     "train": Train,
     "alternate": Alternating,

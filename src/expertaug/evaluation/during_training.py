@@ -14,15 +14,16 @@ from expertaug.learning.checkpoint import locked
 from expertaug.learning.during_training import BASE, stages
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.tracking.log_file import COLUMNS
-from expertaug.tracking.run import Run
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.log import Run
+from expertaug.tracking.metrics_csv import COLUMNS
+from expertaug.tracking.run_log import RunLog
+from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
 from expertaug.versions import MAIN_SETS
 
 
 def during_training(
-    snapshots: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None
+    snapshots: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Tracking | None
 ) -> None:
     """Write the metrics of every snapshot of a training and of its augmented, fine-tuned versions.
 
@@ -34,8 +35,8 @@ def during_training(
         work: folder for checkpoints.
         settings: {experiment, method, label, preset, augment, finetune, finetune_epochs, evaluation, choices, seeds,
             device}: settings of the stages augment, finetune and evaluate, and the lengths of the fine-tunings.
-        tracking: as of :class:`expertaug.tracking.runlog.RunLog`; the log, during_training.jsonl beside ``output``, has
-            the metrics with the passes of training as step.
+        tracking: as of :class:`expertaug.tracking.run_log.RunLog`; the log, during_training.jsonl beside ``output``,
+            has the metrics with the passes of training as step.
     """
     device = device_of(settings["device"])
     options = settings["evaluation"]

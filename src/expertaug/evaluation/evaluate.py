@@ -18,9 +18,9 @@ from expertaug.files import atomic
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.store import load
 from expertaug.models.device import device_of
-from expertaug.tracking.log_file import COLUMNS, read_log
-from expertaug.tracking.run import Run
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.log import Run, read_log
+from expertaug.tracking.metrics_csv import COLUMNS
+from expertaug.tracking.run_log import RunLog
 from expertaug.trajectories import Trajectories
 from expertaug.versions import MAIN_SETS, SHOWN_SETS
 
@@ -144,7 +144,7 @@ def write_log(metrics: Path, model: Path, identity: Mapping, seeds: Sequence[int
         settings: as of :func:`evaluate`.
     """
     training = model.with_name("log.jsonl")
-    params = dict(read_log(training).header["params"]) if training.is_file() else {}
+    params = dict(read_log(training).header.params) if training.is_file() else {}
     params["choices"] = {**params.get("choices", {}), **settings["choices"]}
     params["evaluation"] = settings["evaluation"]
     tags = {"rule": "evaluate", "table": f"tables/{identity['experiment']}.md"}

@@ -6,27 +6,28 @@ One job for all of them: matplotlib and MLflow cost more to import and to start 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from expertaug import files
 from expertaug.evaluation import traces
 from expertaug.evaluation.evaluate import FIGURES, NAME
 from expertaug.evaluation.parameters import parameters
-from expertaug.tracking.log_file import read_log
-from expertaug.tracking.store_link import store
+from expertaug.tracking.log import read_log
+from expertaug.tracking.settings import Tracking
+from expertaug.tracking.sync import Sync
 
 logger = logging.getLogger(__name__)
 
 
-def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Mapping | None) -> None:
+def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Tracking | None) -> None:
     """Draw forecasts.png and parameters.png beside each forecasts.npz, and store the evaluation's log with them.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds, each with its evaluation.jsonl.
         output: JSON that says of each log whether the store has it, and by ``runs`` (method → seed → run id) which run
             made a method's numbers in the tables.
-        tracking: see :class:`expertaug.tracking.runlog.RunLog`; None: figures alone.
+        tracking: see :class:`expertaug.tracking.run_log.RunLog`; None: figures alone.
 
     Raises:
         InputError: a file is broken.
@@ -36,13 +37,14 @@ def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Mapping |
     for path in map(Path, forecasts):
         log = path.with_name(NAME)
         header = read_log(log).header
-        names = {"labels": [[header["method"], header["label"]]]}
+        names = {"labels": [[header.method, header.label]]}
         drawn = [path.with_name(name) for name in FIGURES]
-        traces.forecasts({header["method"]: path}, drawn[0], names)
-        parameters({header["method"]: path}, drawn[1], names)
+        traces.forecasts({header.method: path}, drawn[0], names)
+        parameters({header.method: path}, drawn[1], names)
         logger.info("%s: drawn", path.parent)
-        reached = tracking is not None and all(stored.values())  # a store that fails is not asked again for each log
-        made = store(log, tracking) if reached else None
+        made = None
+        if tracking is not None and all(stored.values()):  # a store that fails is not asked again for each log
+            made = Sync(log, tracking).finish()
         stored[str(log)] = made is not None
-        runs.setdefault(header["label"], {}).update(made or {})
+        runs.setdefault(header.label, {}).update(made or {})
     files.write_json(output, {"stored": stored, "runs": runs})

@@ -8,7 +8,7 @@ from pathlib import Path
 from expertaug.evaluation.costs import Cost
 from expertaug.evaluation.report.cells import Table
 from expertaug.tracking import provenance
-from expertaug.tracking.log_file import read_log
+from expertaug.tracking.log import read_log
 
 
 def of_run(results: Path, measured: Mapping[str, Cost]) -> dict[str, object]:
@@ -21,7 +21,7 @@ def of_run(results: Path, measured: Mapping[str, Cost]) -> dict[str, object]:
     """
     logs = [read_log(path) for path in sorted(Path(results).rglob("log.jsonl"))]
     return {
-        "git_revisions": sorted({log.header["tags"].get("git_revision", "unknown") for log in logs}),
+        "git_revisions": sorted({log.header.tags.get("git_revision", "unknown") for log in logs}),
         "versions": provenance.versions(),
         "machine": provenance.machine(),
         "job_seconds": round(sum(cost.seconds for cost in measured.values())),

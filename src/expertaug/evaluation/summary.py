@@ -11,7 +11,7 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import METRICS, Metric, Shown, first_metrics
-from expertaug.tracking.log_file import COLUMNS, read_rows
+from expertaug.tracking.metrics_csv import COLUMNS, read_rows
 from expertaug.versions import SHOWN_SETS
 
 SET_TITLES = {

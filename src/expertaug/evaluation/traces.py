@@ -16,7 +16,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation import fields
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.summary import experiment_title, set_title
-from expertaug.tracking.log_file import Log, read_log
+from expertaug.tracking.log import Log, read_log
 from expertaug.versions import Version, ordered
 
 TRUTH = "0.05"
@@ -126,13 +126,20 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
     all_methods, labels = settings.get("all_methods", ()), {}
     found: dict[str, dict[str, list[Log]]] = {}
     # The scores of flows are densities.
-    read = [log for log in map(read_log, logs) if not Version.parse(log.header["method"]).is_flow]
-    trained = {log.header["method"] for log in read}
+    read = [log for log in map(read_log, logs) if not Version.parse(log.header.method).is_flow]
+    trained = {log.header.method for log in read}
     shown = trained & set(settings.get("traced") or trained) or trained
-    for log in (log for log in read if log.header["method"] in shown):
-        labels[log.header["method"]] = log.header["label"]
-        found.setdefault(log.header["experiment"], {}).setdefault(log.header["method"], []).append(log)
-    known = {key for group in found.values() for logs in group.values() for log in logs for s in log.steps for key in s}
+    for log in (log for log in read if log.header.method in shown):
+        labels[log.header.method] = log.header.label
+        found.setdefault(log.header.experiment, {}).setdefault(log.header.method, []).append(log)
+    known = {
+        key
+        for group in found.values()
+        for logs in group.values()
+        for log in logs
+        for s in log.steps
+        for key in s.metrics
+    }
     metrics = {key: title for key, title in METRICS.items() if key in known}
     if not metrics:
         raise InputError("logs", "none of them has the metrics", f"trainings log {', '.join(METRICS)}")
@@ -175,9 +182,9 @@ def _curve(axis: Axes, logs: Sequence[Log], metric: str, colour: tuple, dash: ob
     by_step: dict[int, list[float]] = {}
     for log in logs:
         for line in log.steps:
-            if metric in line:
-                values = line[metric] if isinstance(line[metric], list) else [line[metric]]
-                by_step.setdefault(line["step"], []).extend(map(float, values))
+            if metric in line.metrics:
+                values = line.metrics[metric]
+                by_step.setdefault(line.step, []).extend(values if isinstance(values, tuple) else [values])
     widest = max(map(len, by_step.values()), default=0)
     steps = np.array(sorted(step for step, values in by_step.items() if len(values) == widest))
     if not len(steps):

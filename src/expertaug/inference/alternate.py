@@ -31,6 +31,7 @@ from expertaug.models.gaps import ends_of, fill
 from expertaug.models.measurement_noise import is_some, noise_of
 from expertaug.systems import System
 from expertaug.systems.inputs import check_given, check_trainable
+from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
 
 WIDTH = 1.0  # standard deviation of z_a's prior in training
@@ -38,7 +39,7 @@ STEPS = 10  # of Levenberg and Marquardt, at most, where windows are started ane
 
 
 def alternate(
-    data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None, calibration: Path | None = None
+    data: Path, output: Path, work: Path, settings: Mapping, tracking: Tracking | None, calibration: Path | None = None
 ) -> None:
     """Stage: train a method of kind alternating on ``data/train.npz`` and select on ``data/validation.npz``.
 

@@ -30,12 +30,13 @@ from expertaug.models.store import StoredModel, forecast_solver
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solvers.solver import Solver
+from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
 
 IDENTITY = ("experiment", "method", "label", "preset", "choices")
 
 
-def flow(model: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None) -> None:
+def flow(model: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Tracking | None) -> None:
     """Stage: learn the posterior of a trained model from its own draws; the model stays as it is.
 
     Arguments:
@@ -44,7 +45,7 @@ def flow(model: Path, data: Path, output: Path, work: Path, settings: Mapping, t
         output: model file.
         work: folder for checkpoints.
         settings: those of :func:`prepare`; ``classes``, names of the model's classes from elsewhere.
-        tracking: see :class:`expertaug.tracking.runlog.RunLog`.
+        tracking: see :class:`expertaug.tracking.run_log.RunLog`.
     """
     stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
     sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]

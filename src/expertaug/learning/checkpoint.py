@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import io
 import json
@@ -14,8 +13,7 @@ from pathlib import Path
 
 import torch
 
-from expertaug import source_files
-from expertaug.errors import InputError
+from expertaug import files, source_files
 from expertaug.files import atomic, sha256
 
 logger = logging.getLogger(__name__)
@@ -36,8 +34,8 @@ def fingerprint(settings: Mapping, inputs: Iterable[Path], modules: Iterable[str
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode())
     for text in source_files.versions(modules):
         digest.update(text.encode())
-    for one in [*sorted(map(sha256, source_files.files(modules))), *map(sha256, inputs)]:
-        digest.update(one.encode())
+    for content in [*sorted(map(sha256, source_files.files(modules))), *map(sha256, inputs)]:
+        digest.update(content.encode())
     return digest.hexdigest()
 
 
@@ -99,15 +97,6 @@ def locked(work: Path) -> Iterator[None]:
     Raises:
         InputError: another process holds it.
     """
-    lock = Path(work).with_name(Path(work).name + ".lock")
-    try:
-        lock.parent.mkdir(parents=True, exist_ok=True)
-        stream = lock.open("w")
-    except OSError as error:
-        raise InputError(lock, f"cannot be written ({error.strerror})", "choose a writable results folder") from error
-    with stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise InputError(lock, "another process is running this job", "wait for it or stop it") from error
+    lock = Path(work).with_name(f"{Path(work).name}.lock")
+    with files.locked(lock, held="another process is running this job"):
         yield

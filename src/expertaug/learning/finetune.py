@@ -18,6 +18,7 @@ from expertaug.learning.task import Task, task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.models.hybrid import HybridNet
+from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
 
 
@@ -28,7 +29,7 @@ def finetune(
     output: Path,
     work: Path,
     settings: Mapping,
-    tracking: Mapping | None,
+    tracking: Tracking | None,
 ) -> None:
     """Stage: fine-tune the encoder on D ∪ D⁺ with θ frozen (paper, Algorithm 1); θ is asserted unchanged.
 
@@ -39,7 +40,7 @@ def finetune(
         output: model file.
         work: folder for checkpoints.
         settings: those of :func:`prepare`; ``classes``, names of the model's classes from elsewhere.
-        tracking: see :class:`expertaug.tracking.runlog.RunLog`.
+        tracking: see :class:`expertaug.tracking.run_log.RunLog`.
 
     Raises:
         InputError: neither augmented samples nor the control's prior.

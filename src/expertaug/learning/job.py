@@ -10,8 +10,9 @@ from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.fitting import Training
 from expertaug.learning.kinds import modules
 from expertaug.models import store
-from expertaug.tracking.run import Run
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.log import Run
+from expertaug.tracking.run_log import RunLog
+from expertaug.tracking.settings import Tracking
 
 
 def run(
@@ -20,7 +21,7 @@ def run(
     work: Path,
     inputs: Sequence[Path],
     settings: Mapping,
-    tracking: Mapping | None,
+    tracking: Tracking | None,
     module: str | None = None,
 ) -> None:
     """Run a training, resuming a killed run of it, and write the model file.
@@ -53,7 +54,7 @@ def run(
         )
         resume = state["log"] if state is not None else None
         with RunLog(output.with_name("log.jsonl"), run, tracking, resume) as log:
-            if state is None:
+            if not log.continued:
                 for path in inputs:
                     log.dataset(path.stem, path)
             stored = training.run(log, checkpoint)

@@ -25,13 +25,14 @@ from expertaug.models.mean import MeanModel
 from expertaug.models.recipe import HybridModel
 from expertaug.registry import short_name
 from expertaug.systems.inputs import check_given, check_trainable
+from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories, points_until
 
 IDENTITY = ("experiment", "method", "label", "preset")
 
 
 def train(
-    data: Path, output: Path, work: Path, settings: Mapping, tracking: Mapping | None, calibration: Path | None = None
+    data: Path, output: Path, work: Path, settings: Mapping, tracking: Tracking | None, calibration: Path | None = None
 ) -> None:
     """Stage: train a method on ``data/train.npz`` and select on ``data/validation.npz``.
 
@@ -40,7 +41,7 @@ def train(
         output: model file.
         work: folder for checkpoints.
         settings: {system, build, model} and those of :func:`prepare`.
-        tracking: see :class:`expertaug.tracking.runlog.RunLog`.
+        tracking: see :class:`expertaug.tracking.run_log.RunLog`.
         calibration: JSON whose ``constants`` complete the system's settings.
 
     Raises:

@@ -25,7 +25,7 @@ from expertaug.learning.settings import TrainSettings
 from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
-from expertaug.tracking.runlog import RunLog
+from expertaug.tracking.run_log import RunLog
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0

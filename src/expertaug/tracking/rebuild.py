@@ -7,9 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from expertaug.errors import InputError
-from expertaug.tracking import mlflow_store
-from expertaug.tracking.log_file import Log, log_of_table, read_log
-from expertaug.tracking.mlflow_mirror import Mirror
+from expertaug.tracking import store
+from expertaug.tracking.log import Log, read_log
+from expertaug.tracking.metrics_csv import log_of_table
+from expertaug.tracking.settings import Tracking
+from expertaug.tracking.sync import Mirror
 
 
 def rebuild(results: Path, uri: str, experiment: str) -> int:
@@ -25,24 +27,23 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
         InputError: there is nothing to store, a log cannot be read or the store cannot be used; the old store is then
             in its place.
     """
-    database = mlflow_store.database(uri)
-    found = _find_logs(Path(results), database) if Path(results).is_dir() else ()
-    logs = sorted(found, key=lambda found: found[1].header["time"])
+    database = store.database(uri)
+    logs = list(_find_logs(Path(results), database)) if Path(results).is_dir() else []
     if not logs:
         raise InputError(results, "no run log and no metrics.csv below it", "give the results folder of a run")
+    tracking = Tracking(enabled=True, uri=uri, experiment=experiment)
     moved = _move_aside(database) if database is not None else []
     try:
-        mlflow_store.connect(uri, experiment, prepare=True)
-        for path, log in logs:
-            Mirror(uri, experiment, log.header, path).write(log.lines)
+        store.connect(uri, experiment, prepare=True)
+        for path, log in sorted(logs, key=lambda found: found[1].header.time):
+            Mirror(tracking, log.header, path).write(log.lines)
     except Exception as error:
         if moved:
             _move_back(database, moved)
         if isinstance(error, InputError):
             raise
-        raise InputError(
-            uri, f"the tracking store cannot be made ({mlflow_store.brief(error)})", "check tracking.uri"
-        ) from error
+        found = f"the tracking store cannot be made ({store.brief(error)})"
+        raise InputError(uri, found, "check tracking.uri") from error
     return len(logs)
 
 
@@ -51,7 +52,7 @@ def _find_logs(results: Path, database: Path | None) -> Iterator[tuple[Path, Log
     evaluated = set()
     for path in _find(results, "*.jsonl", database):
         log = read_log(path)
-        if log.header["stage"] == "evaluate":
+        if log.header.stage == "evaluate":
             evaluated.add(path.parent)
         yield path, log
     for path in _find(results, "metrics.csv", database):

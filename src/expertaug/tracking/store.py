@@ -5,20 +5,24 @@ mlflow takes more than a second to import, so it is imported only inside the fun
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import re
 import shlex
 import sqlite3
+import stat
 import subprocess
 import sys
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from expertaug import files
 from expertaug.errors import InputError
-from expertaug.tracking.store_lock import locked
+from expertaug.tracking.settings import InitTrackingJob
 
 logger = logging.getLogger(__name__)
 
@@ -34,6 +38,7 @@ _ENVIRONMENT = {
 }
 _NETWORK_FILE_SYSTEMS = re.compile(r"nfs|cifs|smb|lustre|gpfs|beegfs|ceph|gluster|afs|9p|fuse|orangefs|pvfs|drvfs")
 
+LOCK_S = 120.0  # making a store takes ten seconds on a slow disk
 
 # The database file that this process opened first, by path: MLflow keeps it open, even when another takes its name.
 _opened: dict[Path, tuple[int, int]] = {}
@@ -43,32 +48,29 @@ class StoreGone(Exception):
     """The database of a store was removed or replaced since this process opened it: what is written is lost."""
 
 
-def initialise(settings: Mapping[str, Any], marker: Path) -> None:
+def initialise(job: InitTrackingJob, marker: Path) -> None:
     """Create or upgrade the store and the experiment, once, before any process logs to it.
 
     A store that cannot be used is a warning: trainings then write their JSON lines only.
 
     Arguments:
-        settings: ``{"enabled", "uri", "experiment"}``: whether to track at all; the tracking store,
-            ``sqlite:///results/mlflow/mlflow.db`` or ``http://…``; the name of the MLflow experiment. A local store's
-            artifacts lie in ``artifacts`` beside the database.
-        marker: the path of the JSON file that logging stages read, written at the end.
+        job: the tracking store, ``sqlite:///results/mlflow/mlflow.db`` or ``http://…``, and the name of the MLflow
+            experiment. A local store's artifacts lie in ``artifacts`` beside the database.
+        marker: the path of the JSON file that logging stages read (:class:`Tracking`), written at the end.
 
     Raises:
         InputError: the marker cannot be written.
     """
-    if not settings["enabled"]:
+    if not job.enabled:
         files.write_json(marker, {"enabled": False})
         return
-    uri, experiment, found = settings["uri"], settings["experiment"], None
+    identity = None
     try:
-        found = connect(uri, experiment, prepare=True)[1]
+        identity = connect(job.uri, job.experiment, prepare=True)[1]
     except Exception as error:
-        logger.warning(
-            "tracking store %s cannot be used (%s); runs are logged to their JSON lines only", uri, brief(error)
-        )
-    record = {"enabled": True, "uri": uri, "experiment": experiment, "experiment_id": found}
-    files.write_json(marker, record)
+        text = "tracking store %s cannot be used (%s); runs are logged to their JSON lines only"
+        logger.warning(text, job.uri, brief(error))
+    files.write_json(marker, job.model_dump() | {"experiment_id": identity})
 
 
 def connect(uri: str, experiment: str, prepare: bool = False) -> tuple[Any, str]:
@@ -89,31 +91,33 @@ def connect(uri: str, experiment: str, prepare: bool = False) -> tuple[Any, str]
     from mlflow.tracking import MlflowClient
 
     path = database(uri)
-    with locked(uri, path):
+    with locked(uri):
         check_present(uri)
         new = path is not None and not path.exists()
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
         client = MlflowClient(tracking_uri=uri)
         try:
-            found = client.get_experiment_by_name(experiment)
+            known = client.get_experiment_by_name(experiment)
         except Exception:
             if not (prepare and path is not None and path.exists()):
                 raise
             command = [sys.executable, "-m", "mlflow", "db", "upgrade", uri]
             subprocess.run(command, check=True, capture_output=True)
-            found = client.get_experiment_by_name(experiment)
+            known = client.get_experiment_by_name(experiment)
         if path is not None and (new or prepare) and _is_local(path):
             with sqlite3.connect(path) as connection:
                 connection.execute("PRAGMA journal_mode=WAL")
             connection.close()
-        if found is None:
+        if known is None:
             # Only a local store may be told where; a server decides for itself.
             location = None if path is None else str((path.parent / "artifacts").resolve())
-            made = client.create_experiment(experiment, artifact_location=location)
+            identity = client.create_experiment(experiment, artifact_location=location)
+        else:
+            identity = known.experiment_id
         if path is not None:
             _opened.setdefault(path.resolve(), _identity(path))
-    return client, made if found is None else found.experiment_id
+    return client, identity
 
 
 def check_present(uri: str) -> None:
@@ -123,14 +127,14 @@ def check_present(uri: str) -> None:
         StoreGone: it is not.
     """
     path = database(uri)
-    known = None if path is None else _opened.get(path.resolve())
-    if known is not None and (not path.exists() or _identity(path) != known):
+    opened = None if path is None else _opened.get(path.resolve())
+    if opened is not None and path is not None and (not path.exists() or _identity(path) != opened):
         raise StoreGone("the database was removed or replaced")
 
 
 def _identity(path: Path) -> tuple[int, int]:
-    found = path.stat()
-    return found.st_dev, found.st_ino
+    status = path.stat()
+    return status.st_dev, status.st_ino
 
 
 def database(uri: str) -> Path | None:
@@ -141,9 +145,11 @@ def database(uri: str) -> Path | None:
 def brief(error: BaseException) -> str:
     """An exception as one short line."""
     text = " ".join(str(error).split())
-    known = "Connection refused|timed out|Name or service not known|No route to host|database is locked"
-    if found := re.search(known, text):
-        return found[0].lower()
+    reason = re.search(
+        "Connection refused|timed out|Name or service not known|No route to host|database is locked", text
+    )
+    if reason is not None:
+        return reason[0].lower()
     return text if isinstance(error, InputError | StoreGone) else f"{type(error).__name__}: {text[:200]}"
 
 
@@ -167,3 +173,40 @@ def _is_local(path: Path) -> bool:
     parents = {str(folder) for folder in path.resolve().parents}
     kind = max((m for m in mounts if m[0] in parents), key=lambda mount: len(mount[0]), default=("", "nfs"))[1]
     return _NETWORK_FILE_SYSTEMS.search(kind) is None
+
+
+@contextmanager
+def locked(uri: str) -> Iterator[None]:
+    """Hold the lock of a store, which keeps two jobs from making the same thing in it twice: a file beside a sqlite
+    database, else one in a folder of the user's own.
+
+    Raises:
+        InputError: another process held it for two minutes.
+    """
+    path = database(uri)
+    if path is None:
+        lock = private_folder() / f"{hashlib.sha256(uri.encode()).hexdigest()[:16]}.lock"
+    else:
+        lock = path.with_name(f"{path.name}.lock")
+    with files.locked(lock, LOCK_S):
+        yield
+
+
+def private_folder() -> Path:
+    """A folder that only this user can write to: nobody else may hold, or redirect, a lock in it.
+
+    Raises:
+        InputError: neither the home nor the temporary directory has a place for it.
+    """
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    candidates = [cache / "expertaug", Path(tempfile.gettempdir(), f"expertaug-{os.getuid()}")]
+    for folder in candidates:
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            status = folder.lstat()
+        except OSError:
+            continue
+        mine = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
+        if mine and os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    raise InputError(candidates[0], "cannot be used for locks", "make it a folder that you alone can write to")
