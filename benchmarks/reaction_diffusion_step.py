@@ -19,13 +19,13 @@ from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
 from expertaug import systems
-from expertaug.config.presets import resolve
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.interactions.convolutional import ConvInteraction
 from expertaug.models.networks.convolutional import wrap
+from expertaug.presets import resolve
 from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 from training_step import median_time

@@ -26,8 +26,10 @@ from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, log_mse_of, parameter_errors
 from expertaug.inference.alternate import alternate
 from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.settings import AlternateJob
 from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
+from expertaug.learning.settings import AugmentJob, FinetuneJob, train_job
 from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.systems.settings import SimulateJob
@@ -84,16 +86,20 @@ def run(settings: dict, experiment: str, method: str, augmented: bool, folder: P
     model = folder / _digest(base) / "model.safetensors"
     model.parent.mkdir(parents=True, exist_ok=True)
     if not model.exists():
-        made = alternate if base["build"]["kind"] == "alternating" else train
-        made(data, model, model.parent / "work", base, None, calibration)
+        if base["build"]["kind"] == "alternating":
+            job = AlternateJob.from_mapping(base)
+            alternate(data, model, model.parent / "work", job, None, calibration)
+        else:
+            train(data, model, model.parent / "work", train_job(base), None, calibration)
     if not augmented:
         return model
     drawn, tuned = (getattr(stage_settings, f)(settings, experiment, method, group) for f in ("augment", "finetune"))
     plus = model.parent / _digest([drawn, tuned]) / "model.safetensors"
     plus.parent.mkdir(parents=True, exist_ok=True)
     if not plus.exists():
-        augment(model, data, plus.with_name("augmented.safetensors"), drawn)
-        finetune(model, plus.with_name("augmented.safetensors"), data, plus, plus.parent / "work", tuned, None)
+        augment(model, data, plus.with_name("augmented.safetensors"), AugmentJob.from_mapping(drawn))
+        job = FinetuneJob.from_mapping(tuned)
+        finetune(model, plus.with_name("augmented.safetensors"), data, plus, plus.parent / "work", job, None)
     return plus
 
 

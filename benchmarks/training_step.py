@@ -25,12 +25,12 @@ from torch.func import functional_call, stack_module_state, vmap
 from torchdiffeq import odeint
 
 from expertaug import systems
-from expertaug.config.presets import resolve
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.models.device import device_of
 from expertaug.models.recipe import HybridModel, Part
+from expertaug.presets import resolve
 from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from expertaug import systems
+from expertaug import presets, systems
 from expertaug.config import load as config
-from expertaug.config import presets, stage_settings
+from expertaug.config import stage_settings
 from expertaug.config.complete import completed
 
 FOLDER = Path(__file__).parents[1] / "config"

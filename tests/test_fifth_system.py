@@ -13,11 +13,9 @@ from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug.evaluation.evaluate import evaluate
-from expertaug.learning.augment import augment
-from expertaug.learning.finetune import finetune
-from expertaug.learning.train import train
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
+from typed_jobs import augment, finetune, train
 
 SYSTEM = """
 import torch

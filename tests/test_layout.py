@@ -13,7 +13,18 @@ SOURCES = Path(__file__).parents[1] / "src"
 PACKAGES = ("expertaug", "expertaug_recordings")
 # From the ground up: a module may import from its own floor and from those below; the package beside has one floor.
 FLOORS = (
-    ("errors", "files", "wording", "settings", "trajectories", "versions", "plotting", "registry", "source_files"),
+    (
+        "errors",
+        "files",
+        "wording",
+        "settings",
+        "trajectories",
+        "versions",
+        "plotting",
+        "presets",
+        "registry",
+        "source_files",
+    ),
     ("measurements",),
     ("systems",),
     ("models",),

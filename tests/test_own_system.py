@@ -22,13 +22,11 @@ from expertaug.config.jobs import variants
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.plot import NAMES, plot
 from expertaug.evaluation.tables import tabulate
-from expertaug.learning.augment import augment
-from expertaug.learning.finetune import finetune
-from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.tracking.log import read_log
+from typed_jobs import augment, finetune, train
 
 SYSTEM = '''
 """Predator and prey (Lotka 1925; Volterra 1926), in truth with a saturating appetite (Holling 1959)."""

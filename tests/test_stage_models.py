@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
+from expertaug.cli import main
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
 from expertaug.config.stage_models import STAGES, require
 from expertaug.errors import InputErrors, lines
+from expertaug.inference.settings import AlternateJob, FlowJob
+from expertaug.learning.settings import AugmentJob, FinetuneJob, train_job
 
+JOBS = {
+    "train": train_job,
+    "alternate": AlternateJob.from_mapping,
+    "augment": AugmentJob.from_mapping,
+    "finetune": FinetuneJob.from_mapping,
+    "flow": FlowJob.from_mapping,
+}
 CONFIG = Path(__file__).parents[1] / "config"
 
 
@@ -47,9 +58,34 @@ def test_the_workflows_settings_are_good(file):
     given = config.validate(config.load([CONFIG / "config.yaml", CONFIG / f"{file}.yaml"]))
     stages = set()
     for stage, settings in of_stages(given):
-        require(stage, settings)
+        if stage in JOBS:
+            found = JOBS[stage](settings)
+            assert found.to_json().keys() >= settings.keys() and JOBS[stage](found.to_json()) == found
+        else:
+            require(stage, settings)
         stages.add(stage)
-    assert stages == set(STAGES) or file != "config"
+    assert stages == {*STAGES, *JOBS} or file != "config"
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"build": {"kind": "hybrid", "objectve": "hvae"}}, "build.objectve: unknown key; did you mean 'objective'?"),
+        ({"choices": {}}, "choices.loss_window: missing"),
+        ({"chioces": {}}, "chioces: unknown key; did you mean 'choices'?"),
+        ({"training": {"epoch": 3}}, "training.epoch: unknown key; did you mean 'epochs'?"),
+        ({"training": {"objective": {"lambda": 3}}}, "training.objective.lambda: unknown key"),
+        ({"system": {"name": "rlc", "sorce": 1}}, "system.sorce: unknown key"),
+        ({"model": {"encoder": {"kind": "recurrent", "hiden": 3}}}, "model.encoder.hiden: unknown key"),
+        ({"seeds": []}, "seeds: found []"),
+    ],
+)
+def test_what_is_misspelt_is_refused_before_anything_runs(change, line, tmp_path, capsys):
+    given = config.validate(config.load([CONFIG / "config.yaml"]))
+    settings = stage_settings.train(given, "pendulum", "aphynity", "seeds_0_1_2") | change
+    paths = [f"--{name}={tmp_path / name}" for name in ("data", "output", "work")]
+    assert main(["train", *paths, "--settings", json.dumps(settings)]) == 2
+    assert f"--settings.{line}" in capsys.readouterr().err and not list(tmp_path.iterdir())
 
 
 def test_what_is_missing_is_told():

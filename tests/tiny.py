@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from expertaug.config.presets import resolve
 from expertaug.learning.trainer import Trainer
+from expertaug.presets import resolve
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 
@@ -31,7 +31,7 @@ SETTINGS = {
     },
     "training": {"epochs": 3, "batch_size": 10, "learning_rate": 3e-3, "checkpoint_s": 0.0},
     "t1_s": 1.0,
-    "choices": resolve("corrected"),
+    "choices": resolve("corrected").model_dump(),
     "seeds": [0, 1],
     "device": "cpu",
 }

@@ -17,10 +17,11 @@ class InputError(Exception):
 
     Attributes:
         where: the file or key, as a text.
+        found, remedy: what was found, and what would be right.
     """
 
     def __init__(self, where: object, found: str, remedy: str = "") -> None:
-        self.where = str(where)
+        self.where, self.found, self.remedy = str(where), found, remedy
         parts = (str(where), found, remedy) if remedy else (str(where), found)
         where, found, *rest = (_one_line(part) for part in parts)
         super().__init__("; ".join((f"{where}: {found}", *rest)))
@@ -35,7 +36,7 @@ class InputErrors(InputError):
 
     def __init__(self, errors: Sequence[InputError]) -> None:
         self.errors = list(errors)
-        self.where = self.errors[0].where
+        self.where, self.found, self.remedy = (getattr(self.errors[0], name) for name in ("where", "found", "remedy"))
         Exception.__init__(self, str(self.errors[0]))
 
 

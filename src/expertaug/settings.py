@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Self, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, Union, get_args, get_origin
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_serializer
 from pydantic_core import PydanticCustomError
@@ -41,6 +41,19 @@ class Settings(BaseModel):
             InputError: a key is unknown or a value cannot be used.
         """
         return read(cls, settings, where)
+
+    @classmethod
+    def of(cls, **settings: object) -> Self:
+        """Settings by name.
+
+        Raises:
+            InputError: as :meth:`from_mapping`.
+        """
+        return read(cls, settings)
+
+    def to_json(self) -> dict[str, Any]:
+        """What a JSON file holds of them: lists, mappings and scalars; keys that were left out are missing."""
+        return self.model_dump(mode="json")
 
     @model_serializer(mode="wrap")
     def _without_what_is_left_out(self, handler: Any) -> dict[str, object] | None:
@@ -112,6 +125,25 @@ Range = Annotated[
     tuple[float, float], Field(strict=False, json_schema_extra={"ordered": True}), AfterValidator(_ordered)
 ]
 Name = Annotated[str, Field(pattern=wording.PATTERNS["name"])]
+Seeds = Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=1)]
+Device = Literal["auto", "cpu", "cuda"]
+# Standard deviation of the noise of data: of every value, of each component's, or as estimated from measurements.
+Noise = Annotated[
+    Annotated[NotNegative | Literal["estimated"], ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape
+]
+OWN = "own"  # in the place of the ranges of p⁺ that are to be found
+Prior = Annotated[Annotated[Literal["own"], ONE] | Annotated[dict[str, Range], KEYS], by_shape]
+
+
+def given_ranges(prior: object) -> dict[str, tuple[float, float]]:
+    """The ranges of a :data:`Prior`.
+
+    Raises:
+        InputError: they are still to be found.
+    """
+    if not isinstance(prior, dict):
+        raise InputError("--prior", "missing", "p⁺ is to find its own ranges: give what own-prior wrote")
+    return prior
 
 
 def read(kind: type[T], settings: Mapping[str, object] | T | None, where: str | None = None) -> T:

@@ -14,21 +14,24 @@ from expertaug.cli import main
 from expertaug.config import stage_settings
 from expertaug.config.jobs import seed_groups
 from expertaug.config.load import load, validate, with_defaults
-from expertaug.config.presets import resolve
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
-from expertaug.learning.augment import augment
 from expertaug.learning.augmentation import load as load_augmented
-from expertaug.learning.finetune import finetune
-from expertaug.learning.train import train
+from expertaug.presets import resolve
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
+from typed_jobs import augment, finetune, train
 
 RANGES = {"z_e": {"omega0": list(SEEN["omega0"])}, "z_a": {"alpha": list(FRICTION["alpha"])}}
 SIZES = {"train": 40, "validation": 10, "test": 10}
 DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.01}
 DATA["sets"] = {name: {"size": n, **RANGES} for name, n in SIZES.items()}
-COMMON = {"experiment": "pendulum", "preset": "corrected", "choices": resolve("corrected"), "seeds": [0, 1]}
+COMMON = {
+    "experiment": "pendulum",
+    "preset": "corrected",
+    "choices": resolve("corrected").model_dump(),
+    "seeds": [0, 1],
+}
 COMMON |= {"method": "a", "label": "A", "device": "cpu"}
 PRIOR = {"omega0": list(SHIFTED["omega0"])}
 

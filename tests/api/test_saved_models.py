@@ -73,12 +73,14 @@ def test_what_no_file_can_hold_still_trains(sets, tmp_path):
 
 
 def test_the_mean_of_a_workflow_can_be_used(sets, tmp_path):
-    from expertaug.config.presets import resolve
+    from expertaug.learning.settings import UntrainedOptions
     from expertaug.learning.train import mean
     from expertaug.models import store
+    from expertaug.presets import resolve
 
     names = dict.fromkeys(("experiment", "method", "label", "preset"), "mean")
     settings = {**names, "choices": resolve("corrected"), "seeds": [0, 1], "training": {}, "t1_s": 1.0}
+    settings = UntrainedOptions.from_mapping(settings)
     stored = mean(ea.DampedPendulum(), sets["train"], settings, {"system": {"name": "pendulum"}, "model": {}})
     store.save(tmp_path / "m.safetensors", stored.model, stored.description)
     again = ea.load(tmp_path / "m.safetensors")

@@ -13,12 +13,10 @@ from expertaug.config import load as config
 from expertaug.config import own, stage_settings
 from expertaug.errors import InputErrors
 from expertaug.evaluation.evaluate import evaluate
-from expertaug.learning.augment import augment
 from expertaug.learning.augmentation import load as load_augmented
-from expertaug.learning.finetune import finetune
-from expertaug.learning.train import train
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
+from typed_jobs import augment, finetune, train
 
 EXPERIMENT = """
 seeds: [0]

@@ -20,7 +20,6 @@ from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.log_evaluations import log_evaluations
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.tables import tabulate
-from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.models.mean import MeanModel
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
@@ -30,6 +29,7 @@ from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.tracking.store import initialise
 from expertaug.trajectories import Trajectories
+from typed_jobs import train
 
 RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}

@@ -12,11 +12,11 @@ import tiny
 from expertaug import systems
 from expertaug.evaluation.score import score
 from expertaug.inference.least_squares import estimator_of
-from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.systems.simulate import trajectories
 from expertaug.trajectories import Trajectories
+from typed_jobs import train
 
 T, NOISE, CPU = np.linspace(0.0, 10.0, 101), 0.01, torch.device("cpu")
 OPTIONS = {"draws": 8, "drawn_samples": 0, "noise": NOISE}

@@ -3,15 +3,16 @@
 import torch
 from torch import Tensor
 
-from expertaug.config.presets import resolve
+from expertaug.learning.settings import TrainOptions
 from expertaug.learning.train import prepare
 from expertaug.models.describe import describe
 from expertaug.models.recipe import HybridModel
 from expertaug.models.store import StoredModel
+from expertaug.presets import resolve
 from expertaug.systems import Parameter, System
 from expertaug.trajectories import Trajectories
 
-COMMON = {"experiment": "toy", "preset": "corrected", "choices": resolve("corrected"), "device": "cpu"}
+COMMON = {"experiment": "toy", "preset": "corrected", "choices": resolve("corrected"), "seeds": [0]}
 NOISE = 0.3  # of the lines
 
 
@@ -33,6 +34,7 @@ def lines() -> tuple[StoredModel, Trajectories]:
     y = y0 + slope * t + NOISE * torch.randn(400, 5, generator=random, dtype=torch.float64)
     data = Trajectories(t.numpy(), y.unsqueeze(-1).numpy(), slope.numpy())
     recipe = HybridModel(Line(), {"kind": "recurrent", "hidden": 2, "layers": [2]}, None)
-    told = COMMON | {"method": "line", "label": "Line", "objective": "aphynity", "t1_s": 1.0, "seeds": [0]}
-    made = prepare(recipe, data, data, told | {"training": {"solver": {"method": "rk4"}}}, describe(recipe))
+    told = COMMON | {"method": "line", "label": "Line", "t1_s": 1.0}
+    how = TrainOptions.from_mapping(told | {"training": {"solver": {"method": "rk4"}}})
+    made = prepare(recipe, data, data, how, describe(recipe))
     return StoredModel(made.trainer.model, {**made.description, "wall_s": 0.0, "failed": []}), data

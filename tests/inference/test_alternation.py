@@ -10,9 +10,11 @@ from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.inference import alternate as stage
 from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.settings import AlternateJob
 from expertaug.learning.train import described_by
 from expertaug.models import store
 from expertaug.trajectories import Trajectories
+from typed_jobs import alternate, job
 
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.1, 0.6]}}
 DATA = tiny.DATA | {
@@ -41,6 +43,7 @@ def settings():
 
 
 def prepared(data, settings):
+    settings = job(AlternateJob, settings)
     described = described_by(settings)
     sets = [Trajectories.load(data / f"{name}.npz") for name in ("train", "validation")]
     return stage.prepare(systems.load(described["system"]), *sets, settings, described)
@@ -69,7 +72,7 @@ def test_finds_the_damping(data, settings):
 
 
 def test_goes_on_to_the_same_bits_after_a_kill(data, settings, tmp_path, monkeypatch):
-    stage.alternate(data, tmp_path / "whole.safetensors", tmp_path / "a", settings, None)
+    alternate(data, tmp_path / "whole.safetensors", tmp_path / "a", settings, None)
     done = stage.Alternation.step
 
     def killed(self):
@@ -79,10 +82,10 @@ def test_goes_on_to_the_same_bits_after_a_kill(data, settings, tmp_path, monkeyp
 
     monkeypatch.setattr(stage.Alternation, "step", killed)
     with pytest.raises(KeyboardInterrupt):
-        stage.alternate(data, tmp_path / "resumed.safetensors", tmp_path / "b", settings, None)
+        alternate(data, tmp_path / "resumed.safetensors", tmp_path / "b", settings, None)
     counted = []
     monkeypatch.setattr(stage.Alternation, "step", lambda self: (counted.append(self.step_), done(self))[1])
-    stage.alternate(data, tmp_path / "resumed.safetensors", tmp_path / "b", settings, None)
+    alternate(data, tmp_path / "resumed.safetensors", tmp_path / "b", settings, None)
     assert counted == [4, 5]
     one, other = (store.load(tmp_path / f"{name}.safetensors") for name in ("whole", "resumed"))
     for key, value in one.model.state_dict().items():
@@ -125,7 +128,7 @@ def test_a_large_penalty_keeps_the_interaction_small(data, settings):
 
 def test_a_model_file_holds_what_forecasts_need(data, settings, tmp_path):
     path = tmp_path / "model.safetensors"
-    stage.alternate(data, path, tmp_path / "work", settings, None)
+    alternate(data, path, tmp_path / "work", settings, None)
     stored = store.load(path)
     assert stored.description["kind"] == "alternating" and stored.seeds == [0, 1]
     windows = torch.from_numpy(Trajectories.load(data / "validation.npz").y[:3, :21]).movedim(1, 0).unsqueeze(1)

@@ -12,12 +12,13 @@ from expertaug.evaluation.diverged import forecast
 from expertaug.inference import store
 from expertaug.inference.context import Context
 from expertaug.inference.draws import HELD_OUT, Pool
-from expertaug.inference.flow_training import flow, prepare
+from expertaug.inference.flow_training import prepare
 from expertaug.inference.predictive import predictive
+from expertaug.inference.settings import FlowJob
 from expertaug.inference.unknowns import Unknowns
 from expertaug.learning.noise import Noise
+from expertaug.learning.settings import TrainOptions
 from expertaug.learning.train import prepare as prepare_training
-from expertaug.learning.train import train
 from expertaug.models import store as models
 from expertaug.models.describe import describe
 from expertaug.models.recipe import HybridModel
@@ -27,6 +28,7 @@ from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from typed_jobs import flow, job, train
 
 RK4 = Solver("rk4")
 SETS = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
@@ -66,8 +68,8 @@ def pendulum(tmp_path_factory):
     drawn = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.01}
     drawn["sets"] = {name: SETS | {"size": 40} for name in ("train", "validation", "test")}
     for name in drawn["sets"]:
-        job = SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": drawn})
-        simulate(name, folder / f"{name}.npz", job)
+        simulated = SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": drawn})
+        simulate(name, folder / f"{name}.npz", simulated)
     told = COMMON | {"method": "aphynity", "label": "APHYNITY", "t1_s": 1.0, "system": {"name": "pendulum"}}
     told |= {"build": {"kind": "hybrid"}, "training": {"epochs": 1, "batch_size": 10, "solver": {"method": "rk4"}}}
     windows = {"theta": [0.0, 1.0], "omega": [0.0, 1.0]}
@@ -85,7 +87,9 @@ def known():
     """A flow that has learned the lines' posterior, and windows of its own prior with their slopes and starts."""
     base, data = lines()
     told = settings({"slope": [-2.0, 2.0]}, NOISE, steps=800, batch_size=200, pool=2000, uses=1, layers=[32, 32])
-    training = prepare(base, data, told | {"flow": told["flow"] | {"learning_rate": 1e-2, "held_out": 1000}})
+    training = prepare(
+        base, data, job(FlowJob, told | {"flow": told["flow"] | {"learning_rate": 1e-2, "held_out": 1000}})
+    )
     simulator, estimator = training.trainer.pool.simulator, training.run().model.eval()
     drawn = simulator.draw(400, HELD_OUT, 1)
     first = drawn.x[..., :1]  # the recurrent encoder has no windows: the context is every observed point
@@ -152,7 +156,9 @@ def test_a_runaway_draw_is_cut_off_at_the_bound(known):
 def test_a_seed_does_not_depend_on_the_seeds_beside_it(pendulum):
     """The flow of a seed alone and in a group: the same draws of the simulator, to float rounding."""
     data = Trajectories.load(pendulum / "train.npz")
-    both, alone = (prepare(models.load(pendulum / f"{n}.safetensors"), data, PENDULUM) for n in ("both", "alone"))
+    both, alone = (
+        prepare(models.load(pendulum / f"{n}.safetensors"), data, job(FlowJob, PENDULUM)) for n in ("both", "alone")
+    )
     # Trained apart, the two seed 1 differ by rounding; the same tensors make the draws comparable.
     a, b = (t.trainer.pool.simulator.draw(60, HELD_OUT, 7) for t in (both, alone))
     assert torch.allclose(a.x[1], b.x[0], atol=1e-3) and torch.allclose(a.theta[1], b.theta[0], atol=1e-2)
@@ -210,7 +216,7 @@ def test_a_killed_training_resumes_to_the_same_bits(pendulum, whole, tmp_path, k
 
 def test_a_pool_is_renewed_by_parts_and_follows_from_the_pass_alone(pendulum):
     data = Trajectories.load(pendulum / "train.npz")
-    made = prepare(models.load(pendulum / "both.safetensors"), data, PENDULUM).trainer.pool
+    made = prepare(models.load(pendulum / "both.safetensors"), data, job(FlowJob, PENDULUM)).trainer.pool
     first, second = made(3), made(4)
     assert len(first) == 80 and torch.equal(first.theta[:, 40:], second.theta[:, :40])
     assert not torch.equal(first.theta[:, :40], second.theta[:, 40:])
@@ -223,8 +229,10 @@ def test_a_pool_is_renewed_by_parts_and_follows_from_the_pass_alone(pendulum):
 def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch, row, flow, anew):
     elsewhere = lambda self, y0, uniform: torch.cat((5.0 + uniform(1), y0[..., 1:]), dim=-1)  # noqa: E731
     monkeypatch.setattr(DampedPendulum, "resample_known", elsewhere)
-    told = PENDULUM | {"choices": PENDULUM["choices"] | {"augmented_x": row}, "flow": SMALL | flow}
-    made = prepare(models.load(pendulum / "both.safetensors"), Trajectories.load(pendulum / "train.npz"), told)
+    told = PENDULUM | {"choices": {**PENDULUM["choices"].model_dump(), "augmented_x": row}, "flow": SMALL | flow}
+    made = prepare(
+        models.load(pendulum / "both.safetensors"), Trajectories.load(pendulum / "train.npz"), job(FlowJob, told)
+    )
     first = made.trainer.pool.simulator.simulated(20, Noise([0, 1], 7)).y0[..., 0]
     assert bool((first > 4.9).all()) == bool(anew) and (anew or bool((first < 4.9).all()))
 
@@ -241,24 +249,24 @@ def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch
 def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):
     data = Trajectories.load(pendulum / "train.npz")
     with pytest.raises(InputError, match=expected):
-        prepare(models.load(pendulum / "both.safetensors"), data, PENDULUM | changed)
+        prepare(models.load(pendulum / "both.safetensors"), data, job(FlowJob, PENDULUM | changed))
 
 
 def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path):
     """Noisy fields, whose draws are used several times; the expert's parameter is found in their moments."""
     system, ranges = {"name": "field_systems:Fisher"}, {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.5, 1.5]}}
     drawn = {"seed": 0, "step_s": 0.1, "t2_s": 1.0, "noise": 1e-3, "sets": {"train": ranges | {"size": 40}}}
-    job = SimulateJob.from_mapping({"system": system, "data": drawn})
-    simulate("train", tmp_path / "train.npz", job)
+    simulated = SimulateJob.from_mapping({"system": system, "data": drawn})
+    simulate("train", tmp_path / "train.npz", simulated)
     data = Trajectories.load(tmp_path / "train.npz")
     recipe = HybridModel(
         systems.load(system), {"kind": "moments", "layers": [8]}, {"kind": "polynomial", "latent_degree": 1}
     )
-    told = COMMON | {"method": "a", "label": "A", "objective": "aphynity", "t1_s": 0.5, "seeds": [0]}
+    told = COMMON | {"method": "a", "label": "A", "t1_s": 0.5}
     told |= {"training": {"epochs": 1, "batch_size": 10}}
-    base = prepare_training(recipe, data, data, told, describe(recipe)).run()
+    base = prepare_training(recipe, data, data, TrainOptions.from_mapping(told), describe(recipe)).run()
     plus = settings({"D": [1e-3, 6e-3]}, 1e-3, steps=150, batch_size=100, pool=800, uses=4, layers=[32])
-    training = prepare(base, data, plus)
+    training = prepare(base, data, job(FlowJob, plus))
     held, done = training.trainer.held, training.run()
     y = windows(data, 6, 1)
     z_e, _, y0 = done.model.eval().sample(y, 32)

@@ -20,11 +20,13 @@ from expertaug.inference.flow_training import prepare
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.own_draws import own_draws
 from expertaug.inference.posterior_draws import joint_draws
+from expertaug.inference.settings import FlowJob
 from expertaug.learning.noise import Noise
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import Delta, Gaussian, Posterior
 from expertaug.systems.solvers.solver import Solver
+from typed_jobs import job
 
 OPTIONS = {"draws": 39, "drawn_samples": 60, "noise": NOISE, "solver": {"method": "rk4"}}
 OWN = {"prior": {"omega0": [0.5, 3.5]}, "noise": NOISE, "resample_x": False, "z_a_from": "posterior"}
@@ -126,7 +128,7 @@ def test_own_windows_take_z_a_from_so_many_training_windows_at_most(fitted, monk
 def test_a_flow_is_ranked_on_the_draws_that_it_learns_from():
     base, data = lines()
     told = flow_settings({"slope": [-2.0, 2.0]}, LINE_NOISE)
-    stored = prepare(base, data, told).run()
+    stored = prepare(base, data, job(FlowJob, told)).run()
     stored.model.eval()
     own = {**OWN, "prior": told["prior"], "noise": LINE_NOISE}
     t = torch.from_numpy(data.t).float()

@@ -16,12 +16,14 @@ from expertaug.inference.levenberg_marquardt import minimise
 from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_problem import given_components, seen_components
 from expertaug.learning import train as train_stage
+from expertaug.learning.settings import UntrainedOptions
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import unconstrain
 from expertaug.systems.simulate import trajectories
 from expertaug.systems.solvers.solver import Solver
+from typed_jobs import train_job
 
 T = np.linspace(0.0, 10.0, 101)
 OBSERVED, NOISE = 51, 0.01
@@ -118,6 +120,7 @@ def test_the_true_equation_is_a_floor(name):
     settings = {"choices": {"observed_points": "inclusive"}, "seeds": [0, 1], "t1_s": float(t[-1])}
     settings["training"] = {"solver": solver} if solver else {}
     settings |= {"experiment": "e", "method": "truth", "label": "t", "preset": "corrected", "refinement": given}
+    settings = UntrainedOptions.from_mapping(settings)
     described = {"system": {"name": name}, "model": {}, "expert": True, "interaction": False}
     stored = train_stage.expert_alone(system, data, settings, described, truth=True)
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).float()
@@ -139,9 +142,10 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
     from expertaug.trajectories import Trajectories
 
     train, validation = (Trajectories.load(data / f"{name}.npz") for name in ("train", "validation"))
+    settings = train_job(settings)
     described = train_stage.described_by(settings)
     recipe = describe.recipe_of(systems.load(described["system"]), described)
-    run = train_stage.prepare(recipe, train, validation, {"objective": "aphynity", **settings}, described)
+    run = train_stage.prepare(recipe, train, validation, settings, described)
     stored = run.run()
     latent = stored.description["latent"]
     assert np.shape(latent["mean"]) == np.shape(latent["std"]) == (2, 8)

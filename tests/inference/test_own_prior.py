@@ -11,8 +11,9 @@ from expertaug.commands.prior_file import read_ranges, with_ranges
 from expertaug.errors import InputError
 from expertaug.evaluation.own_priors import own_priors
 from expertaug.inference.own_prior import box, own_prior, own_prior_without_windows, searching
-from expertaug.inference.prior_stage import own_prior as stage
+from expertaug.models.settings import RefinementSettings
 from tiny import SETTINGS
+from typed_jobs import own_prior as stage
 
 SEEN = {"omega0": (1.5, 3.1)}
 
@@ -70,7 +71,8 @@ def test_a_search_from_nothing_starts_around_the_typical_size():
     system = systems.load({"name": "double_pendulum", "expert": "point_mass"})
     found = box(system)
     assert found["omega1"] == (-100.0, 100.0) and box(systems.load({"name": "rlc"}))["L"] == (0.2, 20.0)
-    assert searching({"starts": 3, "tries": 2}) == {"starts": 256, "tries": 2} and searching(None)["starts"] == 256
+    few = RefinementSettings(starts=3, tries=2)
+    assert searching(few) == RefinementSettings(starts=256, tries=2) and searching(RefinementSettings()).starts == 256
 
 
 def test_the_stage_writes_ranges_that_other_stages_read(data, tmp_path):

@@ -7,20 +7,18 @@ import pytest
 import torch
 
 from expertaug import systems
-from expertaug.config.presets import ROWS, resolve
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
-from expertaug.learning.augment import augment
-from expertaug.learning.finetune import finetune
 from expertaug.learning.mixture import mixture
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
-from expertaug.learning.train import train
 from expertaug.models import store
+from expertaug.presets import ROWS, Choices, resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from tiny import PRIOR, SETTINGS
+from typed_jobs import augment, finetune, train
 
 CPU = torch.device("cpu")
 
@@ -104,7 +102,7 @@ def test_the_control_takes_the_same_steps_on_real_data_alone(trained, data, tmp_
 
 @pytest.mark.parametrize("preset", ["paper", "code"])
 def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, settings):
-    settings |= {"choices": resolve(preset), "preset": preset}
+    settings |= {"choices": resolve(preset).model_dump(), "preset": preset}
     train(data, tmp_path / "m.st", tmp_path / "work", settings, None)
     augmented(tmp_path / "m.st", data, tmp_path, settings)
     finetune(tmp_path / "m.st", tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
@@ -143,8 +141,8 @@ class TestPresetRows:
         return compute
 
     def test_presets_differ_where_the_table_says(self):
-        assert resolve("code")["loss_window"] == "half_batch" and resolve("paper")["noise"] == "none"
-        assert resolve("corrected", {"selection": "forecast"})["selection"] == "forecast"
+        assert resolve("code").loss_window == "half_batch" and resolve("paper").noise == "none"
+        assert resolve("corrected", {"selection": "forecast"}).selection == "forecast"
         assert all(getattr(row, p) in row.values for row in ROWS.values() for p in ("paper", "code", "corrected"))
         for bad, match in (({"colour": 1}, "choices.colour"), ({"penalty": "l1"}, "choices.penalty.*'l1'")):
             with pytest.raises(InputError, match=match):
@@ -215,8 +213,8 @@ class TestPresetRows:
             stored = store.load(tmp_path / "m.st")
             assert stored.description["observed"] == points
             task = task_of({}, stored.description, CPU)
-            assert task.selection({"selection": "observed"}) == range(1, points)
-            assert task.selection({"selection": "forecast"}) == range(points, 21)
+            assert task.selection(Choices(selection="observed")) == range(1, points)
+            assert task.selection(Choices(selection="forecast")) == range(points, 21)
 
 
 def test_worst_case_sampling_draws_more_where_the_estimates_are_bad(trained, data, tmp_path, settings):

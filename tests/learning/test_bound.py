@@ -12,19 +12,18 @@ import torch
 from expertaug import systems
 from expertaug.errors import SolveError
 from expertaug.learning import augmentation
-from expertaug.learning.augment import augment
 from expertaug.learning.bound import bound_of, bounded, solved, within
-from expertaug.learning.finetune import finetune
 from expertaug.learning.objectives import Aphynity, finite_forecast
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import task_of
-from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store
+from expertaug.presets import Choices
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from tiny import PRIOR
+from typed_jobs import augment, finetune, train
 
 CPU = torch.device("cpu")
 
@@ -117,7 +116,7 @@ def test_a_runaway_does_not_feed_the_multiplier(data, settings, trained):
     wild.y[:, :, 3] = 1e18  # the squared error of a forecast from there is infinite
     found = []
     for one in (batch, wild):
-        objective = Aphynity([0, 1], settings["choices"])
+        objective = Aphynity([0, 1], Choices.from_mapping(settings["choices"]))
         _, parts = objective.loss(trained.model, one, task)
         objective.end_of_pass()
         found.append((objective.multiplier, parts["runaway_share"]))
@@ -133,7 +132,7 @@ def test_validation_counts_a_runaway_at_the_bound(data, settings, trained):
     free = trained.model.forecast(whole.y[0], z_e, z_a, task.t[:11], task.solver)[1:].detach()
     for bound in (torch.tensor([0.1, 0.2]), task.bound):
         one = replace(task, bound=bound)
-        objective, options = Aphynity([0, 1], settings["choices"]), TrainSettings()
+        objective, options = Aphynity([0, 1], Choices.from_mapping(settings["choices"])), TrainSettings()
         trainer = Trainer(trained.model, objective, one, batch, [(batch, points)], [0, 1], options, "x")
         cut = torch.minimum(torch.maximum(free, -bound), bound)
         expected = (cut - whole.y[1:11]).square().mean((0, 2, 3)).log()

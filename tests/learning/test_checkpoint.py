@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from expertaug.learning.checkpoint import MAGIC, Checkpoint, _digest
-from expertaug.learning.train import train
 from expertaug.models import store
+from typed_jobs import train
 
 STATE = {"model": {"weight": torch.arange(3.0)}, "epoch": 7, "log": {"id": "x", "offset": 3}}
 

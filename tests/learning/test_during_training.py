@@ -9,12 +9,12 @@ import torch
 from expertaug.evaluation.during_training import during_training
 from expertaug.learning import during_training as learning_during_training
 from expertaug.learning import snapshots
-from expertaug.learning.train import train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.tracking.log import read_log
 from expertaug.tracking.settings import Tracking
 from expertaug.tracking.store import initialise
+from typed_jobs import train
 
 PRIOR = {"omega0": [0.5, 3.5]}
 CPU = torch.device("cpu")
@@ -68,7 +68,8 @@ def study_settings(settings):
     return common | {
         "method": "aphynity",
         "label": "APHYNITY",
-        "augment": common | {"method": "aphynity+", "prior": PRIOR, "noise": 0.01},
+        "augment": {k: v for k, v in common.items() if k != "preset"}
+        | {"method": "aphynity+", "prior": PRIOR, "noise": 0.01},
         "finetune": common | tuned,
         "finetune_epochs": [1, 2],
         "evaluation": {"max_samples": 7},
@@ -83,7 +84,7 @@ def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, s
     def dying(*arguments):
         if len(trained) == 2:
             raise KeyboardInterrupt
-        trained.append(arguments[5]["training"]["epochs"])
+        trained.append(arguments[5].training.epochs)
         finetune(*arguments)
 
     files = tmp_path / snapshots.NAME, data, tmp_path / "during_training.csv", tmp_path / "work_during_training"
@@ -94,7 +95,7 @@ def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, s
     assert read_log(tmp_path / "during_training.jsonl").lines[-1].status == "KILLED"
     calls = []
     monkeypatch.setattr(
-        learning_during_training, "finetune", lambda *a: (calls.append(a[5]["training"]["epochs"]), finetune(*a))
+        learning_during_training, "finetune", lambda *a: (calls.append(a[5].training.epochs), finetune(*a))
     )
     during_training(*files, options, None)
     assert calls == [1, 2], "those of the first snapshot were there already"

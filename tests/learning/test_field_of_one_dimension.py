@@ -8,9 +8,6 @@ import torch
 from expertaug import systems
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.log_evaluations import log_evaluations
-from expertaug.learning.augment import augment
-from expertaug.learning.finetune import finetune
-from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.models.describe import describe
 from expertaug.models.recipe import HybridModel
@@ -18,6 +15,7 @@ from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.log import read_log
+from typed_jobs import augment, finetune, train
 
 SYSTEM = {"name": "field_systems:Fisher"}
 RANGES = {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.5, 1.5]}}

@@ -6,21 +6,19 @@ import pytest
 import torch
 
 from expertaug import systems
-from expertaug.config.presets import resolve
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
-from expertaug.learning.augment import augment
-from expertaug.learning.finetune import finetune
 from expertaug.learning.hvae import HybridVAE, raw_prior
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.task import task_of
-from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.models.posterior import Gaussian, unconstrain
+from expertaug.presets import resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from tiny import PRIOR
+from typed_jobs import augment, finetune, train
 
 CPU = torch.device("cpu")
 
@@ -245,7 +243,7 @@ def test_finetuning_leaves_theta_alone(data, tmp_path, settings, choices):
 
 @pytest.mark.parametrize("preset", ["paper", "code"])
 def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, settings):
-    settings |= {"choices": resolve(preset), "preset": preset}
+    settings |= {"choices": resolve(preset).model_dump(), "preset": preset}
     run(data, tmp_path, settings)
     model = tmp_path / "model.safetensors"
     augmented(model, data, tmp_path, settings)

@@ -8,7 +8,6 @@ from torch import nn
 
 import plain_parts as parts
 from expertaug import systems
-from expertaug.config.presets import resolve
 from expertaug.errors import InputError
 from expertaug.learning.contract import check_parts
 from expertaug.learning.hvae import HybridVAE
@@ -16,6 +15,7 @@ from expertaug.learning.objectives import Aphynity
 from expertaug.learning.task import Task
 from expertaug.models.posterior import Delta, Posterior
 from expertaug.models.recipe import HybridModel
+from expertaug.presets import resolve
 from expertaug.systems.solvers.solver import Solver
 
 SYSTEM = systems.load({"name": "rlc"})

@@ -5,10 +5,8 @@ import torch
 
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
-from expertaug.learning.augment import augment
-from expertaug.learning.finetune import finetune
-from expertaug.learning.train import train
 from expertaug.models import store
+from typed_jobs import augment, finetune, train
 
 PRIOR = {"omega0": [0.5, 3.5]}
 

@@ -14,10 +14,10 @@ from expertaug.learning.objectives import finite_forecast
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import task_of
-from expertaug.learning.train import train
 from expertaug.learning.trainer import TrainSettings
 from expertaug.models import store
 from expertaug.trajectories import Trajectories
+from typed_jobs import train
 
 
 def run(data, folder, settings):

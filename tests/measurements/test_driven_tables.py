@@ -10,10 +10,10 @@ import expertaug as ea
 from expertaug import systems
 from expertaug.config import load as config
 from expertaug.config import own
-from expertaug.config.presets import resolve
 from expertaug.errors import InputError, InputErrors
-from expertaug.inference import prior_stage
+from expertaug.presets import resolve
 from expertaug.systems.base import Parameter
+from typed_jobs import own_prior
 
 T = np.arange(41) * 0.05
 COLUMNS = {"columns": {"theta": "angle"}, "inputs": {"torque": {"name": "drive", "factor": 0.1}}, "trajectory": "trial"}
@@ -104,7 +104,7 @@ def test_such_sets_are_learned_from_and_find_their_own_prior(truth, tmp_path):
     settings |= {"system": {"name": "driven_pendulum"}, "build": {"kind": "least_squares", "interaction": False}}
     settings |= {"model": {}, "training": {}, "t1_s": 1.0, "start": START, "choices": resolve("corrected")}
     settings |= {"seeds": [0], "windows": ["test"], "budget": 2.0, "noise": {"theta": 0.01}, "refinement": {}}
-    told = prior_stage.own_prior(None, tmp_path, tmp_path / "prior.json", settings)
+    told = own_prior(None, tmp_path, tmp_path / "prior.json", settings)
     assert json.loads((tmp_path / "prior.json").read_text())["ranges"]["omega0"] == list(told.ranges["omega0"])
 
 

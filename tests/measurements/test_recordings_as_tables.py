@@ -12,7 +12,6 @@ import pytest
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.evaluation.evaluate import evaluate
-from expertaug.learning.train import train
 from expertaug.measurements.horizons import cut_measured_horizon
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings
@@ -24,6 +23,7 @@ from expertaug_recordings.chunks.cut import split_chunks
 from expertaug_recordings.chunks.horizons import cut_horizon
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.settings import CutHorizonJob, SplitChunksJob
+from typed_jobs import train
 
 CONFIG = Path(__file__).parents[2] / "config"
 STATE = ["theta1", "theta2", "omega1", "omega2"]

@@ -62,15 +62,15 @@ def forged(path, header):
 
 
 def test_it_holds_times_units_and_solver(tmp_path):
-    write(tmp_path / "m", extra={"forecast_solver": store.forecast_solver({"solver": {"method": "lawson4"}}, PENDULUM)})
+    write(tmp_path / "m", extra={"forecast_solver": store.forecast_solver(Solver("lawson4"), PENDULUM).to_json()})
     stored = store.load(tmp_path / "m")
     assert stored.description["t"][:4] == DESCRIPTION["t"][:4] and stored.seeds == [3, 4]
     assert stored.description["state"] == [["theta", "rad"], ["omega", "rad/s"]]
     assert stored.description["expert_parameters"] == [["omega0", "rad/s"]]
     assert stored.solver == Solver("lawson4")
-    assert store.forecast_solver({}, PENDULUM) == store.ACCURATE
-    assert store.forecast_solver({"solver": {"method": "rk4"}}, PENDULUM) == store.ACCURATE
-    assert store.forecast_solver({"solver": {"method": "dopri8"}}, PENDULUM)["method"] == "dopri8"
+    assert store.forecast_solver(None, PENDULUM) == store.ACCURATE
+    assert store.forecast_solver(Solver("rk4"), PENDULUM) == store.ACCURATE
+    assert store.forecast_solver(Solver("dopri8"), PENDULUM).method == "dopri8"
 
 
 def test_a_flipped_bit_is_found_wherever_it_is(tmp_path):

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TypedDict, Unpack
 
 from expertaug import systems
-from expertaug.api import arrays
 from expertaug.api.arrays import Noise, Ranges
-from expertaug.api.checks import check_sets, fit_settings, seeds_of
+from expertaug.api.checks import check_sets, fit_options, refinement_of, seeds_of
 from expertaug.api.own_ranges import of_expert_alone
 from expertaug.api.trained import TrainedModel
 from expertaug.inference.alternate import prepare
-from expertaug.inference.settings import AlternatingSettings
+from expertaug.inference.settings import AlternateOptions, AlternatingSettings
+from expertaug.learning.settings import UntrainedOptions
 from expertaug.learning.train import expert_alone
 from expertaug.models import describe
 from expertaug.models.kinds import INTERACTION
@@ -81,14 +81,14 @@ def alternate(
     check_sets(recipe, train, validation)
     part = describe.settings_of(INTERACTION, interaction)
     described = {"system": systems.describe(system), "model": {"interaction": part}}
-    settings = {
-        **fit_settings(system, "alternating", label, observed_s, refinement, noise, prior, start),
-        "training": AlternatingSettings.from_mapping(options).model_dump(mode="json"),
-        "seeds": (chosen := seeds_of(seeds)),
-    }
+    fitting, training = refinement_of(system, refinement, noise, prior), AlternatingSettings.from_mapping(options)
+    named = (system, "alternating", label, observed_s, start)
+    chosen = seeds_of(seeds)
     if prior is None:
-        told = {**settings, "training": {}, "refinement": None}
-        alone = expert_alone(system, train, told, {**described, "model": {}})
-        settings["refinement"]["prior"] = of_expert_alone(alone, train, arrays.noise(noise), refinement or {})
+        of_expert = fit_options(UntrainedOptions, *named, fitting, seeds=chosen)
+        alone = expert_alone(system, train, of_expert, {**described, "model": {}})
+        found = of_expert_alone(alone, train, fitting.noise, fitting.settings)
+        fitting = fitting.model_copy(update={"prior": found})
+    settings = fit_options(AlternateOptions, *named, fitting, training=training, seeds=chosen)
     stored = prepare(system, train, validation, settings, described, describe.own_classes(recipe)).run()
     return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.description["refinement"])

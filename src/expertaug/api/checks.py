@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TypeVar
 
 import numpy as np
 
@@ -10,12 +11,15 @@ from expertaug import systems
 from expertaug.api import arrays
 from expertaug.api.arrays import Noise, Ranges
 from expertaug.api.trained import TrainedModel
-from expertaug.config.presets import resolve
 from expertaug.errors import InputError
-from expertaug.inference.settings import RefinementSettings
 from expertaug.models.recipe import HybridModel
+from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.presets import resolve
+from expertaug.settings import Settings
 from expertaug.systems import System
 from expertaug.trajectories import Trajectories
+
+Options = TypeVar("Options", bound=Settings)
 
 
 def seeds_of(given: Iterable[int]) -> list[int]:
@@ -28,40 +32,46 @@ def seeds_of(given: Iterable[int]) -> list[int]:
     return seeds
 
 
-def fit_settings(
+def fit_options(
+    kind: type[Options],
     system: System,
     method: str,
     label: str,
     observed_s: float,
-    refinement: Mapping | None,
-    noise: Noise,
-    prior: Ranges | None,
     start: Ranges | None,
-) -> dict:
-    """Settings of a method whose estimates are least-squares fits of each window, but for its training and seeds.
+    refinement: Refinement,
+    **rest: object,
+) -> Options:
+    """Options of a method whose estimates are least-squares fits of each window; ``rest`` are its training and seeds.
 
-    Arguments as of :func:`expertaug.least_squares`; ``refinement`` are its options; a ``prior`` of
-    None is for the caller to find.
+    Raises:
+        InputError: a range cannot be used.
+    """
+    return kind.of(
+        experiment=systems.describe(system)["name"],
+        method=method,
+        label=label,
+        preset="corrected",
+        choices=resolve("corrected"),
+        t1_s=float(observed_s),
+        start={} if start is None else arrays.ranges(start, start, "start"),
+        refinement=refinement,
+        **rest,
+    )
+
+
+def refinement_of(system: System, options: Mapping | None, noise: Noise, prior: Ranges | None) -> Refinement:
+    """How windows are fitted; a ``prior`` of None is for the caller to find.
 
     Raises:
         InputError: an option or a range cannot be used.
     """
-    return {
-        "experiment": systems.describe(system)["name"],
-        "method": method,
-        "label": label,
-        "preset": "corrected",
-        "choices": resolve("corrected"),
-        "t1_s": float(observed_s),
-        "start": {} if start is None else arrays.ranges(start, start, "start"),
-        "refinement": {
-            "settings": RefinementSettings.from_mapping(refinement).model_dump(mode="json"),
-            "noise": arrays.noise(noise),
-            "prior": None
-            if prior is None
-            else arrays.ranges(prior, [p.name for p in system.expert_parameters], "prior"),
-        },
-    }
+    names = [p.name for p in system.expert_parameters]
+    return Refinement.of(
+        settings=RefinementSettings.from_mapping(options),
+        noise=arrays.noise(noise),
+        prior=None if prior is None else arrays.ranges(prior, names, "prior"),
+    )
 
 
 def check_sets(model: HybridModel | TrainedModel, train: Trajectories, validation: Trajectories) -> None:

@@ -9,12 +9,14 @@ import numpy as np
 from expertaug import systems
 from expertaug.api import arrays
 from expertaug.api.arrays import Array, Noise, Ranges, RefinementOptions
-from expertaug.api.checks import fit_settings
+from expertaug.api.checks import fit_options, refinement_of
 from expertaug.api.own_ranges import BUDGET, found_by, of_expert_alone
 from expertaug.api.trained import TrainedModel
 from expertaug.inference.own_prior import OwnPrior
 from expertaug.inference.validity import Validity, along
+from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.learning.train import expert_alone
+from expertaug.models.settings import RefinementSettings
 from expertaug.systems import System
 from expertaug.trajectories import Trajectories
 
@@ -49,15 +51,16 @@ def least_squares(
         InputError: an argument that cannot be used.
     """
     described = {"system": systems.describe(system), "model": {}, "expert": True, "interaction": False}
-    settings = {
-        **fit_settings(system, "least_squares", label, observed_s, options, noise, prior, start),
-        # Coarse steps of diffusion would shift the estimates by more than any noise does.
-        "training": {"solver": {"method": "lawson4"}} if type(system).linear_flow is not System.linear_flow else {},
-        "seeds": [0],
-    }
+    fitting = refinement_of(system, options, noise, prior)
+    # Coarse steps of diffusion would shift the estimates by more than any noise does.
+    exact = type(system).linear_flow is not System.linear_flow
+    training = SolverOnly.from_mapping({"solver": {"method": "lawson4"}} if exact else {})
+    named = (system, "least_squares", label, observed_s, start)
+    settings = fit_options(UntrainedOptions, *named, fitting, training=training, seeds=[0])
     stored = expert_alone(system, train, settings, described)
     if prior is None:
-        stored.description["refinement"]["prior"] = of_expert_alone(stored, train, arrays.noise(noise), options)
+        found = of_expert_alone(stored, train, fitting.noise, fitting.settings)
+        stored.description["refinement"]["prior"] = {name: list(ends) for name, ends in found.items()}
     model = TrainedModel(stored, single=True, refinement=stored.description["refinement"])
     _ = model.predictor  # says what is wrong with the options
     return model
@@ -96,7 +99,9 @@ def own_prior(
     """
     names = [p.name for p in model.system.expert_parameters]
     first = None if prior is None else arrays.ranges(prior, names, "prior")
-    return found_by(model.stored, train, unlabelled, arrays.noise(noise), first, budget, dict(options), u)
+    return found_by(
+        model.stored, train, unlabelled, arrays.noise(noise), first, budget, RefinementSettings.from_mapping(options), u
+    )
 
 
 def validity(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 
 import numpy as np
 from torch import Tensor
@@ -16,6 +15,7 @@ from expertaug.inference import own_prior as growing
 from expertaug.inference.own_prior import OwnPrior
 from expertaug.inference.prior_stage import SAMPLES
 from expertaug.models.measurement_noise import GivenNoise
+from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import joined
@@ -32,7 +32,7 @@ def found_by(
     noise: GivenNoise,
     first: Ranges | None,
     budget: float,
-    options: Mapping | None,
+    options: RefinementSettings,
     u: Array | None = None,
 ) -> OwnPrior:
     """As :func:`expertaug.own_prior`, of at most 200 windows of each set, evenly spread."""
@@ -66,14 +66,14 @@ def given_or_found(model: TrainedModel, train: Trajectories, prior: Ranges | Non
     if model.stored.description["kind"] == "mean":
         raise InputError("model", "a mean of the training set", "give a model with an expert")
     first = growing.box(model.system)  # beside the model's own estimates, which may be wrong
-    found = found_by(model.stored, train, None, noise, first, BUDGET, None)  # type: ignore[arg-type]
+    found = found_by(model.stored, train, None, noise, first, BUDGET, RefinementSettings())  # type: ignore[arg-type]
     logger.info("p⁺: %s", found.says)
-    return {name: list(ends) for name, ends in found.ranges.items()}
+    return dict(found.ranges)
 
 
-def of_expert_alone(stored: StoredModel, train: Trajectories, noise: GivenNoise, options: Mapping) -> dict:
+def of_expert_alone(stored: StoredModel, train: Trajectories, noise: GivenNoise, options: RefinementSettings) -> dict:
     """The same before anything is trained, by fits of the expert alone."""
     first, how = growing.box(stored.model.system), growing.searching(options)
     found = found_by(stored, train, None, noise, first, BUDGET, how)  # type: ignore[arg-type]
     logger.info("p⁺: %s", found.says)
-    return {name: list(ends) for name, ends in found.ranges.items()}
+    return dict(found.ranges)

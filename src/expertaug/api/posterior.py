@@ -19,6 +19,7 @@ from expertaug.inference import flow_training
 from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.posterior_draws import Drawn
 from expertaug.inference.predictive import predictive as of_windows
+from expertaug.inference.settings import FlowJob, FlowSettings
 from expertaug.learning.bound import stored_bound
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -94,15 +95,17 @@ def fit_posterior(
     """
     description = model.stored.description
     label = label or f"{model.label}+ flow"
-    settings = {
-        **{key: description[key] for key in ("experiment", "preset", "choices")},
-        "method": label,
-        "label": label,
-        "flow": dict(options),
-        "prior": given_or_found(model, train, prior, arrays.noise(noise)),
-        "noise": arrays.noise(noise),
-        "device": model._device.type,
-    }
+    settings = FlowJob.of(
+        experiment=description["experiment"],
+        method=label,
+        label=label,
+        preset=description["preset"],
+        choices=description["choices"],
+        seeds=model.seeds,
+        flow=FlowSettings.from_mapping(options),
+        prior=given_or_found(model, train, prior, arrays.noise(noise)),
+        noise=arrays.noise(noise),
+    )
     with arrays.one_thread():
         found = run_training(flow_training.prepare(model.stored, train, settings, "model", validation))
     return TrainedModel(found.stored, found.history, model.single)

@@ -20,11 +20,11 @@ from expertaug.api.trust import judged
 from expertaug.errors import InputError
 from expertaug.evaluation.score import score, spread
 from expertaug.inference.least_squares import estimator_of
-from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.misfit import misfit_of, recorded
 from expertaug.models import seeds as seed_selection
 from expertaug.models import store
 from expertaug.models.prediction import Predictor
+from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import joined, states_of

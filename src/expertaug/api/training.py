@@ -14,7 +14,6 @@ from expertaug.api.arrays import Noise, Ranges
 from expertaug.api.checks import check_sets, check_trained, seeds_of
 from expertaug.api.own_ranges import given_or_found
 from expertaug.api.trained import TrainedModel
-from expertaug.config.presets import resolve
 from expertaug.errors import InputError
 from expertaug.learning import augment as augment_stage
 from expertaug.learning import finetune as finetune_stage
@@ -24,8 +23,10 @@ from expertaug.learning.fitting import Record, Training
 from expertaug.learning.kinds import OBJECTIVE
 from expertaug.learning.objectives import Aphynity, Objective
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.settings import FinetuneJob, TrainOptions, TrainSettings
 from expertaug.models import describe
 from expertaug.models.recipe import HybridModel
+from expertaug.presets import Choices, resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -123,7 +124,7 @@ def fit(
             where the system has events) where the training's is a coarse one.
         horizon_s: end of the loss window in s; default: that of the observed window.
         preset, choices: which of the paper's ambiguities are read how, and single rows of that table
-            (:mod:`expertaug.config.presets`).
+            (:mod:`expertaug.presets`).
         label: name of the method in tables and figures; default: the objective's.
         device: auto, cpu or cuda.
         options: see :class:`TrainingOptions`.
@@ -144,28 +145,27 @@ def fit(
     names = [p.name for p in model.system.expert_parameters]
     loss = describe.settings_of(OBJECTIVE, objective)
     described = describe.describe(model)
-    training = {**options, "objective": {k: v for k, v in loss.items() if k != "kind"}}
-    training |= {} if solver is None else {"solver": dict(vars(solver))}
-    training |= {} if horizon_s is None else {"horizon_s": float(horizon_s)}
+    further: dict[str, object] = {"objective": {k: v for k, v in loss.items() if k != "kind"}}
+    further |= {} if solver is None else {"solver": solver}
+    further |= {} if horizon_s is None else {"horizon_s": float(horizon_s)}
     label = label or getattr(getattr(objective, "func", objective), "__name__", str(loss["kind"]))
-    settings = {
-        "experiment": described["system"]["name"],
-        "method": label,
-        "label": label,
-        "preset": preset,
-        "objective": loss["kind"],
-        "training": training,
-        "t1_s": float(observed_s),
-        "choices": chosen,
-        "seeds": seeds_of(seeds),
-        "device": device,
-        **({} if start is None else {"start": arrays.ranges(start, start, "start")}),
+    how = TrainOptions.of(
+        experiment=described["system"]["name"],
+        method=label,
+        label=label,
+        preset=preset,
+        training=TrainSettings.from_mapping({**options, **further}),
+        t1_s=float(observed_s),
+        start={} if start is None else arrays.ranges(start, start, "start"),
+        choices=chosen,
+        seeds=seeds_of(seeds),
+        device=device,
         **({} if prior is None else {"prior": arrays.ranges(prior, names, "prior")}),
-        **({} if forecast_solver is None else {"forecast_solver": dict(vars(forecast_solver))}),
-    }
+    )
     classes = describe.own_classes(model) | describe.class_of(OBJECTIVE, objective)
     with arrays.one_thread():
-        return run_training(train_stage.prepare(model, train, validation, settings, described, classes))
+        made = train_stage.prepare(model, train, validation, how, described, loss["kind"], classes, forecast_solver)
+        return run_training(made)
 
 
 def augment(
@@ -195,15 +195,10 @@ def augment(
         SolveError: samples are not finite for any z_e drawn.
     """
     check_trained(model, train, validation)
-    settings = {
-        "prior": given_or_found(model, train, prior, arrays.noise(noise)),
-        "noise": arrays.noise(noise),
-        "worst": float(worst),
-        "choices": _choices(model, preset, choices)[1],
-        "device": model._device.type,
-    }
+    ranges = given_or_found(model, train, prior, arrays.noise(noise))
+    rows = _choices(model, preset, choices)[1]
     with arrays.one_thread():
-        drawn = augment_stage.draw(model.stored, train, validation, settings)
+        drawn = augment_stage.draw(model.stored, train, validation, ranges, arrays.noise(noise), rows, float(worst))
     return AugmentedSets(model.t[: len(drawn.train.y)], drawn)
 
 
@@ -249,19 +244,19 @@ def finetune(
         raise InputError("augmented", f"holds seeds {augmented.seeds}", f"the model's are {model.seeds}: augment it")
     name, chosen = _choices(model, preset, choices)
     label = label or (f"{model.label} (control)" if control else f"{model.label}+")
-    settings = {
-        "experiment": model.stored.description["experiment"],
-        "method": label,
-        "label": label,
-        "preset": name,
-        "training": dict(options),
-        "choices": chosen,
-        "device": model._device.type,
+    how = FinetuneJob.of(
+        experiment=model.stored.description["experiment"],
+        method=label,
+        label=label,
+        preset=name,
+        training=TrainSettings.from_mapping(options),
+        choices=chosen,
+        seeds=model.seeds,
         **({"prior": given_or_found(model, train, prior, arrays.noise(noise))} if control else {}),
-    }
+    )
     drawn = None if augmented is None else augmented.drawn
     with arrays.one_thread():
-        tuned = run_training(finetune_stage.prepare(model.stored, drawn, train, validation, settings))
+        tuned = run_training(finetune_stage.prepare(model.stored, drawn, train, validation, how))
     return TrainedModel(tuned.stored, tuned.history, model.single)
 
 
@@ -277,7 +272,7 @@ def run_training(training: Training) -> TrainedModel:
     return TrainedModel(stored, pd.DataFrame(rows, columns=["step", "seed", "metric", "value"]))
 
 
-def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -> tuple[str, dict]:
+def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -> tuple[str, Choices]:
     """Preset and all its rows, by default those of the model's training."""
     description = model.stored.description
     own = {} if preset else description["choices"]

@@ -10,10 +10,13 @@ from expertaug.commands.options import (
     add_paths,
     add_prior,
     add_tracking,
+    job_of,
     read_settings,
     settings_of,
     tracking_of,
 )
+from expertaug.inference.settings import AlternateJob, FirstPriorJob, FlowJob, OwnPriorJob
+from expertaug.learning.settings import AugmentJob, FinetuneJob, train_job_kind
 
 
 def add_to(commands: Commands) -> None:
@@ -79,36 +82,43 @@ def _simulate(a: argparse.Namespace) -> None:
 
 
 def _train(a: argparse.Namespace) -> None:
+    settings = settings_of(a)
+    settings = job_of(train_job_kind(settings), settings)
     from expertaug.learning.train import train
 
-    train(a.data, a.output, a.work, settings_of(a), tracking_of(a), a.calibration)
+    train(a.data, a.output, a.work, settings, tracking_of(a), a.calibration)
 
 
 def _alternate(a: argparse.Namespace) -> None:
+    settings = job_of(AlternateJob, settings_of(a))
     from expertaug.inference.alternate import alternate
 
-    alternate(a.data, a.output, a.work, settings_of(a), tracking_of(a), a.calibration)
+    alternate(a.data, a.output, a.work, settings, tracking_of(a), a.calibration)
 
 
 def _own_prior(a: argparse.Namespace) -> None:
+    settings = job_of(FirstPriorJob if a.model is None else OwnPriorJob, read_settings(a.settings))
     from expertaug.inference.prior_stage import own_prior
 
-    print(own_prior(a.model, a.data, a.output, read_settings(a.settings), a.calibration).says)
+    print(own_prior(a.model, a.data, a.output, settings, a.calibration).says)
 
 
 def _augment(a: argparse.Namespace) -> None:
+    settings = job_of(AugmentJob, settings_of(a))
     from expertaug.learning.augment import augment
 
-    augment(a.model, a.data, a.output, settings_of(a))
+    augment(a.model, a.data, a.output, settings)
 
 
 def _finetune(a: argparse.Namespace) -> None:
+    settings = job_of(FinetuneJob, settings_of(a))
     from expertaug.learning.finetune import finetune
 
-    finetune(a.model, a.augmented, a.data, a.output, a.work, settings_of(a), tracking_of(a))
+    finetune(a.model, a.augmented, a.data, a.output, a.work, settings, tracking_of(a))
 
 
 def _flow(a: argparse.Namespace) -> None:
+    settings = job_of(FlowJob, settings_of(a))
     from expertaug.inference.flow_training import flow
 
-    flow(a.model, a.data, a.output, a.work, settings_of(a), tracking_of(a))
+    flow(a.model, a.data, a.output, a.work, settings, tracking_of(a))

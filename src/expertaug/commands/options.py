@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from expertaug.commands.prior_file import read_ranges, with_ranges
-from expertaug.errors import InputError, SolveError
+from expertaug.errors import InputError, InputErrors, SolveError
+from expertaug.settings import Settings, check
+
+Job = TypeVar("Job", bound=Settings)
 
 if TYPE_CHECKING:
     from expertaug.tracking.settings import Tracking
@@ -76,6 +79,17 @@ def add_prior(parser: argparse.ArgumentParser) -> None:
 def settings_of(a: argparse.Namespace) -> dict:
     """A stage's settings, with the ranges of ``--prior`` where p⁺ finds its own."""
     return with_ranges(read_settings(a.settings), None if a.prior is None else read_ranges(a.prior))
+
+
+def job_of(kind: type[Job], settings: Mapping[str, object]) -> Job:
+    """A stage's settings as what its function takes.
+
+    Raises:
+        InputErrors: everything that is wrong.
+    """
+    if errors := check(kind, settings, kind.WHERE):
+        raise InputErrors(errors)
+    return kind.from_mapping(settings)
 
 
 def read_settings(text: str) -> dict:

@@ -7,13 +7,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from expertaug.measurements.settings import MeasurementSettings
-from expertaug.settings import KEYS, LEFT_OUT, ONE, Name, NotNegative, Positive, Range, Settings, by_shape, key
+from expertaug.settings import LEFT_OUT, Name, Noise, Positive, Range, Settings, key
 from expertaug.systems.settings import SimulatedSet
 from expertaug_recordings.settings import CalibrationKeys, ChunkKeys
-
-Noise = Annotated[
-    Annotated[NotNegative | Literal["estimated"], ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape
-]
 
 
 class Data(Settings):

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from expertaug.config import checks, presets, project, recording_checks
+from expertaug import presets
+from expertaug.config import checks, project, recording_checks
 from expertaug.config.layers import layers, merge, plain
 from expertaug.config.models import Common, Configuration, Experiment
 from expertaug.config.names import unknown
@@ -157,7 +158,7 @@ def _experiment(name: str, one: dict, complete: Mapping) -> tuple[dict, list[Inp
         except InputError as error:
             return filled, [error]
         filled["data"]["split"] = chunks.model_dump(mode="json", exclude={"single"})
-    filled["choices"] = presets.resolve(complete["preset"], filled["choices"])
+    filled["choices"] = presets.resolve(complete["preset"], filled["choices"]).model_dump()
     return filled, list(checks.experiment(where, filled, complete))
 
 

@@ -10,11 +10,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, field_serializer
 
-from expertaug.config import presets
+from expertaug import presets
 from expertaug.config.data_models import Data
 from expertaug.config.study_models import SomeNames, Studies
-from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings, ValiditySettings
-from expertaug.learning.settings import TrainSettings
+from expertaug.inference.settings import AlternatingSettings, FlowSettings, ValiditySettings
+from expertaug.learning.settings import MethodKeys, TrainSettings
+from expertaug.models.settings import RefinementSettings
 from expertaug.settings import (
     LEFT_OUT,
     Count,
@@ -50,30 +51,12 @@ class TrackingKeys(Settings):
     experiment: str = key("expertaug", "name of the MLflow experiment")
 
 
-class Method(Settings):
+class Method(MethodKeys):
     """A way of building and training a model."""
 
     RENAMED: ClassVar = {"system": "say it in the experiment: overrides: {METHOD: {system: …}}"}
 
-    kind: Literal["hybrid", "alternating", "least_squares", "mean"] = key(
-        ...,
-        "hybrid = an encoder, an expert and an interaction model; alternating = an expert and an interaction model, "
-        "learned from fits to each window, without an encoder; least_squares = the expert alone, fitted to each "
-        "window, without a network; mean = forecasts the mean of the training set",
-    )
     label: str = key(..., "name printed in tables and figures; augmented versions get a +", min_length=1)
-    expert: bool = key(LEFT_OUT, "false removes the expert model")
-    interaction: bool = key(LEFT_OUT, "false removes the interaction model")
-    truth: bool = key(
-        LEFT_OUT,
-        "for kind least_squares: true uses the equation that generated the simulated data, which gives a floor for "
-        "methods that learn it",
-    )
-    objective: str = key(LEFT_OUT, "name of the objective, or package.module:Class; left out = aphynity")
-    known_form: bool = key(
-        LEFT_OUT,
-        "true = the F_a of this method has the form of the hidden term; tables and figures show it after the others",
-    )
 
 
 class Model(Settings):
@@ -181,7 +164,7 @@ class Experiment(Settings):
         LEFT_OUT, "seeds of this experiment's training runs; left out = those of the top level"
     )
     choices: Annotated[dict[str, str], AfterValidator(_choices)] = key(
-        dict, "rows of the preset's table (expertaug/config/presets.py) in which this experiment differs"
+        dict, "rows of the preset's table (expertaug/presets.py) in which this experiment differs"
     )
     presets: Presets = key(LEFT_OUT, "keys that this experiment overrides under a preset")
     overrides: dict[str, Override] = key(dict, "keys that differ for one method of this experiment")
@@ -251,7 +234,7 @@ class Common(Settings):
 
     preset: Literal["paper", "code", "corrected"] = key(
         "corrected",
-        "which choices to take where the paper and the authors' code disagree (expertaug/config/presets.py lists them)",
+        "which choices to take where the paper and the authors' code disagree (expertaug/presets.py lists them)",
     )
     results: str = key("results", "folder for everything that is generated", pattern=PATTERNS["folder"])
     overwrite: bool = key(

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from expertaug.config import jobs, stage_settings
-from expertaug.config.methods import experiment_of, foreign, objective_of
+from expertaug.config.methods import experiment_of, foreign
 from expertaug.errors import InputError, InputErrors, SolveError
+from expertaug.learning.settings import TrainJob, TrainOptions, train_job
 
 if TYPE_CHECKING:
     from expertaug.systems import System
@@ -149,30 +150,30 @@ class _Experiment:
         from expertaug.models import describe
 
         group, seeds = next(iter(jobs.seed_groups(self.config, self.name).items()))
-        settings = stage_settings.train(self.config, self.name, method, group)
+        settings = train_job(stage_settings.train(self.config, self.name, method, group))
         calibrated = self.config["experiments"][self.name]["data"]["calibrate"]
         described = described_by(settings, _stand_in() if calibrated else None)
         system = self._system(described["system"])
-        build = settings["build"]
-        if system is None or build["kind"] != "hybrid":
+        if system is None or not isinstance(settings, TrainJob):
             return system is not None
-        training = _for_two_seeds(settings["training"], len(seeds))
+        objective = settings.build.objective_kind
+        options = _for_two_seeds(settings, len(seeds))
         where = f"experiments.{self.name}, {method}"
 
         def parts() -> bool | None:
-            recipe, kind = describe.recipe_of(system, described), kinds.objective_of(objective_of(build))
+            recipe, kind = describe.recipe_of(system, described), kinds.objective_of(objective)
             named = [recipe.encoder, recipe.interaction if described["interaction"] else None]
             at = self._where(method, *filter(None, map(_class_of, ("encoder", "interaction"), named)), kind)
             return self._try(at, lambda: tried(recipe, kind, at))
 
         def tried(recipe: Any, kind: Any, at: str) -> bool:
             task, y = self._task(settings, data)
-            check_parts(recipe, task, lambda s: make_objective(kind, s, settings | {"training": training}), y, at)
+            check_parts(recipe, task, lambda s: make_objective(kind, s, options), y, at)
             return True
 
         return bool(self._try(where, parts))
 
-    def _task(self, settings: Mapping, data: Trajectories | None) -> tuple:
+    def _task(self, settings: TrainOptions, data: Trajectories | None) -> tuple:
         """The task of a training, and samples (T, N, *observed) where the data are simulated."""
         import torch
 
@@ -182,13 +183,13 @@ class _Experiment:
         from expertaug.systems.inputs import joined
 
         t = [float(v) for v in data.t] if data is not None else self._times()
-        description = {"t": t, "observed": observed_points(t, settings)}
+        description = {"t": t, "observed": observed_points(t, settings.t1_s, settings.choices)}
         y = None
         if data is not None:
             u = None if data.u is None else torch.from_numpy(data.u).movedim(0, 1)
             y = joined(torch.from_numpy(data.y).float().movedim(0, 1), u)
             description["bound"] = bound_of(data.y)
-        return task_of(settings["training"], description, torch.device("cpu")), y
+        return task_of(settings.training.to_json(), description, torch.device("cpu")), y
 
     def _times(self) -> list[float]:
         """Times of a chunk of a recording, or about those of one of measurements, in s."""
@@ -236,12 +237,13 @@ def _file(cls: type) -> str:
         return cls.__module__
 
 
-def _for_two_seeds(training: Mapping, seeds: int) -> dict:
+def _for_two_seeds(settings: TrainJob, seeds: int) -> TrainJob:
     """A training of two seeds like one of ``seeds`` of them."""
-    options = dict(training.get("objective", {}))
+    options = dict(settings.training.objective or {})
     if isinstance(options.get(PER_SEED), list | tuple) and len(options[PER_SEED]) == seeds:
         options[PER_SEED] = [*options[PER_SEED], *options[PER_SEED]][:2]
-    return {**training, "objective": options}
+    training = settings.training.model_copy(update={"objective": options})
+    return settings.model_copy(update={"training": training})
 
 
 def _stand_in() -> dict[str, float]:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from expertaug.config import presets
+from expertaug import presets
 from expertaug.config.models import Configuration
 from expertaug.files import write_text
 from expertaug.learning.settings import OBJECTIVES

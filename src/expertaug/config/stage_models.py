@@ -10,17 +10,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
-from expertaug.config.data_models import Noise
 from expertaug.config.models import Evaluation
 from expertaug.errors import InputErrors
-from expertaug.inference.settings import AlternatingSettings, FlowSettings, RefinementSettings
-from expertaug.learning.settings import TrainSettings
-from expertaug.settings import LEFT_OUT, NotNegative, Positive, Range, Seed, Settings, check, key
+from expertaug.learning.settings import AugmentJob, FinetuneJob
+from expertaug.models.settings import Refinement
+from expertaug.settings import LEFT_OUT, Noise, NotNegative, Range, Seeds, Settings, check, key
 from expertaug.systems.settings import SimulateJob
 from expertaug.tracking.settings import InitTrackingJob
 
 WHERE = "--settings"
-Seeds = Annotated[list[Seed], Field(min_length=1)]
 Labels = list[Annotated[list[str], Field(min_length=2, max_length=2)]]
 
 
@@ -47,61 +45,6 @@ class Labelled(OfSeeds):
     preset: str = key(..., "name of the preset")
 
 
-class Train(Labelled):
-    """A training."""
-
-    system: dict[str, Any] = key(..., "name and arguments of the system")
-    build: dict[str, Any] = key(..., "how the method is built")
-    model: dict[str, Any] = key(..., "encoder and interaction")
-    training: TrainSettings = key(..., "how it is trained")
-    t1_s: Positive = key(..., "end of the observed window", "s")
-
-
-class Refinement(Settings):
-    """Least squares on each window."""
-
-    settings: RefinementSettings = key(..., "how to fit")
-    noise: Noise = key(..., "standard deviation of the data's noise")
-    prior: dict[str, Range] | Literal["own"] | None = key(
-        ..., "range of each expert parameter in which the fits start; null = none, own = --prior has it"
-    )
-
-
-class Untrained(Train):
-    """The training of a method that has none (kinds mean and least_squares)."""
-
-    training: dict[str, Any] = key(..., "empty")  # type: ignore[assignment]
-    refinement: Refinement = key(LEFT_OUT, "of kind least_squares")
-
-
-class Alternating(Train):
-    """The training of a method of kind alternating."""
-
-    training: AlternatingSettings = key(..., "how it is trained")  # type: ignore[assignment]
-    refinement: Refinement = key(..., "how windows are fitted")
-
-
-class Augment(OfSeeds):
-    """An augmentation."""
-
-    prior: dict[str, Range] | Literal["own"] = key(..., "p⁺; own = --prior has it")
-    noise: Noise = key(..., "standard deviation of the noise of augmented samples")
-
-
-class Finetune(Labelled):
-    """A fine-tuning."""
-
-    training: TrainSettings = key(..., "how it is fine-tuned")
-
-
-class Flow(Labelled):
-    """The training of a flow."""
-
-    flow: FlowSettings = key(..., "how it is trained and used")
-    prior: dict[str, Range] | Literal["own"] = key(..., "p⁺; own = --prior has it")
-    noise: Noise = key(..., "standard deviation of the noise of the data")
-
-
 class Evaluate(Labelled):
     """An evaluation."""
 
@@ -115,8 +58,8 @@ class Evaluate(Labelled):
 class Follow(Labelled):
     """A study during training."""
 
-    augment: Augment = key(..., "settings of augment")
-    finetune: Finetune = key(..., "settings of finetune")
+    augment: AugmentJob = key(..., "settings of augment")
+    finetune: FinetuneJob = key(..., "settings of finetune")
     finetune_epochs: list[int] = key(..., "lengths of the fine-tunings")
     evaluation: dict[str, Any] = key(..., "what is computed")
 
@@ -177,11 +120,6 @@ class Overview(StageSettings):
 STAGES: Mapping[str, type[Settings]] = {
     "init-tracking": InitTrackingJob,
     "simulate": SimulateJob,
-    "train": Train,
-    "alternate": Alternating,
-    "augment": Augment,
-    "finetune": Finetune,
-    "flow": Flow,
     "evaluate": Evaluate,
     "during-training": Follow,
     "tabulate": Tabulate,
@@ -199,9 +137,6 @@ def require(stage: str, settings: Mapping[str, object]) -> None:
         InputErrors: everything that is missing or cannot be used.
     """
     kind = STAGES.get(stage)
-    build = settings.get("build")
-    if kind is Train and isinstance(build, Mapping) and build.get("kind") != "hybrid":
-        kind = Untrained
     errors = check(kind, settings, WHERE) if kind is not None else []
     if errors:
         raise InputErrors(errors)

@@ -79,7 +79,7 @@ __all__ = [
     "windows",
 ]
 
-# Rows of the preset's table (expertaug.config.presets) that each stage of learning obeys.
+# Rows of the preset's table (expertaug.presets) that each stage of learning obeys.
 _TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection", "hvae_z_e")
 CHOICES = {
     "train": (*_TRAINING, "observed_points"),

@@ -12,6 +12,7 @@ from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
 from expertaug.learning.checkpoint import locked
 from expertaug.learning.during_training import BASE, stages
+from expertaug.learning.settings import AugmentJob, FinetuneJob
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.tracking.log import Run
@@ -39,6 +40,9 @@ def during_training(
             has the metrics with the passes of training as step.
     """
     device = device_of(settings["device"])
+    drawing = AugmentJob.from_mapping(settings["augment"], "--settings.augment")
+    tuning = FinetuneJob.from_mapping(settings["finetune"], "--settings.finetune")
+    lengths = settings["finetune_epochs"]
     options = settings["evaluation"]
     sets = {name: Trajectories.load(Path(data) / f"{name}.npz") for name in MAIN_SETS}
     sets = {name: spread(found, options.get("max_samples")) for name, found in sets.items()}
@@ -55,7 +59,7 @@ def during_training(
     ):
         for name in MAIN_SETS:
             log.dataset(name, Path(data) / f"{name}.npz")
-        for epoch, finetuned, stored in stages(snapshots, data, work, settings, device):
+        for epoch, finetuned, stored in stages(snapshots, data, work, drawing, tuning, lengths, device):
             place = {"epoch": epoch, "finetune_epochs": finetuned}
             for name, truth in sets.items():
                 scored = score(stored, truth, options, settings["choices"]["forecast_start"], device)

@@ -16,7 +16,7 @@ from expertaug.errors import InputError
 from expertaug.inference.alternation import Alternation
 from expertaug.inference.latent import Latent
 from expertaug.inference.least_squares import estimator_of
-from expertaug.inference.settings import AlternatingSettings, RefinementSettings
+from expertaug.inference.settings import AlternateJob, AlternateOptions
 from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning import job
@@ -29,6 +29,8 @@ from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of, fill
 from expertaug.models.measurement_noise import is_some, noise_of
+from expertaug.models.settings import RefinementSettings
+from expertaug.settings import given_ranges
 from expertaug.systems import System
 from expertaug.systems.inputs import check_given, check_trainable
 from expertaug.tracking.settings import Tracking
@@ -39,12 +41,16 @@ STEPS = 10  # of Levenberg and Marquardt, at most, where windows are started ane
 
 
 def alternate(
-    data: Path, output: Path, work: Path, settings: Mapping, tracking: Tracking | None, calibration: Path | None = None
+    data: Path,
+    output: Path,
+    work: Path,
+    settings: AlternateJob,
+    tracking: Tracking | None,
+    calibration: Path | None = None,
 ) -> None:
     """Stage: train a method of kind alternating on ``data/train.npz`` and select on ``data/validation.npz``.
 
-    Arguments and errors are those of :func:`expertaug.learning.train.train`, ``settings`` {system, build, model} and
-    those of :func:`prepare`.
+    Arguments and errors are those of :func:`expertaug.learning.train.train`.
     """
     inputs = inputs_of(data)
     system, described, *sets = taken_in(inputs, settings, calibration)
@@ -100,7 +106,7 @@ def prepare(
     system: System,
     train: Trajectories,
     validation: Trajectories,
-    settings: Mapping,
+    options: AlternateOptions,
     described: Mapping,
     classes: Mapping[str, Callable] | None = None,
 ) -> AlternatingTraining:
@@ -108,8 +114,7 @@ def prepare(
 
     Arguments:
         train, validation: sets of the same times.
-        settings: {experiment, method, label, preset, training, refinement, t1_s, choices, seeds}; ``training`` is an
-            :class:`AlternatingSettings`, ``refinement`` {settings, noise, prior} says how windows are fitted.
+        options: how to train, and how windows are fitted.
         described: what a file says of system and model (:func:`expertaug.learning.train.described_by`).
         classes: see :class:`StoredModel`.
 
@@ -121,25 +126,23 @@ def prepare(
     if "interaction" not in described["model"]:
         raise InputError("model.interaction", "missing", "the training is of an interaction model")
     check_trainable(system)
-    options, seeds = AlternatingSettings.from_mapping(settings["training"]), list(settings["seeds"])
+    training, seeds = options.training, options.seeds
     model = {"interaction": described["model"]["interaction"]}
     description = {
         "kind": "alternating",
-        **of_data(train, system, settings),
+        **of_data(train, system, options),
         **described,
         "model": model,
         "stage": "train",
     }
-    description |= {"expert": True, "interaction": True, "latent_size": options.latent}
-    description |= {"refinement": settings["refinement"]}
-    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(
-        settings["training"], system
-    )
+    description |= {"expert": True, "interaction": True, "latent_size": training.latent}
+    description |= {"refinement": options.refinement.to_json()}
+    description["forecast_solver"] = store.forecast_solver(training.solver, system).to_json()
     decoder = describe.decoder_of(system, description, classes)
     device, ranges = torch.device("cpu"), description.get("start")
-    task = task_of(settings["training"], description, device)
-    train_set = StackedSet.of(train, device).subset(options.train_samples)
-    validation_set = StackedSet.of(validation, device).subset(options.validation_samples)
+    task = task_of(description["training"], description, device)
+    train_set = StackedSet.of(train, device).subset(training.train_samples)
+    validation_set = StackedSet.of(validation, device).subset(training.validation_samples)
     for name, part in (("training set", train_set), ("validation set", validation_set)):
         check_given(system, part.u, name)
     seen_y = train_set.y[: description["observed"], 0]
@@ -147,19 +150,16 @@ def prepare(
         seen_y = fill(seen_y, torch.tensor(description["t"][: len(seen_y)]), ends_of(ranges)[0].to(seen_y))
     decoder.fit(seen_y)
     given = {"steps": STEPS, "latent_width": WIDTH}
-    how = settings["refinement"]
-    refinement = RefinementSettings.from_mapping(how["settings"])
-    noise = noise_of(how["noise"], system, description)
+    refinement, prior = options.refinement.settings, given_ranges(options.refinement.prior)
+    noise = noise_of(options.refinement.noise, system, description)
     whole = RefinementSettings.from_mapping({"starts": refinement.starts, "tries": refinement.tries, **given})
     free = refinement.free_start if "free_start" in refinement.model_fields_set else is_some(noise)
     t = torch.tensor(description["t"], dtype=torch.float64)
     assumed = assumed_noise(refinement, noise, description["bound"])
 
     def fit(decoder: Decoder, times: Tensor, settings: RefinementSettings, size: int) -> WindowFit:
-        mean, std = (f(size, options.latent, dtype=torch.float64) for f in (torch.zeros, torch.ones))
-        return WindowFit(
-            decoder, times, settings, assumed, bool(free), how["prior"], Latent(mean, std), task.solver, ranges
-        )
+        mean, std = (f(size, training.latent, dtype=torch.float64) for f in (torch.zeros, torch.ones))
+        return WindowFit(decoder, times, settings, assumed, bool(free), prior, Latent(mean, std), task.solver, ranges)
 
     used, seen = t[: task.horizon], t[: description["observed"]]
     fits = (
@@ -169,5 +169,5 @@ def prepare(
     )
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
     sets = train_set.windows(task.horizon), validation_set.windows(len(t))
-    trainer = Alternation(*fits, *sets, task, seeds, options, name)
+    trainer = Alternation(*fits, *sets, task, seeds, training, name)
     return AlternatingTraining(trainer, description, validation_set.windows(len(seen)), classes or {})

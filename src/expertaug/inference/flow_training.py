@@ -15,7 +15,7 @@ from expertaug.inference import store
 from expertaug.inference.draws import HELD_OUT, Draws, Pool, Simulator
 from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.own_draws import latents_of
-from expertaug.inference.settings import FlowSettings
+from expertaug.inference.settings import FlowJob, FlowSettings
 from expertaug.learning import job
 from expertaug.learning.augmentation import ranges_of
 from expertaug.learning.bound import Stopping
@@ -27,16 +27,20 @@ from expertaug.learning.trainer import Trainer
 from expertaug.models.device import device_of
 from expertaug.models.measurement_noise import noise_of
 from expertaug.models.store import StoredModel, forecast_solver
+from expertaug.presets import Choices
+from expertaug.settings import given_ranges
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
+from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
 
-IDENTITY = ("experiment", "method", "label", "preset", "choices")
+# Of the settings, what a model file says.
+KEPT = ("experiment", "method", "label", "preset", "choices", "flow")
 
 
-def flow(model: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Tracking | None) -> None:
+def flow(model: Path, data: Path, output: Path, work: Path, settings: FlowJob, tracking: Tracking | None) -> None:
     """Stage: learn the posterior of a trained model from its own draws; the model stays as it is.
 
     Arguments:
@@ -44,21 +48,21 @@ def flow(model: Path, data: Path, output: Path, work: Path, settings: Mapping, t
         data: folder of the sets; the observed windows of ``train.npz`` and ``validation.npz`` are used.
         output: model file.
         work: folder for checkpoints.
-        settings: those of :func:`prepare`; ``classes``, names of the model's classes from elsewhere.
+        settings: of the job.
         tracking: see :class:`expertaug.tracking.run_log.RunLog`.
     """
-    stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
+    stored = store.load(model, device_of(settings.device), settings.classes or ())
     sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
     train, validation = map(Trajectories.load, sets)
     training = prepare(stored, train, settings, model, validation)
     inputs = [Path(model), *sets]
-    job.run(training, output, work, inputs, {**settings, "seeds": stored.seeds}, tracking, __name__)
+    job.run(training, output, work, inputs, settings.model_copy(update={"seeds": stored.seeds}), tracking, __name__)
 
 
 def prepare(
     stored: StoredModel,
     train: Trajectories,
-    settings: Mapping,
+    settings: FlowJob,
     where: object = "flow",
     validation: Trajectories | None = None,
 ) -> Training:
@@ -67,8 +71,7 @@ def prepare(
     Arguments:
         stored: a trained hybrid model, or one of kind alternating, whose fits the flow then amortises.
         train: the set that it was trained on.
-        settings: {experiment, method, label, preset, flow, prior, noise, choices, device}; ``noise`` is the standard
-            deviation of the data's noise.
+        settings: how to train, and what to call it.
         where: for messages.
         validation: whose misfits are kept for alarms; None: none are.
 
@@ -76,33 +79,32 @@ def prepare(
         InputError: the model is no hybrid one, the prior does not name its expert parameters, or draws are to begin
             anywhere and the system does not say where that is.
     """
-    base, device = dict(stored.description), device_of(settings["device"])
+    base, device, prior = dict(stored.description), stored.device, given_ranges(settings.prior)
     if base["kind"] not in ("hybrid", "alternating"):
         raise InputError(where, f"a {base['kind']} model", "a flow learns from a trained hybrid model")
-    options, choices, seeds = FlowSettings.from_mapping(settings["flow"]), settings["choices"], stored.seeds
+    options, choices, seeds = settings.flow, settings.choices, stored.seeds
     kind = type(stored.model.system)
     if options.resample_x and kind.resample_known is System.resample_known:
         found = f"{kind.__name__} does not say where first points may lie"
         raise InputError("flow.resample_x", found, "leave it out, or give the system a resample_known of its own")
     description = {k: v for k, v in base.items() if k not in ("misfit", "refinement")}  # of the base's own estimates
-    description |= {k: settings[k] for k in IDENTITY}
+    description |= settings.model_dump(mode="json", include=set(KEPT))
     description |= {
         "kind": store.FLOW,
         "stage": "flow",
-        "flow": options.model_dump(mode="json"),
-        "prior": settings["prior"],
+        "prior": {name: list(ends) for name, ends in prior.items()},
         "noise": 0.0,
         "base": base,
         "base_wall_s": base["wall_s"],
     }
     windows, system = StackedSet.of(train, device).windows(base["observed"]), stored.model.system
-    if choices["augmentation_noise"] == "as_data":
-        description["noise"] = noise_of(settings["noise"], system, base)
+    if choices.augmentation_noise == "as_data":
+        description["noise"] = noise_of(settings.noise, system, base)
     states, known = states_of(system, windows), inputs_of(system, windows)
-    latents = latents_of(stored.model, base, windows, choices["augmented_z_a"])
+    latents = latents_of(stored.model, base, windows, choices.augmented_z_a)
     estimator = flows.build(stored.model, description, latents).to(device)
     estimator.head.context.fit(windows[:, 0])
-    low, high = ranges_of(stored.model.system, settings["prior"])
+    low, high = ranges_of(stored.model.system, prior)
     unknowns = estimator.head.unknowns
     simulator = Simulator(
         decoder=estimator.decoder,
@@ -117,7 +119,7 @@ def prepare(
         high=high.to(device),
         noise=description["noise"],
         jitter=options.jitter,
-        resample_x=choices["augmented_x"] == "resampled" if options.resample_x is None else options.resample_x,
+        resample_x=choices.augmented_x == "resampled" if options.resample_x is None else options.resample_x,
         task=_task(base, options, device, system),
         seeds=seeds,
     )
@@ -135,8 +137,13 @@ def prepare(
 def _task(base: Mapping, options: FlowSettings, device: torch.device, system: System) -> Task:
     """Of the draws: the observed window, by an accurate solver that follows no trajectory beyond the bound."""
     task = task_of(base["training"], base, device).shortened(base["observed"])
-    given = None if options.solver is None else options.solver.model_dump()
-    solver = Solver.from_mapping(given or base.get("forecast_solver") or forecast_solver(base["training"], system))
+    if options.solver is not None:
+        solver = Solver(**dict(options.solver))
+    elif base.get("forecast_solver"):
+        solver = Solver.from_mapping(base["forecast_solver"])
+    else:
+        trained = base["training"].get("solver")
+        solver = forecast_solver(None if trained is None else SolverSettings.from_mapping(trained), system)
     return replace(task, solver=solver if task.bound is None else Stopping(solver, task.bound))  # type: ignore
 
 
@@ -175,7 +182,7 @@ class FlowTrainer(Trainer):
         seeds = list(simulator.seeds)
         reasons = dict.fromkeys(failed, "it failed in the training before")
         pool = Pool(simulator, settings.renewed, settings.uses)
-        objective = Likelihood(seeds, {})
+        objective = Likelihood(seeds, Choices())
         super().__init__(
             estimator,  # type: ignore[arg-type]
             objective,

@@ -9,13 +9,13 @@ from torch import Tensor, nn
 
 from expertaug.errors import InputError
 from expertaug.inference.latent import Latent
-from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import assumed_noise
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates, Estimator
 from expertaug.models.measurement_noise import GivenNoise, is_some, noise_of
 from expertaug.models.prediction import Predictor
+from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver

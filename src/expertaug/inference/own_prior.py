@@ -12,8 +12,8 @@ from expertaug.errors import InputError
 from expertaug.inference.draws import LOST
 from expertaug.inference.least_squares import LeastSquares, estimator_of
 from expertaug.inference.own_draws import own_draws
-from expertaug.inference.settings import RefinementSettings
 from expertaug.models.measurement_noise import GivenNoise
+from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems import Parameter, System
 
@@ -161,9 +161,10 @@ def own_prior_without_windows(
     return OwnPrior(ranges, training, explained, limit, rounds, windows=False)
 
 
-def searching(settings: Mapping | None) -> dict:
+def searching(settings: RefinementSettings) -> RefinementSettings:
     """Settings of fits that start in a :func:`box`: more starts."""
-    return {**(settings or {}), "starts": max(int((settings or {}).get("starts", 0)), STARTS)}
+    given = settings.starts if "starts" in settings.model_fields_set else 0
+    return settings.model_copy(update={"starts": max(given, STARTS)})
 
 
 def box(system: System) -> dict[str, Range]:

@@ -16,11 +16,12 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, trial
-from expertaug.inference.settings import RefinementSettings, ValiditySettings
+from expertaug.inference.settings import ValiditySettings
 from expertaug.inference.validity import error_of_interaction
 from expertaug.inference.window_fit import WindowFit
 from expertaug.learning.gradients import clip_each_seed
 from expertaug.models.measurement_noise import GivenNoise
+from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems.inputs import inputs_of, states_of
 

@@ -2,65 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from expertaug.learning.settings import TrainSettings
-from expertaug.models.settings import AXES, Hidden, Width
-from expertaug.settings import LEFT_OUT, Count, NotNegative, Positive, Range, Settings, Share, key
+from expertaug.learning.settings import (
+    DataOptions,
+    LabelledJob,
+    ModelFileJob,
+    RecipeKeys,
+    SolverOnly,
+    TrainSettings,
+    UntrainedOptions,
+    WindowKeys,
+)
+from expertaug.models.settings import Hidden, Refinement, RefinementSettings, Width
+from expertaug.settings import (
+    LEFT_OUT,
+    Count,
+    Device,
+    Noise,
+    NotNegative,
+    Positive,
+    Prior,
+    Settings,
+    Share,
+    disagree,
+    key,
+)
 from expertaug.systems.settings import SolverSettings
 
 SCORES = 25  # of the draws held out in a training of a flow, at most
-
-
-class RefinementSettings(Settings):
-    """Least squares on each observed window: of the expert alone, or from a trained model's estimates."""
-
-    WHERE: ClassVar[str] = "refinement"
-
-    starts: Annotated[int, Field(ge=0, le=100_000)] = key(
-        32,
-        "number of points of p⁺ at which each window is compared with the model; 0 = only from the trained model's "
-        "estimate",
-    )
-    tries: Count = key(
-        3,
-        "how many of these points, the best ones, the fit starts from in addition to the trained model's own estimate",
-    )
-    sufficient: Annotated[float, Field(ge=0, lt=1)] = key(
-        0.99,
-        "a window is fitted from further starts only where χ² after the first fit, that from the trained model's "
-        "estimate or else from the best point, is above this quantile of its distribution; 0 = in any case",
-    )
-    agreement: Share = key(
-        0.01,
-        "no further start is tried once one has led to a χ² within this share of the lowest before it: two that arrive "
-        "at the same minimum; 0 = all are tried until χ² is sufficient",
-    )
-    steps: Count = key(30, "maximum number of Levenberg–Marquardt steps")
-    noise: Positive = key(
-        LEFT_OUT,
-        "standard deviation of the observation noise; left out = that of the data, or, where they have none, a "
-        "thousandth of the training set's largest value",
-    )
-    free_start: bool = key(
-        LEFT_OUT, "whether the first point is estimated too; left out = only where the data have noise"
-    )
-    latent_width: Positive = key(
-        3.0,
-        "how far z_a may move from its mean over the training windows, in its standard deviations over them: a weak "
-        "Gaussian prior",
-    )
-    latent: Annotated[int, Field(ge=1, le=AXES)] = key(
-        10,
-        "maximum number of components of an encoder's z_a that are fitted; of a longer z_a its first principal "
-        "components over the training windows are, and the others stay at their mean",
-    )
-    windows: dict[str, Range] = key(
-        LEFT_OUT, "first and last time at which each component counts, in s; left out = the whole observed window"
-    )
-    solver: SolverSettings = key(LEFT_OUT, "solver for the fit; left out = that of training")
 
 
 class FlowSettings(Settings):
@@ -184,3 +156,60 @@ class AlternatingSettings(Settings):
         LEFT_OUT, "end of the part of a training trajectory that is fitted; left out = data.t1_s", "s"
     )
     solver: SolverSettings = key(LEFT_OUT, "solver for the differential equation in training; left out = its defaults")
+
+
+class AlternateOptions(DataOptions):
+    """How a model without an encoder is trained, in memory too."""
+
+    OBEYS = ("observed_points",)
+
+    training: AlternatingSettings = key(..., "how it is trained")
+    refinement: Refinement = key(..., "how windows are fitted")
+
+
+class AlternateJob(AlternateOptions, RecipeKeys):
+    """A training by alternation."""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.model.interaction is None:
+            raise disagree("missing", "the training is of an interaction model", "model.interaction")
+        return self
+
+
+class FlowJob(LabelledJob, ModelFileJob):
+    """The training of a flow."""
+
+    OBEYS = ("augmentation_noise", "augmented_x", "augmented_z_a")
+
+    flow: FlowSettings = key(..., "how it is trained and used")
+    prior: Prior = key(..., "p⁺; own = --prior has it")
+    noise: Noise = key(..., "standard deviation of the data's noise")
+    worst: Literal[0.0] = key(0.0, "a flow's draws are all uniform")
+
+
+class OwnPriorJob(Settings):
+    """A search for the ranges of p⁺, with a trained model."""
+
+    WHERE: ClassVar[str] = "--settings"
+
+    windows: list[str] = key(..., "sets whose observed windows p⁺ is to cover; none = ranges widen to the budget")
+    budget: Annotated[float, Field(gt=1)] = key(..., "without windows: the largest factor by which ranges are widened")
+    noise: Noise = key(..., "standard deviation of the data's noise")
+    refinement: RefinementSettings = key(..., "how windows are fitted")
+    device: Device = key("cpu", "where to compute")
+    classes: list[str] = key(LEFT_OUT, "classes from elsewhere that the model file may name")
+
+
+class FirstPriorJob(OwnPriorJob, LabelledJob, RecipeKeys, WindowKeys):
+    """The same before anything is trained, with the expert alone."""
+
+    OBEYS = ("observed_points",)
+
+    training: SolverOnly = key(SolverOnly, "its solver")
+
+    @property
+    def expert(self) -> UntrainedOptions:
+        """What the expert alone is made with."""
+        of_expert = {name: getattr(self, name) for name in UntrainedOptions.model_fields if name != "refinement"}
+        return UntrainedOptions.of(**of_expert, refinement=None)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.settings import AugmentJob
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.models.measurement_noise import NoiseLike, noise_of
+from expertaug.models.measurement_noise import GivenNoise, NoiseLike, noise_of
+from expertaug.presets import Choices
+from expertaug.settings import given_ranges
 from expertaug.trajectories import Trajectories
 
 
@@ -30,18 +33,19 @@ class Augmented:
     header: Mapping
 
 
-def augment(model: Path, data: Path, output: Path, settings: Mapping) -> None:
+def augment(model: Path, data: Path, output: Path, settings: AugmentJob) -> None:
     """Stage: draw D⁺ for every seed of a trained model, and an augmented validation set that selects in fine-tuning.
 
     Arguments:
         model: file of the trained model.
         data: folder of the sets.
         output: file of D⁺.
-        settings: {device} and those of :func:`draw`; ``classes``, names of the model's classes from elsewhere.
+        settings: of the job.
     """
-    stored = store.load(model, device_of(settings["device"]), settings.get("classes", ()))
+    stored = store.load(model, device_of(settings.device), settings.classes or ())
     train, validation = (Trajectories.load(Path(data) / f"{name}.npz") for name in ("train", "validation"))
-    plus = draw(stored, train, validation, settings, model)
+    prior, noise, choices = given_ranges(settings.prior), settings.noise, settings.choices
+    plus = draw(stored, train, validation, prior, noise, choices, settings.worst, model)
     augmentation.save(output, plus.train, plus.validation, plus.header)
 
 
@@ -49,7 +53,10 @@ def draw(
     stored: store.StoredModel,
     train: Trajectories,
     validation: Trajectories,
-    settings: Mapping,
+    prior: Mapping[str, Sequence[float]],
+    noise: GivenNoise,
+    choices: Choices,
+    worst: float = 0.0,
     where: object = "augmentation",
 ) -> Augmented:
     """Draw D⁺ in memory (paper, Algorithm 1).
@@ -57,31 +64,36 @@ def draw(
     Arguments:
         stored: a trained hybrid model.
         train, validation: whose x and observed windows are used.
-        settings: {prior, noise, choices, device}; ``noise`` is the standard deviation of the data's noise
-            (:func:`expertaug.models.measurement_noise.noise_of`); ``worst`` as of
-            :func:`expertaug.learning.augmentation.generate`.
+        prior: ranges of p⁺.
+        noise: standard deviation of the data's noise.
+        choices: rows of the preset.
+        worst: as of :func:`expertaug.learning.augmentation.generate`.
         where: for messages.
 
     Raises:
         InputError: the model is a baseline, or the prior does not name its expert parameters.
         SolveError: samples are not finite for any z_e drawn.
     """
-    device = device_of(settings["device"])
+    device = stored.device
     if stored.description["kind"] != "hybrid":
         raise InputError(where, f"a {stored.description['kind']} model", "only hybrid models can be augmented")
-    choices = settings["choices"]
     task = task_of(stored.description["training"], stored.description, device)
     task = task.shortened(task.points(choices))
-    noise: NoiseLike = 0.0
-    if choices["augmentation_noise"] == "as_data":
-        noise = noise_of(settings["noise"], stored.model.system, stored.description)
-    options = {"resample_x": choices["augmented_x"] == "resampled", "z_a_from": choices["augmented_z_a"]}
-    options |= {"worst": float(settings["worst"])} if settings.get("worst") else {}
+    added: NoiseLike = 0.0
+    if choices.augmentation_noise == "as_data":
+        added = noise_of(noise, stored.model.system, stored.description)
+    options = {"resample_x": choices.augmented_x == "resampled", "z_a_from": choices.augmented_z_a}
+    options |= {"worst": float(worst)} if worst else {}
     plus, plus_validation = (
         augmentation.generate(
-            stored.model, StackedSet.of(part, device), task, stored.seeds, settings["prior"], noise, number, **options
+            stored.model, StackedSet.of(part, device), task, stored.seeds, prior, added, number, **options
         )
         for number, part in enumerate((train, validation))
     )
-    header = {"prior": settings["prior"], "noise": noise, "seeds": stored.seeds, "options": options}
+    header = {
+        "prior": {name: list(ends) for name, ends in prior.items()},
+        "noise": added,
+        "seeds": stored.seeds,
+        "options": options,
+    }
     return Augmented(plus, plus_validation, header)

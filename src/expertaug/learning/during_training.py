@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import torch
@@ -13,13 +13,20 @@ from expertaug.learning.augment import augment
 from expertaug.learning.checkpoint import fingerprint
 from expertaug.learning.finetune import finetune
 from expertaug.learning.kinds import modules
+from expertaug.learning.settings import AugmentJob, FinetuneJob
 from expertaug.models import store
 
 BASE = 0  # as the length of a fine-tuning: the snapshot itself
 
 
 def stages(
-    file: Path, data: Path, work: Path, settings: Mapping, device: torch.device
+    file: Path,
+    data: Path,
+    work: Path,
+    drawing: AugmentJob,
+    tuning: FinetuneJob,
+    lengths: Sequence[int],
+    device: torch.device,
 ) -> Iterator[tuple[int, int, store.StoredModel]]:
     """Every snapshot, and what fine-tunings of several lengths make of it: (pass, passes of fine-tuning, model).
 
@@ -30,11 +37,12 @@ def stages(
         file: snapshots of a training.
         data: folder of the sets.
         work: folder for models and checkpoints; the caller holds its lock.
-        settings: {augment, finetune, finetune_epochs}: the settings of these stages, and the lengths.
+        drawing, tuning: settings of the two stages.
+        lengths: passes of each fine-tuning.
     """
-    file, work, classes = Path(file), Path(work), settings["finetune"].get("classes", ())
+    file, work, classes = Path(file), Path(work), tuning.classes or ()
     inputs = [file, *(Path(data) / f"{name}.npz" for name in ("train", "validation"))]
-    used = {key: settings[key] for key in ("augment", "finetune", "finetune_epochs")}
+    used = {"augment": drawing.to_json(), "finetune": tuning.to_json(), "finetune_epochs": list(lengths)}
     description = store.read_tensors(file)[0]["description"]
     named = modules(description["system"]["name"], description["model"], description["objective"])
     folder = work / fingerprint(used, inputs, [__name__, *named])[:16]
@@ -46,12 +54,12 @@ def stages(
         model, augmented = folder / f"{epoch}/model.safetensors", folder / f"{epoch}/augmented.safetensors"
         if not augmented.exists():
             store.save(model, stored.model, stored.description)
-            augment(model, data, augmented, settings["augment"])
-        for count in settings["finetune_epochs"]:
+            augment(model, data, augmented, drawing)
+        for count in lengths:
             tuned = folder / f"{epoch}_{count}/model.safetensors"
             if not tuned.exists():
-                training = settings["finetune"]["training"] | {"epochs": count}
-                options = settings["finetune"] | {"training": training}
+                training = tuning.training.model_copy(update={"epochs": count})
+                options = tuning.model_copy(update={"training": training})
                 finetune(model, augmented, data, tuned, tuned.with_name("work"), options, None)
             yield epoch, count, store.load(tuned, device, classes)
     shutil.rmtree(work)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -14,12 +14,18 @@ from expertaug.learning import augmentation, fitting, job
 from expertaug.learning.augment import Augmented
 from expertaug.learning.fitting import Training
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.settings import FinetuneJob, TrainSettings
 from expertaug.learning.task import Task, task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.models.hybrid import HybridNet
+from expertaug.presets import Choices
+from expertaug.settings import given_ranges
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
+
+# Of the options, what a model file says.
+KEPT = ("experiment", "method", "label", "preset", "choices", "training")
 
 
 def finetune(
@@ -28,7 +34,7 @@ def finetune(
     data: Path,
     output: Path,
     work: Path,
-    settings: Mapping,
+    settings: FinetuneJob,
     tracking: Tracking | None,
 ) -> None:
     """Stage: fine-tune the encoder on D ∪ D⁺ with θ frozen (paper, Algorithm 1); θ is asserted unchanged.
@@ -39,23 +45,22 @@ def finetune(
         data: folder of the sets.
         output: model file.
         work: folder for checkpoints.
-        settings: those of :func:`prepare`; ``classes``, names of the model's classes from elsewhere.
+        settings: of the job.
         tracking: see :class:`expertaug.tracking.run_log.RunLog`.
 
     Raises:
         InputError: neither augmented samples nor the control's prior.
     """
-    if augmented is None and "prior" not in settings:
+    if augmented is None and settings.prior is None:
         raise InputError("--augmented", "missing", "give the augmented samples, or prior in the settings for a control")
-    device = device_of(settings["device"])
-    stored = store.load(model, device, settings.get("classes", ()))
+    device = device_of(settings.device)
+    stored = store.load(model, device, settings.classes or ())
     plus = None if augmented is None else Augmented(*augmentation.load(augmented, device))
     sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
     train, validation = map(Trajectories.load, sets)
     training = prepare(stored, plus, train, validation, settings)
-    used = {"training": training.description["training"], "prior": training.description["augmented_prior"]}
     inputs = [Path(model), *([] if augmented is None else [Path(augmented)]), *sets]
-    job.run(training, output, work, inputs, {**settings, "seeds": stored.seeds, **used}, tracking)
+    job.run(training, output, work, inputs, complete(stored, plus, settings), tracking)
 
 
 def prepare(
@@ -63,7 +68,7 @@ def prepare(
     plus: Augmented | None,
     train: Trajectories,
     validation: Trajectories,
-    settings: Mapping,
+    options: FinetuneJob,
 ) -> Training:
     """Make the fine-tuning of a trained model in memory; the model itself stays as it is.
 
@@ -72,34 +77,23 @@ def prepare(
         plus: its D⁺; None for the control: every real sample stands twice in a pass, so that steps, batches and
             schedule are those of D ∪ D⁺.
         train, validation: the sets of its training.
-        settings: {experiment, method, label, preset, training, choices, device}; method and label name the augmented
-            method; ``prior``, p⁺, for the control.
+        options: how to fine-tune; method and label name the augmented method; ``prior``, p⁺, for the control.
     """
-    device, choices, base = device_of(settings["device"]), settings["choices"], dict(stored.description)
+    options = complete(stored, plus, options)
+    device, choices, base = stored.device, options.choices, dict(stored.description)
     hybrid, before = _frozen(stored.model, choices)
-    training = {
-        **{k: base["training"][k] for k in ("solver", "horizon_s") if k in base["training"]},
-        **settings["training"],
-    }
-    first = base["training"].get("objective", {}) | base["carried"]
-    training["objective"] = first | training.get("objective", {})
-    prior = settings["prior"] if plus is None else plus.header["prior"]
-    scale = augmentation.prior_scale(hybrid, prior).to(device)
-    task = task_of(training, base, device, scale)
+    scale = augmentation.prior_scale(hybrid, given_ranges(options.prior)).to(device)
+    kept = options.model_dump(mode="json", include=set(KEPT))
+    task = task_of(kept["training"], base, device, scale)
     real, check = StackedSet.of(train, device), StackedSet.of(validation, device)
-    description = base | {k: settings[k] for k in ("experiment", "method", "label", "preset", "choices")}
-    description |= {
-        "stage": "finetune",
-        "training": training,
-        "augmented_prior": prior,
-        "base_wall_s": base["wall_s"],
-    }
+    prior = {name: list(ends) for name, ends in given_ranges(options.prior).items()}
+    description = base | kept | {"stage": "finetune", "augmented_prior": prior, "base_wall_s": base["wall_s"]}
     return fitting.prepare(
         hybrid,
         partial(_sets, stored, plus, real, check, task, choices),
         task,
         description,
-        {**settings, "seeds": stored.seeds, "training": training, "prior": prior},
+        options,
         stored.classes,
         before,
         real.windows(base["observed"]),
@@ -107,11 +101,21 @@ def prepare(
     )
 
 
-def _frozen(model: HybridNet, choices: Mapping) -> tuple[HybridNet, dict[str, torch.Tensor]]:
+def complete(stored: store.StoredModel, plus: Augmented | None, options: FinetuneJob) -> FinetuneJob:
+    """Options with what they inherit: of the training its solver, horizon and objective, of D⁺ its prior."""
+    base = stored.description
+    inherited = {k: base["training"][k] for k in ("solver", "horizon_s") if k in base["training"]}
+    objective = base["training"].get("objective", {}) | base["carried"] | (options.training.objective or {})
+    training = TrainSettings.from_mapping({**inherited, **options.training.to_json(), "objective": objective})
+    prior = options.prior if plus is None else {name: tuple(ends) for name, ends in plus.header["prior"].items()}
+    return options.model_copy(update={"training": training, "prior": prior, "seeds": stored.seeds})
+
+
+def _frozen(model: HybridNet, choices: Choices) -> tuple[HybridNet, dict[str, torch.Tensor]]:
     """A copy of the model that learns in its encoder alone, and the values of what it does not learn."""
     hybrid = copy.deepcopy(model)
     prefixes: list[str] = list(hybrid.decoder_prefixes)
-    if choices["frozen"] == "interaction_and_z_e_head":
+    if choices.frozen == "interaction_and_z_e_head":
         prefixes.append(f"encoder.{hybrid.encoder.head_prefix}")
     before = {}
     for name, parameter in hybrid.named_parameters():
@@ -128,7 +132,7 @@ def _sets(
     train: StackedSet,
     validation: StackedSet,
     task: Task,
-    choices: Mapping,
+    choices: Choices,
     points: int,
 ) -> tuple[StackedSet | Callable[[int], StackedSet], list]:
     """D ∪ D⁺ over the first ``points`` points, D⁺ drawn once or for every pass; and the validation sets."""
@@ -137,7 +141,7 @@ def _sets(
     if plus is None:
         return real | real, checks
     checks.append((plus.validation, range(1, len(plus.validation.y))))
-    if choices["resample"] == "once":
+    if choices.resample == "once":
         return real | plus.train, checks
     header, short = plus.header, task.shortened(points)
 

@@ -16,7 +16,7 @@ from expertaug.learning.kinds import objective_of
 from expertaug.learning.misfit import recorded
 from expertaug.learning.objectives import Objective
 from expertaug.learning.sets import StackedSet
-from expertaug.learning.settings import TrainSettings
+from expertaug.learning.settings import FinetuneJob, TrainOptions
 from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer
 from expertaug.models.hybrid import HybridNet
@@ -112,7 +112,7 @@ def prepare(
     sets: Callable[[int], tuple[StackedSet | Callable[[int], StackedSet], list]],
     task: Task,
     description: Mapping,
-    settings: Mapping,
+    options: TrainOptions | FinetuneJob,
     classes: Mapping[str, Callable],
     unchanged: Mapping[str, Tensor] | None = None,
     windows: Tensor | None = None,
@@ -122,20 +122,18 @@ def prepare(
 
     Arguments:
         sets: number of points needed → training set (or a function from the pass to one) and validation sets.
-        settings: {training, choices, seeds}; ``prior`` for the objectives that take one; ``snapshots``, passes after
-            which the state is kept.
+        options: how to train.
         windows, checked: see :class:`Training`.
 
     Raises:
         InputError: an unknown option, or an objective without the prior that it needs.
     """
-    choices, seeds = settings["choices"], list(settings["seeds"])
-    train_set, validation = sets(task.points(choices))
-    objective = make_objective(objective_of(description["objective"], classes), seeds, settings)
+    seeds, keep = options.seeds, options.snapshots if isinstance(options, TrainOptions) else ()
+    train_set, validation = sets(task.points(options.choices))
+    objective = make_objective(objective_of(description["objective"], classes), seeds, options)
     name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
-    options, keep = TrainSettings.from_mapping(settings["training"]), settings.get("snapshots", ())
     failed = dict.fromkeys(description.get("failed", ()), "it failed in the training before")
-    trainer = Trainer(model, objective, task, train_set, validation, seeds, options, name, keep, failed)
+    trainer = Trainer(model, objective, task, train_set, validation, seeds, options.training, name, keep, failed)
     return Training(trainer, description, classes, unchanged or {}, windows, checked)
 
 
@@ -160,15 +158,18 @@ def moments(z_a: Tensor) -> tuple[Tensor, Tensor]:
     return mean, z_a.std(1, correction=0) if mean.numel() else mean  # torch warns of the spread of nothing
 
 
-def make_objective(kind: type[Objective], seeds: Sequence[int], settings: Mapping) -> Objective:
-    """The objective of a training of these seeds; ``settings`` as of :func:`prepare`.
+def make_objective(kind: type[Objective], seeds: Sequence[int], options: TrainOptions | FinetuneJob) -> Objective:
+    """The objective of a training of these seeds.
 
     Raises:
-        InputError: the prior that it needs is missing.
+        InputError: the prior that it needs is missing, or an option is unknown.
     """
-    given = {}
-    if "prior" in inspect.signature(kind).parameters:
-        if settings.get("prior") is None:
-            raise InputError("prior", f"missing, {kind.__name__} needs it", "give a range [low, high] by parameter")
-        given = {"prior": settings["prior"]}
-    return kind(seeds, settings["choices"], **given, **settings["training"].get("objective", {}))
+    arguments, named = dict(options.training.objective or {}), inspect.signature(kind).parameters
+    given = {"prior": options.prior} if "prior" in named else {}
+    if given and not isinstance(options.prior, Mapping):
+        raise InputError("prior", f"missing, {kind.__name__} needs it", "give a range [low, high] by parameter")
+    try:
+        inspect.signature(kind).bind(seeds, options.choices, **given, **arguments)
+    except TypeError as error:
+        raise InputError("training.objective", f"{kind.__name__}: {error}", "give what its constructor needs") from None
+    return kind(seeds, options.choices, **given, **arguments)

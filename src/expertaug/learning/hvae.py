@@ -18,6 +18,7 @@ from expertaug.learning.task import Task
 from expertaug.models.encoders.two_step import TwoStep
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import unconstrain
+from expertaug.presets import Choices
 from expertaug.systems.inputs import joined
 
 STREAM = 2  # of the random numbers: 0 are orders of data, 1 augmented samples
@@ -56,7 +57,7 @@ class HybridVAE(Objective):
     def __init__(
         self,
         seeds: Sequence[int],
-        choices: Mapping,
+        choices: Choices,
         prior: Mapping[str, Sequence[float]],
         alpha: float = 0.01,
         beta: float = 0.01,
@@ -80,7 +81,7 @@ class HybridVAE(Objective):
         self.step += 1
         normal = partial(noise.normal, size)
         low, high = (end.to(y, non_blocking=True) for end in prior_range(model, self.prior))
-        sampled = self.choices["hvae_z_e"] == "sampled"
+        sampled = self.choices.hvae_z_e == "sampled"
 
         window, seen = batch.windows(task.observed), batch.inputs(task.observed)
         posterior, first = encoder(model.filled(window), normal), model.start(window)
@@ -120,7 +121,7 @@ class HybridVAE(Objective):
             "runaway_share": runaway_share(divergence, hybrid_good),
             "sigma": model.likelihood.scale.flatten().expand(len(self.seeds)),
         }
-        term = supervision(posterior, batch, task, self.choices["supervision"])
+        term = supervision(posterior, batch, task, self.choices.supervision)
         if term is not None:
             loss = loss + task.supervision_weight * term
             parts["z_e"] = term

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from expertaug.learning import snapshots
@@ -10,6 +10,7 @@ from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.fitting import Training
 from expertaug.learning.kinds import modules
 from expertaug.models import store
+from expertaug.settings import Settings
 from expertaug.tracking.log import Run
 from expertaug.tracking.run_log import RunLog
 from expertaug.tracking.settings import Tracking
@@ -20,7 +21,7 @@ def run(
     output: Path,
     work: Path,
     inputs: Sequence[Path],
-    settings: Mapping,
+    settings: Settings,
     tracking: Tracking | None,
     module: str | None = None,
 ) -> None:
@@ -38,7 +39,8 @@ def run(
     """
     output, work, trainer, description = Path(output), Path(work), training.trainer, training.description
     with locked(work):
-        wanted = {k: v for k, v in settings.items() if k != "device"}
+        said = settings.to_json()
+        wanted = {k: v for k, v in said.items() if k != "device"}
         named = modules(description["system"]["name"], description["model"], description.get("objective"))
         code = [module or f"expertaug.learning.{description['stage']}", *named]
         checkpoint = Checkpoint(work, fingerprint(wanted, list(inputs), code))
@@ -49,7 +51,7 @@ def run(
             **{k: description[k] for k in ("experiment", "method", "label", "preset", "stage")},
             system=description["system"]["name"],
             seeds=trainer.seeds,
-            params={k: v for k, v in settings.items() if k not in ("seeds", "label")},
+            params={k: v for k, v in said.items() if k not in ("seeds", "label")},
             tags={"fingerprint": checkpoint.fingerprint},
         )
         resume = state["log"] if state is not None else None

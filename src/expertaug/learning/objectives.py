@@ -15,6 +15,7 @@ from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import Posterior
+from expertaug.presets import Choices
 
 
 def finite_forecast(
@@ -119,7 +120,7 @@ class Objective:
     learns_likelihood = False
     kept: tuple[str, ...] = ()
 
-    def __init__(self, seeds: Sequence[int], choices: Mapping) -> None:
+    def __init__(self, seeds: Sequence[int], choices: Choices) -> None:
         self.seeds, self.choices = list(seeds), choices
 
     def loss(self, model: HybridNet, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
@@ -156,7 +157,7 @@ class Aphynity(Objective):
     The Lagrangian is λ · L + ‖F_a‖, with L the mean squared error of the trajectory over the loss window and ‖F_a‖ the
     root mean square of F_a along the predicted trajectory, or at its states mixed (:mod:`expertaug.learning.mixture`);
     after every ``every`` passes λ grows by tau2 · L (Yin's update).  Variants are the rows multiplier, penalty,
-    loss_normalisation, loss_window and supervision of :mod:`expertaug.config.presets`.
+    loss_normalisation, loss_window and supervision of :mod:`expertaug.presets`.
 
     Arguments:
         lambda0: first multiplier, one for all seeds or one for each.
@@ -168,7 +169,7 @@ class Aphynity(Objective):
     def __init__(
         self,
         seeds: Sequence[int],
-        choices: Mapping,
+        choices: Choices,
         lambda0: float | Sequence[float] = 10.0,
         tau2: float = 5.0,
         every: int = 1,
@@ -182,7 +183,7 @@ class Aphynity(Objective):
 
     @property
     def _leaks(self) -> bool:
-        return self.choices["loss_window"] == "half_batch"
+        return self.choices.loss_window == "half_batch"
 
     def window(self, task: Task) -> int:
         """Points that the loss compares at last: those of the task, or all times with the authors' slip."""
@@ -194,7 +195,7 @@ class Aphynity(Objective):
 
         It is that of the full window: that of the first two points would be little more than noise.
         """
-        if self.choices["loss_normalisation"] == "first":
+        if self.choices.loss_normalisation == "first":
             posterior = model.encode(batch.windows(task.observed))
             first = self._terms(model, posterior, batch, task)[0].cpu()
             self.first = torch.where(torch.isfinite(first) & (first > 0), first, self.first)
@@ -206,7 +207,7 @@ class Aphynity(Objective):
         loss = (self.multiplier / self.first).to(data.device, non_blocking=True) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
         parts["runaway_share"] = runaways
-        term = supervision(posterior, batch, task, self.choices["supervision"])
+        term = supervision(posterior, batch, task, self.choices.supervision)
         if term is not None:
             loss = loss + task.supervision_weight * term
             parts["z_e"] = term.detach()
@@ -227,7 +228,7 @@ class Aphynity(Objective):
         data = mean_squared_error(model.system, prediction[1:], truth[1:], good, batch.complete)
         if model.interaction is None:
             return data, prediction.new_zeros(prediction.shape[1]), runaway_share(data, good)
-        choice, states = self.choices["penalty"], prediction
+        choice, states = self.choices.penalty, prediction
         if choice == "norm_data":
             states = torch.where(torch.isnan(truth), prediction, truth)
         elif choice == "rms_mixed":
@@ -243,7 +244,7 @@ class Aphynity(Objective):
         """Raise the multiplier by tau2 times the passes' mean data term, when it is due."""
         self.passes += 1
         if self.passes % self.every == 0:
-            if self.choices["multiplier"] == "lagrangian":
+            if self.choices.multiplier == "lagrangian":
                 self.multiplier = self.multiplier + self.tau2 * self.total.cpu() / max(self.count, 1)
             self.total, self.count = torch.zeros_like(self.total), 0
 

@@ -1,15 +1,48 @@
-"""Settings of training and options of the package's own objectives; torch is not loaded here."""
+"""Settings of trainings and of the jobs of learning, and options of the objectives; torch is not loaded here."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from expertaug.settings import LEFT_OUT, LIST, ONE, Count, NotNegative, Positive, Settings, Share, by_shape, key
+from expertaug.models.settings import PartsSettings, Refinement, SystemKeys
+from expertaug.presets import ROWS, Choices
+from expertaug.settings import (
+    LEFT_OUT,
+    LIST,
+    ONE,
+    Count,
+    Device,
+    Noise,
+    NotNegative,
+    Positive,
+    Prior,
+    Range,
+    Seeds,
+    Settings,
+    Share,
+    by_shape,
+    check,
+    disagree,
+    key,
+    read,
+)
 from expertaug.systems.settings import SolverSettings
+
+DEFAULT_OBJECTIVE = "aphynity"
+# Rows of the preset's table that every training obeys.
+OBEYED_IN_TRAINING = (
+    "loss_window",
+    "multiplier",
+    "penalty",
+    "loss_normalisation",
+    "supervision",
+    "selection",
+    "hvae_z_e",
+)
 
 
 class ObjectiveSettings(Settings):
@@ -114,3 +147,191 @@ def one_cycle(step: int, steps: int, warmup: float) -> float:
     if step < warm:
         return (step + 1) / warm
     return 0.5 * (1 + math.cos(math.pi * (step - warm) / max(steps - warm, 1)))
+
+
+class SeedGroupJob(Settings):
+    """A job of a method of an experiment, for a group of its seeds.
+
+    Attributes:
+        OBEYS: rows of the preset's table that the stage obeys: it needs them, and looks at no others.
+    """
+
+    WHERE: ClassVar[str] = "--settings"
+    OBEYS: ClassVar[tuple[str, ...]] = ()
+
+    experiment: str = key(..., "name of the experiment")
+    method: str = key(..., "name of the method's version")
+    choices: Choices = key(..., "rows of the preset's table that the stage obeys")
+    seeds: Seeds = key(..., "of the group")
+    device: Device = key("cpu", "where to compute")
+
+    @model_validator(mode="after")
+    def _knows_what_it_obeys(self) -> Self:
+        missing = [row for row in self.OBEYS if row not in self.choices.model_fields_set]
+        if missing:
+            raise disagree("missing", f"give {missing[0]} ({ROWS[missing[0]].meaning})", f"choices.{missing[0]}")
+        return self
+
+
+class LabelledJob(SeedGroupJob):
+    """The same with what logs and tables call it."""
+
+    label: str = key(..., "what tables print")
+    preset: str = key(..., "name of the preset")
+
+
+class ModelFileJob(SeedGroupJob):
+    """A job that begins with a model file."""
+
+    classes: list[str] = key(LEFT_OUT, "classes from elsewhere that the model file may name")
+
+
+class MethodKeys(Settings):
+    """What a method is, in the words of the configuration."""
+
+    kind: Literal["hybrid", "alternating", "least_squares", "mean"] = key(
+        ...,
+        "hybrid = an encoder, an expert and an interaction model; alternating = an expert and an interaction model, "
+        "learned from fits to each window, without an encoder; least_squares = the expert alone, fitted to each "
+        "window, without a network; mean = forecasts the mean of the training set",
+    )
+    expert: bool = key(LEFT_OUT, "false removes the expert model")
+    interaction: bool = key(LEFT_OUT, "false removes the interaction model")
+    truth: bool = key(
+        LEFT_OUT,
+        "for kind least_squares: true uses the equation that generated the simulated data, which gives a floor for "
+        "methods that learn it",
+    )
+    objective: str = key(LEFT_OUT, "name of the objective, or package.module:Class; left out = aphynity")
+    known_form: bool = key(
+        LEFT_OUT,
+        "true = the F_a of this method has the form of the hidden term; tables and figures show it after the others",
+    )
+
+
+class Build(MethodKeys):
+    """How a method is built in an experiment."""
+
+    WHERE: ClassVar[str] = "build"
+
+    system: dict[str, Any] = key(LEFT_OUT, "arguments of the system's class that are otherwise for this method")
+
+    @property
+    def objective_kind(self) -> str:
+        """Kind of the objective."""
+        return self.objective or DEFAULT_OBJECTIVE
+
+    @property
+    def has_expert(self) -> bool:
+        return self.expert is not False
+
+    @property
+    def has_interaction(self) -> bool:
+        return self.interaction is not False
+
+
+class RecipeKeys(Settings):
+    """What a model is made of, in the words of the configuration."""
+
+    system: SystemKeys = key(..., "name and arguments of the system")
+    build: Build = key(..., "how the method is built")
+    model: PartsSettings = key(..., "encoder and interaction")
+
+
+class WindowKeys(Settings):
+    """What of a trajectory is observed."""
+
+    t1_s: Positive = key(..., "end of the observed window", "s")
+    start: dict[str, Range] = key(
+        dict, "range of the first values of components that nobody measured, or not always, in their units"
+    )
+
+
+class DataOptions(LabelledJob, WindowKeys):
+    """What of the options of every way to make a model a model file says."""
+
+    training: Any
+
+
+class TrainOptions(DataOptions):
+    """How a hybrid model is trained, in memory too."""
+
+    OBEYS = (*OBEYED_IN_TRAINING, "observed_points")
+
+    training: TrainSettings = key(..., "how it is trained")
+    prior: Prior = key(LEFT_OUT, "p⁺, for the objectives that need it; own = --prior has it")
+    device: str = key("cpu", "where to compute: auto, or a device of torch's")  # type: ignore[assignment]
+    snapshots: list[Count] = key(list, "passes after which the state is kept")
+
+
+class TrainJob(TrainOptions, RecipeKeys):
+    """A training of a hybrid model."""
+
+    device: Device = key("cpu", "where to compute")
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        needed = {"encoder": True, "interaction": self.build.has_interaction}
+        for part, wanted in needed.items():
+            if wanted and getattr(self.model, part) is None:
+                raise disagree("missing", f"a hybrid model has an {part}", f"model.{part}")
+        options = OBJECTIVES.get(self.build.objective_kind)
+        if options is not None and (errors := check(options, self.training.objective or {}, "training.objective")):
+            raise disagree(errors[0].found, errors[0].remedy, errors[0].where)
+        return self
+
+
+class SolverOnly(Settings):
+    """What is left of a training for what is not trained."""
+
+    WHERE: ClassVar[str] = "training"
+
+    solver: SolverSettings = key(LEFT_OUT, "solver for the differential equation; left out = its defaults")
+
+
+class UntrainedOptions(DataOptions):
+    """How a method is made that has no training, in memory too."""
+
+    OBEYS = ("observed_points",)
+
+    training: SolverOnly = key(SolverOnly, "its solver")
+    refinement: Refinement | None = key(LEFT_OUT, "how windows are fitted, of kind least_squares")
+
+
+class UntrainedJob(UntrainedOptions, RecipeKeys):
+    """The job of a method that has no training (kinds mean and least_squares)."""
+
+
+class AugmentJob(ModelFileJob):
+    """An augmentation."""
+
+    OBEYS = ("loss_window", "augmentation_noise", "augmented_x", "augmented_z_a")
+
+    prior: Prior = key(..., "p⁺; own = --prior has it")
+    noise: Noise = key(..., "standard deviation of the noise of the data, which augmented samples get too")
+    worst: Share = key(0.0, "share of the samples that are drawn where the model's own estimates are bad")
+
+
+class FinetuneJob(LabelledJob, ModelFileJob):
+    """A fine-tuning."""
+
+    OBEYS = (*OBEYED_IN_TRAINING, "frozen", "resample")
+
+    training: TrainSettings = key(..., "how it is fine-tuned")
+    prior: Prior = key(LEFT_OUT, "p⁺, of a control alone; own = --prior has it")
+
+
+def train_job_kind(settings: Mapping[str, object]) -> type[TrainJob] | type[UntrainedJob]:
+    """What job of the stage train settings are of, by the kind of their method."""
+    build = settings.get("build")
+    kind = build.get("kind") if isinstance(build, Mapping) else "hybrid"
+    return UntrainedJob if kind in ("mean", "least_squares") else TrainJob
+
+
+def train_job(settings: Mapping[str, object]) -> TrainJob | UntrainedJob:
+    """The job of the stage train.
+
+    Raises:
+        InputError: a key is missing or unknown, or a value cannot be used.
+    """
+    return read(train_job_kind(settings), settings)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.learning.bound import stored_bound
+from expertaug.presets import Choices
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import points_until
 
@@ -42,13 +43,13 @@ class Task:
         """The same over the first ``points`` times."""
         return replace(self, t=self.t[:points])
 
-    def points(self, choices: Mapping) -> int:
+    def points(self, choices: Choices) -> int:
         """Points of a trajectory that training needs."""
-        return len(self.t) if choices["loss_window"] == "half_batch" else max(self.horizon, self.observed)
+        return len(self.t) if choices.loss_window == "half_batch" else max(self.horizon, self.observed)
 
-    def selection(self, choices: Mapping) -> range:
+    def selection(self, choices: Choices) -> range:
         """Points of the validation set that select the best model."""
-        return range(1, self.horizon) if choices["selection"] == "observed" else range(self.observed, len(self.t))
+        return range(1, self.horizon) if choices.selection == "observed" else range(self.observed, len(self.t))
 
 
 def task_of(training: Mapping, description: Mapping, device: torch.device, scale: Tensor | float = 1.0) -> Task:

@@ -16,6 +16,15 @@ from expertaug.learning.bound import bound_of
 from expertaug.learning.fitting import Training
 from expertaug.learning.kinds import OBJECTIVE, objective_of
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.settings import (
+    DEFAULT_OBJECTIVE,
+    DataOptions,
+    RecipeKeys,
+    TrainJob,
+    TrainOptions,
+    UntrainedJob,
+    UntrainedOptions,
+)
 from expertaug.learning.task import task_of
 from expertaug.models import describe, store
 from expertaug.models.decoder import Decoder, TruthDecoder
@@ -23,16 +32,24 @@ from expertaug.models.device import device_of
 from expertaug.models.gaps import ranges_of
 from expertaug.models.mean import MeanModel
 from expertaug.models.recipe import HybridModel
+from expertaug.presets import Choices
 from expertaug.registry import short_name
 from expertaug.systems.inputs import check_given, check_trainable
+from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories, points_until
 
-IDENTITY = ("experiment", "method", "label", "preset")
+# Of the options, what a model file says.
+KEPT = ("experiment", "method", "label", "preset", "choices", "seeds", "training")
 
 
 def train(
-    data: Path, output: Path, work: Path, settings: Mapping, tracking: Tracking | None, calibration: Path | None = None
+    data: Path,
+    output: Path,
+    work: Path,
+    settings: TrainJob | UntrainedJob,
+    tracking: Tracking | None,
+    calibration: Path | None = None,
 ) -> None:
     """Stage: train a method on ``data/train.npz`` and select on ``data/validation.npz``.
 
@@ -40,7 +57,7 @@ def train(
         data: folder of the sets.
         output: model file.
         work: folder for checkpoints.
-        settings: {system, build, model} and those of :func:`prepare`.
+        settings: of the job.
         tracking: see :class:`expertaug.tracking.run_log.RunLog`.
         calibration: JSON whose ``constants`` complete the system's settings.
 
@@ -48,20 +65,17 @@ def train(
         InputError: unusable data or settings.
         SolveError: a seed cannot be trained.
     """
-    build, inputs = settings["build"], inputs_of(data)
+    build, inputs = settings.build, inputs_of(data)
     system, described, train_data, validation_data = taken_in(inputs, settings, calibration)
-    if build["kind"] == "mean":
-        stored = mean(system, train_data, settings, described)
-        store.save(output, stored.model, stored.description)
-        return
-    if build["kind"] == "least_squares":
-        stored = expert_alone(system, train_data, settings, described, build.get("truth", False))
+    if isinstance(settings, UntrainedJob):
+        if build.kind == "mean":
+            stored = mean(system, train_data, settings, described)
+        else:
+            stored = expert_alone(system, train_data, settings, described, bool(build.truth))
         store.save(output, stored.model, stored.description)
         return
     recipe = describe.recipe_of(system, described)
-    training = prepare(
-        recipe, train_data, validation_data, {"objective": build.get("objective", "aphynity"), **settings}, described
-    )
+    training = prepare(recipe, train_data, validation_data, settings, described, build.objective_kind)
     job.run(training, output, work, inputs, settings, tracking)
 
 
@@ -71,7 +85,7 @@ def inputs_of(data: Path) -> list[Path]:
 
 
 def taken_in(
-    inputs: Sequence[Path], settings: Mapping, calibration: Path | None
+    inputs: Sequence[Path], settings: RecipeKeys, calibration: Path | None
 ) -> tuple[systems.System, dict, Trajectories, Trajectories]:
     """What a stage of training is given, read: the system, what a file will say of the recipe, and both sets.
 
@@ -82,10 +96,10 @@ def taken_in(
     return systems.load(described["system"]), described, first, second
 
 
-def described_by(settings: Mapping, constants: Mapping | None = None) -> dict:
+def described_by(settings: RecipeKeys, constants: Mapping | None = None) -> dict:
     """What a file will say of the recipe of a training's settings; ``constants`` are those that calibrate fitted."""
-    build = settings["build"]
-    system = dict(settings["system"]) | build.get("system", {})
+    build = settings.build
+    system = settings.system | (build.system or {})
     if constants is not None and system.get("expert") != "point_mass":
         rubbed = system.get("friction") == "calibrated"
         system["constants"] = constants["with_friction"]["constants"] if rubbed else constants["constants"]
@@ -93,15 +107,15 @@ def described_by(settings: Mapping, constants: Mapping | None = None) -> dict:
             system["friction"] = constants["with_friction"]["friction"]
     return {
         "system": system,
-        "model": settings["model"],
-        "expert": build.get("expert", True),
-        "interaction": build.get("interaction", True),
+        "model": settings.model.to_json(),
+        "expert": build.has_expert,
+        "interaction": build.has_interaction,
     }
 
 
-def observed_points(t: Sequence[float], settings: Mapping) -> int:
+def observed_points(t: Sequence[float], t1_s: float, choices: Choices) -> int:
     """Points of the times t that an encoder sees: those up to t1."""
-    return points_until(t, settings["t1_s"]) - (settings["choices"]["observed_points"] == "exclusive")
+    return points_until(t, t1_s) - (choices.observed_points == "exclusive")
 
 
 def constants_of(calibration: Path) -> Mapping:
@@ -116,61 +130,64 @@ def prepare(
     recipe: HybridModel,
     train: Trajectories,
     validation: Trajectories,
-    settings: Mapping,
+    options: TrainOptions,
     described: Mapping,
+    objective: str = DEFAULT_OBJECTIVE,
     classes: Mapping[str, Callable] | None = None,
+    forecast_solver: Solver | None = None,
 ) -> Training:
     """Make the training of a hybrid model in memory.
 
     Arguments:
         train, validation: sets of the same times.
-        settings: {experiment, method, label, preset, objective, training, t1_s, choices, seeds, device}; ``objective``
-            is a kind or a name in ``classes``; ``prior`` for the objectives that take one; ``snapshots``, passes after
-            which the state is kept; ``forecast_solver``, settings of the solver to forecast with.
+        options: how to train.
         described: what a file says of the recipe, as :func:`expertaug.models.describe.describe` gives it.
+        objective: a kind, or a name in ``classes``.
         classes: see :class:`StoredModel`.
+        forecast_solver: what to forecast with later; None: as the training's solver suggests.
 
     Raises:
         InputError: the sets differ in their times, lack the system's known inputs, or an option is unknown.
     """
-    classes, device = classes or {}, device_of(settings["device"])
+    classes, device = classes or {}, device_of(options.device)
     if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
         raise InputError("validation set", "has other times than the training set", "give both the same times")
     check_trainable(recipe.system)
-    kind = objective_of(settings["objective"], classes)
-    description = {"kind": "hybrid", **of_data(train, recipe.system, settings), **described}
+    kind = objective_of(objective, classes)
+    description = {"kind": "hybrid", **of_data(train, recipe.system, options), **described}
     description |= {
         "likelihood": kind.learns_likelihood,
         "stage": "train",
-        "objective": short_name(OBJECTIVE, settings["objective"]),
+        "objective": short_name(OBJECTIVE, objective),
     }
-    description["forecast_solver"] = settings.get("forecast_solver") or store.forecast_solver(
-        settings["training"], recipe.system
-    )
+    forecast_solver = forecast_solver or store.forecast_solver(options.training.solver, recipe.system)
+    description["forecast_solver"] = forecast_solver.to_json()
     observed = description["observed"]
     times = torch.tensor(description["t"][:observed], dtype=torch.float64)
-    model = recipe.build(times, list(settings["seeds"]), kind.learns_likelihood, description.get("start")).to(device)
+    model = recipe.build(times, options.seeds, kind.learns_likelihood, description.get("start")).to(device)
     train_set, validation_set = StackedSet.of(train, device), StackedSet.of(validation, device)
     for name, part in (("training set", train_set), ("validation set", validation_set)):
         check_given(recipe.system, part.u, name)
     windows = train_set.windows(observed)
     model.fit(windows[:, 0])
-    task = task_of(settings["training"], description, device)
+    task = task_of(description["training"], description, device)
     return fitting.prepare(
         model,
-        lambda points: (train_set.window(points), [(validation_set, task.selection(settings["choices"]))]),
+        lambda points: (train_set.window(points), [(validation_set, task.selection(options.choices))]),
         task,
         description,
-        settings,
+        options,
         classes,
         windows=windows,
         checked=validation_set.windows(observed),
     )
 
 
-def mean(system: systems.System, train: Trajectories, settings: Mapping, described: Mapping) -> store.StoredModel:
-    """The baseline that forecasts the training set's mean; ``settings`` and ``described`` as of :func:`prepare`."""
-    description = {"kind": "mean", **of_data(train, system, settings), **described, "wall_s": 0.0, "best_score": None}
+def mean(
+    system: systems.System, train: Trajectories, options: UntrainedOptions, described: Mapping
+) -> store.StoredModel:
+    """The baseline that forecasts the training set's mean; ``described`` as of :func:`prepare`."""
+    description = {"kind": "mean", **of_data(train, system, options), **described, "wall_s": 0.0, "best_score": None}
     return store.StoredModel(MeanModel(system, _mean(train)), description)
 
 
@@ -182,21 +199,21 @@ def _mean(train: Trajectories) -> torch.Tensor:
 
 
 def expert_alone(
-    system: systems.System, train: Trajectories, settings: Mapping, described: Mapping, truth: bool = False
+    system: systems.System, train: Trajectories, options: UntrainedOptions, described: Mapping, truth: bool = False
 ) -> store.StoredModel:
     """The decoder of the expert alone, whose estimates are to be found by least squares; nothing is trained.
 
-    ``settings`` and ``described`` as of :func:`prepare`; ``refinement``, {settings, noise, prior}, says how to fit.
-
     Arguments:
+        options: how to fit.
+        described: as of :func:`prepare`.
         truth: the equation that made the data instead, whose z_a lie where the training set's do.
 
     Raises:
         InputError: the true equation of data that were not simulated.
     """
-    description = {"kind": "least_squares", **of_data(train, system, settings), **described}
+    description = {"kind": "least_squares", **of_data(train, system, options), **described}
     description |= {"expert": True, "interaction": False, "model": {}, "wall_s": 0.0, "best_score": None}
-    description |= {"refinement": settings["refinement"]}
+    description |= {"refinement": None if options.refinement is None else options.refinement.to_json()}
     if not truth:
         return store.StoredModel(Decoder(system), description)
     z_a = train.z_a
@@ -219,16 +236,16 @@ def _first_values(train: Trajectories, system: systems.System, given: Mapping) -
     return {name: found[name] for name in names}
 
 
-def of_data(train: Trajectories, system: systems.System, settings: Mapping) -> dict:
-    """What a description says of data and settings; ``settings["start"]`` has ranges of components of first points.
+def of_data(train: Trajectories, system: systems.System, options: DataOptions) -> dict:
+    """What a description says of data and options.
 
     Raises:
         InputError: a component that nobody measured has no range.
     """
     t = [float(v) for v in train.t]
-    observed = observed_points(t, settings)
-    kept = {k: settings[k] for k in (*IDENTITY, "choices", "seeds", "training")}
-    start = None if train.mask is None else _first_values(train, system, settings.get("start", {}))
+    observed = observed_points(t, options.t1_s, options.choices)
+    kept = options.model_dump(mode="json", include=set(KEPT))
+    start = None if train.mask is None else _first_values(train, system, options.start)
     return {
         "t": t,
         "observed": observed,

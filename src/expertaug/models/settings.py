@@ -1,13 +1,27 @@
-"""Arguments of the package's own encoders and interaction models; torch is not loaded here."""
+"""Arguments of the package's own encoders and interaction models, and how windows are fitted; no torch is loaded."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from expertaug.settings import Positive, Range, Settings, disagree, key
+from expertaug.settings import (
+    LEFT_OUT,
+    Count,
+    Noise,
+    Positive,
+    Prior,
+    Range,
+    Settings,
+    Share,
+    check,
+    disagree,
+    key,
+    wrong,
+)
+from expertaug.systems.settings import SYSTEMS, SolverSettings
 
 WIDEST = 2**16
 AXES = 32  # principal components of an encoder's z_a that a model file keeps, for fits of windows
@@ -210,3 +224,96 @@ ENCODERS: Mapping[str, type[PartSettings]] = _by_kind(
 INTERACTIONS: Mapping[str, type[PartSettings]] = _by_kind(
     MLPSettings, ConvInteractionSettings, PolynomialSettings, DampingSettings
 )
+
+
+def _checked(value: dict[str, Any], kinds: Mapping[str, type[Settings]], name: str) -> dict[str, Any]:
+    """Settings of a class, by its name under a key, where that is one of the package's own; others know their own."""
+    kind = kinds.get(str(value.get(name)))
+    if kind is not None and (errors := check(kind, value, "")):
+        raise wrong(errors[0].found, errors[0].remedy, errors[0].where)
+    return value
+
+
+def _encoder(value: dict[str, Any]) -> dict[str, Any]:
+    return _checked(value, ENCODERS, "kind")
+
+
+def _interaction(value: dict[str, Any]) -> dict[str, Any]:
+    return _checked(value, INTERACTIONS, "kind")
+
+
+def _system(value: dict[str, Any]) -> dict[str, Any]:
+    return _checked(value, SYSTEMS, "name")
+
+
+SystemKeys = Annotated[dict[str, Any], AfterValidator(_system)]
+
+
+class PartsSettings(Settings):
+    """What a model is made of: of each part its kind (a name, or package.module:Class) and its class's arguments."""
+
+    WHERE: ClassVar[str] = "model"
+
+    encoder: Annotated[dict[str, Any], AfterValidator(_encoder)] = key(LEFT_OUT, "of kind hybrid alone")
+    interaction: Annotated[dict[str, Any], AfterValidator(_interaction)] = key(LEFT_OUT, "F_a, where there is one")
+
+
+class RefinementSettings(Settings):
+    """Least squares on each observed window: of the expert alone, or from a trained model's estimates."""
+
+    WHERE: ClassVar[str] = "refinement"
+
+    starts: Annotated[int, Field(ge=0, le=100_000)] = key(
+        32,
+        "number of points of p⁺ at which each window is compared with the model; 0 = only from the trained model's "
+        "estimate",
+    )
+    tries: Count = key(
+        3,
+        "how many of these points, the best ones, the fit starts from in addition to the trained model's own estimate",
+    )
+    sufficient: Annotated[float, Field(ge=0, lt=1)] = key(
+        0.99,
+        "a window is fitted from further starts only where χ² after the first fit, that from the trained model's "
+        "estimate or else from the best point, is above this quantile of its distribution; 0 = in any case",
+    )
+    agreement: Share = key(
+        0.01,
+        "no further start is tried once one has led to a χ² within this share of the lowest before it: two that arrive "
+        "at the same minimum; 0 = all are tried until χ² is sufficient",
+    )
+    steps: Count = key(30, "maximum number of Levenberg–Marquardt steps")
+    noise: Positive = key(
+        LEFT_OUT,
+        "standard deviation of the observation noise; left out = that of the data, or, where they have none, a "
+        "thousandth of the training set's largest value",
+    )
+    free_start: bool = key(
+        LEFT_OUT, "whether the first point is estimated too; left out = only where the data have noise"
+    )
+    latent_width: Positive = key(
+        3.0,
+        "how far z_a may move from its mean over the training windows, in its standard deviations over them: a weak "
+        "Gaussian prior",
+    )
+    latent: Annotated[int, Field(ge=1, le=AXES)] = key(
+        10,
+        "maximum number of components of an encoder's z_a that are fitted; of a longer z_a its first principal "
+        "components over the training windows are, and the others stay at their mean",
+    )
+    windows: dict[str, Range] = key(
+        LEFT_OUT, "first and last time at which each component counts, in s; left out = the whole observed window"
+    )
+    solver: SolverSettings = key(LEFT_OUT, "solver for the fit; left out = that of training")
+
+
+class Refinement(Settings):
+    """Least squares on each window: how to fit, and what is known of the data."""
+
+    WHERE: ClassVar[str] = "refinement"
+
+    settings: RefinementSettings = key(..., "how to fit")
+    noise: Noise = key(..., "standard deviation of the data's noise")
+    prior: Prior | None = key(
+        ..., "range of each expert parameter in which the fits start; null = none, own = they are found (own-prior)"
+    )

@@ -17,13 +17,13 @@ from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.mean import MeanModel
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
-from expertaug.systems.settings import ADAMS, EVENTS
+from expertaug.systems.settings import ADAMS, EVENTS, SolverSettings
 from expertaug.systems.solvers.solver import Solver
 
 __all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "write_tensors"]
 
-ACCURATE = {"method": "dopri5", "rtol": 1e-6, "atol": 1e-6}
-ACROSS_EVENTS = {"method": EVENTS, "substeps": 10}
+ACCURATE = Solver("dopri5", rtol=1e-6, atol=1e-6)
+ACROSS_EVENTS = Solver(EVENTS, substeps=10)
 KINDS = ("hybrid", "alternating", "mean", "least_squares")
 COARSE = ("euler", "midpoint", "rk4", *ADAMS)  # steps of the data's own: good for training, not for a forecast
 
@@ -54,23 +54,28 @@ class StoredModel:
         return list(self.description.get("failed", ()))
 
     @property
+    def device(self) -> torch.device:
+        """Where its tensors live."""
+        return next((value.device for value in self.model.state_dict().values()), torch.device("cpu"))
+
+    @property
     def solver(self) -> Solver:
         """What forecasts are solved with."""
         return Solver.from_mapping(self.description.get("forecast_solver") or accurate(self.model.system))
 
 
-def accurate(system: System) -> dict:
-    """Settings of a solver that forecasts of a system deserve."""
-    return dict(ACROSS_EVENTS if system.has_events else ACCURATE)
+def accurate(system: System) -> Solver:
+    """The solver that forecasts of a system deserve."""
+    return ACROSS_EVENTS if system.has_events else ACCURATE
 
 
-def forecast_solver(training: Mapping, system: System) -> dict:
-    """Settings of the solver that forecasts deserve, from a training's: its own, unless that is a coarse one."""
-    solver = Solver.from_mapping(training.get("solver") or {})
+def forecast_solver(training: SolverSettings | None, system: System) -> Solver:
+    """The solver that forecasts deserve, from a training's: that, unless it is a coarse one."""
+    solver = Solver(**dict(training or {}))
     if solver.method not in COARSE:
-        return dict(vars(solver))
+        return solver
     split = solver.method in ADAMS and type(system).linear_flow is not System.linear_flow
-    return {"method": "lawson4"} if split else accurate(system)
+    return Solver("lawson4") if split else accurate(system)
 
 
 def save(path: str | Path, model: Any, description: Mapping) -> None:

@@ -122,6 +122,6 @@ def test_where_measured_inputs_bend_steps_are_runge_kuttas():
 
 
 def test_forecasts_are_not_solved_by_a_trainings_coarse_steps():
-    told = {"solver": {"method": "ab5", "substeps": 2}}
-    assert store.forecast_solver(told, ea.DampedPendulum()) == store.ACCURATE
-    assert store.forecast_solver(told, ea.ReactionDiffusion()) == {"method": "lawson4"}
+    coarse = Solver("ab5", substeps=2)
+    assert store.forecast_solver(coarse, ea.DampedPendulum()) == store.ACCURATE
+    assert store.forecast_solver(coarse, ea.ReactionDiffusion()) == Solver("lawson4")

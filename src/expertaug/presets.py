@@ -1,6 +1,6 @@
 """Where the paper and the authors' code disagree, and what each preset does.
 
-One row of :data:`ROWS` is one choice: its meaning and the value under each preset.  ``paper`` follows the text,
+One row of :class:`Choices` is one choice: its meaning and the value under each preset.  ``paper`` follows the text,
 ``code`` the authors' release as it behaves, ``corrected`` (the default) what this project takes for right.  An
 experiment's ``choices`` override single rows; whatever is listed here is what the stages obey.  What is simulated is no
 choice of a stage: the shipped experiments say it in their ``presets``, and :data:`SIMULATED` tells it.
@@ -10,11 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, get_args
+
+from pydantic.fields import FieldInfo
 
 from expertaug.errors import InputError
+from expertaug.settings import LEFT_OUT, Settings, key
 from expertaug.wording import suggest
 
-NAMES = ("paper", "code", "corrected")
+Preset = Literal["paper", "code", "corrected"]
+NAMES: tuple[Preset, ...] = get_args(Preset)
 
 
 @dataclass(frozen=True)
@@ -22,130 +27,133 @@ class Row:
     """One choice: what it decides, what it may be, and its value under each preset."""
 
     meaning: str
-    values: tuple
-    paper: object
-    code: object
-    corrected: object
+    values: tuple[str, ...]
+    paper: str
+    code: str
+    corrected: str
 
 
-ROWS: dict[str, Row] = {
-    "loss_window": Row(
-        "points of a trajectory that enter the loss where data.t1_s limits it: observed = [t0, t1] only; "
-        "half_batch = all of [t0, t2] for half of each batch (the authors' slip: the forecast leaks)",
-        ("observed", "half_batch"),
+def _row(meaning: str, *, paper: str, code: str, corrected: str) -> Any:
+    """A row of the table: what it decides, and its value under each preset."""
+    field = key(LEFT_OUT, meaning)
+    field.json_schema_extra |= {"presets": {"paper": paper, "code": code, "corrected": corrected}}
+    return field
+
+
+class Choices(Settings):
+    """The table: a row is a key; those that a stage does not obey may be left out of what it is given."""
+
+    WHERE: ClassVar[str] = "choices"
+
+    loss_window: Literal["observed", "half_batch"] = _row(
+        "points of a trajectory that enter the loss where data.t1_s limits it: observed = [t0, t1] only; half_batch = "
+        "all of [t0, t2] for half of each batch (the authors' slip: the forecast leaks)",
         paper="observed",
         code="half_batch",
         corrected="observed",
-    ),
-    "observed_points": Row(
+    )
+    observed_points: Literal["inclusive", "exclusive"] = _row(
         "whether the observed window includes the point at t1 (51 points at 0.1 s and 5 s) or stops before it (50)",
-        ("inclusive", "exclusive"),
         paper="inclusive",
         code="exclusive",
         corrected="inclusive",
-    ),
-    "multiplier": Row(
+    )
+    multiplier: Literal["lagrangian", "fixed"] = _row(
         "the multiplier of the Lagrangian: lagrangian = raised by tau2 times the data term at regular intervals of "
         "passes; fixed = stays at its first value",
-        ("lagrangian", "fixed"),
         paper="lagrangian",
         code="fixed",
         corrected="lagrangian",
-    ),
-    "penalty": Row(
+    )
+    penalty: Literal["rms", "rms_mixed", "norm_data"] = _row(
         "size of F_a in the loss: rms = root mean square along the predicted trajectory; rms_mixed = the same with "
         "each component of the state taken from a different window and time, since the angle and the speed of a "
         "decaying swing are correlated, and the smallest F_a that damps it contains a share of the restoring force; "
         "norm_data = mean Euclidean norm on the states of the data",
-        ("rms", "rms_mixed", "norm_data"),
         paper="rms",
         code="norm_data",
         corrected="rms",
-    ),
-    "loss_normalisation": Row(
+    )
+    loss_normalisation: Literal["none", "first"] = _row(
         "whether the data term is divided by its first value, taken over the full loss window",
-        ("none", "first"),
         paper="none",
         code="first",
         corrected="none",
-    ),
-    "noise": Row(
+    )
+    noise: Literal["config", "none"] = _row(
         "standard deviation of the observation noise of simulated sets: config = data.noise, none = 0",
-        ("config", "none"),
         paper="none",
         code="config",
         corrected="config",
-    ),
-    "frozen": Row(
+    )
+    frozen: Literal["interaction", "interaction_and_z_e_head"] = _row(
         "what fine-tuning leaves unchanged: interaction = F_a only; interaction_and_z_e_head = also the encoder's z_e "
         "head",
-        ("interaction", "interaction_and_z_e_head"),
         paper="interaction",
         code="interaction_and_z_e_head",
         corrected="interaction",
-    ),
-    "resample": Row(
+    )
+    resample: Literal["once", "epoch"] = _row(
         "whether augmented samples are drawn once, or anew for every pass",
-        ("once", "epoch"),
         paper="once",
         code="once",
         corrected="once",
-    ),
-    "augmentation_noise": Row(
+    )
+    augmentation_noise: Literal["as_data", "none"] = _row(
         "whether augmented samples get the noise of the data",
-        ("as_data", "none"),
         paper="none",
         code="none",
         corrected="as_data",
-    ),
-    "augmented_x": Row(
+    )
+    augmented_x: Literal["data", "resampled"] = _row(
         "x of augmented samples: data = the sample's own; resampled = drawn anew where the system can do so (the "
         "double pendulum's two angles), as in the authors' code",
-        ("data", "resampled"),
         paper="data",
         code="resampled",
         corrected="data",
-    ),
-    "augmented_z_a": Row(
-        "z_a of augmented samples: posterior = drawn from q(z_a | x, y), the paper's Algorithm 1; prior = from "
-        "N(0, I) where the posterior is not a point estimate, as the paper's appendix says of the hybrid-VAE and the "
+    )
+    augmented_z_a: Literal["posterior", "prior"] = _row(
+        "z_a of augmented samples: posterior = drawn from q(z_a | x, y), the paper's Algorithm 1; prior = from N(0, "
+        "I) where the posterior is not a point estimate, as the paper's appendix says of the hybrid-VAE and the "
         "release does",
-        ("posterior", "prior"),
         paper="posterior",
         code="prior",
         corrected="posterior",
-    ),
-    "hvae_z_e": Row(
+    )
+    hvae_z_e: Literal["sampled", "mean"] = _row(
         "the hybrid-VAE's z_e in training: sampled = a sample from q(z_e | x, y); mean = its mean, without a "
         "divergence (the authors' pendulum)",
-        ("sampled", "mean"),
         paper="sampled",
         code="mean",
         corrected="sampled",
-    ),
-    "supervision": Row(
+    )
+    supervision: Literal["standardised", "raw", "off"] = _row(
         "the z_e term of augmented samples: standardised = Gaussian log-density with z_e in units of p+'s standard "
         "deviation; raw = squared error in the parameter's own unit; off = none",
-        ("standardised", "raw", "off"),
         paper="standardised",
         code="raw",
         corrected="standardised",
-    ),
-    "forecast_start": Row(
+    )
+    forecast_start: Literal["y0", "y_t1"] = _row(
         "the state from which the forecast is integrated: y0, or y_t1 (the last observed point)",
-        ("y0", "y_t1"),
         paper="y0",
         code="y0",
         corrected="y0",
-    ),
-    "selection": Row(
+    )
+    selection: Literal["observed", "forecast"] = _row(
         "points of the validation set by which the best model is chosen: observed = [t0, t1], forecast = (t1, t2]",
-        ("observed", "forecast"),
         paper="observed",
         code="forecast",
         corrected="observed",
-    ),
-}
+    )
+
+
+def _described(field: FieldInfo) -> Row:
+    assert isinstance(field.json_schema_extra, dict)
+    return Row(field.description or "", get_args(field.annotation), **field.json_schema_extra["presets"])  # type: ignore[arg-type]
+
+
+ROWS: Mapping[str, Row] = {name: _described(field) for name, field in Choices.model_fields.items()}
 
 
 @dataclass(frozen=True)
@@ -235,7 +243,7 @@ def wrong_choice(choices: Mapping[str, object]) -> tuple[str, str, str] | None:
     return None
 
 
-def resolve(preset: str, choices: Mapping[str, object] | None = None) -> dict[str, object]:
+def resolve(preset: str, choices: Mapping[str, object] | None = None) -> Choices:
     """All choices of a preset, single rows overridden.
 
     Raises:
@@ -243,7 +251,7 @@ def resolve(preset: str, choices: Mapping[str, object] | None = None) -> dict[st
     """
     if preset not in NAMES:
         raise InputError("preset", repr(preset), f"one of {', '.join(NAMES)}")
-    found = wrong_choice(choices or {})
-    if found is not None:
-        raise InputError(f"choices.{found[0]}", *found[1:])
-    return {name: getattr(row, preset) for name, row in ROWS.items()} | dict(choices or {})
+    error = wrong_choice(choices or {})
+    if error is not None:
+        raise InputError(f"choices.{error[0]}", *error[1:])
+    return Choices.model_validate({name: getattr(row, preset) for name, row in ROWS.items()} | dict(choices or {}))

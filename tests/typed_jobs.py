@@ -1,0 +1,53 @@
+"""Stages called with what a workflow's JSON says: mappings that several stages share become each stage's own job."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from expertaug.inference import alternate as alternating
+from expertaug.inference import flow_training, prior_stage
+from expertaug.inference.settings import AlternateJob, FirstPriorJob, FlowJob, OwnPriorJob
+from expertaug.learning import augment as augmenting
+from expertaug.learning import finetune as tuning
+from expertaug.learning import train as training
+from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainJob, UntrainedJob
+from expertaug.settings import Settings
+
+Job = TypeVar("Job", bound=Settings)
+
+
+def job(kind: type[Job], settings: Mapping[str, Any]) -> Job:
+    """A job of a kind from a mapping, of which it takes the keys that it knows."""
+    return kind.from_mapping({name: value for name, value in settings.items() if name in kind.model_fields})
+
+
+def train_job(settings):
+    if settings["build"]["kind"] not in ("mean", "least_squares"):
+        return job(TrainJob, settings)
+    return job(UntrainedJob, settings | {"training": {k: v for k, v in settings["training"].items() if k == "solver"}})
+
+
+def train(data, output, work, settings, tracking, calibration=None):
+    training.train(data, output, work, train_job(settings), tracking, calibration)
+
+
+def alternate(data, output, work, settings, tracking, calibration=None):
+    alternating.alternate(data, output, work, job(AlternateJob, settings), tracking, calibration)
+
+
+def augment(model, data, output, settings):
+    augmenting.augment(model, data, output, job(AugmentJob, settings))
+
+
+def finetune(model, augmented, data, output, work, settings, tracking):
+    tuning.finetune(model, augmented, data, output, work, job(FinetuneJob, settings), tracking)
+
+
+def flow(model, data, output, work, settings, tracking):
+    flow_training.flow(model, data, output, work, job(FlowJob, settings), tracking)
+
+
+def own_prior(model, data, output, settings, calibration=None):
+    kind = FirstPriorJob if model is None else OwnPriorJob
+    return prior_stage.own_prior(model, data, output, job(kind, settings), calibration)
