@@ -122,6 +122,10 @@ def test_shipped_files_are_valid(base, name, tmp_path):
             "augmentation.prior.omega0: found [3.5, 0.5]; min must not exceed max",
         ),
         (
+            "experiments: {pendulum: {augmentation: {prior: {omega0: [0.5, 1.0e+39]}}}}",
+            "augmentation.prior.omega0: found [0.5, 1e+39]; numbers up to 3.4e+38 can be computed with",
+        ),
+        (
             "experiments: {pendulum: {data: {sets: {test: {z_e: {omega: [1, 2]}}}}}}",
             "data.sets.test.z_e: names omega0, omega",
         ),

@@ -47,6 +47,15 @@ def settings(root):
     return config.validate(config.load([Path(__file__).parents[1] / "config/config.yaml", root / "my.yaml"]))
 
 
+def test_a_table_that_a_link_brings_from_elsewhere_is_refused(run):
+    (run / "secret").write_text("secret")
+    (run / "out/tables/pendulum_dissipation.md").unlink()
+    (run / "out/tables/pendulum_dissipation.md").symlink_to(run / "secret")
+    with pytest.raises(InputError, match=r"pendulum_dissipation\.md: leads out of out; put the file itself there"):
+        publish(settings(run), Path("kept"), "snakemake")
+    assert not (run / "kept").exists()
+
+
 def test_tables_figures_and_provenance_are_kept_and_nothing_else(run):
     (run / "out/tables/published.md").write_text("of an earlier run")
     publish(settings(run), run / "kept", "snakemake")

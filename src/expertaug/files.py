@@ -145,6 +145,27 @@ def locked(path: Path, wait_s: float = 0.0, held: str = "another process holds t
         lock.release()
 
 
+def is_inside(path: str | Path, folder: str | Path) -> bool:
+    """Whether a path truly lies in a folder, wherever links and ``..`` lead."""
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
+
+
+def check_inside(path: Path, folder: str | Path) -> Path:
+    """A path that truly lies in a folder, which may be a stranger's.
+
+    Raises:
+        InputError: a link or ``..`` leads out of it.
+    """
+    if not is_inside(path, folder):
+        raise InputError(path, f"leads out of {folder}", "put the file itself there")
+    return path
+
+
+def find(folder: str | Path, pattern: str) -> list[Path]:
+    """Files anywhere below a folder, sorted, but for those that a link brings there from outside."""
+    return [path for path in sorted(Path(folder).rglob(pattern)) if path.is_file() and is_inside(path, folder)]
+
+
 def write_text(path: str | Path, text: str) -> None:
     """Write ``text`` to ``path`` atomically."""
     with atomic(path) as temporary:

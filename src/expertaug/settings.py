@@ -19,6 +19,7 @@ from expertaug.errors import InputError
 
 T = TypeVar("T", bound="Settings")
 MANY = 2**31 - 1  # what counts something is at most this
+LARGEST = 3.4028235e38  # of float32
 
 
 class Settings(BaseModel):
@@ -103,6 +104,8 @@ def disagree(found: str, remedy: str, at: str = "") -> PydanticCustomError:
 def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     if value[0] > value[1]:
         raise wrong(f"found {wording.show(list(value))}", "min must not exceed max")
+    if max(map(abs, value)) > LARGEST:
+        raise wrong(f"found {wording.show(list(value))}", f"numbers up to {LARGEST:.3g} can be computed with")
     return value
 
 

@@ -71,6 +71,16 @@ def run(tmp_path):
     return tmp_path, {"shown": shown, "experiments": [experiment], **told}
 
 
+@pytest.mark.parametrize("name", ["figures/swing_alarm.png", "tables/swing_long.csv", "tables/swing_alarm.csv"])
+def test_a_file_that_a_link_brings_from_elsewhere_is_refused(run, name, tmp_path_factory):
+    folder, settings = run
+    outside = tmp_path_factory.mktemp("own") / "file"
+    (folder / name).rename(outside)
+    (folder / name).symlink_to(outside)
+    with pytest.raises(InputError, match="leads out of"):
+        report(folder, folder / "report.html", settings)
+
+
 def _shown(path: str, caption: str, title: str, **wildcards: str) -> dict:
     named = {"experiment": "swing", **wildcards}
     return {"path": path, "caption": str(CAPTIONS / f"{caption}.rst"), "wildcards": named, "title": title}

@@ -81,6 +81,12 @@ def test_a_changed_setting_starts_afresh(tmp_path):
     assert Checkpoint(tmp_path / "work", other).load() is None
 
 
+def test_a_folder_in_a_checkpoints_place_is_told_before_anything_runs(tmp_path):
+    (tmp_path / "work" / "checkpoint.pt").mkdir(parents=True)
+    with pytest.raises(InputError, match=r"checkpoint\.pt: is a folder; remove it"):
+        Checkpoint(tmp_path / "work", "x").load()
+
+
 def test_two_processes_do_not_run_one_job(tmp_path):
     with locked(tmp_path / "work"), pytest.raises(InputError, match="another process"), locked(tmp_path / "work"):
         pass

@@ -110,6 +110,8 @@ def test_expressions_are_arithmetic_and_nothing_else():
         "cos()",
         "theta +",
         "theta" * 200,
+        "theta * 1" + 400 * "0",
+        "theta * 1e400",
     ):
         with pytest.raises(InputError) as error:
             expression.names(text, "data.files.split.quantity")

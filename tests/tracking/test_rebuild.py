@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from logged import FIELDS, RUN, contents, elsewhere, runs_of, settings, start
@@ -74,3 +76,47 @@ def test_a_folder_without_logs_is_refused_and_gets_no_store(tmp_path, name):
     with pytest.raises(InputError, match=f"{name}: no run log and no metrics.csv below it; give the results folder"):
         rebuild(tmp_path / name, uri, "trial")
     assert list(tmp_path.rglob("*")) == [tmp_path / "empty"]
+
+
+@pytest.fixture
+def stranger(tmp_path):
+    """A results folder that somebody sent, beside what is one's own: secrets, a log, and a folder called previous."""
+    own, results = tmp_path / "own", tmp_path / "results"
+    for folder in (own / "previous", results / "a", results / "mlflow"):
+        folder.mkdir(parents=True)
+    for name in ("secret.csv", "previous/kept"):
+        (own / name).write_text("secret")
+    RunLog(own / "log.jsonl", RUN).close()
+    (results / "a" / "model.safetensors").symlink_to(own / "secret.csv")
+    (results / "a" / "good.csv").write_text("good")
+    with RunLog(results / "a" / "log.jsonl", RUN) as log:
+        for path in (own / "secret.csv", results / "a" / "model.safetensors", results / "a" / "good.csv"):
+            log.artifact(path)
+    with (results / "a" / "log.jsonl").open("a") as stream:
+        stream.write(json.dumps({"event": "artifact", "path": str(own / "secret.csv")}) + "\n")
+    (results / "b").symlink_to(own)
+    (results / "linked.jsonl").symlink_to(own / "log.jsonl")
+    return results
+
+
+def test_rebuild_reads_and_writes_nothing_outside_a_strangers_folder(stranger, caplog):
+    own, before = stranger.parent / "own", sorted(stranger.parent.glob("own/**/*"))
+    (stranger / "mlflow" / "mlflow.db").write_bytes(b"")
+    (stranger / "mlflow" / "previous").symlink_to(own / "previous")
+    (stranger / "mlflow" / "artifacts").symlink_to(own / "missing")
+    tracking = settings(stranger)
+    assert rebuild(stranger, tracking.uri, tracking.experiment) == 1
+    stored = [path for path in (stranger / "mlflow").rglob("*") if path.is_file() and path.suffix != ".db"]
+    assert {path.name for path in stored} >= {"good.csv"}
+    assert not [path for path in stored if b"secret" in path.read_bytes()]
+    assert sorted(stranger.parent.glob("own/**/*")) == before
+    assert sum("not in the folder of the log that names it" in message for message in caplog.messages) == 3
+
+
+def test_a_store_that_a_link_puts_outside_is_not_made(stranger):
+    (stranger / "mlflow").rmdir()
+    (stranger / "mlflow").symlink_to(stranger.parent / "own")
+    before = sorted(stranger.parent.glob("own/**/*"))
+    with pytest.raises(InputError, match=r"mlflow: leads out of .*results"):
+        rebuild(stranger, settings(stranger).uri, "trial")
+    assert sorted(stranger.parent.glob("own/**/*")) == before

@@ -59,6 +59,51 @@ def test_torn_last_line_is_ignored_and_a_broken_one_named(tmp_path):
         read_log(path)
 
 
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("[" * 100_000, "line 2 is not JSON"),
+        ('{"event": "x", "time": 1, "y": ' + 5000 * "[" + 5000 * "]" + "}", "line 2 is not JSON"),
+        ("3", "line 2: step: Input should be an object"),
+        ('{"step": 1, "time": 2, "loss": [1, 2, 3]}', "line 2: loss has 3 values for 2 seeds"),
+        ('{"step": 1, "time": 2, "loss": {"a": 1}}', "line 2: step.loss"),
+        ('{"step": 1, "time": NaN}', "line 2: step.time: Input should be a finite number"),
+        ('{"event": "artifact"}', "line 2: artifact.path: Field required"),
+    ],
+)
+def test_a_line_that_no_training_wrote_is_named(tmp_path, line, found):
+    RunLog(tmp_path / "log.jsonl", RUN).close()
+    header = (tmp_path / "log.jsonl").read_text().splitlines()[0]
+    (tmp_path / "log.jsonl").write_text(f"{header}\n{line}\n")
+    with pytest.raises(InputError) as error:
+        read_log(tmp_path / "log.jsonl")
+    assert found in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("damage", ["cut", "removed", "another's"])
+def test_a_resumed_log_says_what_is_lost_of_it(tmp_path, damage, caplog):
+    path = tmp_path / "log.jsonl"
+    log = RunLog(path, RUN)
+    for step in range(10):
+        log.metrics(step, {"loss": [step, step]})
+    state = log.state()
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[: state["offset"] // 2])
+    elif damage == "removed":
+        path.unlink()
+    else:
+        RunLog(path, RUN).close()
+    with RunLog(path, RUN, resume=state) as log:
+        log.metrics(10, {"loss": [10, 10]})
+    assert log.continued == (damage == "cut")
+    found = read_log(path)
+    assert found.header.id == state["id"]
+    assert 0 < len(found.steps) < 11 and found.steps[-1].step == 10
+    (lost,) = (line for line in found.lines if getattr(line, "event", "") == "lines_lost")
+    (message,) = caplog.messages
+    assert message == f"{path}: {lost.reason}: the curves lack what was logged there"
+
+
 def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "closed").write_text("a file")
     with pytest.raises(InputError, match="cannot be written"):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from expertaug.config import eta
 from expertaug.evaluation import costs
-from expertaug.files import read_json
+from expertaug.files import is_inside, read_json
 
 logger = logging.getLogger("snakemake.logging")  # what is said here is on the terminal and in Snakemake's own log
 OTHERS = "tables, figures and others"  # jobs that nobody measures: a few seconds each
@@ -122,7 +122,7 @@ class Watch(logging.Handler):
         places = {"Report": "report.html", "Tables": "tables", "Figures": "figures"}
         said = [f"{name}: {results / place}" for name, place in places.items() if (results / place).exists()]
         marker = results / "mlflow" / "tracking.json"
-        tracking = read_json(marker) if marker.is_file() else {}
+        tracking = read_json(marker) if marker.is_file() and is_inside(marker, results) else {}
         if tracking.get("enabled") and tracking.get("experiment_id") is not None:
             uri, experiment = tracking["uri"], tracking["experiment_id"]
             place = f"/#/experiments/{experiment}/runs?workflowType=machine_learning"  # the bare address shows nothing

@@ -6,6 +6,8 @@ import csv
 from pathlib import Path
 from typing import NamedTuple
 
+from expertaug.files import find
+
 RENAMED = {"along": "during_training"}  # stages that runs published before were called otherwise
 
 
@@ -23,7 +25,7 @@ def of_run(benchmarks: Path) -> dict[str, Cost]:
         benchmarks: folder of its benchmark files; one that a job is just writing is left out.
     """
     found = {}
-    for path in sorted(Path(benchmarks).rglob("*.tsv")):
+    for path in find(benchmarks, "*.tsv"):
         with path.open(encoding="utf-8", newline="") as stream:
             rows = list(csv.DictReader(stream, delimiter="\t"))
         if rows:

@@ -12,7 +12,7 @@ import yaml
 
 from expertaug.errors import InputError
 from expertaug.evaluation import costs, products, run_record
-from expertaug.files import read_json, write_json, write_text
+from expertaug.files import check_inside, read_json, write_json, write_text
 
 REPOSITORY = Path(__file__).parents[3]
 RECORD = "provenance.json"
@@ -109,7 +109,7 @@ def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
     for file in _files(settings["run"]):
         if (results / file).exists() and (filmed or file not in RECORDINGS):
             (new / file).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(results / file, new / file)
+            shutil.copyfile(check_inside(results / file, results), new / file)
     own = {*settings["run"], *([None] if filmed else [])}
     every = costs.of_run(results / "benchmarks")
     measured = {job: cost for job, cost in every.items() if _experiment(job, settings["experiments"]) in own}

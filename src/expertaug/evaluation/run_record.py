@@ -7,6 +7,7 @@ from pathlib import Path
 
 from expertaug.evaluation.costs import Cost
 from expertaug.evaluation.report.cells import Table
+from expertaug.files import find
 from expertaug.tracking import provenance
 from expertaug.tracking.log import read_log
 
@@ -19,7 +20,7 @@ def of_run(results: Path, measured: Mapping[str, Cost]) -> dict[str, object]:
         results: the results folder.
         measured: what its jobs took.
     """
-    logs = [read_log(path) for path in sorted(Path(results).rglob("log.jsonl"))]
+    logs = [read_log(path) for path in find(results, "log.jsonl")]
     return {
         "git_revisions": sorted({log.header.tags.get("git_revision", "unknown") for log in logs}),
         "versions": provenance.versions(),

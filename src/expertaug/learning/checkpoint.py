@@ -14,6 +14,7 @@ from pathlib import Path
 import torch
 
 from expertaug import files, source_files
+from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
 
 logger = logging.getLogger(__name__)
@@ -64,6 +65,9 @@ class Checkpoint:
         """The state of an earlier, killed run of the same job; None where there is none that fits.
 
         A damaged file is a warning: the job starts afresh.
+
+        Raises:
+            InputError: it is no file.
         """
         try:
             head, _, payload = self.file.read_bytes().partition(b"\n")
@@ -75,6 +79,8 @@ class Checkpoint:
             return torch.load(io.BytesIO(payload), weights_only=True)
         except FileNotFoundError:
             return None
+        except IsADirectoryError as error:
+            raise InputError(self.file, "is a folder", "remove it: a checkpoint is written there") from error
         except Exception:  # torch raises many kinds for a damaged file; the remedy is the same
             logger.warning("%s: damaged, so it is not used: the training starts afresh", self.file)
             return None

@@ -11,6 +11,7 @@ import numpy as np
 from expertaug.errors import InputError
 
 LONGEST = 500  # characters
+LARGEST = 1e300
 FUNCTIONS: Mapping[str, Callable] = {
     name: getattr(np, name) for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "arctan2", "hypot", "sign")
 } | {"minimum": np.minimum, "maximum": np.maximum}
@@ -60,6 +61,8 @@ def value(text: str, columns: Mapping[str, np.ndarray], where: object) -> np.nda
 
 def _check(node: ast.AST, text: str, where: object, found: dict[str, None]) -> None:
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        if abs(node.value) > LARGEST:
+            raise InputError(where, f"'{text}' has a number beyond {LARGEST:g}", "write a smaller one")
         return
     if isinstance(node, ast.Name):
         found[node.id] = None

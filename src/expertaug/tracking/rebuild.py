@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from expertaug import files
 from expertaug.errors import InputError
 from expertaug.tracking import store
 from expertaug.tracking.log import Log, read_log
@@ -28,6 +30,8 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
             in its place.
     """
     database = store.database(uri)
+    if database is not None and database.absolute().is_relative_to(Path(results).absolute()):
+        files.check_inside(database.parent, results)
     logs = list(_find_logs(Path(results), database)) if Path(results).is_dir() else []
     if not logs:
         raise InputError(results, "no run log and no metrics.csv below it", "give the results folder of a run")
@@ -64,7 +68,7 @@ def _find(results: Path, pattern: str, database: Path | None) -> list[Path]:
     """Files below ``results`` but for work in progress (hidden folders), published copies and the store's own."""
     own = set() if database is None else {database.parent.resolve() / name for name in ("artifacts", "previous")}
     found = []
-    for path in sorted(results.rglob(pattern)):
+    for path in files.find(results, pattern):
         parts = path.relative_to(results).parts
         hidden = parts[0] == "published" or any(part.startswith(".") for part in parts)
         if not hidden and own.isdisjoint(path.resolve().parents):
@@ -75,14 +79,14 @@ def _find(results: Path, pattern: str, database: Path | None) -> list[Path]:
 def _parts(database: Path) -> list[Path]:
     """Everything that makes up a store; a write-ahead log must never meet another database than its own."""
     names = [f"{database.name}{end}" for end in ("", "-wal", "-shm")]
-    return [path for path in (database.with_name(name) for name in (*names, "artifacts")) if path.exists()]
+    return [path for path in (database.with_name(name) for name in (*names, "artifacts")) if os.path.lexists(path)]
 
 
 def _move_aside(database: Path) -> list[Path]:
     moved = _parts(database)
     previous = database.parent / "previous"
     if moved:
-        shutil.rmtree(previous, ignore_errors=True)
+        _remove(previous)
         previous.mkdir()
         for path in moved:
             path.replace(previous / path.name)
@@ -91,9 +95,14 @@ def _move_aside(database: Path) -> list[Path]:
 
 def _move_back(database: Path, moved: list[Path]) -> None:
     for path in _parts(database):
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
+        _remove(path)
     for path in moved:
         (database.parent / "previous" / path.name).replace(path)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file, a folder or a link; never what a link leads to."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from expertaug.files import is_inside
 from expertaug.tracking.log import Artifact, Dataset, End, Header, Line, Step, read_lines, read_log
 from expertaug.tracking.settings import Tracking
 from expertaug.tracking.store import StoreGone, brief, check_present, connect, database, locked, rebuild_command
@@ -260,6 +261,9 @@ class Mirror:
 
     def _log_artifact(self, line: Artifact) -> None:
         path = self._folder / line.path
+        if not is_inside(path, self._folder):
+            logger.warning("%s: not in the folder of the log that names it, so it is no artifact of its run", path)
+            return
         if not path.is_file():  # a log may outlive the file; the run is no worse for it
             logger.warning("%s: no such file, so it is no artifact of its run", path)
             return

@@ -17,7 +17,7 @@ from expertaug.evaluation.report.cells import Table
 from expertaug.evaluation.report.graph import drawing
 from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.summary import experiment_title
-from expertaug.files import write_text
+from expertaug.files import check_inside, write_text
 from expertaug.tracking import provenance
 
 TEMPLATE = Path(__file__).with_name("page.html")
@@ -76,7 +76,8 @@ def report(results: Path, output: Path, settings: Mapping) -> None:
     results, numbers = Path(results), Numbers()
     shown = [Shown(**one) for one in settings["shown"]]
     experiments = [
-        (tables.read_long(results / f"tables/{one['name']}_long.csv"), one) for one in settings["experiments"]
+        (tables.read_long(check_inside(results / f"tables/{one['name']}_long.csv", results)), one)
+        for one in settings["experiments"]
     ]
     first = numbers.table("Headline numbers", headline.CAPTION, headline.table(experiments))
     sections = [(OVERALL, _blocks(numbers, [one for one in shown if _room(one) == OVERALL], results, settings))]
@@ -143,7 +144,7 @@ def _table(
     settings: Mapping | None,
     folded: bool = False,
 ) -> Block:
-    path = results / one.csv
+    path = check_inside(results / one.csv, results)
     if one.stem == "published":
         table = tables.published(path, {e["name"]: experiment_title(e["name"], e) for e in config["experiments"]})
         caption += " Methods that were not run are left out."

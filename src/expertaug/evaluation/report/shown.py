@@ -13,6 +13,7 @@ import jinja2
 
 from expertaug import plotting
 from expertaug.errors import InputError
+from expertaug.files import check_inside
 
 PNG = b"\x89PNG\r\n\x1a\n"
 SCALE = 130 / plotting.DPI  # of pixels on the page to those of a figure: its letters are as large as the text's
@@ -75,7 +76,7 @@ class Shown:
         Raises:
             InputError: it is missing, or no PNG.
         """
-        path = Path(results) / self.path
+        path = check_inside(Path(results) / self.path, results)
         if not path.is_file():
             raise InputError(path, "no such file", "run the workflow to its end first")
         found = path.read_bytes()
