@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -19,8 +20,7 @@ from expertaug.measurements.stage import cut_measurements
 from expertaug.settings import read
 from expertaug.systems.double_pendulum import Constants, energy
 from expertaug.trajectories import Trajectories
-from expertaug_recordings.chunks.cut import split_chunks
-from expertaug_recordings.chunks.horizons import cut_horizon
+from expertaug_recordings.chunks import cut_horizon, split_chunks
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.settings import CutHorizonJob, SplitChunksJob
 from typed_jobs import train
@@ -87,6 +87,33 @@ def folders(tmp_path_factory) -> dict[str, dict[str, Path]]:
             longer = read(MeasurementSettings, {**files(by), "horizons_s": [HORIZON_S]})
             cut_measured_horizon(tables, root / by / "files" / f"{name}.npz", longer, name, NAMES)
     return {by: {source: root / by / source for source in ("recordings", "files")} for by in SPLITS}
+
+
+# Of the chunks' identities, as recordings were cut when they had a cutter of their own.
+KEPT = {
+    "energy": {
+        "train": (136, "9cbbbcf1f0d872c1"),
+        "validation": (23, "2c0681c75d4771f5"),
+        "test": (26, "aa5c2ec414a9c2d6"),
+        "validation_400ms": (8, "3f2e9f76da2752a2"),
+        "test_400ms": (10, "5fd73bb92821c0dc"),
+    },
+    "time": {
+        "train": (140, "e159e9b63c51b45f"),
+        "validation": (22, "c0bed5181cad1179"),
+        "test": (27, "6853255a1831d210"),
+        "validation_400ms": (9, "7f4f32a3ad703d5c"),
+        "test_400ms": (10, "e947715a184f748f"),
+    },
+}
+
+
+@pytest.mark.parametrize("by", list(SPLITS))
+def test_recordings_are_cut_as_they_ever_were(folders, by):
+    for name, kept in KEPT[by].items():
+        chunks = Trajectories.load(folders[by]["recordings"] / f"{name}.npz")
+        assert (len(chunks), hashlib.sha256("\n".join(chunks.id).encode()).hexdigest()[:16]) == kept
+        assert chunks.noise is None and chunks.mask is None
 
 
 @pytest.mark.parametrize("by", list(SPLITS))

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug_recordings.angles.measure import measure_angles
-from expertaug_recordings.chunks.cut import split_chunks
+from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.rendering.motion import simulate

@@ -16,7 +16,7 @@ from expertaug.errors import InputError
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.angles.single import fit_single
-from expertaug_recordings.chunks.cut import split_chunks
+from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.reports.page import plot_recording

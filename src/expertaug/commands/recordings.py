@@ -249,7 +249,7 @@ def _inspect(a: argparse.Namespace) -> None:
 
 
 def _split_chunks(a: argparse.Namespace) -> None:
-    from expertaug_recordings.chunks.cut import split_chunks
+    from expertaug_recordings.chunks import split_chunks
     from expertaug_recordings.intake import divide
     from expertaug_recordings.settings import SplitChunksJob
 
@@ -258,7 +258,7 @@ def _split_chunks(a: argparse.Namespace) -> None:
 
 
 def _cut_horizon(a: argparse.Namespace) -> None:
-    from expertaug_recordings.chunks.horizons import cut_horizon
+    from expertaug_recordings.chunks import cut_horizon
     from expertaug_recordings.intake import divide
     from expertaug_recordings.settings import CutHorizonJob
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.measurements.chunks import chosen, rows_of, spaced, stride_of, thinned
-from expertaug.measurements.grid import Grid, Series, on_grid, times_of
+from expertaug.measurements.grid import Grid, Series, on_grid
 from expertaug.measurements.names import Names
 from expertaug.measurements.noise import noise_of, noise_of_rows
 from expertaug.measurements.paths import list_files, verify
@@ -27,6 +28,27 @@ from expertaug.measurements.splitting import (
 from expertaug.measurements.trajectory import WHERE, read
 from expertaug.trajectories import Trajectories
 
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Source:
+    """How messages call what is cut.
+
+    Attributes:
+        keys, split: keys that say how it is cut, and how it is divided.
+        series, points: what there are several of, and what each consists of.
+        more: what there should be more of where a set has too few chunks.
+        longer: what else helps where the chunks are too long.
+    """
+
+    keys: str = WHERE
+    split: str = f"{WHERE}.split"
+    series: str = "trajectories"
+    points: str = "points"
+    more: str = "measurements, a lower min_seen"
+    longer: str = "a larger longest_gap"
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -37,14 +59,19 @@ class Measured:
         names: of the system.
         settings: how they were read.
         grid: all trajectories.
-        noise: standard deviation of each component's noise, (K,), NaN where it cannot be told.
+        noise: standard deviation of each component's noise, (K,), NaN where it cannot be told; None where it is not
+            asked for.
+        source: how messages call it.
+        nearer: whether a set with too few chunks has them begin nearer to each other.
     """
 
     files: list[Path]
     names: Names
     settings: MeasurementSettings
     grid: Grid
-    noise: np.ndarray
+    noise: np.ndarray | None
+    source: Source = Source()
+    nearer: bool = False
 
     @property
     def seen(self) -> np.ndarray:
@@ -88,7 +115,7 @@ def divide(data: Measured) -> tuple[list[np.ndarray], dict[str, float] | None]:
         InputError: there are too few pieces, or names that say nothing.
     """
     split, series = data.settings.split, data.grid.series
-    usable, where = [one.usable for one in series], f"{WHERE}.split"
+    usable, where = [one.usable for one in series], data.source.split
     shares, thresholds = split.shares, None
     _refuse_too_long(data)
     size = data.settings.length * data.grid.step
@@ -111,12 +138,14 @@ def divide(data: Measured) -> tuple[list[np.ndarray], dict[str, float] | None]:
 
 
 def _refuse_too_long(data: Measured) -> None:
-    """Chunks must fit into a trajectory."""
+    """Chunks must fit into a series."""
     longest = max(b - a for one in data.grid.series for a, b in [(0, 0), *stretches(one.usable)])
     points = (longest - 1) // data.grid.step + 1
     if points < data.settings.length:
-        found = f"found {data.settings.length}, the longest trajectory without a long gap has {points} points"
-        raise InputError(f"{WHERE}.length", found, "give fewer, or a larger longest_gap")
+        source = data.source
+        what = "trajectory" if source.series == "trajectories" else "recording"
+        found = f"found {data.settings.length}, the longest {what} without a long gap has {points} points"
+        raise InputError(f"{source.keys}.length", found, f"give fewer, or {source.longer}")
 
 
 def _by_name(data: Measured, usable: list[np.ndarray]) -> list[np.ndarray]:
@@ -164,30 +193,54 @@ def _fits(value: str, one: Series, patterns: Sequence[str], by: str) -> bool:
 def candidates(data: Measured, labels: list[np.ndarray]) -> dict[str, np.ndarray]:
     """Per split, the chunks that begin with a measured point, lie on the grid and have enough of it measured: rows
     (series, first point), (N, 2)."""
-    steps = [data.grid.step] * len(labels)
+    return {name: _of_split(data, labels, name) for name in SPLITS}
+
+
+def _of_split(data: Measured, labels: list[np.ndarray], split: str) -> np.ndarray:
+    """A split's chunks, (N, 2): as far apart as the settings say, or, where asked for, nearer where these are too few.
+
+    Recordings of some hundred frames would otherwise be refused for a stride that nobody chose for them.
+    """
     options = data.settings
+    wanted = stride = stride_of(split, options)
+    rows = _apart(data, labels, split, stride)
+    while data.nearer and len(rows) < options.min_chunks and stride > 1:
+        stride //= 2
+        rows = _apart(data, labels, split, stride)
+    if stride < wanted and len(rows) >= options.min_chunks:
+        text = "the %s split's chunks begin every %d points instead of every %d, for there to be %d%s"
+        overlap = ": they overlap, and intervals of its scores are too narrow" if stride < options.length else ""
+        logger.warning(text, split, stride, wanted, options.min_chunks, overlap)
+    return rows
+
+
+def _apart(data: Measured, labels: list[np.ndarray], split: str, stride: int) -> np.ndarray:
+    """A split's chunks, (N, 2), that begin so many points apart."""
+    steps = [data.grid.step] * len(labels)
     if data.grid.share == 1:
-        each = {name: rows_of(labels, steps, name, options, stride_of(name, options)) for name in SPLITS}
-        return {name: rows[_good(data, rows)] for name, rows in each.items()}
+        rows = rows_of(labels, steps, split, data.settings, stride)
+        return rows[_good(data, rows)]
     # Between rows lie points at which no chunk can begin: of those at which one can, such as are a stride apart.
-    each = {name: rows_of(labels, steps, name, options, 1) for name in SPLITS}
-    return {name: spaced(rows[_good(data, rows)], stride_of(name, options)) for name, rows in each.items()}
+    rows = rows_of(labels, steps, split, data.settings, 1)
+    return spaced(rows[_good(data, rows)], stride)
 
 
 def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
-    seen, h = data.seen, data.grid.row_s
-    tolerance = 1.01 if data.grid.share < 1 else data.settings.tolerance  # both ends may be half a point off
-    good = np.zeros(len(rows), dtype=bool)
-    for k, (index, first) in enumerate(rows):
-        one, points = data.grid.series[index], _points(data, first)
-        y, t = one.y[points][:, seen], one.t[points]
-        off = np.abs(t - t[0] - h * (points - points[0]))
-        driven = np.isfinite(one.u[points]).all()
-        good[k] = (
-            driven
-            and np.isfinite(y[0]).any()
-            and np.isfinite(y).mean() >= data.settings.min_seen * data.grid.share
-            and not (off > max(tolerance, 1e-6) * h).any()
+    """Which chunks (N,) begin with a measured point, lie on the grid and have enough of it measured."""
+    seen, h, settings = data.seen, data.grid.row_s, data.settings
+    tolerance = 1.01 if data.grid.share < 1 else settings.tolerance  # both ends may be half a point off
+    least, good = settings.min_seen * data.grid.share, np.zeros(len(rows), dtype=bool)
+    for index in np.unique(rows[:, 0]):
+        one, here = data.grid.series[index], rows[:, 0] == index
+        first = rows[here, 1]
+        points = first[:, None] + data.grid.step * np.arange(settings.length)
+        known, driven = np.isfinite(one.y[:, seen]), np.isfinite(one.u).all(1)
+        off = np.abs(one.t[points] - one.t[first][:, None] - h * (points - first[:, None]))
+        good[here] = (
+            driven[points].all(1)
+            & known[first].any(1)
+            & (known.sum(1)[points].sum(1) / (settings.length * known.shape[1]) >= least)
+            & ~(off > max(tolerance, 1e-6) * h).any(1)
         )
     return good
 
@@ -221,12 +274,15 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
         if name in data.names.constant and changed.any():
             found = f"{name} changes along {identity[int(changed.argmax())]}"
             raise InputError(f"{WHERE}.inputs.{name}", found, "a covariate is constant; declare an input")
-    times = times_of(settings.length, data.grid.step_s)
-    known = {"id": np.array(identity), "noise": np.nan_to_num(data.noise)}
+    known = {"id": np.array(identity)}
+    if data.noise is not None:
+        known["noise"] = np.nan_to_num(data.noise)
     # Windows without a gap are what a model of them may rely on, as one of simulated sets or recordings does.
     if settings.min_seen < 1 or not data.seen.all():
         known["mask"] = np.isfinite(y)
-    return Trajectories(times, np.nan_to_num(y), z_e, u=u if data.names.inputs else None, **known)
+    return Trajectories(
+        data.grid.times(settings.length), np.nan_to_num(y), z_e, u=u if data.names.inputs else None, **known
+    )
 
 
 def sets_of(data: Measured) -> tuple[dict[str, Trajectories], dict[str, np.ndarray], dict[str, float] | None]:
@@ -236,7 +292,7 @@ def sets_of(data: Measured) -> tuple[dict[str, Trajectories], dict[str, np.ndarr
         InputError: a set has too few chunks.
     """
     labels, thresholds = divide(data)
-    rows = chosen(f"{WHERE}.split", candidates(data, labels), data.settings, "measurements, a lower min_seen")
+    rows = chosen(data.source.split, candidates(data, labels), data.settings, data.source.more)
     return {name: trajectories_of(data, of) for name, of in rows.items()}, rows, thresholds
 
 

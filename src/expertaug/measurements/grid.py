@@ -58,6 +58,7 @@ class Grid:
             as they are.
         share: part of the points that have a row where none is missing: less than 1 on a grid finer than the rows.
         moved: most that a row was moved in time to lie on a finer grid, in s.
+        rate_hz: a chunk's points per second, where that number is what their times were made by.
     """
 
     series: list[Series]
@@ -67,11 +68,16 @@ class Grid:
     error: np.ndarray | None
     share: float = 1.0
     moved: float = 0.0
+    rate_hz: float | None = None
 
     @property
     def step_s(self) -> float:
         """Time from point to point of a chunk in s."""
         return self.row_s * self.step
+
+    def times(self, points: int) -> np.ndarray:
+        """Times of a chunk's points in s, (points,)."""
+        return times_of(points, self.step_s) if self.rate_hz is None else np.arange(points) / self.rate_hz
 
 
 def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid:

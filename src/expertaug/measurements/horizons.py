@@ -12,7 +12,6 @@ from expertaug.measurements.cut import Measured, candidates, divide, measured, t
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings, points_in
 from expertaug.measurements.splitting import SPLITS, stretches
-from expertaug.measurements.trajectory import WHERE
 from expertaug.trajectories import Trajectories
 
 
@@ -40,14 +39,15 @@ def long_set(data: Measured, name: str) -> Trajectories:
     Raises:
         InputError: it is no longer than the chunks, or no stretch of the split's points is as long.
     """
-    options, here = data.settings, f"{WHERE}.horizons_s"
+    options, source = data.settings, data.source
+    here = f"{source.keys}.horizons_s"
     split, seconds = options.horizons[name]
     length = points_in(seconds, data.grid.step_s)
     if length <= options.length:
         last = (options.length - 1) * data.grid.step_s
         raise InputError(here, f"found {seconds:g}", f"chunks end at {last:g} s already")
     labels = divide(data)[0]
-    long = replace(data, settings=options.model_copy(update={"length": length, "phases": "first"}))
+    long = replace(data, settings=options.model_copy(update={"length": length, "phases": "first"}), nearer=False)
     rows = candidates(long, labels)[split]
     if len(rows):
         return trajectories_of(long, thinned(rows, MOST_LONG))
@@ -55,9 +55,9 @@ def long_set(data: Measured, name: str) -> Trajectories:
     longest = max(((b - a - 1) * data.grid.row_s for a, b in runs), default=0.0)
     found, remedy = (
         f"no {split} chunk of {seconds:g} s",
-        "give longer trajectories, or shorter horizons_s ([] for none)",
+        f"give longer {source.series}, or shorter horizons_s ([] for none)",
     )
     if longest < seconds:
-        raise InputError(here, f"{found}: the longest stretch of its points lasts {longest:.2g} s", remedy)
+        raise InputError(here, f"{found}: the longest stretch of its {source.points} lasts {longest:.2g} s", remedy)
     remedy = "give a smaller min_seen, or shorter horizons_s ([] for none)"
     raise InputError(here, f"{found} has {options.min_seen:g} of its values measured", remedy)

@@ -25,7 +25,7 @@ def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path
     """Draw how the initial angles, speeds and energies of train, validation and test chunks are distributed.
 
     Arguments:
-        data_dir: what :func:`expertaug_recordings.chunks.cut.split_chunks` wrote.
+        data_dir: what :func:`expertaug_recordings.chunks.split_chunks` wrote.
         outputs: one or more .png or .pdf files.
 
     Raises:

@@ -1,1 +1,0 @@
-"""Recordings cut into chunks and divided into train, validation and test."""
