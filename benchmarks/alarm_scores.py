@@ -21,6 +21,7 @@ from expertaug.config import shown_settings, stage_settings
 from expertaug.config.complete import completed
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.evaluate import evaluate
+from expertaug.evaluation.settings import WindowStudyJob
 
 
 def main() -> None:
@@ -48,7 +49,7 @@ def main() -> None:
                     made.append(Path(temporary) / f"{version}_{model.parent.name}.npz")
                     evaluate(model, folder / "data", Path(temporary) / "metrics.csv", made[-1], settings)
         table = Path(temporary) / "alarm.md"
-        alarm(made, [table], shown_settings.windows(config, options.experiment))
+        alarm(made, [table], WindowStudyJob.from_mapping(shown_settings.windows(config, options.experiment)))
         print(table.read_text(encoding="utf-8"))
 
 

@@ -17,8 +17,9 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
-from expertaug.evaluation.formats import cell_text, grid
+from expertaug.evaluation.metrics import metric_of
 from expertaug.evaluation.summary import experiment_title, set_title
+from expertaug.evaluation.table import Cell, grid
 from expertaug.files import write_text
 
 CELL = ("mean", "std", "n", "low", "high")
@@ -39,7 +40,7 @@ def of_paper(folder: Path, name: str) -> list[str]:
         for label in labels:
             cell = part[part["label"] == label].iloc[0]
             theirs = digits.format(cell["published_mean"], cell["published_std"]).replace("-", "−")
-            row.append(f"{cell_text(cell, cell['metric'])} ({theirs})")
+            row.append(f"{Cell.of_row(metric_of(cell['metric']), cell).text()} ({theirs})")
         rows.append(row)
     return grid([PAPER[name], "set", *labels], rows, 2)
 
@@ -57,7 +58,7 @@ def of_experiment(folder: Path, name: str, versions: str | None) -> list[str]:
     for _, line in table.iterrows():
         cells = [{k: line.get(f"{s}/{metric}/{k}", math.nan) for k in CELL} for s in sets]
         of = len(str(line["seeds"]).split())
-        rows.append([line["label"], *(cell_text(cell | {"of": of}, metric) for cell in cells)])
+        rows.append([line["label"], *(Cell.of_row(metric_of(metric), cell | {"of": of}).text() for cell in cells)])
     titles = {"iid": "IID test", "test": "test (OOD)"}
     return grid(["method", *(titles.get(s, s) for s in sets)], rows, 1)
 

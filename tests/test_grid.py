@@ -12,6 +12,7 @@ from expertaug.config import grid, jobs, stage_settings
 from expertaug.config import load as configuration
 from expertaug.errors import InputError
 from expertaug.evaluation.grid import grid as stage
+from expertaug.evaluation.settings import GridJob
 from expertaug.models.tensor_file import write_tensors
 
 ROOT = Path(__file__).parents[1]
@@ -86,7 +87,7 @@ def test_table_and_figure_put_the_best_validation_score_first(tmp_path):
     points = [["a@1", [0.001, [16]]], ["a@2", [0.003, [50, 50]]]]
     settings = {"experiment": "lab", "label": "A", "keys": ["training.learning_rate", "model.layers"], "points": points}
     outputs = [tmp_path / f"grid.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
-    stage(models, outputs, settings)
+    stage(models, outputs, GridJob.from_mapping(settings))
     table = pd.read_csv(outputs[0])
     assert list(table["point"]) == ["a@1", "a@2"] and list(table["model.layers"]) == ["[16]", "[50, 50]"]
     assert list(table["mean"]) == [-2.0, -4.5] and list(table["n"]) == [3, 2] and list(table["of"]) == [3, 3]
@@ -95,6 +96,6 @@ def test_table_and_figure_put_the_best_validation_score_first(tmp_path):
     assert "−4.50 ± 0.71 (2/3)" in rows[0]
     assert all(path.stat().st_size > 300 for path in outputs[1:])
     with pytest.raises(InputError, match="no model of this point"):
-        stage(models[:2], outputs, settings)
+        stage(models[:2], outputs, GridJob.from_mapping(settings))
     with pytest.raises(InputError, match=r"a model of 'a@2'"):
-        stage(models, outputs, settings | {"points": points[:1]})
+        stage(models, outputs, GridJob.from_mapping(settings | {"points": points[:1]}))

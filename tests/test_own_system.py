@@ -21,7 +21,8 @@ from expertaug.config import stage_settings
 from expertaug.config.jobs import variants
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.plot import NAMES, plot
-from expertaug.evaluation.tables import tabulate
+from expertaug.evaluation.settings import PlotJob, TabulateJob
+from expertaug.evaluation.tabulate import tabulate
 from expertaug.models import store
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
@@ -113,8 +114,8 @@ def run(out: Path) -> list[str]:
         evaluate(model, out, folder / "metrics.csv", folder / "forecasts.npz", settings)
     metrics, forecasts, logs = ([out / v / f for v in every] for f in ("metrics.csv", "forecasts.npz", "log.jsonl"))
     outputs = [out / f"table.{end}" for end in ("md", "csv", "tex")] + [out / "table_long.csv"]
-    tabulate(metrics, outputs, stage_settings.tabulate(whole, NAME), forecasts)
-    plot(metrics, forecasts, logs, out / "figure", stage_settings.plot(whole, NAME))
+    tabulate(metrics, outputs, TabulateJob.from_mapping(stage_settings.tabulate(whole, NAME)), forecasts)
+    plot(metrics, forecasts, logs, out / "figure", PlotJob.from_mapping(stage_settings.plot(whole, NAME)))
     return every
 
 

@@ -173,12 +173,18 @@ def legend(figure: Figure, handles: Sequence[Artist]) -> None:
     figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
 
 
-def save_note(text: str, outputs: Path | Iterable[Path]) -> None:
-    """Save a figure that says only why there is nothing to draw: what a workflow expects is then there all the same."""
+def note(words: str) -> Figure:
+    """A figure that says only why there is nothing to draw: what a workflow expects is then there all the same."""
     with styled():
         figure = new_figure(0.8, 5.2)
-        figure.text(0.5, 0.5, wrapped(text, 5.0, RC["font.size"]), ha="center", va="center", color="0.35")
-        save(figure, outputs)
+        figure.text(0.5, 0.5, wrapped(words, 5.0, RC["font.size"]), ha="center", va="center", color="0.35")
+    return figure
+
+
+def save_note(words: str, outputs: Path | Iterable[Path]) -> None:
+    """Save a :func:`note`."""
+    with styled():
+        save(note(words), outputs)
 
 
 def styled() -> AbstractContextManager:

@@ -19,7 +19,7 @@ from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.evaluation.log_evaluations import log_evaluations
 from expertaug.evaluation.samples import Samples
-from expertaug.evaluation.tables import tabulate
+from expertaug.evaluation.tabulate import tabulate
 from expertaug.models import store
 from expertaug.models.mean import MeanModel
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
@@ -311,7 +311,9 @@ def test_an_evaluation_needs_neither_figures_nor_a_store():
     assert not {"matplotlib", "mlflow", "pandas", "scipy"} & set(ast.literal_eval(done.stdout))
 
 
-@pytest.mark.parametrize("stage", ["tables", "alarms", "coverage", "distance", "studies", "plot", "dots", "published"])
+@pytest.mark.parametrize(
+    "stage", ["tabulate", "alarms", "coverage", "distance", "studies", "plot", "dots", "published"]
+)
 def test_what_reads_evaluations_does_without_torch(stage):
     """Its import takes longer than they do."""
     code = f"import sys, expertaug.evaluation.{stage}; print('torch' in sys.modules)"

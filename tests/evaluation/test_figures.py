@@ -14,6 +14,7 @@ from matplotlib.image import imread
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation import dots, parameters, traces
+from expertaug.evaluation.settings import PlotJob
 from expertaug.evaluation.summary import experiment_title, set_title
 
 
@@ -37,7 +38,7 @@ def assert_nothing_is_cut(figure):
 
 def test_dots_are_at_the_means(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
-    dots.log_mse(metrics, tmp_path / "dots", pairs())
+    dots.log_mse(metrics, tmp_path / "dots", PlotJob(**pairs()))
     table = pd.concat(map(pd.read_csv, metrics)).query("metric == 'log_mse_sum'")
     axis = drawn[-1].axes[0]
     marks = [line for line in axis.lines if not line.get_label().startswith("_")]  # the ends of an error bar have none
@@ -53,11 +54,11 @@ def test_dots_are_at_the_means(tmp_path, drawn):
 
 def test_where_there_is_an_iid_test_set_figures_leave_validation_out(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
-    dots.log_mse(metrics, tmp_path / "without", pairs())
+    dots.log_mse(metrics, tmp_path / "without", PlotJob(**pairs()))
     for path in metrics:
         table = pd.read_csv(path)
         pd.concat([table, table[table["set"] == "validation"].assign(set="iid")]).to_csv(path, index=False)
-    dots.log_mse(metrics, tmp_path / "with", pairs())
+    dots.log_mse(metrics, tmp_path / "with", PlotJob(**pairs()))
     entries = [[text.get_text() for text in figure.legends[0].get_texts()] for figure in drawn]
     assert entries == [["train", "validation (set of choices)", "test (OOD)"], ["train", "IID test", "test (OOD)"]]
     assert_nothing_is_cut(drawn[-1])
@@ -73,9 +74,9 @@ def test_several_experiments_and_long_labels_fit(tmp_path, drawn, monkeypatch, s
     labels = [*LABELS, name, "Other+"]
     metrics = write_metrics(tmp_path, labels=labels, seeds=seeds)
     for number, paths in enumerate((metrics, metrics + write_metrics(tmp_path, "double_swing", seeds, labels))):
-        dots.log_mse(paths, [tmp_path / f"{number}.png"])
+        dots.log_mse(paths, [tmp_path / f"{number}.png"], PlotJob(labels=[]))
         assert_nothing_is_cut(drawn[-1])
-        dots.parameter_errors(paths, [tmp_path / f"{number}.png"])
+        dots.parameter_errors(paths, [tmp_path / f"{number}.png"], PlotJob(labels=[]))
         assert_nothing_is_cut(drawn[-1])
     assert [axis.get_title() for axis in drawn[-1].axes][:2] == [r"swing: $\omega_{0}$", r"double swing: $\omega_{1}$"]
 
@@ -85,7 +86,7 @@ def test_dots_of_a_method_without_finite_values(tmp_path, drawn):
     table = pd.read_csv(metrics[0])
     table["value"] = np.inf
     table.to_csv(metrics[0], index=False)
-    dots.log_mse(metrics, [tmp_path / "dots.png"])
+    dots.log_mse(metrics, [tmp_path / "dots.png"], PlotJob(labels=[]))
     assert sum(text.get_text() == "not finite" for text in drawn[-1].axes[0].texts) == 3
     assert_nothing_is_cut(drawn[-1])
 
@@ -93,7 +94,7 @@ def test_dots_of_a_method_without_finite_values(tmp_path, drawn):
 def test_same_numbers_make_the_same_files(tmp_path):
     metrics = write_metrics(tmp_path)
     for name in ("a", "b"):
-        dots.log_mse(metrics, tmp_path / name)
+        dots.log_mse(metrics, tmp_path / name, PlotJob(labels=[]))
     for suffix in (".png", ".pdf"):
         assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
@@ -203,7 +204,7 @@ def test_long_units_of_many_methods_do_not_collide(tmp_path, drawn, monkeypatch)
 
 def test_methods_without_parameters_get_a_note(tmp_path, drawn):
     parameters.parameters({"mean": write_forecasts(tmp_path)["mean"]}, [tmp_path / "a.png"])
-    dots.parameter_errors(write_metrics(tmp_path, labels=("Mean", "ML only")), [tmp_path / "b.png"])
+    dots.parameter_errors(write_metrics(tmp_path, labels=("Mean", "ML only")), [tmp_path / "b.png"], PlotJob(labels=[]))
     assert [figure.texts[0].get_text() for figure in drawn] == ["no method estimates parameters"] * 2
     assert (tmp_path / "a.png").is_file()
     assert (tmp_path / "b.png").is_file()
@@ -255,11 +256,11 @@ def test_bad_input(tmp_path):
     metrics, paths = write_metrics(tmp_path / "m"), write_forecasts(tmp_path / "f")
     output = tmp_path / "x.png"
     with pytest.raises(InputError, match=r"suffix '\.svg'"):
-        dots.log_mse(metrics, [tmp_path / "x.svg"])
+        dots.log_mse(metrics, [tmp_path / "x.svg"], PlotJob(labels=[]))
     other = pd.read_csv(metrics[0]).query("set == 'test'").assign(set="held_out")
     other.to_csv(tmp_path / "other.csv", index=False)
     with pytest.raises(InputError, match="no log_mse_sum on train, validation, iid, test"):
-        dots.log_mse([tmp_path / "other.csv"], output)
+        dots.log_mse([tmp_path / "other.csv"], output, PlotJob(labels=[]))
     with pytest.raises(InputError, match="no seed 9; it has 0, 1"):
         traces.forecasts(paths, output, {"seed": 9})
     with pytest.raises(InputError, match="no set 'held_out'"):

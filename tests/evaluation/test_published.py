@@ -12,6 +12,7 @@ from fake_runs import write_samples
 from expertaug.errors import InputError
 from expertaug.evaluation.intervals import mean
 from expertaug.evaluation.published import Published, compare, difference_of, published_numbers, verdict
+from expertaug.evaluation.settings import CompareJob
 
 LABELS = ("APHYNITY", "HVAE", "APHYNITY+", "HVAE+")
 
@@ -95,7 +96,7 @@ def runs(tmp_path):
 def test_tables(runs, tmp_path):
     outputs = [tmp_path / f"t.{end}" for end in ("csv", "md", "tex")]
     metrics, forecasts = runs
-    compare(metrics, outputs, {"published": [["swing", "pendulum"], ["other", "pendulum"]]}, forecasts)
+    compare(metrics, outputs, CompareJob(published=[["swing", "pendulum"], ["other", "pendulum"]]), forecasts)
     table = pd.read_csv(outputs[0])
     assert len(table) == 32
     row = table.set_index(["experiment", "label", "set", "metric"])
@@ -122,7 +123,7 @@ def test_tables(runs, tmp_path):
 def test_the_papers_validation_set_is_compared_with_the_iid_test_set(runs, tmp_path):
     metrics, forecasts = runs
     output = tmp_path / "t.csv"
-    compare(metrics, [output], {"published": [["swing", "pendulum"], ["other", "pendulum"]]}, forecasts)
+    compare(metrics, [output], CompareJob(published=[["swing", "pendulum"], ["other", "pendulum"]]), forecasts)
     sets = pd.read_csv(output).groupby("experiment")["set"].unique()
     assert sorted(sets["other"]) == ["iid", "test"] and sorted(sets["swing"]) == ["test", "validation"]
 
@@ -130,12 +131,12 @@ def test_the_papers_validation_set_is_compared_with_the_iid_test_set(runs, tmp_p
 def test_errors_of_samples_are_needed(runs, tmp_path):
     metrics, forecasts = runs
     with pytest.raises(InputError, match=r"APHYNITY of swing: no errors of the samples"):
-        compare(metrics, [tmp_path / "t.csv"], {"published": [["swing", "pendulum"]]}, forecasts[1:])
+        compare(metrics, [tmp_path / "t.csv"], CompareJob(published=[["swing", "pendulum"]]), forecasts[1:])
 
 
 def test_unknown_systems_are_named(runs, tmp_path):
     metrics, forecasts = runs
     with pytest.raises(InputError, match="no system 'swing'; known: pendulum"):
-        compare(metrics, [tmp_path / "t.csv"], {"published": [["swing", "swing"]]}, forecasts)
+        compare(metrics, [tmp_path / "t.csv"], CompareJob(published=[["swing", "swing"]]), forecasts)
     with pytest.raises(InputError, match=r"one of \.csv"):
-        compare(metrics, [tmp_path / "t.xls"], {"published": [["swing", "pendulum"]]}, forecasts)
+        compare(metrics, [tmp_path / "t.xls"], CompareJob(published=[["swing", "pendulum"]]), forecasts)

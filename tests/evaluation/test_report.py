@@ -19,11 +19,12 @@ from expertaug.evaluation.costs import Cost
 from expertaug.evaluation.report import headline, tables
 from expertaug.evaluation.report.page import report
 from expertaug.evaluation.report.shown import Shown
-from expertaug.evaluation.tables import tabulate
+from expertaug.evaluation.settings import ReportExperiment, ReportJob, TabulateJob
+from expertaug.evaluation.tabulate import tabulate
 
 CAPTIONS = Path(__file__).parents[2] / "workflow" / "report"
 FIGURES = ("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
-READING = {"convention": "sum", "title": "a swing <b>&", "set_titles": None, "from_s": None}
+READING = {"convention": "sum", "title": "a swing <b>&", "set_titles": {}, "from_s": None}
 
 
 class Page(HTMLParser):
@@ -54,7 +55,7 @@ def run(tmp_path):
     """The results folder of a made-up run, and the settings of its report."""
     settings = {**READING, "labels": pairs()["labels"]}
     outputs = [tmp_path / "tables" / name for name in ("swing.csv", "swing_long.csv", "swing.md")]
-    tabulate(write_metrics(tmp_path), outputs, settings)
+    tabulate(write_metrics(tmp_path), outputs, TabulateJob.from_mapping(settings))
     alarms = pd.DataFrame({"method": ["mean"] * 2, "label": ["Mean"] * 2, "set": ["iid"] * 2, "seed": [0, 1]})
     alarms.assign(auroc=[0.5, 0.7]).to_csv(tmp_path / "tables" / "swing_alarm.csv", index=False)
     shown = [_shown("tables/swing.md", "table", "swing")]
@@ -78,7 +79,7 @@ def test_a_file_that_a_link_brings_from_elsewhere_is_refused(run, name, tmp_path
     (folder / name).rename(outside)
     (folder / name).symlink_to(outside)
     with pytest.raises(InputError, match="leads out of"):
-        report(folder, folder / "report.html", settings)
+        report(folder, folder / "report.html", ReportJob.from_mapping(settings))
 
 
 def _shown(path: str, caption: str, title: str, **wildcards: str) -> dict:
@@ -88,7 +89,7 @@ def _shown(path: str, caption: str, title: str, **wildcards: str) -> dict:
 
 def test_the_page_has_every_figure_and_table_under_its_caption(run):
     results, settings = run
-    report(results, results / "report.html", settings)
+    report(results, results / "report.html", ReportJob.from_mapping(settings))
     text = (results / "report.html").read_text()
     page = Page(text)
     assert page.open == [] and len(page.of("table")) == len(page.of("thead")) == 6  # with costs and provenance
@@ -109,7 +110,7 @@ def test_the_page_has_every_figure_and_table_under_its_caption(run):
 
 def test_names_are_escaped(run):
     results, settings = run
-    report(results, results / "report.html", settings)
+    report(results, results / "report.html", ReportJob.from_mapping(settings))
     text = (results / "report.html").read_text()
     assert "swing &lt;b&gt;&amp;" in text and "<b>&" not in text
 
@@ -126,7 +127,7 @@ def test_a_missing_file_is_one_clear_line_and_no_page(run, file, said):
     results, settings = run
     (results / file).unlink()
     with pytest.raises(InputError, match=f"{file}: {said}"):
-        report(results, results / "report.html", settings)
+        report(results, results / "report.html", ReportJob.from_mapping(settings))
     assert not (results / "report.html").exists()
 
 
@@ -143,14 +144,14 @@ def test_a_missing_file_is_one_clear_line_and_no_page(run, file, said):
 )
 def test_captions_are_plain_sentences(path, wildcards):
     named = {"experiment": "swing", "recording": "r0", **wildcards}
-    text = Shown("figures/x.png", str(path), named, "x").text({"preset": "corrected"})
+    text = Shown("figures/x.png", str(path), named, "x").text("corrected")
     assert text.endswith(".") and not re.search(r"[`*{}]|::|\.\. |None", text), "shown as they are, not as markup"
 
 
 def test_a_caption_that_names_what_it_is_not_given_is_refused(tmp_path):
     (tmp_path / "c.rst").write_text("{{ snakemake.wildcards.recording }}")
     with pytest.raises(InputError, match=r"no caption for figures/x\.png"):
-        Shown("figures/x.png", str(tmp_path / "c.rst"), {"experiment": "swing"}, "x").text({})
+        Shown("figures/x.png", str(tmp_path / "c.rst"), {"experiment": "swing"}, "x").text("")
 
 
 def long_table(**validation: float) -> pd.DataFrame:
@@ -167,7 +168,8 @@ def long_table(**validation: float) -> pd.DataFrame:
 def test_the_validation_set_alone_chooses_what_is_shown_first():
     scores = {"truth": -9.0, "known": -8.0, "least_squares": -1.0, "a": -3.0, "a=": -2.0, "a+": -4.0, "b+": 0.0}
     long = long_table(**scores, **{"a+~refined": -5.0})
-    settings = {"convention": "sum", "floors": ["truth"], "known_form": ["known"], "least_squares": ["least_squares"]}
+    told = {"floors": ["truth"], "known_form": ["known"], "least_squares": ["least_squares"]}
+    settings = ReportExperiment(name="swing", labels=[], **told)
     rows = dict(headline.chosen(long, settings))
     assert rows == {
         "a+~refined": "best by validation",
@@ -193,8 +195,8 @@ def test_a_gain_carries_a_star_where_it_is_told_apart():
 def test_the_main_table_is_that_of_the_csv_file(run):
     results, settings = run
     long = tables.read_long(results / "tables/swing_long.csv")
-    found = tables.main(long, {**settings["experiments"][0], "known_form": [method_of("ML only")]})
-    (_, rivals), (title, known) = found.parts
+    found = tables.main(long, ReportExperiment(**settings["experiments"][0] | {"known_form": [method_of("ML only")]}))
+    (_, rivals), (title, known) = found.html_parts
     assert title == "F_a of known form, which does not compete" and [row[0] for row in known] == ["ML only"]
     one = long[(long["label"] == "Hybrid") & (long["set"] == "test") & (long["metric"] == "log_mse_sum")].iloc[0]
     row = next(row for row in rivals if row[0] == "Hybrid")

@@ -9,6 +9,7 @@ from fake_runs import write_metrics
 from expertaug.errors import InputError
 from expertaug.evaluation import studies
 from expertaug.evaluation.dots import overview
+from expertaug.evaluation.settings import OverviewJob, StudyJob
 from expertaug.evaluation.studies import study
 
 COLUMNS = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
@@ -49,7 +50,7 @@ def test_shifts(tmp_path, drawn):
         "options": SHIFTS,
         "sets": ranges,
     }
-    study([path], outputs(tmp_path), settings)
+    study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
     text = (tmp_path / "study.md").read_text()
     row = "| log-MSE | z_a shifted | small | alpha ∈ [0.3, 0.6] | 0.80 ± 0.71 | 1.80 ± 0.71 |"
     assert row in text and "Preset: paper" in text and "over 2 seeds" in text
@@ -70,7 +71,7 @@ def test_horizons(tmp_path, drawn):
     panels = [["validation", ["validation", "validation_1s"]], ["test", ["test", "test_1s"]]]
     options = {"distances": ["0.19 s", "1 s"], "panels": panels}
     settings = READING | {"study": "horizons", "labels": list(labels.items()), "options": options}
-    study([path], outputs(tmp_path), settings)
+    study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
     text = (tmp_path / "study.md").read_text()
     assert "| metric | set | until | Hybrid | Hybrid+ |" in text
     assert "| log-MSE | test (OOD) | 1 s | 0.90 ± 0.71 | 1.90 ± 0.71 |" in text
@@ -85,7 +86,7 @@ def test_widths_are_in_the_order_of_their_volume(tmp_path, drawn):
     path = write(tmp_path / "m.csv", labels, ("train", "validation", "test"))
     priors = {"": {"w": [0, 3]}, "wide": {"w": [0, 9]}, "narrow": {"w": [1, 2]}}
     settings = {"study": "prior_width", "labels": list(labels.items()), "priors": {"hybrid": priors}}
-    study([path], outputs(tmp_path), READING | settings)
+    study([path], outputs(tmp_path), StudyJob.from_mapping(READING | settings))
     rows = [line.split(" | ")[:2] for line in (tmp_path / "study.md").read_text().splitlines() if "Hybrid" in line]
     order = ["Hybrid", "Hybrid+ (narrow)", "Hybrid+", "Hybrid+ (wide)"]
     assert [row[0].removeprefix("| ") for row in rows] == order and rows[3][1] == "w ∈ [0, 9]"
@@ -99,7 +100,7 @@ def test_widths_of_methods_with_priors_of_their_own(tmp_path, drawn):
     path = write(tmp_path / "m.csv", labels, ("train", "validation", "test"))
     priors = {m: {"": {"w": [low, 3]}, "wide": {"w": [0, 9]}} for m, low in (("one", 1), ("two", 2))}
     settings = {"study": "prior_width", "labels": list(labels.items()), "priors": priors}
-    study([path], outputs(tmp_path), READING | settings)
+    study([path], outputs(tmp_path), StudyJob.from_mapping(READING | settings))
     table = (tmp_path / "study.md").read_text()
     assert "| one + | w ∈ [1, 3] |" in table and "| two + | w ∈ [2, 3] |" in table
     ticks = [tick.get_text() for tick in drawn[0].axes[0].get_xticklabels()]
@@ -111,13 +112,17 @@ def test_during_training(tmp_path, drawn):
     path = write(tmp_path / "m.csv", {"hybrid": "Hybrid"}, ("train", "validation", "test"), places)
     options = {"method": "hybrid", "epochs": [1, 10], "finetune_epochs": [1, 10]}
     settings = READING | {"study": "during_training", "labels": [["hybrid", "Hybrid"]], "options": options}
-    study([path], outputs(tmp_path), settings)
+    study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
     assert "| 10 | – | 0.53 ± 0.71 |" in (tmp_path / "study.md").read_text()
     lines = drawn[0].axes[0].containers
     assert len(lines) == 9 and list(lines[6].lines[0].get_ydata()) == pytest.approx([0.7, 0.73])
     assert [line.lines[0].get_marker() for line in lines[:3]] == ["o", "s", "*"]
     with pytest.raises(InputError, match="no column 'epoch'"):
-        study([write(tmp_path / "n.csv", {"hybrid": "Hybrid"}, ("test",))], outputs(tmp_path), settings)
+        study(
+            [write(tmp_path / "n.csv", {"hybrid": "Hybrid"}, ("test",))],
+            outputs(tmp_path),
+            StudyJob.from_mapping(settings),
+        )
 
 
 def test_bad_requests(tmp_path):
@@ -125,11 +130,11 @@ def test_bad_requests(tmp_path):
     path = write(tmp_path / "m.csv", labels, ("validation", "test", "near"))
     settings = READING | {"study": "out_of_expertise", "labels": list(labels.items()), "options": SHIFTS}
     with pytest.raises(InputError, match="no metrics of the set 'both'; evaluate again"):
-        study([path], outputs(tmp_path), settings)
+        study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
     priors = {"hybrid": {"": {"w": [0, 1]}}}
     widths = READING | {"study": "prior_width", "labels": list(labels.items()), "priors": priors}
     with pytest.raises(InputError, match=r"suffix '\.svg'"):
-        study([path], [tmp_path / "x.svg"], widths)
+        study([path], [tmp_path / "x.svg"], StudyJob.from_mapping(widths))
 
 
 def test_overview(tmp_path, drawn):
@@ -141,7 +146,7 @@ def test_overview(tmp_path, drawn):
     one["opponents"] = ["mean"]
     other = one | {"name": "double_swing", "shifted": None, "convention": "dim", "title": "two swings", "opponents": []}
     settings = {"experiments": [one, other], "all_methods": ["mean", "hybrid"]}
-    overview(metrics, tmp_path / "figures", settings)
+    overview(metrics, tmp_path / "figures", OverviewJob.from_mapping(settings))
     names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "figures").iterdir()} == names
     left, right = drawn[0].axes

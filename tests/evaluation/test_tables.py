@@ -10,8 +10,9 @@ import pytest
 from fake_runs import LABELS, pairs, write_metrics, write_samples
 
 from expertaug.errors import InputError
+from expertaug.evaluation.settings import TabulateJob
 from expertaug.evaluation.summary import read_metrics
-from expertaug.evaluation.tables import tabulate
+from expertaug.evaluation.tabulate import tabulate
 
 HEAD = "experiment,system,method,label,preset,seed,set,metric,value\n"
 
@@ -49,7 +50,7 @@ def test_csv_has_full_precision(tmp_path):
 
 
 def test_markdown(tmp_path, three_seeds):
-    tabulate(three_seeds, [tmp_path / "t.md"], {"from_s": None})
+    tabulate(three_seeds, [tmp_path / "t.md"], TabulateJob(labels=[], from_s=None))
     text = (tmp_path / "t.md").read_text()
     assert "Preset: paper." in text
     assert "over 3 seeds" in text
@@ -74,7 +75,9 @@ def test_methods_of_known_form_stand_below_a_rule_and_do_not_compete(tmp_path):
     values = {"told": -5, "told+": -6, "net": -4, "net+": -3}
     rows = [(m, m.title(), f"paper,{seed},test,log_mse_sum,{v - seed}") for m, v in values.items() for seed in (0, 1)]
     settings = {"labels": [[m, m.title()] for m in ("net", "net+", "told", "told+")], "known_form": ["told", "told+"]}
-    tabulate([write(tmp_path / "m.csv", rows)], [tmp_path / "t.md", tmp_path / "t.tex"], settings)
+    tabulate(
+        [write(tmp_path / "m.csv", rows)], [tmp_path / "t.md", tmp_path / "t.tex"], TabulateJob.from_mapping(settings)
+    )
     lines = [line.split("|")[1].strip() for line in (tmp_path / "t.md").read_text().splitlines() if "|" in line]
     assert lines[2:7] == ["Net", "Net+", "*F_a of known form, which does not compete:*", "Told", "Told+"]
     assert "**−4.50" in (tmp_path / "t.md").read_text()
@@ -117,7 +120,7 @@ def test_two_presets_do_not_mix(tmp_path):
 
 def test_rows_and_columns_are_in_order(tmp_path):
     metrics = write_metrics(tmp_path, labels=LABELS[::-1])
-    tabulate(metrics, [tmp_path / "t_long.csv"], pairs())
+    tabulate(metrics, [tmp_path / "t_long.csv"], TabulateJob(labels=pairs()["labels"]))
     long = pd.read_csv(tmp_path / "t_long.csv")
     assert list(dict.fromkeys(long["label"])) == list(LABELS)
     assert list(dict.fromkeys(long["set"])) == ["train", "validation", "test"]
@@ -188,7 +191,8 @@ def test_a_label_may_look_like_another_version(tmp_path):
 
 def test_dim_convention_and_own_titles(tmp_path):
     metrics = write_metrics(tmp_path)
-    tabulate(metrics, [tmp_path / "t.md"], {"convention": "dim", "set_titles": {"validation": "middle energies"}})
+    job = TabulateJob(labels=[], convention="dim", set_titles={"validation": "middle energies"})
+    tabulate(metrics, [tmp_path / "t.md"], job)
     text = (tmp_path / "t.md").read_text()
     assert "averaged over the observed dimensions (convention: dim)" in text
     assert "middle energies: log-MSE" in text
@@ -345,7 +349,7 @@ def test_bad_requests(tmp_path, three_seeds):
     timed = write(tmp_path / "timed.csv", [("a", "A", "paper,0,train,wall_s,3")])
     with pytest.raises(InputError, match=r"neither log-MSE nor parameter error.*they hold wall_s"):
         tabulate([timed], [tmp_path / "t.md"])
-    with pytest.raises(InputError, match="one of sum, dim"):
-        tabulate(three_seeds, [tmp_path / "t.md"], {"convention": "mean"})
+    with pytest.raises(InputError, match="known: sum, dim"):
+        TabulateJob.from_mapping({"labels": [], "convention": "mean"})
     with pytest.raises(InputError, match="at least one"):
         tabulate([], [tmp_path / "t.md"])

@@ -10,6 +10,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.coverage import coverage
 from expertaug.evaluation.distance import beyond, distance
+from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.windows import read_windows
 
 N, S = 400, 2
@@ -60,7 +61,7 @@ def test_seeds_of_all_groups_come_together(files):
 
 def test_an_alarm_that_knows_is_told_from_one_that_does_not(files, tmp_path):
     outputs = [tmp_path / f"alarm.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
-    alarm(files, outputs, SETTINGS)
+    alarm(files, outputs, WindowStudyJob.from_mapping(SETTINGS))
     table = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
     test = table.loc["a", "test", "misfit", 0]
     assert test["auroc"] > 0.97 and test["caught"] > 0.9 and 0.02 < test["false_alarms"] < 0.1
@@ -81,7 +82,7 @@ def test_the_expected_error_is_that_of_the_refined_version_where_there_is_one(tm
     refined = fake(tmp_path / "refined.npz", "a~refined", [0, 1], spoiled=nothing | moved)
     labels = {"labels": [["a", "A"], ["a~refined", "A refined"]]}
     outputs = [tmp_path / f"alarm.{end}" for end in ("csv", "md", "png")]
-    alarm([plain, refined], outputs, SETTINGS | labels)
+    alarm([plain, refined], outputs, WindowStudyJob.from_mapping(SETTINGS | labels))
     found = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
     own, after = found.loc["a", "test", "expected", 0], found.loc["a~refined", "test", "expected", 0]
     assert own["auroc"] == 1 and own["caught"] == 1
@@ -93,7 +94,7 @@ def test_an_alarm_is_drawn_of_a_traced_version_first(tmp_path, drawn):
     files = [fake(tmp_path / f"{k}.npz", method, [0, 1]) for k, method in enumerate(("a+", "b+", "c"))]
     labels = {"labels": [["a+", "A+"], ["b+", "B+"], ["c", "C"]]}
     for traced, shown in (["a+", "b+"], "A+"), (["c", "b+"], "B+"), (["c"], "A+"):
-        alarm(files, [tmp_path / "alarm.png"], SETTINGS | labels | {"traced": traced})
+        alarm(files, [tmp_path / "alarm.png"], WindowStudyJob.from_mapping(SETTINGS | labels | {"traced": traced}))
         assert f"of {shown}, seed 0" in drawn[-1].get_suptitle()
 
 
@@ -105,7 +106,11 @@ def test_an_alarm_is_drawn_of_a_version_whose_first_seed_fails_somewhere(tmp_pat
         pooled = {"iid_errors": np.stack((np.full(N, errors[0, 0]), arrays["iid_errors"][1])), "test_errors": errors}
     fine = fake(tmp_path / "fine.npz", "a+", [0, 1], spoiled=pooled)
     files = [fine, fake(tmp_path / "b.npz", "b+", [0, 1])]
-    alarm(files, [tmp_path / "alarm.png"], SETTINGS | {"labels": [["a+", "A+"], ["b+", "B+"]]})
+    alarm(
+        files,
+        [tmp_path / "alarm.png"],
+        WindowStudyJob.from_mapping(SETTINGS | {"labels": [["a+", "A+"], ["b+", "B+"]]}),
+    )
     assert "of B+, seed 0" in drawn[-1].get_suptitle()
 
 
@@ -116,19 +121,19 @@ def test_few_validation_windows_promise_the_share_that_they_can(files, tmp_path)
         arrays |= {key: v[..., :14, :] for key, v in arrays.items() if key in ("validation_z_e", "validation_z_e_hat")}
         np.savez(path, **arrays)
     outputs = [tmp_path / "alarm.csv", tmp_path / "alarm.md"]
-    alarm(files, outputs, SETTINGS)
+    alarm(files, outputs, WindowStudyJob.from_mapping(SETTINGS))
     assert "at a threshold of 6.7 % on the validation set" in outputs[1].read_text(encoding="utf-8")
     table = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
     # Of scores that know nothing 1 of 15 new windows is above the largest of 14, on the average.
     assert table.loc["a", "iid", "misfit", 0]["false_alarms"] < 0.3
-    distance(files, [tmp_path / "distance.csv"], CURVES)
+    distance(files, [tmp_path / "distance.csv"], WindowStudyJob.from_mapping(CURVES))
 
 
 @pytest.mark.parametrize(("width", "low", "high"), [(1.0, 0.85, 0.95), (0.3, 0.0, 0.5), (3.0, 0.97, 1.0)])
 def test_coverage_says_too_narrow_right_and_too_wide(tmp_path, width, low, high):
     file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], width)
     outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md", "tex", "png")]
-    coverage([file], outputs, SETTINGS)
+    coverage([file], outputs, WindowStudyJob.from_mapping(SETTINGS))
     table = pd.read_csv(outputs[0]).query("not pooled").set_index(["set", "parameter"])
     assert low <= table.loc[("test", "omega0"), "coverage_90"] <= high
     assert table.loc[("own", "omega0"), "coverage_90"] == table.loc[("iid", "omega0"), "coverage_90"]
@@ -143,7 +148,7 @@ def test_draws_of_all_seeds_are_one_posterior_together(tmp_path):
     ranks = (centre + random.standard_normal((2, 119, N)) < random.standard_normal(N)).sum(1)[..., None]
     file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], spoiled={"test_ranks": ranks})
     outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md")]
-    coverage([file], outputs, SETTINGS)
+    coverage([file], outputs, WindowStudyJob.from_mapping(SETTINGS))
     rows = pd.read_csv(outputs[0]).query("set == 'test' and parameter == 'omega0'").set_index("pooled")["coverage_90"]
     assert rows[False] < 0.2 and rows[True] > 0.95
     assert "| A+ flow | test (OOD) | omega0, seeds pooled |" in outputs[1].read_text(encoding="utf-8")
@@ -153,13 +158,13 @@ def test_draws_of_all_seeds_are_one_posterior_together(tmp_path):
 def test_points_alone_have_no_coverage(tmp_path):
     file = fake(tmp_path / "x.npz", "a", [0], width=None)
     outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md", "tex", "png")]
-    coverage([file], outputs, SETTINGS)
+    coverage([file], outputs, WindowStudyJob.from_mapping(SETTINGS))
     assert "No version has intervals" in outputs[1].read_text(encoding="utf-8") and outputs[3].exists()
 
 
 def test_curves_by_distance(files, tmp_path):
     outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
-    distance(files, outputs, CURVES)
+    distance(files, outputs, WindowStudyJob.from_mapping(CURVES))
     of_a = pd.read_csv(outputs[0]).query("method == 'a'")
     assert (of_a["of"] == "z_e").all()
     assert of_a["distance"].iloc[0] == 0 and of_a["distance"].is_monotonic_increasing and len(of_a) == 7
@@ -167,7 +172,7 @@ def test_curves_by_distance(files, tmp_path):
     assert of_a["alarms"].iloc[0] < 10 and of_a["alarms"].iloc[-1] > 90
     assert of_a["log_mse"].iloc[-1] > of_a["log_mse"].iloc[0] + 3 and of_a["skill"].isna().all()
     scaled = CURVES | {"floor": "a+~flow", "mean": "a"}
-    distance(files, outputs, scaled)
+    distance(files, outputs, WindowStudyJob.from_mapping(scaled))
     table = pd.read_csv(outputs[0])
     assert np.allclose(table.query("method == 'a'")["skill"], 0)
     assert np.allclose(table.query("method == 'a+~flow'")["skill"], 1)
@@ -185,7 +190,7 @@ def test_curves_by_the_distance_of_z_a_too(tmp_path):
         extra |= {f"{name}_misfit": np.full((2, N), 1e-4), f"{name}_z_e_hat": np.stack([1.01 * z_e] * 2)}
     file = fake(tmp_path / "x.npz", "a", [0, 1], width=None, spoiled=extra)
     outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png")]
-    distance([file], outputs, CURVES | {"interaction_range": {"alpha": [0.0, 0.3]}})
+    distance([file], outputs, WindowStudyJob.from_mapping(CURVES | {"interaction_range": {"alpha": [0.0, 0.3]}}))
     table = pd.read_csv(outputs[0])
     curve = table.query("of == 'z_a'")
     assert curve["windows"].sum() == 2 * N, "iid and z_a_small"
@@ -205,4 +210,4 @@ def test_files_from_before_are_refused_in_one_line(files, tmp_path):
     with np.load(files[0]) as arrays:
         np.savez(tmp_path / "old.npz", **{k: v for k, v in arrays.items() if not k.endswith("misfit")})
     with pytest.raises(InputError, match="no array 'test_misfit'; make it again with evaluate"):
-        alarm([tmp_path / "old.npz"], [tmp_path / "alarm.csv"], SETTINGS)
+        alarm([tmp_path / "old.npz"], [tmp_path / "alarm.csv"], WindowStudyJob.from_mapping(SETTINGS))

@@ -10,6 +10,7 @@ from expertaug import systems
 from expertaug.commands.prior_file import read_ranges, with_ranges
 from expertaug.errors import InputError
 from expertaug.evaluation.own_priors import own_priors
+from expertaug.evaluation.settings import OwnPriorsJob
 from expertaug.inference.own_prior import box, own_prior, own_prior_without_windows, searching
 from expertaug.models.settings import RefinementSettings
 from tiny import SETTINGS
@@ -92,7 +93,9 @@ def test_the_stage_writes_ranges_that_other_stages_read(data, tmp_path):
     with pytest.raises(InputError, match="holds no ranges"):
         read_ranges(tmp_path / "other.json")
     table = [tmp_path / f"own.{end}" for end in ("csv", "md", "tex")]
-    own_priors([tmp_path / "prior.json"], table, {"experiment": "pendulum", "priors": [["before training", "all"]]})
+    own_priors(
+        [tmp_path / "prior.json"], table, OwnPriorsJob(experiment="pendulum", priors=[("before training", "all")])
+    )
     assert "| before training | all | omega0 | [" in table[1].read_text(encoding="utf-8")
 
 

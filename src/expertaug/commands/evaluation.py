@@ -140,39 +140,57 @@ def _during_training(a: argparse.Namespace) -> None:
 
 
 def _tabulate(a: argparse.Namespace) -> None:
-    from expertaug.evaluation.tables import tabulate
+    from expertaug.evaluation.settings import TabulateJob
 
-    tabulate(a.metrics, a.output, read_settings(a.settings), a.forecasts)
+    job = TabulateJob.from_mapping(read_settings(a.settings))
+    from expertaug.evaluation.tabulate import tabulate
+
+    tabulate(a.metrics, a.output, job, a.forecasts)
 
 
 def _plot(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import PlotJob
+
+    job = PlotJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.plot import plot
 
-    plot(a.metrics, a.forecasts, a.logs, a.output, read_settings(a.settings))
+    plot(a.metrics, a.forecasts, a.logs, a.output, job)
 
 
 def _study(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import StudyJob
+
+    job = StudyJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.studies import study
 
-    study(a.metrics, a.output, read_settings(a.settings))
+    study(a.metrics, a.output, job)
 
 
 def _alarm(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import WindowStudyJob
+
+    job = WindowStudyJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.alarms import alarm
 
-    alarm(a.forecasts, a.output, read_settings(a.settings))
+    alarm(a.forecasts, a.output, job)
 
 
 def _coverage(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import WindowStudyJob
+
+    job = WindowStudyJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.coverage import coverage
 
-    coverage(a.forecasts, a.output, read_settings(a.settings))
+    coverage(a.forecasts, a.output, job)
 
 
 def _distance(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import WindowStudyJob
+
+    job = WindowStudyJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.distance import distance
 
-    distance(a.forecasts, a.output, read_settings(a.settings))
+    distance(a.forecasts, a.output, job)
 
 
 def _validity(a: argparse.Namespace) -> None:
@@ -182,15 +200,21 @@ def _validity(a: argparse.Namespace) -> None:
 
 
 def _own_priors(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import OwnPriorsJob
+
+    job = OwnPriorsJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.own_priors import own_priors
 
-    own_priors(a.priors, a.output, read_settings(a.settings))
+    own_priors(a.priors, a.output, job)
 
 
 def _grid(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import GridJob
+
+    job = GridJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.grid import grid
 
-    grid(a.models, a.output, read_settings(a.settings))
+    grid(a.models, a.output, job)
 
 
 def _dissipation(a: argparse.Namespace) -> None:
@@ -200,18 +224,27 @@ def _dissipation(a: argparse.Namespace) -> None:
 
 
 def _compare(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import CompareJob
+
+    job = CompareJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.published import compare
 
-    compare(a.metrics, a.output, read_settings(a.settings), a.forecasts)
+    compare(a.metrics, a.output, job, a.forecasts)
 
 
 def _overview(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import OverviewJob
+
+    job = OverviewJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.dots import overview
 
-    overview(a.metrics, a.output, read_settings(a.settings))
+    overview(a.metrics, a.output, job)
 
 
 def _report(a: argparse.Namespace) -> None:
+    from expertaug.evaluation.settings import ReportJob
+
+    job = ReportJob.from_mapping(read_settings(a.settings))
     from expertaug.evaluation.report.page import report
 
-    report(a.results, a.output, read_settings(a.settings))
+    report(a.results, a.output, job)

@@ -40,7 +40,7 @@ STAGES = {
     "during_training": "expertaug.evaluation.during_training",
     "evaluate": "expertaug.evaluation.evaluate",
     "log_evaluations": "expertaug.evaluation.log_evaluations",
-    "tabulate": "expertaug.evaluation.tables",
+    "tabulate": "expertaug.evaluation.tabulate",
     "plot": "expertaug.evaluation.plot",
     "study": "expertaug.evaluation.studies",
     "alarm": "expertaug.evaluation.alarms",

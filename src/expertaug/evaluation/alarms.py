@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
-from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.diagnostic_figures import draw_alarm
-from expertaug.evaluation.formats import DASH, write_study
-from expertaug.evaluation.summary import experiment_title, set_title
+from expertaug.evaluation.settings import Titles, WindowStudyJob
+from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
 from expertaug.versions import REFINED
@@ -37,20 +37,18 @@ CAPTION = (
 )
 
 
-def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
+def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
     """Write the table of an experiment's alarms and draw the first version's on its test set.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds.
         outputs: any of .csv (a row for each version, set, score and seed), .md, .tex, .png and .pdf.
-        settings: {labels, floor, set_titles, title}; ``labels`` has pairs of a version and its printed label, in order;
-            ``floor`` is the version of the true equation, which is not drawn, or null; ``traced`` are the versions that
-            are drawn before others.
+        job: ``floor`` is the version of the true equation, which is not drawn; ``traced`` are drawn before others.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
     """
-    versions, labels = read_windows(forecasts), dict(settings["labels"])
+    versions, labels = read_windows(forecasts), job.label_of
     found = {v: _assessed(versions[v], versions.get(f"{v}~{REFINED}")) for v in labels if v in versions}
     rows = [
         {"method": v, "label": labels[v], "set": name, "score": score, "seed": seed, **_numbers(one)}
@@ -60,16 +58,19 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping)
     if not rows:
         raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
     long = pd.DataFrame(rows)
-    title = f"{experiment_title(experiment_of(forecasts), settings)}: alarms"
+    title = f"{job.of_experiment(experiment_of(forecasts))}: alarms"
     fewest = min(versions[v].sets[KNOWN].misfit.shape[1] for v in found)
     caption = CAPTION.format(share=f"{100 * attainable(fewest):.2g}")
-    drawn = write_study(outputs, long, (*_table(long, settings), 2), caption, "alarms", title)
-    if drawn:
-        drawable = {v: sets for v, sets in found.items() if v != settings.get("floor")} or found
-        shown = _shown(drawable, settings.get("traced", ()))
-        seed, of_test = _of_first_seed(found[shown])
-        named = {SCORES[score]: one for score, one in of_test.items()}
-        plotting.save(draw_alarm(named, f"{title} of {labels[shown]}, seed {seed}"), drawn)
+    Study(long, [_table(long, job, title, caption)], lambda: _draw(found, labels, job, title)).save(outputs)
+
+
+def _draw(found: Mapping[str, Mapping], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:
+    drawable = {v: sets for v, sets in found.items() if v != job.floor} or found
+    shown = _shown(drawable, job.traced)
+    seed, of_test = _of_first_seed(found[shown])
+    return draw_alarm(
+        {SCORES[score]: one for score, one in of_test.items()}, f"{title} of {labels[shown]}, seed {seed}"
+    )
 
 
 def _shown(found: Mapping[str, Mapping], traced: Collection[str]) -> str:
@@ -163,7 +164,7 @@ def _numbers(one: Assessment) -> dict[str, float]:
     }
 
 
-def _table(long: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]]]:
+def _table(long: pd.DataFrame, titles: Titles, title: str, caption: str) -> Table:
     """A row for each version and set: share failing, AUROC of each score, caught and false alarms by misfit."""
     mean = long.groupby(["label", "set", "score"], sort=False).mean(numeric_only=True)
     header = ["method", "set", "failing [%]", *(f"AUROC, {text}" for text in SCORES.values())]
@@ -174,8 +175,8 @@ def _table(long: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[
         areas = [each["auroc"].get(score, np.nan) for score in SCORES]
         of_misfit = [100 * each.loc["misfit", key] for key in ("caught", "false_alarms")]
         cells = [_text(100 * each.loc["misfit", "failing"], 1), *(_text(a, 3) for a in areas)]
-        rows.append([label, set_title(name, settings), *cells, *(_text(v, 1) for v in of_misfit)])
-    return header, rows
+        rows.append([label, titles.of_set(name), *cells, *(_text(v, 1) for v in of_misfit)])
+    return Table(header, [("", rows)], 2, (), title, caption, "alarms")
 
 
 def _text(value: float, digits: int) -> str:

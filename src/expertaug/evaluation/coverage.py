@@ -8,16 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from expertaug import plotting
 from expertaug.evaluation.diagnostic_figures import draw_calibration
-from expertaug.evaluation.formats import DASH, write_study
 from expertaug.evaluation.samples import OWN
-from expertaug.evaluation.summary import experiment_title, set_title
-from expertaug.evaluation.windows import Drawn, Version, experiment_of, read_windows
+from expertaug.evaluation.settings import Titles, WindowStudyJob
+from expertaug.evaluation.table import DASH, Study, Table
+from expertaug.evaluation.windows import Drawn, experiment_of, read_windows
+from expertaug.evaluation.windows import Version as VersionWindows
 from expertaug.inference.calibration import Calibration
 from expertaug.inference.coverage import TABLE_LEVELS, area_to_curve, interval_coverage
-from expertaug.versions import Version as MethodVersion
+from expertaug.versions import Version
 
 EMPTY = "No version has intervals of parameters that are known (those of forecasts: see the experiment's table)."
 FORECAST = "forecast"  # in the place of a parameter
@@ -35,18 +37,17 @@ CAPTION = (
 )
 
 
-def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
+def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
     """Write the table of an experiment's coverage and draw the calibration of one version.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds.
         outputs: any of .csv, .md, .tex, .png and .pdf; where no version has intervals they say so.
-        settings: {labels, set_titles, title}; ``labels`` has pairs of a version and its printed label, in order.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
     """
-    versions, labels = read_windows(forecasts), dict(settings["labels"])
+    versions, labels = read_windows(forecasts), job.label_of
     known = [v for v in labels if v in versions and any(s.drawn for s in versions[v].sets.values())]
     rows = [row for v in known for row in _rows(v, labels[v], versions[v])]
     columns = [
@@ -60,28 +61,26 @@ def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mappi
         "windows",
     ]
     long = pd.DataFrame(rows, columns=columns)
-    title = f"{experiment_title(experiment_of(forecasts), settings)}: coverage of intervals"
-    drawn = write_study(outputs, long, (*_table(long, settings), 3), CAPTION, "coverage", title, EMPTY)
-    if not drawn:
-        return
-    if not known:
-        plotting.save_note(EMPTY, drawn)
-        return
-    shown = next((v for v in known if MethodVersion.parse(v).is_flow), known[0])
-    one = versions[shown]
-    found = {set_title(name, settings): one.sets[name].drawn for name in one.judged}
-    found = {OWN_TITLE: one.own, **found}
-    kinds = {title: _calibration(drawn, 0) for title, drawn in found.items() if drawn is not None}
-    with plotting.styled():
-        figure = draw_calibration(kinds, one.parameters, f"{title}, {labels[shown]}, seed {one.seeds[0]}")
-        plotting.save(figure, drawn)
+    title = f"{job.of_experiment(experiment_of(forecasts))}: coverage of intervals"
+    Study(long, [_table(long, job, title)], lambda: _draw({v: versions[v] for v in known}, job, title)).save(outputs)
+
+
+def _draw(versions: Mapping[str, VersionWindows], job: WindowStudyJob, title: str) -> Figure:
+    """The calibration of the first flow, or of the first version that has a distribution."""
+    if not versions:
+        return plotting.note(EMPTY)
+    shown = next((v for v in versions if Version.parse(v).is_flow), next(iter(versions)))
+    version = versions[shown]
+    drawn = {OWN_TITLE: version.own, **{job.of_set(name): version.sets[name].drawn for name in version.judged}}
+    kinds = {name: _calibration(one, 0) for name, one in drawn.items() if one is not None}
+    return draw_calibration(kinds, version.parameters, f"{title}, {job.label_of[shown]}, seed {version.seeds[0]}")
 
 
 def _calibration(drawn: Drawn, seed: int) -> Calibration:
     return Calibration(drawn.count, drawn.ranks[seed], drawn.tarp[seed])
 
 
-def _rows(version: str, label: str, of: Version) -> list[dict]:
+def _rows(version: str, label: str, of: VersionWindows) -> list[dict]:
     found = []
     for name, one in {OWN: of.own, **{name: s.drawn for name, s in of.sets.items()}}.items():
         if one is None or name == "train":
@@ -114,13 +113,13 @@ def _shares(share: np.ndarray) -> dict[str, float]:
     return {f"coverage_{round(100 * x)}": float(share[j]) for j, x in enumerate(TABLE_LEVELS)}
 
 
-def _table(long: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]]]:
+def _table(long: pd.DataFrame, titles: Titles, title: str) -> Table:
     header = ["method", "set", "parameter", *(f"in {100 * x:.0f} % [%]" for x in TABLE_LEVELS), "ATC"]
     rows = []
     for _, row in long.iterrows():
         shares = [f"{100 * row[f'coverage_{round(100 * x)}']:.1f}" for x in TABLE_LEVELS]
         atc = f"{row['atc']:.3f}".replace("-", "−") if np.isfinite(row["atc"]) else DASH
-        title = OWN_TITLE if row["set"] == OWN else set_title(row["set"], settings)
+        name = OWN_TITLE if row["set"] == OWN else titles.of_set(row["set"])
         parameter = f"{row['parameter']}, seeds pooled" if row["pooled"] else row["parameter"]
-        rows.append([row["label"], title, parameter, *shares, atc])
-    return header, rows
+        rows.append([row["label"], name, parameter, *shares, atc])
+    return Table(header, [("", rows)], 3, (), title, CAPTION, "coverage", empty=EMPTY)

@@ -8,15 +8,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from torch import Tensor
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import DASH, DRAWN, booktabs, escape, grid, write_tables
 from expertaug.evaluation.metrics import Metric
 from expertaug.evaluation.score import spread
 from expertaug.evaluation.summary import experiment_title, order_sets, set_title
+from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.least_squares import estimator_of
 from expertaug.learning.sets import StackedSet
 from expertaug.models import store
@@ -106,15 +107,7 @@ def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], set
             parts.append(rows.assign(experiment=settings["experiment"], method=version, label=label))
     columns = ["experiment", "method", "label", "seed", "expert", "set", "recording", "chunks"]
     table = pd.concat(parts, ignore_index=True)[[*columns, "measured", "measured_se", "dissipated"]]
-    drawn = [path for path in map(Path, outputs) if path.suffix in DRAWN]
-    texts = {
-        ".csv": lambda _: table.to_csv(index=False, float_format="%.7g"),
-        ".md": lambda _: markdown(table, settings),
-        ".tex": lambda _: latex(table, settings),
-    }
-    write_tables([path for path in map(Path, outputs) if path not in drawn], texts)
-    if drawn:
-        draw(table, drawn, settings)
+    Study(table, tables(table, settings), lambda: draw(table, settings), precision="%.7g").save(outputs)
 
 
 def _by_method(models: Sequence[Path], settings: Mapping) -> dict[str, list[Path]]:
@@ -194,20 +187,13 @@ TITLE = "loss of energy"
 THREE_DIGITS = Metric("dissipated", "dissipated")
 
 
-def markdown(table: pd.DataFrame, settings: Mapping) -> str:
+def tables(table: pd.DataFrame, settings: Mapping) -> list[Table]:
     """A table of methods and one of recordings."""
-    first, second = _of_methods(table, settings), _of_recordings(table, settings)
-    lines = [f"## {settings['experiment']}: {TITLE}", "", CAPTION, ""]
-    lines += grid(first[0], [[escape(cell) for cell in row] for row in first[1]], 2)
-    lines += ["", "By recording:", "", *grid(second[0], [[escape(cell) for cell in row] for row in second[1]], 2)]
-    return "\n".join(lines) + "\n"
-
-
-def latex(table: pd.DataFrame, settings: Mapping) -> str:
-    """The table of methods."""
-    header, rows = _of_methods(table, settings)
+    (head, rows), (second, by_recording) = _of_methods(table, settings), _of_recordings(table, settings)
     name = str(settings["experiment"])
-    return booktabs(header, rows, 2, CAPTION, f"{name}-dissipation".replace("_", "-"), f"{name}: {TITLE}")
+    label, title = f"{name}-dissipation".replace("_", "-"), f"{name}: {TITLE}"
+    first = Table(head, [("", rows)], 2, (), title, CAPTION, label)
+    return [first, Table(second, [("", by_recording)], 2, caption="By recording:")]
 
 
 def over_recordings(table: pd.DataFrame) -> pd.DataFrame:
@@ -267,7 +253,7 @@ def _number(mean: float, spread: float | None) -> str:
     return text(mean) if spread is None else f"{text(mean)} ± {text(spread)}"
 
 
-def draw(table: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+def draw(table: pd.DataFrame, settings: Mapping) -> Figure:
     """Dissipated against measured loss: a panel for each expert and set, a point for each recording, a colour for each
     method."""
     experts, sets = list(dict.fromkeys(table["expert"])), order_sets(table["set"])
@@ -296,7 +282,7 @@ def draw(table: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> Non
         plotting.legend(figure, handles)
         title = experiment_title(settings["experiment"], settings)
         plotting.heading(figure, f"{title}: loss of energy per inertia; a point is a recording, mean over seeds")
-        plotting.save(figure, outputs)
+    return figure
 
 
 def _look(version: str, colour: object) -> dict:

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.alarms import KNOWN
-from expertaug.evaluation.formats import DASH, write_study
-from expertaug.evaluation.summary import experiment_title
+from expertaug.evaluation.settings import WindowStudyJob
+from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
 from expertaug.inference.alarm import attainable, threshold
 from expertaug.versions import compared
@@ -35,38 +36,35 @@ METRICS = {
 }
 
 
-def distance(forecasts: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
+def distance(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
     """Write the table of an experiment's curves and draw them.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds, of the mean and of the true equation too where
             they are run: without them there is no skill.
         outputs: any of .csv, .md, .tex, .png and .pdf.
-        settings: {labels, all_methods, training_range, interaction_range, floor, mean, title}: pairs of a version and
-            its printed label; [low, high] by parameter of z_e and of z_a; names of the versions that skill is measured
-            by, or null; ``classical``, least squares with the expert, if any.
+        job: ``training_range`` and ``interaction_range`` of z_e and z_a; ``floor`` and ``mean``, by which skill is
+            measured; ``classical``, least squares with the expert.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
     """
-    versions, labels = read_windows(forecasts), dict(settings["labels"])
+    versions, labels = read_windows(forecasts), job.label_of
     known = [v for v in labels if v in versions]
     if not known:
         raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
-    scale = [settings.get(key) for key in ("floor", "mean")]
-    ends = [_curves(versions[v], settings) if v in versions else None for v in scale]
+    scale = (job.floor, job.mean)
+    ends = [_curves(versions[v], job) if v in versions else None for v in scale]
     parts = []
     for v in known:
-        curve = _curves(versions[v], settings)
+        curve = _curves(versions[v], job)
         floor, mean = (None if end is None or len(end) != len(curve) else end["log_mse"] for end in ends)
         if floor is not None and mean is not None:
             curve["skill"] = (mean - curve["log_mse"]) / (mean - floor)
         parts.append(curve.assign(method=v, label=labels[v]))
     long = pd.concat(parts, ignore_index=True)
-    title = f"{experiment_title(experiment_of(forecasts), settings)}: distance from the training range"
-    drawn = write_study(outputs, long, (*_table(long), 2), CAPTION, "distance", title)
-    if drawn:
-        _draw(long, drawn, settings, title)
+    title = f"{job.of_experiment(experiment_of(forecasts))}: distance from the training range"
+    Study(long, [_table(long, title)], lambda: _draw(long, job, title)).save(outputs)
 
 
 def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequence[float]]) -> np.ndarray:
@@ -78,17 +76,17 @@ def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequ
     return np.max(each, axis=0)
 
 
-def _curves(version: Version, settings: Mapping) -> pd.DataFrame:
+def _curves(version: Version, job: WindowStudyJob) -> pd.DataFrame:
     """A row a bin of z_e's distance and, where windows are shifted in it, of z_a's: ``of`` (z_e or z_a), distance
     (median), windows, log_mse, parameter_error, alarms."""
     known = [name for name in version.sets if name not in ("train", "validation" if "iid" in version.sets else "")]
     main = [version.sets[name] for name in version.judged]
-    away = [beyond(s.z_e, version.parameters, settings["training_range"]) for s in main]
+    away = [beyond(s.z_e, version.parameters, job.training_range) for s in main]
     parts = [_curve(version, main, away).assign(of="z_e")]
-    ranges = settings.get("interaction_range") or {}
+    ranges = job.interaction_range
     sets = [version.sets[name] for name in known if version.sets[name].z_a is not None]
     if set(version.interaction) == set(ranges) and ranges and sets:
-        inside = [beyond(s.z_e, version.parameters, settings["training_range"]) == 0 for s in sets]
+        inside = [beyond(s.z_e, version.parameters, job.training_range) == 0 for s in sets]
         away = [beyond(s.z_a, version.interaction, ranges) for s in sets if s.z_a is not None]
         if any((one[here] > 0).any() for one, here in zip(away, inside, strict=True)):
             parts.append(_curve(version, sets, away, inside).assign(of="z_a"))
@@ -131,7 +129,7 @@ def _curve(
     return pd.DataFrame(rows)
 
 
-def _table(long: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
+def _table(long: pd.DataFrame, title: str) -> Table:
     """A row for each version, distance and metric, a column for each bin; a row of the distances above each block."""
     most = max(len(part) for _, part in long.groupby(["label", "of"]))
     header, rows = ["method", "", *(["within"] + [f"bin {k}" for k in range(1, most)])], []
@@ -141,21 +139,21 @@ def _table(long: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
         rows.append([f"distance of {of}", "", *("0" if d == 0 else f"{d:.2f}" for d in bins), *blank])
         for label, part in block.groupby("label", sort=False):
             cells = part.set_index("distance")
-            for metric, title in METRICS.items():
+            for metric, quantity in METRICS.items():
                 values = [cells[metric].get(d, np.nan) for d in bins]
                 if np.isfinite(values).any():
                     digits = 1 if metric in ("parameter_error", "alarms") else 2
                     texts = [f"{v:.{digits}f}" if np.isfinite(v) else DASH for v in values]
-                    rows.append([str(label), title, *texts, *blank])
-    return header, rows
+                    rows.append([str(label), quantity, *texts, *blank])
+    return Table(header, [("", rows)], 2, (), title, CAPTION, "distance")
 
 
-def _draw(long: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, title: str) -> None:
+def _draw(long: pd.DataFrame, job: WindowStudyJob, title: str) -> Figure:
     """A panel a metric, a line a version: those that people choose between."""
-    floor = settings.get("floor")
+    floor = job.floor
     named = list(dict.fromkeys(long["method"]))
-    chosen = compared([v for v in named if v != floor], settings.get("classical"))
-    colours = plotting.colours(chosen, settings["all_methods"])
+    chosen = compared([v for v in named if v != floor], job.classical)
+    colours = plotting.colours(chosen, job.all_methods)
     with plotting.styled():
         shifted = list(dict.fromkeys(long["of"]))
         figure = plotting.new_figure(4.6 if len(shifted) == 1 else 7.6)
@@ -184,7 +182,7 @@ def _draw(long: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, title:
         for handle, text in zip(handles, texts, strict=True):
             handle.set_label(plotting.text(text))
         plotting.legend(figure, handles)
-        plotting.save(figure, outputs)
+    return figure
 
 
 def _look(version: str, colours: Mapping) -> dict:

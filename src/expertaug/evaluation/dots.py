@@ -9,21 +9,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation.metrics import CONVENTIONS, RELATIVE_ERROR, RELATIVE_ERROR_OF, log_mse_of, metric_of
-from expertaug.evaluation.summary import (
-    drawn_sets,
-    experiment_title,
-    in_domain,
-    labels_of,
-    order_sets,
-    read_metrics,
-    set_title,
-    summarise,
-)
+from expertaug.evaluation.metrics import RELATIVE_ERROR, RELATIVE_ERROR_OF, log_mse_of, metric_of
+from expertaug.evaluation.settings import OverviewExperiment, OverviewJob, PlotJob, Reading, Titles
+from expertaug.evaluation.summary import drawn_sets, in_domain, labels_of, order_sets, read_metrics, summarise
 from expertaug.versions import SHOWN_SETS, base, ordered, paired
 
 ROW, LABELS = 0.165, 1.6  # inches: height of a row, width of the labels beside them
@@ -39,33 +32,33 @@ class Panel:
     Attributes:
         title: above it.
         table: rows of metrics.csv, of one metric.
-        settings: ``set_titles`` (how the sets are printed; optional).
+        titles: how the sets are printed.
     """
 
     title: str
     table: pd.DataFrame
-    settings: Mapping
+    titles: Titles
 
 
 def draw_dots(
     panels: Sequence[Panel],
-    outputs: Path | Sequence[Path],
-    settings: Mapping,
+    all_methods: Sequence[str],
     axis_label: str,
     title: str,
     logarithmic: bool = False,
-) -> None:
+    floor: str | None = None,
+) -> Figure:
     """Draw panels, at most three side by side, which share the rows of what any of them shows.
 
     Arguments:
-        settings: ``all_methods`` (those of the configuration, in order), ``floor`` (a version at whose value on the
-            test set a line is drawn; optional).
+        all_methods: of the configuration, in order.
         axis_label: of the values.
         title: above all panels; presets and number of seeds are added.
         logarithmic: whether the values, all positive, are on such an axis.
+        floor: a version at whose value on the test set a line is drawn.
     """
     everything = pd.concat([panel.table for panel in panels])
-    labels, all_methods = labels_of(everything), settings.get("all_methods", ())
+    labels = labels_of(everything)
     colours = plotting.colours(ordered(everything["method"], all_methods), all_methods)
     columns = -(-len(panels) // -(-len(panels) // 3))  # as many in each line, but for the last
     beside = [panels[start : start + columns] for start in range(0, len(panels), columns)]
@@ -76,7 +69,7 @@ def draw_dots(
         grid = figure.subplots(len(beside), columns, squeeze=False, sharey="row", height_ratios=heights)
         for axes, row, methods in zip(grid, beside, versions, strict=True):
             for axis, panel in zip(axes, row, strict=False):
-                _panel(axis, panel, methods, colours, settings.get("floor"))
+                _panel(axis, panel, methods, colours, floor)
                 axis.set_title(plotting.wrapped(panel.title, (figure.get_figwidth() - LABELS) / columns))
                 if logarithmic:
                     plotting.plain_log(axis, "x")
@@ -92,19 +85,19 @@ def draw_dots(
         number = number if number == "1 seed" else f"mean ± std over {number}"
         plotting.heading(figure, f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}")
         sets = order_sets(everything["set"])
-        handles = [_mark(name, "0.3", panels[0].settings) for name in sets]
-        if settings.get("floor") in set(everything["method"]):
-            text = f"{labels[settings['floor']]}, {set_title(sets[-1], panels[0].settings)}"
+        handles = [_mark(name, "0.3", panels[0].titles) for name in sets]
+        if floor in set(everything["method"]):
+            text = f"{labels[floor]}, {panels[0].titles.of_set(sets[-1])}"
             handles.append(Line2D([], [], color="0.35", linewidth=0.9, linestyle=":", label=text))
         plotting.legend(figure, handles)
-        plotting.save(figure, outputs)
+    return figure
 
 
-def _mark(name: str, colour: object, settings: Mapping) -> Line2D:
+def _mark(name: str, colour: object, titles: Titles) -> Line2D:
     marker, face = LOOKS.get(name, LOOKS["test"])
     face = colour if face == "own" else face
     look = {"marker": marker, "markersize": 4, "markerfacecolor": face, "markeredgecolor": colour}
-    return Line2D([], [], linestyle="", label=set_title(name, settings), **look)
+    return Line2D([], [], linestyle="", label=titles.of_set(name), **look)
 
 
 def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, floor: str | None) -> None:
@@ -128,7 +121,7 @@ def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, f
             dark = tuple(0.75 * channel for channel in colours[method])
             if cell["n"] > 1:
                 axis.errorbar(cell["mean"], y, xerr=cell["std"], color=dark, linewidth=0.9, capsize=1.5, zorder=3)
-            mark = _mark(name, dark, panel.settings)
+            mark = _mark(name, dark, panel.titles)
             mark.set_data([cell["mean"]], [y])
             mark.set_zorder(5)
             axis.add_line(mark)
@@ -137,97 +130,85 @@ def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, f
     axis.grid(axis="x")
 
 
-def overview(metrics: Sequence[Path], output: Path, settings: Mapping) -> None:
+def overview(metrics: Sequence[Path], output: Path, job: OverviewJob) -> None:
     """Draw log_mse (paper's figure log_mse), parameter_errors (param_acc) and, where an experiment asks for it,
     za_shifted, each as .png and .pdf: a panel for each experiment, methods with their augmented versions and opponents.
 
     Arguments:
         metrics: metrics.csv of every experiment, method and group of seeds.
         output: folder of the figures.
-        settings: {experiments, all_methods}: of each experiment its name, whether the first two figures show it
-            (``shown``), the set that za_shifted shows (``shifted``, or null), ``opponents`` that are never augmented,
-            and how its numbers are read (convention, set_titles, title, from_s); all methods of the configuration,
-            which fix the colours.
 
     Raises:
         InputError: a file is broken.
     """
-    table = read_metrics(metrics)
-    shared = {"all_methods": settings["all_methods"]}
-    folder = Path(output)
-    shown = [one for one in settings["experiments"] if one["shown"]]
+    table, folder = read_metrics(metrics), Path(output)
+    shown = [one for one in job.experiments if one.shown]
+
+    def save(name: str, panels: Sequence[Panel], axis: str, note: str, logarithmic: bool = False) -> None:
+        with plotting.styled():
+            plotting.save(draw_dots(panels, job.all_methods, axis, note, logarithmic), folder / name)
+
     if shown:
         panels = []
         for one in shown:
-            how = CONVENTIONS[one["convention"]].partition(" over")[0]
-            part = _shown(table, one, log_mse_of(one["convention"]).name)
-            panels.append(Panel(f"{_title(one)} ({how})", part, one))
-        note = "log-MSE, squared error summed or averaged over the observed dimensions"
-        draw_dots(panels, folder / "log_mse", shared, "log-MSE", note)
-        panels = [Panel(_title(one), _shown(table, one, RELATIVE_ERROR.name), one) for one in shown]
+            how = one.convention_text.partition(" over")[0]
+            panels.append(Panel(f"{one.of_experiment(one.name)} ({how})", _shown(table, one, _log_mse(one)), one))
+        save("log_mse", panels, "log-MSE", "log-MSE, squared error summed or averaged over the observed dimensions")
+        panels = [Panel(one.of_experiment(one.name), _shown(table, one, RELATIVE_ERROR.name), one) for one in shown]
         panels = [panel for panel in panels if len(panel.table)]
         if panels:
             note = "mean relative error of the expert parameters"
-            draw_dots(panels, folder / "parameter_errors", shared, "relative error [%]", note, logarithmic=True)
+            save("parameter_errors", panels, "relative error [%]", note, True)
         else:
             plotting.save_note("no method estimates parameters", folder / "parameter_errors")
     panels = [
-        Panel(_title(one), _shown(table, one, log_mse_of(one["convention"]).name, [one["shifted"]]), one)
-        for one in settings["experiments"]
-        if one["shifted"]
+        Panel(one.of_experiment(one.name), _shown(table, one, _log_mse(one), [one.shifted]), one)
+        for one in job.experiments
+        if one.shifted
     ]
     if panels:
-        note = "log-MSE where the interaction's parameters are shifted as well"
-        draw_dots(panels, folder / "za_shifted", shared, "log-MSE", note)
+        save("za_shifted", panels, "log-MSE", "log-MSE where the interaction's parameters are shifted as well")
 
 
-def _shown(table: pd.DataFrame, one: Mapping, metric: str, sets: Sequence[str] = ()) -> pd.DataFrame:
+def _log_mse(reading: Reading) -> str:
+    return log_mse_of(reading.convention).name
+
+
+def _shown(table: pd.DataFrame, one: OverviewExperiment, metric: str, sets: Sequence[str] = ()) -> pd.DataFrame:
     """Rows of the methods that have an augmented version, and of these versions, or of all where there is none; and of
     the opponents that never have one.
 
     Arguments:
         sets: by default the set of the training's domain and the test set.
     """
-    part = table[(table["experiment"] == one["name"]) & (table["metric"] == metric)]
+    part = table[(table["experiment"] == one.name) & (table["metric"] == metric)]
     part = part[part["set"].isin(sets or (in_domain(part["set"]), "test"))]
-    return part[part["method"].isin([*paired(part["method"]), *one["opponents"]])]
+    return part[part["method"].isin([*paired(part["method"]), *one.opponents])]
 
 
-def _title(one: Mapping) -> str:
-    return experiment_title(one["name"], one)
-
-
-def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
     """Draw the log-MSE of every method on every set: mean over seeds, standard deviation as error bar.
 
     Arguments:
         metrics: metrics.csv of every method and group of seeds; several experiments become panels.
         outputs: .png or .pdf files, or one path without suffix for both.
-        settings: all optional: ``convention`` ("sum" or "dim"), ``all_methods`` (those of the configuration, in order),
-            ``set_titles`` (how sets are printed), ``title`` (of a single experiment), ``floor`` (the version of the
-            true equation).
 
     Raises:
         InputError: a file is broken or has no such metric.
     """
-    settings = dict(settings or {})
-    convention = settings.get("convention", "sum")
-    metric = log_mse_of(convention).name
-    table = _select(read_metrics(metrics), [metric])
-    panels = [
-        Panel(experiment_title(name, settings), part, settings)
-        for name, part in table.groupby("experiment", sort=False)
-    ]
-    title = f"log-MSE, squared error {CONVENTIONS[convention]}"
-    draw_dots(panels, outputs, settings, "log-MSE (lower is better)", title)
+    table = _select(read_metrics(metrics), [_log_mse(job)])
+    panels = [Panel(job.of_experiment(name), part, job) for name, part in table.groupby("experiment", sort=False)]
+    title = f"log-MSE, squared error {job.convention_text}"
+    with plotting.styled():
+        figure = draw_dots(panels, job.all_methods, "log-MSE (lower is better)", title, floor=job.floor)
+        plotting.save(figure, outputs)
 
 
-def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
     """Draw the relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`log_mse`.
 
     Where no method estimates parameters the figure says so.
     """
-    settings = dict(settings or {})
     table = read_metrics(metrics)
     known = list(dict.fromkeys(table["metric"]))
     names = [name for name in known if metric_of(name).family is RELATIVE_ERROR_OF]
@@ -235,14 +216,13 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], se
     if not names:
         plotting.save_note("no method estimates parameters", outputs)
         return
-    table = _select(table, names)
     panels = []
-    for (experiment, metric), part in table.groupby(["experiment", "metric"], sort=False):
-        parameter = plotting.symbol(metric_of(metric).of)
-        name = experiment_title(experiment, settings)
-        panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, settings))
-    title = "relative error of the expert parameters"
-    draw_dots(panels, outputs, settings, "relative error [%] (lower is better)", title, logarithmic=True)
+    for (experiment, metric), part in _select(table, names).groupby(["experiment", "metric"], sort=False):
+        parameter, name = plotting.symbol(metric_of(metric).of), job.of_experiment(experiment)
+        panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, job))
+    title, axis = "relative error of the expert parameters", "relative error [%] (lower is better)"
+    with plotting.styled():
+        plotting.save(draw_dots(panels, job.all_methods, axis, title, logarithmic=True), outputs)
 
 
 def _select(table: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFrame:

@@ -3,40 +3,40 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation import formats
 from expertaug.evaluation.metrics import LOG_MSE
+from expertaug.evaluation.settings import GridJob
+from expertaug.evaluation.table import Cell, Study, Table
 from expertaug.models import store
 
 
-def grid(models: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
+def grid(models: Sequence[Path], outputs: Sequence[Path], job: GridJob) -> None:
     """Write the table and draw the figure of a sweep.
 
     Arguments:
         models: model files of all points and groups of seeds; only what they say of their training is used.
         outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
-        settings: {experiment, label, keys, points}: the name of the experiment, the printed label of the method, dotted
-            keys, and pairs of a point's name and its values of these keys.
 
     Raises:
         InputError: a model is of no point, a point has no model, or an output's suffix is unknown.
     """
-    table = read_scores(models, [name for name, _ in settings["points"]])
-    summary = summarise(table, settings)
-    keys, caption = settings["keys"], _caption(table, settings)
-    title = f"{settings['experiment']}: grid over {', '.join(keys)}"
+    table = read_scores(models, [name for name, _ in job.points])
+    summary = summarise(table, job)
+    keys, caption = job.keys, _caption(table, job)
+    title = f"{job.experiment}: grid over {', '.join(keys)}"
     header = ["point", *keys, "selection score", "best pass", "minutes"]
     rows = [_row(row, keys) for _, row in summary.sort_values("mean", na_position="last").iterrows()]
-    label = f"{settings['experiment']}-grid".replace("_", "-")
-    if drawn := formats.write_study(outputs, summary, (header, rows, 1 + len(keys)), caption, label, title):
-        _draw(table, summary, drawn, settings)
+    label = f"{job.experiment}-grid".replace("_", "-")
+    printed = Table(header, [("", rows)], 1 + len(keys), (), title, caption, label)
+    Study(summary, [printed], lambda: _draw(table, summary, job)).save(outputs)
 
 
 def read_scores(models: Sequence[Path], names: Sequence[str]) -> pd.DataFrame:
@@ -56,35 +56,35 @@ def read_scores(models: Sequence[Path], names: Sequence[str]) -> pd.DataFrame:
     return table
 
 
-def summarise(table: pd.DataFrame, settings: Mapping) -> pd.DataFrame:
+def summarise(table: pd.DataFrame, job: GridJob) -> pd.DataFrame:
     """A row for each point, in the order of the grid: its values, mean, std (n − 1), n (finite seeds) and of."""
     finite = table.assign(score=table["score"].where(np.isfinite(table["score"])))
     groups = finite.groupby("point")
     summary = groups["score"].agg(mean="mean", std="std", n="count", of="size")
     summary = summary.join(groups.agg(best_epoch=("epoch", "median"), minutes=("minutes", "sum")))
-    summary = summary.loc[[name for name, _ in settings["points"]]].reset_index()
-    for place, key in enumerate(settings["keys"]):
-        summary.insert(1 + place, key, [_text(values[place]) for _, values in settings["points"]])
+    summary = summary.loc[[name for name, _ in job.points]].reset_index()
+    for place, key in enumerate(job.keys):
+        summary.insert(1 + place, key, [_text(values[place]) for _, values in job.points])
     return summary
 
 
 def _row(row: pd.Series, keys: Sequence[str]) -> list[str]:
-    score = formats.cell_text(row, LOG_MSE["sum"].name)
+    score = Cell.of_row(LOG_MSE["sum"], row).text()
     return [row["point"], *(row[key] for key in keys), score, f"{row['best_epoch']:g}", f"{row['minutes']:.1f}"]
 
 
-def _caption(table: pd.DataFrame, settings: Mapping) -> str:
+def _caption(table: pd.DataFrame, job: GridJob) -> str:
     seeds = table["seed"].nunique()
     return (
-        f"{settings['label']}, best first. Selection score: that on the validation set by which a training's best pass "
+        f"{job.label}, best first. Selection score: that on the validation set by which a training's best pass "
         f"is chosen, mean ± standard deviation (n − 1) over {seeds} seed{'s' * (seeds > 1)}; lower is better. "
         "The test set is not read."
     )
 
 
-def _draw(table: pd.DataFrame, summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+def _draw(table: pd.DataFrame, summary: pd.DataFrame, job: GridJob) -> Figure:
     """The score against each key's values: a dot for each seed of each point, a line through the best of each value."""
-    keys = settings["keys"]
+    keys = job.keys
     scores = {name: part["score"].to_numpy() for name, part in table.groupby("point")}
     with plotting.styled():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(keys) > 1 else 4.6)
@@ -101,7 +101,7 @@ def _draw(table: pd.DataFrame, summary: pd.DataFrame, outputs: Sequence[Path], s
             axis.set_xlabel(plotting.text(key))
             axis.grid(axis="y")
         panels[0].set_ylabel("validation score (lower is better)")
-        plotting.save(figure, outputs)
+    return figure
 
 
 def _text(value: object) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.evaluation.intervals import Resampled, log_mean, log_median, mean
+from expertaug.evaluation.settings import CONVENTIONS
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
     from expertaug.systems import System
 
 OF = "{of}"
-CONVENTIONS = {
-    "sum": "summed over the observed dimensions",
-    "dim": "averaged over the observed dimensions",
-}
 
 
 class Shown(Enum):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import booktabs, escape, grid, write_tables
-from expertaug.evaluation.summary import experiment_title
+from expertaug.evaluation.settings import OwnPriorsJob
+from expertaug.evaluation.table import Study, Table
 
 CAPTION = (
     "Ranges of p⁺ that grew from those of the training windows' estimates, over the seeds of a group together. "
@@ -20,27 +20,25 @@ CAPTION = (
 )
 
 
-def own_priors(priors: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
+def own_priors(priors: Sequence[Path], outputs: Sequence[Path], job: OwnPriorsJob) -> None:
     """Write the table.
 
     Arguments:
         priors: what the stage own-prior wrote.
         outputs: any of .csv, .md and .tex.
-        settings: {experiment, priors, title}; ``priors`` has, in the files' order, what is printed for each version and
-            its group of seeds.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
     """
     rows = []
-    for path, (label, group) in zip(priors, settings["priors"], strict=True):
+    for path, (label, group) in zip(priors, job.priors, strict=True):
         try:
-            found = json.loads(Path(path).read_text(encoding="utf-8"))
-            for name, (low, high) in found["ranges"].items():
-                first, last = found["training"][name]
+            ranges = json.loads(Path(path).read_text(encoding="utf-8"))
+            for name, (low, high) in ranges["ranges"].items():
+                first, last = ranges["training"][name]
                 one = {"parameter": name, "training_low": first, "training_high": last, "low": low, "high": high}
-                told = {"explained": found["explained"], "rounds": found["rounds"], "windows": found["windows"]}
-                rows.append({"label": label, "seeds": group, **one, **told, "says": found["says"]})
+                told = {key: ranges[key] for key in ("explained", "rounds", "windows")}
+                rows.append({"label": label, "seeds": group, **one, **told, "says": ranges["says"]})
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(path, f"holds no ranges of p⁺ ({error})", "make it again with own-prior") from error
     header = ["p⁺ of", "seeds", "parameter", "training windows", "found", "explained [%]"]
@@ -53,13 +51,5 @@ def own_priors(priors: Sequence[Path], outputs: Sequence[Path], settings: Mappin
         ]
         for row in rows
     ]
-    title = f"{experiment_title(settings['experiment'], settings)}: p⁺ that found its own ranges"
-    lines = [f"## {title}", "", CAPTION, "", *grid(header, [[escape(c) for c in r] for r in cells], 5)]
-    write_tables(
-        outputs,
-        {
-            ".csv": lambda _: pd.DataFrame(rows).to_csv(index=False),
-            ".md": lambda _: "\n".join(lines) + "\n",
-            ".tex": lambda _: booktabs(header, cells, 5, CAPTION, "own-priors", title),
-        },
-    )
+    title = f"{job.of_experiment(job.experiment)}: p⁺ that found its own ranges"
+    Study(pd.DataFrame(rows), [Table(header, [("", cells)], 5, (), title, CAPTION, "own-priors")]).save(outputs)

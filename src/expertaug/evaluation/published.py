@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import DASH, booktabs, cell_text, escape, grid, write_tables
 from expertaug.evaluation.intervals import Interval, Resampled, against, interval
+from expertaug.evaluation.metrics import metric_of
 from expertaug.evaluation.samples import Samples
-from expertaug.evaluation.summary import in_domain, read_metrics, set_title, summarise
+from expertaug.evaluation.settings import CompareJob, Titles
+from expertaug.evaluation.summary import in_domain, read_metrics, summarise
+from expertaug.evaluation.table import DASH, Cell, Study, Table
 
 NUMBERS = Path(__file__).with_name("paper.csv")
 # The paper's tables (labels of its source), by metric.
@@ -82,24 +85,22 @@ def verdict(mean: float, difference: Interval | None) -> str:
     return "better" if difference.mean < 0 else "worse"
 
 
-def compare(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping, forecasts: Sequence[Path]) -> None:
+def compare(metrics: Sequence[Path], outputs: Sequence[Path], job: CompareJob, forecasts: Sequence[Path]) -> None:
     """Write tables of published and own numbers.
 
     Arguments:
         metrics: metrics.csv of every method and group of seeds, of one experiment or of several.
         outputs: any of .csv (full precision), .md and .tex.
-        settings: {published}: pairs of an experiment and the system that the paper's numbers are of.
         forecasts: forecasts.npz of the same runs, which have the errors of every sample.
 
     Raises:
         InputError: a file is broken, a system is unknown, samples' errors are missing, or an output's suffix.
     """
-    table = comparison(summarise(read_metrics(metrics)), Samples(forecasts), settings)
-    texts = {".csv": table.to_csv(index=False), ".md": _markdown(table), ".tex": _latex(table)}
-    write_tables(outputs, {suffix: lambda output: texts[output.suffix] for suffix in texts})
+    table = comparison(summarise(read_metrics(metrics)), Samples(forecasts), job)
+    Study(table, _tables(table)).save(outputs)
 
 
-def comparison(summary: pd.DataFrame, samples: Samples, settings: Mapping) -> pd.DataFrame:
+def comparison(summary: pd.DataFrame, samples: Samples, job: CompareJob) -> pd.DataFrame:
     """One row per published number and experiment that is compared with it, in the paper's order.
 
     Numbers of the paper's validation set, which is of the training's domain, are compared with those of the IID test
@@ -109,7 +110,7 @@ def comparison(summary: pd.DataFrame, samples: Samples, settings: Mapping) -> pd
     ours = {(row["experiment"], row["label"], row["set"], row["metric"]): row for _, row in summary.iterrows()}
     presets = dict(zip(summary["experiment"], summary["preset"], strict=True))
     rows = []
-    for experiment, system in settings["published"]:
+    for experiment, system in job.published:
         found = [number for number in numbers if number.system == system]
         if not found:
             known = ", ".join(dict.fromkeys(number.system for number in numbers))
@@ -172,9 +173,9 @@ def _rows(part: pd.DataFrame) -> list[list[str]]:
     digits = max(d for (metric, _), d in decimals.items() if metric == part["metric"].iloc[0])
     for _, row in part.iterrows():
         published = f"{row['published_mean']:.{digits}f} ± {row['published_std']:.{digits}f}".replace("-", "−")
-        ours = cell_text(row, row["metric"]) if row["of"] else DASH
+        ours = Cell.of_row(metric_of(row["metric"]), row).text()
         p = DASH if math.isnan(row["p"]) else f"{row['p']:.3f}"
-        name = set_title(row["set"], {})
+        name = Titles().of_set(row["set"])
         rows.append([row["experiment"], name, row["label"], published, ours, str(row["of"]), p, row["verdict"]])
     return rows
 
@@ -197,24 +198,10 @@ def _caption(part: pd.DataFrame) -> str:
     )
 
 
-def _markdown(table: pd.DataFrame) -> str:
-    lines = []
+def _tables(table: pd.DataFrame) -> list[Table]:
+    """One for each metric; in LaTeX a rule stands between experiments."""
+    tables = []
     for metric, part in _parts(table):
-        rows = [[escape(cell) for cell in row] for row in _rows(part)]
-        lines += [f"## {TITLES[metric]}", "", _caption(part), "", *grid(HEADER, rows, 3), ""]
-    return "\n".join(lines)
-
-
-def _latex(table: pd.DataFrame) -> str:
-    texts = []
-    for metric, part in _parts(table):
-        rows: list[list[str]] = []
-        previous = None
-        for row in _rows(part):
-            if previous not in (None, row[0]):
-                rows.append([])
-            rows.append(row)
-            previous = row[0]
-        label = part["table"].iloc[0]
-        texts.append(booktabs(HEADER, rows, 3, _caption(part), label, TITLES[metric]))
-    return "\n".join(texts)
+        rows = [("", list(each)) for _, each in groupby(_rows(part), key=lambda row: row[0])]
+        tables.append(Table(HEADER, rows, 3, (), TITLES[metric], _caption(part), part["table"].iloc[0]))
+    return tables

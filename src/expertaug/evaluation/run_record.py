@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from expertaug.evaluation.costs import Cost
-from expertaug.evaluation.report.cells import Table
+from expertaug.evaluation.settings import ReportJob
+from expertaug.evaluation.table import Table
 from expertaug.files import find
 from expertaug.tracking import provenance
 from expertaug.tracking.log import read_log
@@ -51,19 +52,19 @@ def duration(seconds: float) -> str:
     return f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
 
 
-def provenance_table(record: Mapping, settings: Mapping, revision: str | None) -> Table:
+def provenance_table(record: Mapping, job: ReportJob, revision: str | None) -> Table:
     """Configuration, revisions, machine and versions.
 
     Arguments:
         record: of :func:`expertaug.evaluation.run_record.of_run`.
-        settings: of the stage: ``files`` that configure the run, ``preset``, ``seeds``, ``device``.
+        job: of the stage.
         revision: of the code that made the page.
     """
     rows = [
-        ["configuration", ", ".join(settings["files"])],
+        ["configuration", ", ".join(job.files)],
         [
             "preset, seeds, device",
-            f"{settings['preset']}; {', '.join(map(str, settings['seeds']))}; {settings['device']}",
+            f"{job.preset}; {', '.join(map(str, job.seeds))}; {job.device}",
         ],
         ["code that trained", ", ".join(record["git_revisions"]) or "nothing was trained"],
         ["code that made this page", revision or "unknown: not a git checkout"],

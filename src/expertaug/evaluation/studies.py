@@ -15,18 +15,19 @@ from matplotlib.lines import Line2D
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import RUNAWAYS_NOTE, cell_text, write_study
-from expertaug.evaluation.metrics import CONVENTIONS, DIVERGED, RELATIVE_ERROR, log_mse_of, metric_of
+from expertaug.evaluation.metrics import DIVERGED, RELATIVE_ERROR, log_mse_of, metric_of
+from expertaug.evaluation.settings import StudyJob
 from expertaug.evaluation.summary import (
     any_of,
-    experiment_title,
     in_domain,
     read_metrics,
-    set_title,
     shown_metrics,
     summarise,
     tabled_metrics,
 )
+from expertaug.evaluation.table import Cell, Table
+from expertaug.evaluation.table import Study as Made
+from expertaug.evaluation.tabulate import RUNAWAYS_NOTE
 from expertaug.versions import base, compared
 
 DURING_TRAINING_SETS = ("train", "validation", "test")
@@ -62,27 +63,22 @@ def by_width(priors: Mapping[str, Mapping | None]) -> list[str]:
     return sorted(priors, key=volume)
 
 
-def shifts(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+def shifts(summary: pd.DataFrame, job: StudyJob) -> Figure:
     """The log-MSE against the distance of the shift: a panel for each kind of shift, a line for each method."""
-    _by_set(summary, outputs, settings, "distance of the shift")
+    return _by_set(summary, job, job.options.panels, "distance of the shift")
 
 
-def horizons(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+def horizons(summary: pd.DataFrame, job: StudyJob) -> Figure:
     """The log-MSE against the end of the forecast: a panel for each split, a line for each method."""
-    panels = [(set_title(split, settings), names) for split, names in settings["options"]["panels"]]
-    titled = {**settings, "options": {**settings["options"], "panels": panels}}
-    _by_set(summary, outputs, titled, "end of the forecast")
+    panels = [(job.of_set(split), names) for split, names in job.options.panels]
+    return _by_set(summary, job, panels, "end of the forecast")
 
 
-def _by_set(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, xlabel: str) -> None:
-    options, metric = settings["options"], log_mse_of(settings["convention"]).name
-    labels = {
-        version: settings["labels"][version]
-        for version in compared(list(settings["labels"]), settings.get("classical"))
-    }
-    colours = plotting.colours(list(labels), settings["all_methods"])
+def _by_set(summary: pd.DataFrame, job: StudyJob, panels: Sequence[tuple[str, Sequence[str]]], xlabel: str) -> Figure:
+    metric = log_mse_of(job.convention).name
+    labels = {version: job.label_of[version] for version in compared(list(job.label_of), job.classical)}
+    colours = plotting.colours(list(labels), job.all_methods)
     chosen = summary[summary["metric"] == metric].set_index(["method", "set"])
-    panels = options["panels"]
     with plotting.styled():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(panels) > 1 else 4.6)
         grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
@@ -91,8 +87,8 @@ def _by_set(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, x
                 x = np.arange(len(names)) + _dodge(place, len(labels))
                 cells = [_cell(chosen, (variant, name)) for name in names]
                 _line(axis, x, cells, colours[variant], plotting.dash(variant), plotting.marker(variant))
-            places = zip(options["distances"], names, strict=True)
-            axis.set_xticks(range(len(names)), [_tick(distance, name, settings) for distance, name in places])
+            places = zip(job.options.distances, names, strict=True)
+            axis.set_xticks(range(len(names)), [_tick(distance, name, job) for distance, name in places])
             axis.set_xlim(-0.4, len(names) - 0.6)
             axis.set(title=plotting.text(title), xlabel=xlabel)
             axis.grid(axis="y")
@@ -100,18 +96,18 @@ def _by_set(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping, x
         looks = {v: {"linestyle": plotting.dash(v), "marker": plotting.marker(v), "markersize": 3} for v in labels}
         handles = [Line2D([], [], color=colours[v], **looks[v], label=label) for v, label in labels.items()]
         plotting.legend(figure, handles)
-        _subtitle(figure, summary, settings)
-        plotting.save(figure, outputs)
+        _subtitle(figure, summary, job)
+    return figure
 
 
-def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+def widths(summary: pd.DataFrame, job: StudyJob) -> Figure:
     """Log-MSE and parameters' error against the prior, the narrowest first: a line for each method and set."""
-    methods = list(dict.fromkeys(map(base, settings["labels"])))
-    ranges = settings["priors"][methods[0]]
+    methods = list(dict.fromkeys(map(base, job.label_of)))
+    ranges = job.priors[methods[0]]
     priors = by_width(ranges)
-    colours = plotting.colours([f"{method}+" for method in methods], settings["all_methods"])
+    colours = plotting.colours([f"{method}+" for method in methods], job.all_methods)
     chosen = summary.set_index(["metric", "method", "set"])
-    metrics, sets = shown_metrics(summary, settings["convention"]), width_sets(summary)
+    metrics, sets = shown_metrics(summary, job.convention), width_sets(summary)
     with plotting.styled():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(metrics) > 1 else 4.6)
         grid = figure.subplots(1, len(metrics), squeeze=False)[0]
@@ -122,7 +118,7 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
                     cells = [_cell(chosen, (metric, variant, name)) for variant in variants]
                     x = np.arange(len(variants)) + _dodge(place, len(methods))
                     _line(axis, x, cells, colours[f"{method}+"], line, "o" if name == "test" else "s")
-            alike = {name: all(settings["priors"][m][name] == ranges[name] for m in methods) for name in priors}
+            alike = {name: all(job.priors[m][name] == ranges[name] for m in methods) for name in priors}
             extents = [_extent(ranges, name) if alike[name] else "" for name in priors]
             ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
             axis.set_xticks(range(len(ticks)), ticks)
@@ -132,19 +128,19 @@ def widths(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) ->
             axis.grid(axis="y")
             if metric == RELATIVE_ERROR.name:
                 plotting.plain_log(axis)
-        names = {f"{method}+": settings["labels"][method] for method in methods}
+        names = {f"{method}+": job.label_of[method] for method in methods}
         handles = [Line2D([], [], color=colours[m], linewidth=3, label=label) for m, label in names.items()]
         for name, line, marker in zip(sets, (plotting.DASHED, "-"), "so", strict=True):
             look = {"color": "0.3", "linestyle": line, "marker": marker, "markersize": 3}
-            handles.append(Line2D([], [], label=set_title(name, settings), **look))
+            handles.append(Line2D([], [], label=job.of_set(name), **look))
         plotting.legend(figure, handles)
-        _subtitle(figure, summary, settings)
-        plotting.save(figure, outputs)
+        _subtitle(figure, summary, job)
+    return figure
 
 
-def during_training(summary: pd.DataFrame, outputs: Sequence[Path], settings: Mapping) -> None:
+def during_training(summary: pd.DataFrame, job: StudyJob) -> Figure:
     """The log-MSE along the training: a colour for each set, a line for each length of fine-tuning."""
-    chosen = summary[summary["metric"] == log_mse_of(settings["convention"]).name]
+    chosen = summary[summary["metric"] == log_mse_of(job.convention).name]
     chosen = chosen.set_index(["set", "finetune_epochs", "epoch"])
     epochs = sorted({key[2] for key in chosen.index})
     lengths = sorted({key[1] for key in chosen.index})
@@ -162,13 +158,13 @@ def during_training(summary: pd.DataFrame, outputs: Sequence[Path], settings: Ma
         axis.minorticks_off()
         axis.set(xlabel="passes of the training", ylabel="log-MSE (lower is better)")
         axis.grid(axis="y")
-        handles = [Line2D([], [], color=c, linewidth=3, label=set_title(s, settings)) for s, c in ALONG_COLOURS.items()]
+        handles = [Line2D([], [], color=c, linewidth=3, label=job.of_set(s)) for s, c in ALONG_COLOURS.items()]
         for length, (dash, marker, size) in lines.items():
             text = f"fine-tuned, {length} pass{'es' if length > 1 else ''}" if length else "as trained"
             handles.append(Line2D([], [], color="0.3", linestyle=dash, marker=marker, markersize=size, label=text))
         plotting.legend(figure, handles)
-        _subtitle(figure, summary, settings)
-        plotting.save(figure, outputs)
+        _subtitle(figure, summary, job)
+    return figure
 
 
 def _cell(table: pd.DataFrame, key: tuple) -> pd.Series | None:
@@ -197,9 +193,9 @@ def _dodge(place: int, count: int) -> float:
     return 0.16 * (place / (count - 1) - 0.5) if count > 1 else 0.0
 
 
-def _tick(distance: str, name: str, settings: Mapping) -> str:
+def _tick(distance: str, name: str, job: StudyJob) -> str:
     """The distance, and below it the range of the interaction's parameters."""
-    ranges = settings["sets"].get(name, {}).get("z_a", {})
+    ranges = z_a_of(job, name)
     return "\n".join([distance, *(f"{plotting.symbol(p)}: {low:g}\nto {high:g}" for p, (low, high) in ranges.items())])
 
 
@@ -214,11 +210,11 @@ def _extent(priors: Mapping[str, Mapping | None], name: str) -> str:
     return f"volume × {this / own:.2g}" if own else ""
 
 
-def _subtitle(figure: Figure, summary: pd.DataFrame, settings: Mapping) -> None:
+def _subtitle(figure: Figure, summary: pd.DataFrame, job: StudyJob) -> None:
     seeds = int(summary["of"].max())
     number = "1 seed" if seeds == 1 else f"mean ± std over {seeds} seeds"
-    name = experiment_title(str(summary["experiment"].iloc[0]), settings)
-    text = f"{name}; squared error {CONVENTIONS[settings['convention']]}"
+    name = job.of_experiment(str(summary["experiment"].iloc[0]))
+    text = f"{name}; squared error {job.convention_text}"
     join = "; " if figure.get_figwidth() > 6 else "\n"
     plotting.heading(figure, f"{text}{join}{number}; preset {summary['preset'].iloc[0]}")
 
@@ -233,41 +229,41 @@ class Study:
     Attributes:
         title: of the table.
         further: columns of its metrics beside the usual ones.
-        rows: summary and settings → header, rows of text, number of columns that are text.
-        draw: summary, outputs and settings → the figure.
+        rows: summary and job → header, rows of text, number of columns that are text.
+        draw: summary and job → the figure.
     """
 
     title: str
     further: tuple[str, ...]
-    rows: Callable[[pd.DataFrame, Mapping], tuple[list[str], list[list[str]], int]]
-    draw: Callable[[pd.DataFrame, Sequence[Path], Mapping], None]
+    rows: Callable[[pd.DataFrame, StudyJob], tuple[list[str], list[list[str]], int]]
+    draw: Callable[[pd.DataFrame, StudyJob], Figure]
 
 
-def study(metrics: Sequence[Path], outputs: Sequence[Path], settings: Mapping) -> None:
+def study(metrics: Sequence[Path], outputs: Sequence[Path], job: StudyJob) -> None:
     """Write the table and draw the figure of a study.
 
     Arguments:
         metrics: metrics.csv (of the study along training: during_training.csv) of all variants and groups of seeds.
         outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
-        settings: {study, labels, all_methods, sets, classical, convention, set_titles, title, from_s} and, of
-            out_of_expertise, horizons and along, ``options`` (the study's configuration), of prior_width ``priors``
-            (ranges by method and name, "" = the method's own); ``labels`` has pairs of a variant and its printed label,
-            in order, ``options["panels"]`` pairs of a title (of horizons: a split) and the sets of a panel, ``sets``
-            the simulated sets' ranges, ``classical`` the method that is least squares with the expert, or null.
 
     Raises:
         InputError: a file is broken or lacks what the study compares, or an output's suffix is unknown.
     """
-    kind = KINDS[settings["study"]]
-    settings = {**settings, "labels": dict(settings["labels"])}
+    kind, labels = KINDS[job.study], job.label_of
     table = read_metrics(metrics, kind.further)
-    summary = summarise(table[table["method"].isin(list(settings["labels"]))], kind.further)
-    _require(summary, metrics, settings)
+    summary = summarise(table[table["method"].isin(list(labels))], kind.further)
+    _require(summary, metrics, job)
     name = str(summary["experiment"].iloc[0])
-    caption = _caption(table, settings) + (f" {RUNAWAYS_NOTE}" if any_of(DIVERGED, summary) else "")
-    title, label = f"{name}: {kind.title}", f"{name}-{settings['study']}".replace("_", "-")
-    if drawn := write_study(outputs, summary, kind.rows(summary, settings), caption, label, title):
-        kind.draw(summary, drawn, settings)
+    caption = _caption(table, job) + (f" {RUNAWAYS_NOTE}" if any_of(DIVERGED, summary) else "")
+    title, label = f"{name}: {kind.title}", f"{name}-{job.study}".replace("_", "-")
+    head, rows, names = kind.rows(summary, job)
+    printed = Table(head, [("", rows)], names, (), title, caption, label)
+    Made(summary, [printed], lambda: kind.draw(summary, job)).save(outputs)
+
+
+def z_a_of(job: StudyJob, name: str) -> Mapping[str, Sequence[float]]:
+    """Ranges of the interaction's parameters of a simulated set; none where it is measured."""
+    return job.sets[name].z_a if name in job.sets else {}
 
 
 def cells_of(summary: pd.DataFrame, *keys: str) -> dict[tuple, pd.Series]:
@@ -275,74 +271,74 @@ def cells_of(summary: pd.DataFrame, *keys: str) -> dict[tuple, pd.Series]:
     return {tuple(row[key] for key in keys): row for _, row in summary.iterrows()}
 
 
-def _require(summary: pd.DataFrame, metrics: Sequence[Path], settings: Mapping) -> None:
-    panels = settings.get("options", {}).get("panels", [])
+def _require(summary: pd.DataFrame, metrics: Sequence[Path], job: StudyJob) -> None:
+    panels = job.options.panels
     for name in [name for _, names in panels for name in names]:
         if name not in set(summary["set"]):
             raise InputError(metrics[0], f"no metrics of the set {name!r}", "evaluate again")
 
 
-def _caption(table: pd.DataFrame, settings: Mapping) -> str:
+def _caption(table: pd.DataFrame, job: StudyJob) -> str:
     seeds = table["seed"].nunique()
-    start = settings.get("from_s")
+    start = job.from_s
     window = "the forecast window (t1, t2]" if start is None else f"times from {start:g} s on"
     return (
         f"Preset: {', '.join(dict.fromkeys(table['preset']))}. Mean ± standard deviation (n − 1) over {seeds} "
         f"seed{'s' if seeds > 1 else ''}. log-MSE: natural logarithm of the mean squared error over {window}, "
-        f"{CONVENTIONS[settings['convention']]}; lower is better."
+        f"{job.convention_text}; lower is better."
     )
 
 
-def _shift_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
+def _shift_rows(summary: pd.DataFrame, job: StudyJob) -> tuple[list[str], list[list[str]], int]:
     """A row for each metric, panel and distance, a column for each method."""
-    options, found = settings["options"], cells_of(summary, "metric", "set", "method")
+    found = cells_of(summary, "metric", "set", "method")
     rows = []
-    for metric in tabled_metrics(summary, settings["convention"]):
-        for title, names in options["panels"]:
-            for distance, name in zip(options["distances"], names, strict=True):
-                sampled = ranges_text(settings["sets"].get(name, {}).get("z_a", {}))
-                values = [cell_text(found.get((metric, name, v)), metric) for v in settings["labels"]]
+    for metric in tabled_metrics(summary, job.convention):
+        for title, names in job.options.panels:
+            for distance, name in zip(job.options.distances, names, strict=True):
+                sampled = ranges_text(z_a_of(job, name))
+                values = [Cell.of_row(metric_of(metric), found.get((metric, name, v))).text() for v in job.label_of]
                 rows.append([metric_of(metric).heading(), title, distance, sampled, *values])
-    return ["metric", "shifted", "distance", "z_a of the set", *settings["labels"].values()], rows, 4
+    return ["metric", "shifted", "distance", "z_a of the set", *job.label_of.values()], rows, 4
 
 
-def _horizon_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
+def _horizon_rows(summary: pd.DataFrame, job: StudyJob) -> tuple[list[str], list[list[str]], int]:
     """A row for each metric, split and end of the forecast, a column for each method."""
-    options, found = settings["options"], cells_of(summary, "metric", "set", "method")
+    found = cells_of(summary, "metric", "set", "method")
     rows = []
-    for metric in tabled_metrics(summary, settings["convention"]):
-        for split, names in options["panels"]:
-            for end, name in zip(options["distances"], names, strict=True):
-                values = [cell_text(found.get((metric, name, v)), metric) for v in settings["labels"]]
-                rows.append([metric_of(metric).heading(), set_title(split, settings), end, *values])
-    return ["metric", "set", "until", *settings["labels"].values()], rows, 3
+    for metric in tabled_metrics(summary, job.convention):
+        for split, names in job.options.panels:
+            for end, name in zip(job.options.distances, names, strict=True):
+                values = [Cell.of_row(metric_of(metric), found.get((metric, name, v))).text() for v in job.label_of]
+                rows.append([metric_of(metric).heading(), job.of_set(split), end, *values])
+    return ["metric", "set", "until", *job.label_of.values()], rows, 3
 
 
-def _width_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
+def _width_rows(summary: pd.DataFrame, job: StudyJob) -> tuple[list[str], list[list[str]], int]:
     """A row for each method and prior, a column for each metric and set."""
     found = cells_of(summary, "metric", "set", "method")
-    columns = [(m, s) for m in tabled_metrics(summary, settings["convention"]) for s in width_sets(summary)]
-    header = [f"{set_title(name, settings)}: {metric_of(metric).heading()}" for metric, name in columns]
+    columns = [(m, s) for m in tabled_metrics(summary, job.convention) for s in width_sets(summary)]
+    header = [f"{job.of_set(name)}: {metric_of(metric).heading()}" for metric, name in columns]
     rows = []
-    for method in dict.fromkeys(map(base, settings["labels"])):
-        priors = settings["priors"][method]
+    for method in dict.fromkeys(map(base, job.label_of)):
+        priors = job.priors[method]
         ordered = {name: ranges_text(priors[name]) for name in by_width(priors)}
         for name, ranges in {None: "not augmented", **ordered}.items():
             variant = method if name is None else f"{method}+{name}"
-            if variant in settings["labels"]:
-                values = [cell_text(found.get((*column, variant)), column[0]) for column in columns]
-                rows.append([settings["labels"][variant], ranges, *values])
+            if variant in job.label_of:
+                values = [Cell.of_row(metric_of(column[0]), found.get((*column, variant))).text() for column in columns]
+                rows.append([job.label_of[variant], ranges, *values])
     return ["method", "p⁺", *header], rows, 2
 
 
-def _during_training_rows(summary: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]], int]:
+def _during_training_rows(summary: pd.DataFrame, job: StudyJob) -> tuple[list[str], list[list[str]], int]:
     """A row for each snapshot and length of fine-tuning, a column for each metric and set."""
     found = cells_of(summary, "metric", "set", *AROUND)
-    columns = [(m, s) for m in tabled_metrics(summary, settings["convention"]) for s in DURING_TRAINING_SETS]
-    header = [f"{set_title(name, settings)}: {metric_of(metric).heading()}" for metric, name in columns]
+    columns = [(m, s) for m in tabled_metrics(summary, job.convention) for s in DURING_TRAINING_SETS]
+    header = [f"{job.of_set(name)}: {metric_of(metric).heading()}" for metric, name in columns]
     rows = []
     for epoch, tuned in sorted({key[2:] for key in found}):
-        values = [cell_text(found.get((*column, epoch, tuned)), column[0]) for column in columns]
+        values = [Cell.of_row(metric_of(column[0]), found.get((*column, epoch, tuned))).text() for column in columns]
         rows.append([str(epoch), str(tuned) if tuned else "–", *values])
     return ["training passes", "fine-tuning passes", *header], rows, 0
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -11,15 +10,9 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import METRICS, Metric, Shown, first_metrics
+from expertaug.evaluation.settings import Titles
 from expertaug.tracking.metrics_csv import COLUMNS, read_rows
 from expertaug.versions import SHOWN_SETS
-
-SET_TITLES = {
-    "train": "train",
-    "validation": "validation (set of choices)",
-    "iid": "IID test",
-    "test": "test (OOD)",
-}
 
 
 def read_metrics(paths: Sequence[str | Path], further: Sequence[str] = ()) -> pd.DataFrame:
@@ -83,13 +76,12 @@ def drawn_sets(sets: Iterable[str]) -> list[str]:
 
 def set_title(name: str, settings: Mapping) -> str:
     """A set's name as it is printed; ``settings["set_titles"]`` may say otherwise."""
-    plain = re.sub(r"(?<!\bz)_", " ", name)  # z_a_small: z_a small
-    return (settings.get("set_titles") or {}).get(name, SET_TITLES.get(name, plain))
+    return Titles(set_titles=settings.get("set_titles") or {}).of_set(name)
 
 
 def experiment_title(name: str, settings: Mapping) -> str:
     """An experiment's name as figures print it; ``settings["title"]`` may say otherwise."""
-    return settings.get("title") or name.replace("_", " ")
+    return Titles(title=settings.get("title")).of_experiment(name)
 
 
 def shown_metrics(table: pd.DataFrame, convention: str) -> list[str]:

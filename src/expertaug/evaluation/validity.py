@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
+from matplotlib.figure import Figure
 from torch import Tensor
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import DASH, booktabs, escape, grid, write_tables
 from expertaug.evaluation.score import spread
 from expertaug.evaluation.summary import experiment_title
+from expertaug.evaluation.table import DASH, Study, Table, escape
 from expertaug.inference import store
 from expertaug.inference.refit import Refit, refit
 from expertaug.inference.settings import ValiditySettings
@@ -76,19 +77,9 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], settin
     title = f"{experiment_title(settings['experiment'], settings)}: does F_a hold where z_e has moved?"
     header = ["method", "windows", *COLUMNS.values()]
     cells = [[r["label"], r["set"], *(_text(r[key]) for key in COLUMNS)] for r in rows]
-    told = [f"- {escape(line)}" for line in says]
-    lines = [f"## {title}", "", CAPTION, "", *grid(header, [[escape(c) for c in r] for r in cells], 2), "", *told]
-    drawn = [path for path in map(Path, outputs) if path.suffix in (".png", ".pdf")]
-    write_tables(
-        [path for path in map(Path, outputs) if path not in drawn],
-        {
-            ".csv": lambda _: long.to_csv(index=False),
-            ".md": lambda _: "\n".join(lines) + "\n",
-            ".tex": lambda _: booktabs(header, cells, 2, CAPTION, "validity", title),
-        },
-    )
-    if drawn:
-        _draw(found, drawn, settings, title)
+    notes = [f"- {escape(line)}" for line in says]
+    table = Table(header, [("", cells)], 2, (), title, CAPTION, "validity", notes=notes)
+    Study(long, [table], lambda: _draw(found, settings, title)).save(outputs)
 
 
 def _refit(stored: store.StoredModel, data: Trajectories, fitting: Mapping, how: ValiditySettings) -> Refit:
@@ -125,7 +116,7 @@ def _numbers(one: Refit, limit: float) -> dict[str, float]:
     }
 
 
-def _draw(found: Mapping, outputs: Sequence[Path], settings: Mapping, title: str) -> None:
+def _draw(found: Mapping, settings: Mapping, title: str) -> Figure:
     """χ²/n, and the change of F_a with its error, along the first parameter: a line a version."""
     colours = plotting.colours(list(found), settings["all_methods"])
     with plotting.styled():
@@ -154,7 +145,7 @@ def _draw(found: Mapping, outputs: Sequence[Path], settings: Mapping, title: str
         right.set(ylabel=plotting.text("change of F_a [%] (dotted: training)"))
         plotting.heading(figure, plotting.text(title))
         plotting.legend(figure, left.get_legend_handles_labels()[0])
-        plotting.save(figure, outputs)
+    return figure
 
 
 def _binned(fits: Mapping[str, Refit], edges: np.ndarray) -> np.ndarray:

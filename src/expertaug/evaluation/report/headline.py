@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import pandas as pd
 
-from expertaug.evaluation.formats import DASH, cell_text
-from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL, references
-from expertaug.evaluation.metrics import CONVENTIONS, log_mse_of
-from expertaug.evaluation.report.cells import Table
-from expertaug.evaluation.report.tables import STAR, by_cell, gain
-from expertaug.evaluation.summary import experiment_title, in_domain, set_title
+from expertaug.evaluation.metrics import log_mse_of, metric_of
+from expertaug.evaluation.report.tables import by_cell, gain
+from expertaug.evaluation.settings import ReportExperiment, Titles
+from expertaug.evaluation.summary import in_domain
+from expertaug.evaluation.table import DASH, STAR, Cell, Table
+from expertaug.evaluation.tabulate import FROM_BASE, OVER_CONTROL, references
 from expertaug.versions import Version
 
 CHOSEN = "validation"  # the set by which rows are chosen
@@ -35,16 +34,15 @@ class Row(NamedTuple):
     why: str
 
 
-def chosen(long: pd.DataFrame, settings: Mapping) -> list[Row]:
+def chosen(long: pd.DataFrame, job: ReportExperiment) -> list[Row]:
     """The rows of an experiment; nothing but the validation set's log-MSE decides.
 
     Arguments:
         long: the experiment's long table (:func:`expertaug.evaluation.report.tables.read_long`).
-        settings: of :func:`expertaug.evaluation.tables.tabulate`, with ``least_squares``: versions of it.
     """
-    part = long[(long["set"] == CHOSEN) & (long["metric"] == log_mse_of(settings["convention"]).name)]
-    known, floors = list(dict.fromkeys(long["method"])), settings.get("floors", ())
-    apart = {*floors, *settings.get("known_form", ())}
+    part = long[(long["set"] == CHOSEN) & (long["metric"] == log_mse_of(job.convention).name)]
+    known, floors = list(dict.fromkeys(long["method"])), job.floors
+    apart = {*floors, *job.known_form}
     rivals = part[~part["method"].isin(apart) & (part["n"] == part["of"])]
     found = [Row(method, "best by validation") for method in _best(rivals)]
     plus = [Version.parse(method).is_augmented and not Version.parse(method).estimators for method in rivals["method"]]
@@ -53,7 +51,7 @@ def chosen(long: pd.DataFrame, settings: Mapping) -> list[Row]:
         beside = references(method, known)
         found.append(Row(method, "best + by validation"))
         found += [Row(beside[kind], said) for kind, said in BESIDE.items() if kind in beside]
-    fitted = [method for method in settings.get("least_squares", ()) if method in known and method not in apart]
+    fitted = [method for method in job.least_squares if method in known and method not in apart]
     found += [Row(method, "least squares") for method in fitted if not Version.parse(method).is_refined]
     found += [Row(method, "floor") for method in floors if method in known]
     reasons: dict[str, list[str]] = {}
@@ -62,36 +60,36 @@ def chosen(long: pd.DataFrame, settings: Mapping) -> list[Row]:
     return [Row(method, ", ".join(whys)) for method, whys in reasons.items()]
 
 
-def table(experiments: list[tuple[pd.DataFrame, Mapping]]) -> Table:
+def table(experiments: list[tuple[pd.DataFrame, ReportExperiment]]) -> Table:
     """The rows of all experiments, each in a part of its own.
 
     Arguments:
         experiments: long table and settings of each.
     """
-    near = {name: in_domain(long["set"]) for long, one in experiments for name in [one["name"]]}
+    near = {name: in_domain(long["set"]) for long, one in experiments for name in [one.name]}
     inner = "iid" in near.values()
     parts = []
     for long, one in experiments:
-        metric, cells = log_mse_of(one["convention"]).name, by_cell(long.assign(label=long["method"]))
+        metric, cells = log_mse_of(one.convention).name, by_cell(long.assign(label=long["method"]))
         said = dict(zip(long["method"], long["label"], strict=True))
         rows = []
         for row in chosen(long, one):
             found = {name: cells.get((row.method, name, metric)) for name in (CHOSEN, "iid", "test")}
-            shown = [cell_text(found[name], metric) for name in (CHOSEN, *["iid"] * inner, "test")]
+            shown = [Cell.of_row(metric_of(metric), found[name]).text() for name in (CHOSEN, *["iid"] * inner, "test")]
             rows.append([said[row.method], row.why, *shown, gain(found["test"]) or DASH])
-        parts.append((f"{experiment_title(one['name'], one)} ({CONVENTIONS[one['convention']]})", rows))
-    sets = [set_title(name, {}) for name in (CHOSEN, *["iid"] * inner, "test")]
+        parts.append((f"{one.of_experiment(one.name)} ({one.convention_text})", rows))
+    sets = [Titles().of_set(name) for name in (CHOSEN, *["iid"] * inner, "test")]
     return Table(["method", "shown as", *sets, "gain over control, test"], parts, 2)
 
 
-def sentence(long: pd.DataFrame, settings: Mapping) -> tuple[str, str]:
+def sentence(long: pd.DataFrame, job: ReportExperiment) -> tuple[str, str]:
     """The title of an experiment, and what its rows say."""
-    metric = log_mse_of(settings["convention"]).name
+    metric = log_mse_of(job.convention).name
     cells, said = by_cell(long.assign(label=long["method"])), dict(zip(long["method"], long["label"], strict=True))
-    rows, title = chosen(long, settings), experiment_title(settings["name"], settings)
+    rows, title = chosen(long, job), job.of_experiment(job.name)
 
     def test(method: str) -> str:
-        return cell_text(cells.get((method, "test", metric)), metric)
+        return Cell.of_row(metric_of(metric), cells.get((method, "test", metric))).text()
 
     best = next((row for row in rows if "best by validation" in row.why), None)
     if best is None:

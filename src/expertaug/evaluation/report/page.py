@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -11,12 +11,12 @@ import jinja2
 import pandas as pd
 
 from expertaug.evaluation import costs, run_record
-from expertaug.evaluation.gains import CAPTION as GAINS
 from expertaug.evaluation.report import headline, tables
-from expertaug.evaluation.report.cells import Table
 from expertaug.evaluation.report.graph import drawing
 from expertaug.evaluation.report.shown import Shown
-from expertaug.evaluation.summary import experiment_title
+from expertaug.evaluation.settings import Reading, ReportExperiment, ReportJob
+from expertaug.evaluation.table import STAR, Table
+from expertaug.evaluation.tabulate import GAINS
 from expertaug.files import check_inside, write_text
 from expertaug.tracking import provenance
 
@@ -58,59 +58,52 @@ class Numbers:
         return Block(f"Table {next(self._next['Table'])}", title, caption, table=table, folded=folded)
 
 
-def report(results: Path, output: Path, settings: Mapping) -> None:
+def report(results: Path, output: Path, job: ReportJob) -> None:
     """Write the page: one HTML file that needs no other.
 
     Arguments:
         results: the results folder of a finished run.
         output: the file.
-        settings: {shown, rules, experiments, files, preset, seeds, device}: ``shown`` are the files to show, as
-            :class:`expertaug.evaluation.report.shown.Shown` has them; ``rules`` the workflow's, each with one that
-            reads what it makes, by name; ``experiments`` what
-            :func:`expertaug.evaluation.tables.tabulate` takes of each, with its name and its versions of
-            ``least_squares``; ``files`` the configuration's.
 
     Raises:
         InputError: a table, a figure or a caption is missing or broken.
     """
     results, numbers = Path(results), Numbers()
-    shown = [Shown(**one) for one in settings["shown"]]
+    shown = [Shown(one.path, one.caption, one.wildcards, one.title) for one in job.shown]
     experiments = [
-        (tables.read_long(check_inside(results / f"tables/{one['name']}_long.csv", results)), one)
-        for one in settings["experiments"]
+        (tables.read_long(check_inside(results / f"tables/{one.name}_long.csv", results)), one)
+        for one in job.experiments
     ]
     first = numbers.table("Headline numbers", headline.CAPTION, headline.table(experiments))
-    sections = [(OVERALL, _blocks(numbers, [one for one in shown if _room(one) == OVERALL], results, settings))]
+    sections = [(OVERALL, _blocks(numbers, [one for one in shown if _room(one) == OVERALL], results, job))]
     for long, one in experiments:
-        own = [s for s in shown if s.experiment == one["name"] and s.stem != one["name"]]
-        caption = next((s.text(settings) for s in shown if s.stem == one["name"]), "")
-        blocks = _of_experiment(numbers, long, one, caption) + _blocks(numbers, own, results, settings, one)
-        sections.append((experiment_title(one["name"], one), blocks))
-    sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, settings)))
+        own = [s for s in shown if s.experiment == one.name and s.stem != one.name]
+        caption = next((s.text(job.preset) for s in shown if s.stem == one.name), "")
+        blocks = _of_experiment(numbers, long, one, caption) + _blocks(numbers, own, results, job, one)
+        sections.append((one.of_experiment(one.name), blocks))
+    sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, job)))
     measured = costs.of_run(results / "benchmarks")
     found = run_record.of_run(results, measured)
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
-        title=f"Results of {', '.join(experiment_title(one['name'], one) for _, one in experiments)}",
+        title=f"Results of {', '.join(one.of_experiment(one.name) for _, one in experiments)}",
         sentences=[headline.sentence(*one) for one in experiments],
         headline=first,
         sections=[(title, blocks) for title, blocks in sections if blocks],
         costs=run_record.costs_table(measured) if measured else None,
         record=found,
-        provenance=run_record.provenance_table(found, settings, provenance.revision()),
-        graph=drawing(settings["rules"]),
+        provenance=run_record.provenance_table(found, job, provenance.revision()),
+        graph=drawing(job.rules),
     )
     write_text(output, page)
 
 
-def _of_experiment(numbers: Numbers, long: pd.DataFrame, settings: Mapping, caption: str) -> list[Block]:
+def _of_experiment(numbers: Numbers, long: pd.DataFrame, one: ReportExperiment, caption: str) -> list[Block]:
     """Tables of an experiment: its metrics, the gains of augmented versions, and the other metrics."""
-    blocks = [numbers.table("Metrics", caption, tables.main(long, settings))]
-    if gained := tables.gains(long, settings):
-        blocks.append(
-            numbers.table("Gains", f"{GAINS.partition(' bold')[0]} {tables.STAR}: told apart from 0.", gained)
-        )
-    more = tables.further(long, settings)
+    blocks = [numbers.table("Metrics", caption, tables.main(long, one))]
+    if gained := tables.gains(long, one):
+        blocks.append(numbers.table("Gains", f"{GAINS.partition(' bold')[0]} {STAR}: told apart from 0.", gained))
+    more = tables.further(long, one)
     if more.size:
         said = f"All other metrics, of the same runs as {blocks[0].name}."
         blocks.append(numbers.table("Further metrics", said, more, folded=True))
@@ -118,20 +111,20 @@ def _of_experiment(numbers: Numbers, long: pd.DataFrame, settings: Mapping, capt
 
 
 def _blocks(
-    numbers: Numbers, shown: Sequence[Shown], results: Path, config: Mapping, settings: Mapping | None = None
+    numbers: Numbers, shown: Sequence[Shown], results: Path, job: ReportJob, experiment: ReportExperiment | None = None
 ) -> list[Block]:
     """Figures, each with its table folded below it, and then tables that have no figure."""
     blocks: list[Block] = []
     of_figures = {one.stem: one for one in shown if not one.is_figure}
     for one in sorted(shown, key=lambda one: not one.is_figure):
         if one.is_figure:
-            figure = numbers.figure(one.title, one.text(config), one.picture(results), "recording" in one.wildcards)
+            figure = numbers.figure(one.title, one.text(job.preset), one.picture(results), "recording" in one.wildcards)
             blocks.append(figure)
             if one.stem in of_figures:
                 said = f"The numbers of {figure.name}, means over seeds; every digit is in {of_figures[one.stem].csv}."
-                blocks.append(_table(numbers, of_figures[one.stem], results, config, said, settings, folded=True))
+                blocks.append(_table(numbers, of_figures[one.stem], results, job, said, experiment, folded=True))
         elif one.stem not in {block.stem for block in shown if block.is_figure}:
-            blocks.append(_table(numbers, one, results, config, one.text(config), settings))
+            blocks.append(_table(numbers, one, results, job, one.text(job.preset), experiment))
     return blocks
 
 
@@ -139,19 +132,19 @@ def _table(
     numbers: Numbers,
     one: Shown,
     results: Path,
-    config: Mapping,
+    job: ReportJob,
     caption: str,
-    settings: Mapping | None,
+    experiment: ReportExperiment | None,
     folded: bool = False,
 ) -> Block:
     path = check_inside(results / one.csv, results)
     if one.stem == "published":
-        table = tables.published(path, {e["name"]: experiment_title(e["name"], e) for e in config["experiments"]})
+        table = tables.published(path, {e.name: e.of_experiment(e.name) for e in job.experiments})
         caption += " Methods that were not run are left out."
     elif _room(one) == RECORDINGS:
         table = tables.recordings(path)
     else:
-        table = tables.of_file(path, settings or {})
+        table = tables.of_file(path, experiment or Reading())
     return numbers.table(one.title, caption, table, folded)
 
 

@@ -49,13 +49,13 @@ class Shown:
         """The file's name without its end."""
         return Path(self.path).stem
 
-    def text(self, config: Mapping) -> str:
+    def text(self, preset: str) -> str:
         """The caption.
 
         Raises:
             InputError: its file is missing, or names what it is not given.
         """
-        told = SimpleNamespace(wildcards=SimpleNamespace(**self.wildcards), config=config)
+        told = SimpleNamespace(wildcards=SimpleNamespace(**self.wildcards), config={"preset": preset})
         try:
             source = Path(self.caption).read_text(encoding="utf-8")
             found = jinja2.Template(source, undefined=jinja2.StrictUndefined).render(snakemake=told)

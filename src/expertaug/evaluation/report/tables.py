@@ -8,16 +8,14 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.formats import DASH, KNOWN_FORM, cell_text
-from expertaug.evaluation.gains import FROM_BASE, OVER_CONTROL
-from expertaug.evaluation.metrics import COST, DIVERGED, metric_of
-from expertaug.evaluation.report.cells import Table, plain, spans
-from expertaug.evaluation.summary import last_columns, order_sets, set_title, tabled_metrics
+from expertaug.evaluation.metrics import COST, metric_of
+from expertaug.evaluation.settings import Reading, TabulateJob, Titles
+from expertaug.evaluation.summary import tabled_metrics
+from expertaug.evaluation.table import Cell, Table, plain
+from expertaug.evaluation.tabulate import NAMES, OVER_CONTROL, further_table, gain_cell, gains_table, main_table
 from expertaug.versions import SHOWN_SETS
 
 SUMMARY = ("metric", "mean", "std", "n", "of")  # columns of a file of means over seeds
-STAR = "*"  # told apart from 0
-KINDS = {"gain": OVER_CONTROL, "difference": FROM_BASE}  # columns of a long table: what they are
 RECORDING = {
     "recording": "recording",
     "duration_s": "duration [s]",
@@ -61,94 +59,56 @@ def read_long(path: Path) -> pd.DataFrame:
     return table
 
 
-def main(long: pd.DataFrame, settings: Mapping) -> Table:
+def main(long: pd.DataFrame, job: TabulateJob) -> Table:
     """An experiment's methods by sets and metrics, those that know the form of F_a in a part of their own.
 
     Arguments:
         long: see :func:`read_long`.
-        settings: of :func:`expertaug.evaluation.tables.tabulate`.
     """
-    shown = long[long["set"].isin(SHOWN_SETS)]
-    metrics = tabled_metrics(shown, settings.get("convention", "sum"))
-    told = shown[(shown["metric"] != DIVERGED.name) | (shown.groupby(["set", "metric"])["mean"].transform("max") > 0)]
-    known = set(zip(told["set"], told["metric"], strict=True))
-    columns = [(name, one) for name in order_sets(shown["set"]) for one in metrics if (name, one) in known]
-    columns += last_columns(shown)
-    values = by_cell(shown)
-    competing, others = [], []
-    for (method, label), rows in shown.groupby(["method", "label"], sort=False):
-        cells = [cell_text(values.get((label, *column)), column[1]) for column in columns]
-        row = [label, str(len(rows["seeds"].iloc[0].split())), *cells]
-        (others if method in settings.get("known_form", ()) else competing).append(row)
-    parts = [("", competing), *([(KNOWN_FORM.rstrip(":"), others)] if others else [])]
-    head = ["method", "seeds", *(metric_of(metric).heading() for _, metric in columns)]
-    over = [("", 1), *spans(set_title(name, settings) for name, _ in columns)]
-    return Table(head, parts, 1, over)
+    return main_table(_shown(long), job)
 
 
-def gains(long: pd.DataFrame, settings: Mapping) -> Table | None:
-    """What augmented versions gain over their controls, and their difference from the base model."""
-    if not {"gain", "difference"} & set(long):
-        return None
-    shown = long[long["set"].isin(SHOWN_SETS)]
-    metrics = [name for name in tabled_metrics(shown, settings.get("convention", "sum")) if name != DIVERGED.name]
-    rows, cells = [], by_cell(shown)
-    columns = [
-        (name, metric)
-        for name in order_sets(shown["set"])
-        for metric in metrics
-        if any(gain(cells.get((label, name, metric)), key) for label in set(shown["label"]) for key in KINDS)
-    ]
-    for label in dict.fromkeys(shown["label"]):
-        for key, said in KINDS.items():
-            found = [gain(cells.get((label, *column)), key) for column in columns]
-            if any(found):
-                rows.append([label, said, *(text or DASH for text in found)])
-    head = ["method", "", *(metric_of(metric).heading() for _, metric in columns)]
-    over = spans(set_title(name, settings) for name, _ in columns)
-    return Table(head, [("", rows)], 2, over) if rows else None
+def gains(long: pd.DataFrame, job: TabulateJob) -> Table | None:
+    """What augmented versions gain over their controls, and their difference from the base model; None of none."""
+    return gains_table(_shown(long), job, _told_apart, all_kinds=False)
 
 
-def gain(cell: Mapping | None, key: str = "gain") -> str:
-    """A difference with its interval, a star behind one that is told apart from 0; empty where there is none."""
-    if cell is None or key not in cell or pd.isna(cell[key]):
-        return ""
-    ends = {"mean": cell[key], "low": cell[f"{key}_low"], "high": cell[f"{key}_high"]}
-    text = cell_text({**ends, "std": float("nan"), "n": 1, "of": 1}, cell["metric"])
-    return text.replace(" [", f"{STAR} [") if ends["low"] > 0 or ends["high"] < 0 else text
+def gain(row: Mapping | None) -> str:
+    """A gain over the control with its interval, a star behind one that is told apart from 0; empty where there is
+    none."""
+    cell = None if row is None else gain_cell(row, OVER_CONTROL, _told_apart(row, OVER_CONTROL))
+    return "" if cell is None else cell.text(star=True)
 
 
-def further(long: pd.DataFrame, settings: Mapping) -> Table:
+def further(long: pd.DataFrame, job: TabulateJob) -> Table:
     """All other metrics, a row for each and each method, a column for each set that is shown."""
-    shown = long[long["set"].isin(SHOWN_SETS)]
-    first = tabled_metrics(shown, settings.get("convention", "sum"))
-    return by_metric(shown[~shown["metric"].isin([*first, COST.name])], settings)
+    shown = _shown(long)
+    return further_table(shown, job, (*tabled_metrics(shown, job.convention), COST.name))
 
 
-def by_metric(summary: pd.DataFrame, settings: Mapping) -> Table:
-    """A row for each metric and label, a column for each set."""
-    sets, values, rows = order_sets(summary["set"]), by_cell(summary), []
-    for metric in dict.fromkeys(summary["metric"]):
-        for label in dict.fromkeys(summary.loc[summary["metric"] == metric, "label"]):
-            cells = [cell_text(values.get((label, name, metric)), metric) for name in sets]
-            title = metric_of(metric).heading() + (f" ({metric})" if metric_of(metric).is_log else "")
-            rows.append([title, label, *cells])
-    return Table(["metric", "method", *(set_title(name, settings) for name in sets)], [("", rows)], 2)
+def _shown(long: pd.DataFrame) -> pd.DataFrame:
+    return long[long["set"].isin(SHOWN_SETS)]
 
 
-def by_label(summary: pd.DataFrame, settings: Mapping) -> Table:
+def _told_apart(row: Mapping | pd.Series, kind: str) -> bool:
+    """Whether the interval of a difference leaves 0 out."""
+    low, high = (row.get(f"{NAMES[kind]}_{end}", 0.0) for end in ("low", "high"))
+    return bool(low > 0 or high < 0)
+
+
+def by_label(summary: pd.DataFrame, reading: Reading) -> Table:
     """A study's means: a row for each metric, set and what else its file tells apart, a column for each label."""
-    shown = summary[summary["metric"].isin(tabled_metrics(summary, settings.get("convention", "sum")))]
+    shown = summary[summary["metric"].isin(tabled_metrics(summary, reading.convention))]
     keys = ["metric", "set", *(c for c in shown if c not in (*SUMMARY, *UNSAID, "label", "set"))]
     names, rows = list(dict.fromkeys(shown["label"])), []
     for key, part in shown.groupby(keys, sort=False):
         values = {row["label"]: row for _, row in part.iterrows()}
-        first = [metric_of(str(key[0])).heading(), set_title(str(key[1]), settings), *map(plain, key[2:])]
-        rows.append([*first, *(cell_text(values.get(name), str(key[0])) for name in names)])
+        first = [metric_of(str(key[0])).heading(), reading.of_set(str(key[1])), *map(plain, key[2:])]
+        rows.append([*first, *(Cell.of_row(metric_of(str(key[0])), values.get(name)).text() for name in names)])
     return Table([*(key.replace("_", " ") for key in keys), *names], [("", rows)], len(keys))
 
 
-def of_file(path: Path, settings: Mapping) -> Table:
+def of_file(path: Path, reading: Reading) -> Table:
     """The table of any CSV file of the run: means over seeds as such, others row by row, averaged over seeds.
 
     Raises:
@@ -156,13 +116,13 @@ def of_file(path: Path, settings: Mapping) -> Table:
     """
     table = read(path)
     if set(SUMMARY) <= set(table) and "label" in table:
-        return by_label(table, settings)
+        return by_label(table, reading)
     kept = table.drop(columns=[c for c in UNSAID if c in table and "label" in table])
     kept = kept.dropna(axis="columns", how="all")
     if "seed" in kept:
         kept = _over_seeds(kept)
     if "set" in kept:
-        kept["set"] = [set_title(str(name), settings) for name in kept["set"]]
+        kept["set"] = [reading.of_set(str(name)) for name in kept["set"]]
     texts = [name for name in kept if not pd.api.types.is_numeric_dtype(kept[name])]
     columns = [*texts, *(name for name in kept if name not in texts)] if "label" in texts else list(kept)
     names = len(texts) if "label" in texts else 1
@@ -186,9 +146,9 @@ def published(path: Path, titles: Mapping[str, str]) -> Table:
         rows = [
             [
                 row["label"],
-                set_title(row["set"], {}),
+                Titles().of_set(row["set"]),
                 f"{row['published_mean']:.{digits}f} ± {row['published_std']:.{digits}f}".replace("-", "−"),
-                cell_text(row, metric),
+                Cell.of_row(metric_of(metric), row).text(),
                 str(row["of"]),
                 f"{row['p']:.3f}",
                 row["verdict"],

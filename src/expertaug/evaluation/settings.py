@@ -1,0 +1,208 @@
+"""Typed settings of the stages that make tables and figures of scores."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from expertaug.settings import LEFT_OUT, NotNegative, Range, Settings, key
+
+Pair = Annotated[tuple[str, str], Field(strict=False)]
+Ranges = dict[str, Range]
+Device = Literal["auto", "cpu", "cuda"]
+CONVENTIONS = {
+    "sum": "summed over the observed dimensions",
+    "dim": "averaged over the observed dimensions",
+}
+SET_TITLES = {
+    "train": "train",
+    "validation": "validation (set of choices)",
+    "iid": "IID test",
+    "test": "test (OOD)",
+}
+
+
+class Titles(Settings):
+    """How sets and an experiment are called."""
+
+    WHERE: ClassVar[str] = "--settings"
+
+    set_titles: dict[str, str] = key(dict, "how the sets are called")
+    title: str | None = key(None, "how the experiment is called; null = its name")
+
+    def of_set(self, name: str) -> str:
+        """A set's name as it is printed."""
+        return self.set_titles.get(name, SET_TITLES.get(name, re.sub(r"(?<!\bz)_", " ", name)))  # z_a_small: z_a small
+
+    def of_experiment(self, name: str) -> str:
+        """An experiment's name as figures print it."""
+        return self.title or name.replace("_", " ")
+
+
+class Reading(Titles):
+    """How the metrics of an experiment are read; it changes none of them."""
+
+    from_s: NotNegative | None = key(LEFT_OUT, "first time that the metric sees; null = after the observed window", "s")
+    convention: Literal["sum", "dim"] = key("sum", "which log-MSE is shown")
+
+    @property
+    def convention_text(self) -> str:
+        return CONVENTIONS[self.convention]
+
+
+class LabelledReading(Reading):
+    """The same of named versions."""
+
+    labels: list[Pair] = key(..., "version and label of each method, in order")
+
+    @property
+    def label_of(self) -> dict[str, str]:
+        """What is printed for each version, in order."""
+        return dict(self.labels)
+
+
+class TabulateJob(LabelledReading):
+    """The tables of an experiment."""
+
+    floors: list[str] = key(list, "versions of the true equation")
+    known_form: list[str] = key(list, "versions whose F_a is of known form")
+
+
+class FigureReading(LabelledReading):
+    """Of figures, whose colours are those of a method in all of them."""
+
+    all_methods: list[str] = key(list, "of the configuration, which fix the colours")
+
+
+class PlotJob(FigureReading):
+    """The figures of an experiment."""
+
+    traced: list[str] = key(list, "versions that figures of lines and points show")
+    floor: str | None = key(None, "version of the true equation, where there is one")
+    measured: bool = key(False, "whether the states were measured, not simulated")
+    training_range: Ranges = key(dict, "of the expert parameters, where it is known")
+    priors: dict[str, Ranges] = key(dict, "p⁺ of each method")
+
+
+class SimulatedSet(Settings):
+    """A simulated set, as a study prints it."""
+
+    size: int = key(LEFT_OUT, "number of samples")
+    z_e: Ranges = key(dict, "range of each expert parameter")
+    z_a: Ranges = key(dict, "range of each parameter of the interaction")
+
+
+class StudyOptions(Settings):
+    """The configuration of a study, in the shape that it draws."""
+
+    distances: list[str] = key(list, "what is printed for the sets of a panel")
+    panels: list[Annotated[tuple[str, list[str]], Field(strict=False)]] = key(
+        list, "title of each panel (of horizons: a split) and its sets"
+    )
+    method: str = key(LEFT_OUT, "that is followed during training")
+    epochs: list[int] = key(LEFT_OUT, "at which the training is looked at")
+    finetune_epochs: list[int] = key(LEFT_OUT, "lengths of the fine-tunings")
+    max_samples: int | None = key(LEFT_OUT, "maximum number of samples of each set")
+    methods: list[str] = key(LEFT_OUT, "that are compared")
+    overview: str | None = key(LEFT_OUT, "set that the overview shows")
+
+
+class StudyJob(FigureReading):
+    """The table and the figure of a study."""
+
+    study: str = key(..., "name of the study")
+    sets: dict[str, SimulatedSet] = key(dict, "the simulated sets; of measurements none")
+    classical: str | None = key(None, "least squares with the expert, where there is one")
+    options: StudyOptions = key(StudyOptions, "of the study")
+    priors: dict[str, dict[str, Ranges | None]] = key(
+        dict, "of the width of p⁺: ranges by method and name, '' = its own"
+    )
+
+
+class WindowStudyJob(FigureReading):
+    """A study of single windows: alarm, coverage, distance."""
+
+    training_range: Ranges = key(dict, "of the expert parameters, where it is known")
+    interaction_range: Ranges = key(dict, "of the interaction's parameters, where it is known")
+    floor: str | None = key(None, "version of the true equation, where there is one")
+    mean: str | None = key(None, "version that forecasts the mean, where there is one")
+    classical: str | None = key(None, "least squares with the expert, where there is one")
+    traced: list[str] = key(list, "versions that figures show before others")
+
+
+class GridJob(Settings):
+    """The table and the figure of a sweep over hyperparameters."""
+
+    WHERE: ClassVar[str] = "--settings"
+
+    experiment: str = key(..., "name of the experiment")
+    label: str = key(..., "of the method")
+    keys: list[str] = key(..., "dotted keys that are varied")
+    points: list[Annotated[tuple[str, list[Any]], Field(strict=False)]] = key(..., "name and values of each point")
+
+
+class OwnPriorsJob(Reading):
+    """The table of the ranges that p⁺ has found."""
+
+    experiment: str = key(..., "name of the experiment")
+    priors: list[Pair] = key(..., "what is printed for each version and its group of seeds, in the files' order")
+
+
+class CompareJob(Settings):
+    """A comparison with published numbers."""
+
+    WHERE: ClassVar[str] = "--settings"
+
+    published: list[Annotated[tuple[str, str | None], Field(strict=False)]] = key(
+        ..., "experiment and system of the published numbers; null = none"
+    )
+
+
+class OverviewExperiment(Reading):
+    """What the figures over several experiments show of one."""
+
+    name: str = key(..., "of the experiment")
+    shown: bool = key(..., "whether the figures of log-MSE and of parameters' errors show it")
+    shifted: str | None = key(..., "set that the figure of shifted z_a shows; null = none")
+    opponents: list[str] = key(..., "versions that are never augmented")
+
+
+class OverviewJob(Settings):
+    """The figures over several experiments."""
+
+    WHERE: ClassVar[str] = "--settings"
+
+    experiments: list[OverviewExperiment] = key(..., "what is shown of each")
+    all_methods: list[str] = key(..., "of the configuration, which fix the colours")
+
+
+class ShownFile(Settings):
+    """A file of the results that the report shows."""
+
+    path: str = key(..., "in the results folder: figures/….png, or ….md of a table, whose numbers are in the CSV")
+    caption: str = key(..., "path of its text, a template in the words of Snakemake's reports")
+    wildcards: dict[str, str] = key(..., "of the file's name")
+    title: str = key(..., "a few words")
+
+
+class ReportExperiment(TabulateJob):
+    """What the report's tables say of an experiment."""
+
+    name: str = key(..., "of the experiment")
+    least_squares: list[str] = key(list, "versions of least squares")
+
+
+class ReportJob(Settings):
+    """The report of a run."""
+
+    WHERE: ClassVar[str] = "--settings"
+
+    shown: list[ShownFile] = key(..., "files to show")
+    rules: list[Pair] = key(..., "each rule of the workflow with one that reads what it makes")
+    experiments: list[ReportExperiment] = key(..., "of the run")
+    files: list[str] = key(..., "that configure the run")
+    preset: str = key(..., "name of the preset")
+    seeds: list[int] = key(..., "of the run")
+    device: Device = key(..., "where it was computed")
