@@ -31,6 +31,8 @@ def add_to(commands: Commands) -> None:
     p.add_argument(
         "--trajectory", metavar="COLUMN", help="the column that tells trajectories apart (default: by its name)"
     )
+    text = "unit of a column, such as 'theta=deg' (default: as its header says); may be given several times"
+    p.add_argument("--unit", metavar="COLUMN=UNIT", action="append", default=[], help=text)
     text = "picture, .png or .pdf"
     p.add_argument("--output", type=Path, default=Path("data.png"), metavar="PATH", help=text)
 
@@ -47,7 +49,8 @@ def _inspect_data(a: argparse.Namespace) -> None:
         system = systems.load(settings)
         names = systems.names(system)
         priors = {p.name: [(0.3 if p.positive else -3.0) * p.scale, 3.0 * p.scale] for p in system.expert_parameters}
-    found = Inspection(a.files, names, a.time, a.trajectory)
+    units = dict(text.rpartition("=")[::2] for text in a.unit)
+    found = Inspection(a.files, names, a.time, a.trajectory, units)
     for line in found.lines():
         print(f"# {line}")
     found.draw(a.output)

@@ -13,7 +13,7 @@ from expertaug.errors import InputError
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import Column
 from expertaug.measurements.table import Table
-from expertaug.measurements.units import conversion, known, plain
+from expertaug.measurements.units import Told, conversion, parse, told, unsure
 
 TIMES = ("t", "time", "times", "zeit", "seconds", "timestamp", "datetime", "elapsed")
 TRAJECTORIES = ("trial", "trajectory", "run", "experiment", "series", "episode", "sample", "id", "rep", "replicate")
@@ -39,6 +39,7 @@ class Guess:
         columns: component → column.
         certain: components whose column was told by its name, not by its place.
         left: columns of numbers that stand for nothing.
+        unread: columns in which most cells are no numbers, and none is a number.
     """
 
     time: Column
@@ -46,17 +47,25 @@ class Guess:
     columns: dict[str, Column]
     certain: set[str] = field(default_factory=set)
     left: list[str] = field(default_factory=list)
+    unread: list[str] = field(default_factory=list)
 
 
-def guess(table: Table, names: Names | None, time: str | None = None, trajectory: str | None = None) -> Guess:
+def guess(
+    table: Table,
+    names: Names | None,
+    time: str | None = None,
+    trajectory: str | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Guess:
     """Say what each column seems to be.
 
     Arguments:
         names: of the system; None: every further column of numbers is a component of its own.
         time, trajectory: columns that are known.
+        units: column → unit, where they are known.
 
     Raises:
-        InputError: no column can be the times.
+        InputError: no column can be the times, or a unit is not understood.
     """
     numbers = {}
     for name in table.names:  # a cell that is no number is told when the column is read
@@ -66,43 +75,51 @@ def guess(table: Table, names: Names | None, time: str | None = None, trajectory
     trajectory = trajectory or _trajectory(numbers, table)
     found = time or _time(numbers, table, trajectory)
     rest = {name: values for name, values in numbers.items() if name not in (found, trajectory)}
-    unit = unit_of(found, table)
-    if found not in numbers:
-        unit = "datetime"
-    elif unit is not None and not _fits(unit, "s"):
-        unit = None
-    of_time = Column(name=found, unit=unit if unit != "s" else None)
+    given = units or {}
+    for name in given:
+        if name not in table.names:
+            raise InputError("--unit", f"no column '{name}'", f"its columns are {', '.join(table.names)}")
+    unit = "datetime" if found not in numbers else unit_of(found, table, "s", given)
+    of_time = Column(name=found, unit=unit)
+    unread = [name for name in table.names if name not in (found, trajectory, *numbers)]
     if names is None:
-        return Guess(of_time, trajectory, {_plain_name(name): Column(name=name) for name in rest}, set(rest))
-    columns, certain = _components(list(rest), table, names)
+        return Guess(
+            of_time, trajectory, {_plain_name(name): Column(name=name) for name in rest}, set(rest), [], unread
+        )
+    columns, certain = _components(list(rest), table, names, given)
     left = [name for name in rest if name not in {column.name for column in columns.values()}]
-    return Guess(of_time, trajectory, columns, certain, left)
+    return Guess(of_time, trajectory, columns, certain, left, unread)
 
 
-def unit_of(name: str, table: Table) -> str | None:
-    """The unit that a column's name or the row of units says; None where neither does."""
-    given = table.units.get(name) or ""
-    match = re.search(r"[\[(]([^\])]+)[\])]\s*$", name) or re.search(r"_([A-Za-z/°%]+)$", name)
-    for text in (given, match[1] if match else ""):
-        if text and known(text):
-            return plain(text)
-    return None
+def unit_of(name: str, table: Table, to: str, given: Mapping[str, str]) -> str | None:
+    """The unit of a column that stands for something in ``to``, as the user, its header or the row of units says it;
+    None where none does.
 
+    Arguments:
+        given: column → unit, from the user.
 
-def _fits(unit: str, to: str) -> bool:
-    try:
-        conversion(unit, to, "")
-    except InputError:
-        return False
-    return True
+    Raises:
+        InputError: what is said is no unit, or one of another kind.
+    """
+    if name in given:
+        conversion(given[name], to, f"--unit {name}")
+        return given[name]
+    header = told(name, table.units.get(name))
+    if not header.unit or header.fits(to):
+        return header.unit or None
+    unit, own = parse(header.unit), parse(to)
+    if not header.sure and unsure(header.unit):
+        return None
+    remedy = f"say which unit it is: --unit '{name}={to or 1}'"
+    if unit is None:
+        raise InputError(table.path, f"column '{name}': the unit '{header.unit}' is not understood", remedy)
+    found = f"column '{name}': '{header.unit}' is a unit of {unit.kind}, {to or 'a pure number'} is expected"
+    raise InputError(table.path, found, remedy if own else f"{remedy}; '{to}' is not known")
 
 
 def _bare(name: str) -> str:
     """A name without its unit, in small letters."""
-    name = re.sub(r"[\[(][^\])]*[\])]\s*$", "", name)
-    head, _, tail = name.rpartition("_")
-    name = head if head and known(tail) else name
-    return re.sub(r"[^a-z0-9]+", " ", name.lower()).strip()
+    return re.sub(r"[^a-z0-9]+", " ", told(name).name.lower()).strip()
 
 
 def _plain_name(name: str) -> str:
@@ -134,7 +151,9 @@ def _trajectory(numbers: Mapping[str, np.ndarray], table: Table) -> str | None:
     return None
 
 
-def _components(rest: Sequence[str], table: Table, names: Names) -> tuple[dict[str, Column], set[str]]:
+def _components(
+    rest: Sequence[str], table: Table, names: Names, given: Mapping[str, str]
+) -> tuple[dict[str, Column], set[str]]:
     """Columns of components: by names first, then by the units, and what is left by its place."""
     scores = sorted(
         ((_likeness(component, column), component, column) for component in names.state for column in rest),
@@ -144,18 +163,40 @@ def _components(rest: Sequence[str], table: Table, names: Names) -> tuple[dict[s
     for score, component, column in scores:
         if score >= ALIKE and component not in found and column not in found.values():
             found[component] = column
+    for component, unit in names.state.items():  # a column called deg/s, or one of its kind alone
+        if component not in found:
+            fitting = [c for c in rest if c not in found.values() and _told(c, table).fits(unit) and unit]
+            if len(fitting) == 1:
+                found[component] = fitting[0]
     certain = set(found)
     free = [column for column in rest if column not in found.values()]
     for component in names.state:
         if component not in found and free and not certain:
             found[component] = free.pop(0)
-    columns = {}
-    for component, unit in names.state.items():
-        if component in found:
-            told = unit_of(found[component], table)
-            fits = told is not None and plain(told) != plain(unit) and _fits(told, unit)
-            columns[component] = Column(name=found[component], unit=told if fits else None)
+    columns = {
+        component: Column(name=found[component], unit=unit_of(found[component], table, unit, given))
+        for component, unit in names.state.items()
+        if component in found
+    }
+    _refuse_half_told(columns, table, names)
     return columns, certain
+
+
+def _told(name: str, table: Table) -> Told:
+    return told(name, table.units.get(name))
+
+
+def _refuse_half_told(columns: Mapping[str, Column], table: Table, names: Names) -> None:
+    """Where an angle is told to be in degrees and nothing is told of its speed, or the other way round, neither
+    reading of the other is safe: 57 times lies between them."""
+    kinds = {name: parse(names.state[name]) for name in columns}
+    angular = {name: kind for name, kind in kinds.items() if kind and kind.kind in ("angle", "angular speed")}
+    other = [n for n in angular if (unit := parse(columns[n].unit or "rad")) and unit.factor not in (1.0,)]
+    silent = [n for n in angular if columns[n].unit is None]
+    if other and silent:
+        told_of, column = columns[other[0]], columns[silent[0]].name
+        found = f"'{told_of.name}' is in {told_of.unit}, and no unit is told of '{column}'"
+        raise InputError(table.path, found, f"say which: --unit '{column}={names.state[silent[0]]}', or another")
 
 
 def _likeness(component: str, column: str) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.measurements.cut import Measured, measured
-from expertaug.measurements.guess import Guess, guess, unit_of
+from expertaug.measurements.guess import Guess, guess
 from expertaug.measurements.names import Names
 from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import MeasurementSettings, TableKeys, column_of
@@ -28,6 +28,7 @@ class Inspection:
         paths: files or globs.
         names: of the system whose components the columns are; None: each column is one of its own.
         time, trajectory: columns that are known.
+        units: column → unit, where they are known.
 
     Attributes:
         files: in natural order.
@@ -41,11 +42,16 @@ class Inspection:
     """
 
     def __init__(
-        self, paths: Sequence[str], names: Names | None, time: str | None = None, trajectory: str | None = None
+        self,
+        paths: Sequence[str],
+        names: Names | None,
+        time: str | None = None,
+        trajectory: str | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> None:
         self.files = list_files(list(paths), "FILE")
         self.keys, self.table = _first(self.files[0])
-        self.guess: Guess = guess(self.table, names, time, trajectory)
+        self.guess: Guess = guess(self.table, names, time, trajectory, units)
         self.names = names or Names(dict.fromkeys(self.guess.columns, ""), {})
         self.remarks: list[str] = []
         if self.names.inputs:
@@ -92,7 +98,7 @@ class Inspection:
         spans = [float(one.t[-1] - one.t[0]) for one in rows]
         yield f"{_count(len(self.files), 'file')}, {_count(len(rows), 'trajectory')}, {_count(sum(counts), 'row')}"
         yield f"columns: {', '.join(self.table.names)}"
-        unit = self.guess.time.unit or ("s" if unit_of(self.guess.time.name, self.table) else "taken as s")
+        unit = self.guess.time.unit or "taken as s: no unit is told"
         yield f"times: '{self.guess.time.name}' ({unit}), trajectories: {self._told()}"
         yield f"rows of a trajectory: {min(counts)} to {max(counts)}, {min(spans):.6g} to {max(spans):.6g} s"
         yield f"step: {grid.row_s:.6g} s ({1 / grid.row_s:.6g} Hz)"
@@ -108,13 +114,15 @@ class Inspection:
                 yield self._component(k, name, np.concatenate([one.y[:, k] for one in rows]))
         if self.guess.left:
             yield f"not used: {', '.join(self.guess.left)}"
+        if self.guess.unread:
+            yield f"not read, as most of their cells are no numbers: {', '.join(self.guess.unread)}"
 
     def _component(self, k: int, name: str, values: np.ndarray) -> str:
         known, noise = values[np.isfinite(values)], self.data.noise[k]
         column = column_of(self.settings.columns[name])
         text = f"{name} (column '{column.name}'): {known.min():.6g} to {known.max():.6g}"
         text = f"{text} {self.names.state[name]}".rstrip()
-        if self.names.state[name] and unit_of(column.name, self.table) is None:
+        if self.names.state[name] and column.unit is None:
             text += " (taken as that: no unit is told)"
         text += f", {len(values) - len(known)} empty cells" if len(known) < len(values) else ""
         text += f", noise about {noise:.2g}" if np.isfinite(noise) else ""

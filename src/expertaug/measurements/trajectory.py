@@ -13,7 +13,7 @@ from expertaug.measurements import expression
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import Column, MeasurementSettings, column_of, label_of
 from expertaug.measurements.table import Table, read_table
-from expertaug.measurements.units import conversion
+from expertaug.measurements.units import conversion, parse, told, unsure
 
 WHERE = "data.files"
 
@@ -138,8 +138,25 @@ def _times(table: Table, settings: MeasurementSettings) -> np.ndarray:
 
 
 def _column(table: Table, column: Column, to: str, where: str) -> np.ndarray:
-    factor, summand = conversion(column.unit, to, f"{WHERE}.{where}.unit")
+    place = f"{WHERE}.{where}.unit"
+    if column.unit is None and (column.factor, column.offset) == (1.0, 0.0):
+        _refuse_another_unit(table, column.name, to, place)
+    factor, summand = conversion(column.unit, to, place)
     return (table.numbers(column.name) * column.factor + column.offset) * factor + summand
+
+
+def _refuse_another_unit(table: Table, name: str, to: str, place: str) -> None:
+    """Numbers whose header tells another unit than the one that they would be taken for."""
+    header = told(name, table.units.get(name))
+    if not header.unit or not to or not (header.sure or not unsure(header.unit)):
+        return
+    unit, own = parse(header.unit), parse(to)
+    if unit is None and ("[" in name or table.units.get(name)):
+        raise InputError(place, f"the unit '{header.unit}' of column '{name}' is not understood", f"give it, as {to}")
+    if unit is not None and own is not None and unit != own:
+        kind = "" if unit.dimension == own.dimension else f", a unit of {unit.kind}"
+        remedy = f"set unit to {header.unit}, or to {to} if the header is wrong"
+        raise InputError(place, f"missing: column '{name}' tells {header.unit}{kind}, the system has {to}", remedy)
 
 
 def _level(table: Table, y: np.ndarray, settings: MeasurementSettings, names: Names) -> np.ndarray | None:
