@@ -16,7 +16,7 @@ from safetensors import SafetensorError
 
 from expertaug.errors import InputError
 from expertaug.evaluation.forecast_file import Forecasts
-from expertaug.files import atomic, read_json, read_npz, write_json, write_text
+from expertaug.files import atomic, memory_limit, read_json, read_npz, write_json, write_text
 from expertaug.learning.checkpoint import Checkpoint
 from expertaug.models.tensor_file import write_tensors
 from expertaug.trajectories import Trajectories
@@ -188,6 +188,31 @@ def test_a_bomb_of_zeros_is_refused_before_memory_is_taken(tmp_path):
         assert tracemalloc.get_traced_memory()[1] < 2**24
     finally:
         tracemalloc.stop()
+
+
+def test_a_bomb_of_many_small_arrays_is_refused(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", **{f"x{k}": np.zeros(2**20, np.uint8) for k in range(65)})
+    with pytest.raises(InputError, match=r"what it holds claims 0\.1 GB in 0\.1 MB"):
+        read_npz(tmp_path / "a.npz", "set of arrays", "make it again")
+
+
+@pytest.mark.parametrize(
+    ("line", "limits", "expected"),
+    [
+        ("0::/job/step", {"job/memory.max": "4096", "job/step/memory.max": "max"}, 4096),
+        ("0::/", {"memory.max": "8192"}, 8192),
+        ("5:cpu,memory:/docker/x", {"memory/memory.limit_in_bytes": "2048", "memory/docker/x/y": "1"}, 2048),
+        ("5:cpu:/docker/x", {"memory.max": "1"}, None),
+        ("0::/job", {}, None),
+    ],
+)
+def test_a_container_or_a_job_may_have_less_memory_than_the_machine(tmp_path, line, limits, expected):
+    (tmp_path / "cgroup").write_text(f"{line}\n")
+    for name, text in limits.items():
+        (tmp_path / "tree" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "tree" / name).write_text(f"{text}\n")
+    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert memory_limit(tmp_path / "cgroup", tmp_path / "tree") == (expected or machine)
 
 
 def test_arrays_that_together_need_more_than_memory_are_refused(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ import tempfile
 import zipfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO, TYPE_CHECKING
 
 from expertaug.errors import InputError
@@ -223,6 +223,8 @@ def read_npz(
             for name in wanted:
                 left -= members[name].file_size
                 _check_array(archive, members[name], left)
+            sizes, packed = (sum(getattr(members[n], key) for n in wanted) for key in ("file_size", "compress_size"))
+            _check_ratio("what it holds", sizes, packed)
             arrays = {}
             for name in wanted:
                 with archive.open(members[name]) as stream:
@@ -249,10 +251,19 @@ def _check_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, left: int) -
         raise ValueError(f"{name} holds {dtype}")
     if size != member.file_size or any(length < 0 for length in shape):
         raise ValueError(f"{name} has {member.file_size} bytes, and claims {size}")
-    if size > UNSUSPECTED and size > RATIO * member.compress_size:
-        raise ValueError(f"{name} claims {size / 1e9:.1f} GB in {member.compress_size / 1e6:.1f} MB")
+    _check_ratio(name, size, member.compress_size)
     if left < 0:
         raise ValueError(f"{name} and what is read with it need more memory than there is")
+
+
+def _check_ratio(name: str, size: int, packed: int) -> None:
+    """Refuse what claims far more bytes than measured data would for as many packed ones.
+
+    Raises:
+        ValueError: it does.
+    """
+    if size > UNSUSPECTED and size > RATIO * packed:
+        raise ValueError(f"{name} claims {size / 1e9:.1f} GB in {packed / 1e6:.1f} MB")
 
 
 def npz_headers(path: str | Path) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
@@ -274,8 +285,29 @@ def _npy_header(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[tupl
 
 
 def _memory() -> int:
-    """Half of the machine's memory in bytes: what is read is converted, which takes as much again."""
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
+    """Half of what may be taken, in bytes: what is read is converted, which takes as much again."""
+    return memory_limit() // 2
+
+
+def memory_limit(groups: Path = Path("/proc/self/cgroup"), tree: Path = Path("/sys/fs/cgroup")) -> int:
+    """Memory in bytes that this process may take: the machine's, or less where its container or its job has less.
+
+    Arguments:
+        groups: the process's control groups, as Linux lists them, a line each: number, controllers, path.
+        tree: where their limits lie.
+    """
+    limit = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    with suppress(OSError):
+        for line in groups.read_text(encoding="utf-8").splitlines():
+            _, controllers, path = line.split(":", 2)
+            root, name = (tree, "memory.max") if not controllers else (tree / "memory", "memory.limit_in_bytes")
+            if controllers and "memory" not in controllers.split(","):
+                continue
+            group = PurePosixPath(path)
+            for above in (group, *group.parents):  # within a container, its own group is the root
+                with suppress(OSError, ValueError):  # a group without a limit says "max"
+                    limit = min(limit, int((root / above.relative_to("/") / name).read_text(encoding="utf-8")))
+    return limit
 
 
 def sha256(path: str | Path) -> str:

@@ -127,6 +127,12 @@ def test_damaged_store_is_named(store, tmp_path, damage):
         FrameStore(path)
 
 
+def test_a_store_whose_frames_do_not_fit_into_memory_is_refused(store, monkeypatch):
+    monkeypatch.setattr("expertaug_recordings.video.frame_store.memory_limit", lambda: 10_000)
+    with pytest.raises(InputError, match=r"a piece takes .* GB, and there is memory for 1e-05"):
+        FrameStore(store)
+
+
 def test_missing_store(tmp_path):
     with pytest.raises(InputError, match="no such file; run extract_frames"):
         FrameStore(tmp_path / "frames.b2frame")

@@ -20,7 +20,7 @@ import numpy as np
 from av.video.reformatter import VideoReformatter
 
 from expertaug.errors import InputError
-from expertaug.files import atomic
+from expertaug.files import atomic, memory_limit
 from expertaug_recordings.settings import ExtractFramesJob
 from expertaug_recordings.video.kept_frame import KeptFrame
 from expertaug_recordings.video.pixel_layout import Layout
@@ -29,6 +29,7 @@ from expertaug_recordings.video.source import Frames, open_frames
 FORMAT = "expertaug frames 2"
 CHUNK_BYTES = 16 * 480 * 480 * 3  # memory that writing needs, and what a sequential reader unpacks at once
 BLOCK_BYTES = 2**17
+UNPACKED = 4  # pieces that are in memory at once when a store is read
 
 
 class FrameStore:
@@ -59,11 +60,18 @@ class FrameStore:
             raise InputError(path, f"not a frame store ({type(error).__name__})", "run extract_frames again") from error
         if meta.get("format") != FORMAT:
             raise InputError(path, "not a frame store of this version", "run extract_frames again")
-        self.layout = Layout(**meta["layout"])
-        self.shape = (meta["count"], *self.layout.image_shape)
-        self.rate_hz = float(meta["rate_hz"])
-        self.source = dict(meta["source"])
-        self._times = None if meta.get("times") is None else np.frombuffer(meta["times"], np.float64)
+        try:
+            self.layout = Layout(**meta["layout"])
+            self.shape = (int(meta["count"]), *self.layout.image_shape)
+            self.rate_hz = float(meta["rate_hz"])
+            self.source = dict(meta["source"])
+            self._times = None if meta.get("times") is None else np.frombuffer(meta["times"], np.float64)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(path, f"not a frame store ({error!r})", "run extract_frames again") from error
+        largest = max(self.layout.frame_bytes, self._chunks.chunksize)
+        if UNPACKED * largest > memory_limit():  # zeros of any size fit into a few bytes
+            found = f"a piece takes {largest / 1e9:.3g} GB, and there is memory for {memory_limit() / 1e9:.3g}"
+            raise InputError(path, found, "run extract_frames again")
         if self._chunks.nbytes != self.shape[0] * self.layout.frame_bytes:
             raise InputError(
                 path, f"holds {self._chunks.nbytes} bytes for {self.shape[0]} frames", "run extract_frames again"
