@@ -136,8 +136,9 @@ def quantity(name: str, unit: str) -> str:
 
 
 def plain_log(axes: Axes, which: Literal["x", "y"] = "y") -> None:
-    """Make an axis logarithmic, with plain numbers; what is drawn already decides how many."""
-    axes.set(**{f"{which}scale": "log"})
+    """Make an axis logarithmic, with plain numbers; what is drawn already decides how many, and whether it can be."""
+    if not log_scaled(axes, which):
+        return
     axis = axes.xaxis if which == "x" else axes.yaxis
     low, high = axis.get_view_interval()
     between, ticks = (30, 4) if which == "x" else (1000, 5)  # of x, labels lie side by side
@@ -145,6 +146,15 @@ def plain_log(axes: Axes, which: Literal["x", "y"] = "y") -> None:
     axis.set_major_locator(MaxNLocator(ticks) if high < 5 * low else decades)
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
+
+
+def log_scaled(axes: Axes, which: Literal["x", "y"] = "y") -> bool:
+    """Make an axis logarithmic where anything that is drawn is above 0; whether it is now."""
+    limits = axes.dataLim
+    some = bool(np.isfinite(limits.minposx if which == "x" else limits.minposy))
+    if some:
+        axes.set(**{f"{which}scale": "log"})
+    return some
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:

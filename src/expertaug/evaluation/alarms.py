@@ -138,10 +138,10 @@ def _score(score: str, windows: WindowSet, known: WindowSet, seed: int) -> np.nd
     if windows.z_e_hat is None or known.z_e_hat is None:
         return None
     if score == "spread":
-        scale = known.z_e_hat.std((0, 1)).clip(1e-12)
+        scale = _no_nan(known.z_e_hat).std((0, 1)).clip(1e-12)
         spread = ensemble_spread(_no_nan(windows.z_e_hat), scale) if len(windows.z_e_hat) > 1 else None
         return spread if spread is not None and spread.any() else None  # least squares is one estimator, not several
-    own = known.z_e_hat[seed]
+    own = _no_nan(known.z_e_hat[seed])
     centred, mean = own - own.mean(0), own.mean(0)
     covariance = np.atleast_2d(centred.T @ centred / len(own)) + 1e-12 * np.eye(own.shape[1])
     away = _no_nan(windows.z_e_hat[seed]) - mean

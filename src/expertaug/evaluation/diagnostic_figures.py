@@ -111,8 +111,7 @@ def draw_alarm(scores: Mapping[str, Assessment], title: str = "") -> Figure:
         left.set(xlim=(-0.02, 1), ylim=(0, 1.02))
         right.set(xlabel="share of the windows kept", ylabel="squared error of those kept", xlim=(0, 1.01))
         right.set(title="the most suspicious refused first")
-        if (first.risk.best > 0).any():
-            right.set_yscale("log")
+        plotting.log_scaled(right)
         for axis in (left, right):
             axis.grid()
         dot = {"linestyle": "", "marker": "o", "markersize": 4, "color": "0.3"}

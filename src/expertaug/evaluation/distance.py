@@ -171,7 +171,7 @@ def _draw(long: pd.DataFrame, job: WindowStudyJob, title: str) -> Figure:
                 axis.set_ylabel(name)
                 axis.grid(alpha=0.4)
                 if metric == "parameter_error":
-                    axis.set_yscale("log")
+                    plotting.log_scaled(axis)
                 if metric == "skill":
                     axis.set_ylim(-0.5, 1.15)
         for axis in axes[-1]:

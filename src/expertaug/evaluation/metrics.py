@@ -91,6 +91,7 @@ class Metric:
         convention: of the log-MSE, where another convention has its own metric.
         is_log: whether it is a natural logarithm, which is also told by its name in the table of further metrics.
         not_negative: whether it cannot be.
+        note: what a table says that prints it.
         of_job: whether all seeds of a job share its value.
         samples: errors of samples and member → statistic over samples and values (S, N), for intervals; None where
             samples are not kept.
@@ -109,6 +110,7 @@ class Metric:
     convention: str | None = None
     is_log: bool = False
     not_negative: bool = False
+    note: str = ""
     of_job: bool = False
     samples: Callable[[SampleErrors, str], Statistic | None] = lambda errors, of: None
     like: str | None = None
@@ -353,6 +355,8 @@ DIVERGED = register(
         "runaway_share",
         "runaways",
         "%",
+        note="Runaways: forecasts that leave ten times the training set's largest values, or have no solution; they "
+        "count with the error that they have at that bound.",
         compute=lambda o: o.diverged.double().mean(1),
         shown=Shown.WHERE_ANY,
         digits=1,
@@ -365,6 +369,9 @@ COST = register(
         "estimate_ms",
         "estimate",
         "ms",
+        note="Estimate: processor time in which one seed estimates the parameters and the start of one window, all "
+        "windows at once, on one core; solving the equation follows, for a flow once for each of the draws that are "
+        "forecast.",
         compute=lambda o: None if o.estimate_ms is None else np.full(len(o.errors), o.estimate_ms),
         shown=Shown.LAST,
         not_negative=True,

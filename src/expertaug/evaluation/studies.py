@@ -27,7 +27,6 @@ from expertaug.evaluation.summary import (
 )
 from expertaug.evaluation.table import Cell, Table
 from expertaug.evaluation.table import Study as Made
-from expertaug.evaluation.tabulate import RUNAWAYS_NOTE
 from expertaug.versions import base, compared
 
 DURING_TRAINING_SETS = ("train", "validation", "test")
@@ -254,7 +253,7 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], job: StudyJob) -> No
     summary = summarise(table[table["method"].isin(list(labels))], kind.further)
     _require(summary, metrics, job)
     name = str(summary["experiment"].iloc[0])
-    caption = _caption(table, job) + (f" {RUNAWAYS_NOTE}" if any_of(DIVERGED, summary) else "")
+    caption = _caption(table, job) + (f" {DIVERGED.note}" if any_of(DIVERGED, summary) else "")
     title, label = f"{name}: {kind.title}", f"{name}-{job.study}".replace("_", "-")
     head, rows, names = kind.rows(summary, job)
     printed = Table(head, [("", rows)], names, (), title, caption, label)

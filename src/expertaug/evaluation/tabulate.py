@@ -33,14 +33,6 @@ Column = tuple[str, str]  # set and metric
 Place = tuple[str, str, str]  # row, set and metric
 KNOWN_FORM = "F_a of known form, which does not compete"  # a title over rows
 BEST = "Bold: the best of each column, and those that are not told apart from it."
-RUNAWAYS_NOTE = (
-    "Runaways: forecasts that leave ten times the training set's largest values, or have no solution; they count with "
-    "the error that they have at that bound."
-)
-COST_NOTE = (
-    "Estimate: processor time in which one seed estimates the parameters and the start of one window, all windows at "
-    "once, on one core; solving the equation follows, for a flow once for each of the draws that are forecast."
-)
 # Only the first is a gain of augmentation: an augmented version was also trained for longer than its base.
 OVER_CONTROL, FROM_BASE = "gain over control", "difference from base"
 KINDS = (OVER_CONTROL, FROM_BASE)
@@ -232,9 +224,9 @@ def _caption(part: pd.DataFrame, job: TabulateJob, samples: Samples) -> str:
     if (part["n"] < part["of"]).any():
         parts.append("(a/b): only a of b seeds have a finite value, and only those are averaged.")
     if any_of(DIVERGED, part):
-        parts.append(RUNAWAYS_NOTE)
+        parts.append(DIVERGED.note)
     if (part["metric"] == COST.name).any():
-        parts.append(COST_NOTE)
+        parts.append(COST.note)
     return " ".join(parts)
 
 
@@ -289,7 +281,7 @@ def gains(long: pd.DataFrame, samples: Samples) -> dict[tuple[str, str, str, str
     """Differences of one experiment by row (method and preset), kind, set and metric; positive is better.
 
     Arguments:
-        long: rows of a table (:mod:`expertaug.evaluation.tables`) with columns experiment, preset, method, row, set and
+        long: rows of a table (:func:`tabulate`) with columns experiment, preset, method, row, set and
             metric.
     """
     found = {}

@@ -48,7 +48,7 @@ def read(path: Path) -> pd.DataFrame:
 
 
 def read_long(path: Path) -> pd.DataFrame:
-    """The long table of an experiment (:mod:`expertaug.evaluation.tables`).
+    """The long table of an experiment (:mod:`expertaug.evaluation.tabulate`).
 
     Raises:
         InputError: it is missing or broken.

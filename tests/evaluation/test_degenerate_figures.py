@@ -1,0 +1,129 @@
+"""Every figure stands values that are all zero, not finite or missing."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from fake_runs import method_of, pairs, write_forecasts, write_logs, write_metrics
+from test_windows import CURVES, fake
+
+from expertaug import plotting
+from expertaug.evaluation import dissipation, dots, grid, parameters, studies, traces, validity
+from expertaug.evaluation.alarms import alarm
+from expertaug.evaluation.coverage import coverage
+from expertaug.evaluation.distance import distance
+from expertaug.evaluation.settings import GridJob, OverviewJob, PlotJob, StudyJob, WindowStudyJob
+from expertaug.evaluation.studies import study
+from expertaug.inference.refit import Refit
+from expertaug.inference.validity import Validity
+
+VALUES = {"zero": 0.0, "missing": np.nan, "infinite": np.inf}
+
+
+@pytest.fixture(params=VALUES, autouse=True)
+def value(request):
+    """All of a figure's numbers; whatever Matplotlib cannot draw is an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", category=DeprecationWarning)
+        for message in ("All-NaN", "Mean of empty", "invalid value", "divide by zero", "Degrees of freedom"):
+            warnings.filterwarnings("ignore", message=message)
+        yield VALUES[request.param]
+
+
+@pytest.fixture
+def metrics(tmp_path, value):
+    paths = write_metrics(tmp_path)
+    for path in paths:
+        pd.read_csv(path).assign(value=value).to_csv(path, index=False)
+    return paths
+
+
+def test_dots(metrics, tmp_path):
+    job = PlotJob(**pairs(), floor=method_of("Mean"))
+    dots.log_mse(metrics, tmp_path / "log_mse", job)
+    dots.parameter_errors(metrics, tmp_path / "parameter_errors", job)
+    one = {"name": "swing", "shown": True, "shifted": "test", "opponents": []}
+    dots.overview(metrics, tmp_path / "all", OverviewJob(experiments=[one], all_methods=[]))
+
+
+@pytest.mark.parametrize("name", ["out_of_expertise", "horizons", "prior_width"])
+def test_studies(metrics, tmp_path, name):
+    labels = [(method_of(label), label) for label in ("Hybrid", "Hybrid+")]
+    options = {"distances": ["none"], "panels": [("near", ["test"])]}
+    priors = {"hybrid": {"": {"omega0": (0.5, 1.5)}}}
+    job = StudyJob(study=name, labels=labels, options=options, priors=priors, all_methods=["hybrid"])
+    study(metrics, [tmp_path / "study.png"], job)
+
+
+def test_along_a_training(value):
+    keys = {"experiment": "swing", "preset": "paper", "method": "hybrid", "metric": "log_mse_sum"}
+    numbers = {"mean": value, "std": value, "n": int(np.isfinite(value)), "of": 2, "epoch": 1, "finetune_epochs": 0}
+    summary = pd.DataFrame([keys | numbers | {"set": name} for name in ("train", "validation", "test")])
+    figure = studies.during_training(summary, StudyJob(study="during_training", labels=[("hybrid", "Hybrid")]))
+    drawn(figure)
+
+
+def test_forecasts_parameters_and_curves(tmp_path, value):
+    paths = write_forecasts(tmp_path)
+    for path in paths.values():
+        arrays = dict(np.load(path))
+        for name in arrays:
+            if name.endswith(("prediction", "z_e_hat", "truth")):
+                arrays[name] = np.full_like(arrays[name], value)
+        np.savez(path, **arrays)
+    traces.forecasts(paths, tmp_path / "forecasts")
+    parameters.parameters(paths, tmp_path / "parameters")
+    logs = write_logs(tmp_path, steps=20)
+    for path in logs:
+        number = str(value) if np.isfinite(value) else {"nan": "NaN", "inf": "Infinity"}[str(value)]
+        text = re.sub(r'("loss": )\[[^]]*\]', rf"\1[{number}, {number}, {number}]", path.read_text())
+        path.write_text(text)
+    traces.curves(logs, tmp_path / "curves")
+
+
+def test_single_windows(tmp_path, value):
+    spoiled = {
+        f"{name}_{key}": np.full((2, 400, *more), 1.0 if key == "errors" and np.isnan(value) else value)
+        for name in ("validation", "iid", "test")
+        for key, more in (("errors", ()), ("misfit", ()), ("z_e_hat", (1,)))
+    }
+    files = [fake(tmp_path / "a.npz", "a", [0, 1], spoiled=spoiled)]
+    job = WindowStudyJob.from_mapping(CURVES)
+    alarm(files, [tmp_path / "alarm.png"], job)
+    coverage(files, [tmp_path / "coverage.png"], job)
+    distance(files, [tmp_path / "distance.png"], job)
+
+
+def test_grid(value):
+    job = GridJob(experiment="e", label="A", keys=["training.epochs"], points=[("a@1", [1]), ("a@2", [2])])
+    table = pd.DataFrame({"point": ["a@1", "a@2"], "seed": [0, 0], "score": value, "epoch": 1, "minutes": 0.0})
+    drawn(grid._draw(table, grid.summarise(table, job), job))
+
+
+def test_dissipation(value):
+    table = pd.DataFrame({"expert": ["", ""], "set": ["train", "test"], "recording": "all", "method": "a"})
+    numbers = table.assign(measured=value, dissipated=value, label="A", seed=0, chunks=1)
+    settings = {"experiment": "e", "versions": [["a", "A", None]], "all_methods": [], "set_titles": {}, "title": None}
+    drawn(dissipation.draw(numbers, settings))
+
+
+def test_validity(value):
+    some = torch.full((1, 4), value, dtype=torch.float64)
+    refit = Refit(some.unsqueeze(-1).nan_to_num(1.0, 1.0), some, some, some, some)
+    edges = np.linspace(0.0, 1.0, 4)
+    along = Validity("omega0", edges, np.full(3, value), np.full(3, value), value, (0.0, 1.0))
+    found = {"a": ("A", {"train": refit, "test": refit}, {"omega0": along}, "1/s")}
+    drawn(validity._draw(found, {"all_methods": []}, "title"))
+
+
+def drawn(figure):
+    """Draw a figure as saving does."""
+    with plotting.styled():
+        figure.savefig(io.BytesIO())
