@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -21,6 +22,7 @@ from tiny import PRIOR, SETTINGS
 from typed_jobs import augment, finetune, train
 
 CPU = torch.device("cpu")
+Unbounded = SimpleNamespace(bound=None)  # all of a task that this needs
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +50,45 @@ def test_augmented_samples_are_the_models_own(trained, data, tmp_path, settings)
     t = torch.tensor(stored.description["t"][:11])
     expected = stored.model.forecast(real.y[0].expand(2, -1, -1), plus.z_e, z_a, t, Solver("rk4"))
     torch.testing.assert_close(plus.y, expected.detach())
+
+
+def test_augmented_samples_keep_the_z_a_that_made_them(trained, data, tmp_path, settings):
+    plus, validation, _ = augmented(trained, data, tmp_path, settings, augmentation_noise="none")
+    stored, y = store.load(trained), StackedSet.of(Trajectories.load(data / "train.npz"), CPU).y
+    assert torch.equal(plus.z_a, stored.model.encode(y[:11].expand(-1, 2, -1, -1)).mean[1])
+    assert validation.z_a.shape == (2, 10, plus.z_a.shape[-1])
+    both = StackedSet.of(Trajectories.load(data / "train.npz"), CPU) | plus
+    assert torch.isnan(both.z_a[:, :40]).all() and torch.equal(both.z_a[:, 40:], plus.z_a)
+    for batch in both.batches([0, 1], 0, 20):
+        assert torch.equal(torch.isnan(batch.z_a).any(-1), batch.supervised == 0), "z_a goes with its sample"
+
+
+def test_a_replaced_sample_is_replaced_whole():
+    y, z_e, z_a = torch.rand(5, 1, 4, 2), torch.rand(1, 4, 1), torch.rand(1, 4, 3)
+    good, before = torch.tensor([[True, False, True, True]]), z_a.clone()
+    y_new, z_e_new, z_a_new, _ = augmentation._without_runaways(y.clone(), z_e.clone(), z_a, None, good, Unbounded)
+    assert torch.equal(z_a, before), "an encoder's own output stays as it is"
+    for old, new in ((y.movedim(2, 0), y_new.movedim(2, 0)), (z_e[0], z_e_new[0]), (z_a[0], z_a_new[0])):
+        assert torch.equal(new[1], old[2]) and torch.equal(new[[0, 2, 3]], old[[0, 2, 3]])
+
+
+def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, settings):
+    """Errors of z_a on augmented samples fall with its weight, and the default of 0 is what files of before have."""
+    augmented(trained, data, tmp_path, settings)
+    plus, errors = augmentation.load(tmp_path / "plus.st", CPU)[0], {}
+    settings |= {"method": "aphynity+", "label": "APHYNITY+"}
+    settings["training"] |= {"epochs": 20}
+    for weight in (0.0, 100.0):
+        settings["training"]["z_a_supervision_weight"] = weight
+        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
+        z_a = store.load(tmp_path / "p.st").model.encode(plus.y[:11]).mean[1]
+        errors[weight] = (z_a - plus.z_a).square().mean().sqrt().item()
+    assert errors[100.0] < 0.8 * errors[0.0]
+    tensors = augmentation.read_tensors(tmp_path / "plus.st")
+    kept = {name: value for name, value in tensors[1].items() if not name.endswith("z_a")}
+    augmentation.write_tensors(tmp_path / "plus.st", kept, tensors[0])
+    with pytest.raises(InputError, match="do not say with which z_a they were made; draw them again"):
+        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
 
 
 def test_augmented_samples_get_the_datas_noise(trained, data, tmp_path, settings):
@@ -128,11 +169,11 @@ class TestPresetRows:
         stored = store.load(trained)
         batch = StackedSet.of(Trajectories.load(data / "train.npz"), CPU).whole(2)
 
-        def compute(model=None, supervised=0.0, lambda0=10.0, batch=batch, points=None, **choices):
+        def compute(model=None, supervised=0.0, lambda0=10.0, batch=batch, points=None, task_keys=None, **choices):
             objective = Aphynity([0, 1], resolve("corrected", choices), lambda0=lambda0)
             task = task_of({}, stored.description, CPU, torch.tensor([0.5]))
-            task = replace(task, horizon=objective.window(task))
-            batch = type(batch)(batch.y, batch.z_e, torch.full_like(batch.supervised, supervised))
+            task = replace(task, horizon=objective.window(task), **(task_keys or {}))
+            batch = type(batch)(batch.y, batch.z_e, torch.full_like(batch.supervised, supervised), z_a=batch.z_a)
             objective.begin(model or stored.model, batch, task)
             task = replace(task, horizon=points or task.horizon)
             return objective, *objective.loss(model or stored.model, batch, task)
@@ -204,6 +245,19 @@ class TestPresetRows:
         torch.testing.assert_close(loss(supervised=1.0)[1], plain + error / (2 * 0.5**2))
         torch.testing.assert_close(loss(supervised=1.0, supervision="raw")[1], plain + error)
         assert torch.equal(loss(supervised=1.0, supervision="off")[1], plain)
+
+    def test_supervision_of_z_a(self, loss):
+        batch, model = loss.batch, loss.model
+        _, z_a = model.encode(batch.y[:11]).mean
+        label, scale = z_a.detach() + 0.3, torch.tensor([[[0.5]], [[2.0]]])
+        labelled = type(batch)(batch.y, batch.z_e, batch.supervised, z_a=label)
+        plain, parts = loss(batch=labelled, supervised=1.0)[1:]
+        assert "z_a" not in parts, "the paper supervises z_e alone"
+        keys = {"z_a_supervision_weight": 4.0, "z_a_scale": scale}
+        value, parts = loss(batch=labelled, supervised=1.0, task_keys=keys)[1:]
+        expected = 0.5 * (0.3 / scale.flatten()) ** 2 * z_a.shape[-1]
+        torch.testing.assert_close(parts["z_a"], expected)
+        torch.testing.assert_close(value, plain + 4 * expected)
 
     def test_observed_points_and_selection(self, data, tmp_path, settings):
         settings["training"]["epochs"] = 1

@@ -83,10 +83,10 @@ def generate(
         z_a_from: posterior: a sample of q(z_a | x, y); prior: of N(0, I), where the posterior is not a point.
 
     Returns:
-        y (T, S, N, *state), NaN where the sample that it came from has a gap, z_e (S, N, P), all supervised, with the
-        known inputs of the data.  z_e is drawn again for a sample that runs away (:mod:`expertaug.learning.bound`);
-        where that does not help either, another sample of its seed stands in its place, and a warning tells how many
-        these are.
+        y (T, S, N, *state), NaN where the sample that it came from has a gap, z_e (S, N, P), all supervised, z_a
+        (S, N, Q), with the known inputs of the data.  z_e is drawn again for a sample that runs away
+        (:mod:`expertaug.learning.bound`); where that does not help either, another sample of its seed stands in its
+        place, and a warning tells how many these are.
     """
     low, high = prior_range(model, prior)
     random = Noise(seeds, draw, 1, device=data.y.device)
@@ -111,20 +111,20 @@ def generate(
             z_e = torch.where(good.unsqueeze(-1), z_e, other)
             good = within(y, task.bound)
         else:
-            y, z_e, u = _without_runaways(y, z_e, u, good, task)
+            y, z_e, z_a, u = _without_runaways(y, z_e, z_a, u, good, task)
             lost += (~good).sum(1).cpu()
-        parts.append((_as_measured(y, batch.y), z_e, u))
+        parts.append((_as_measured(y, batch.y), z_e, z_a, u))
     for seed, count in zip(seeds, lost.tolist(), strict=True):
         if count:
             logger.warning(
                 "augmentation, seed %d: %d of %d samples (%.1f %%) ran away for every z_e drawn and were replaced; "
                 "consider a narrower augmentation.prior", seed, count, len(data), 100 * count / len(data),
             )  # fmt: skip
-    y, z_e = torch.cat([p[0] for p in parts], dim=2), torch.cat([p[1] for p in parts], dim=1)
+    y, z_e, z_a = (torch.cat([p[k] for p in parts], dim=2 if k == 0 else 1) for k in range(3))
     if noise:
         y = y + shaped(noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
-    u = None if data.u is None else torch.cat([p[2] for p in parts], dim=2)
-    return StackedSet(y, z_e, torch.ones(z_e.shape[1], device=y.device), u)
+    u = None if data.u is None else torch.cat([p[3] for p in parts], dim=2)
+    return StackedSet(y, z_e, torch.ones(z_e.shape[1], device=y.device), u, z_a)
 
 
 def _as_measured(y: Tensor, like: Tensor) -> Tensor:
@@ -200,21 +200,21 @@ def _simulate(
 
 
 def _without_runaways(
-    y: Tensor, z_e: Tensor, u: Tensor | None, good: Tensor, task: Task
-) -> tuple[Tensor, Tensor, Tensor | None]:
-    """Samples y (T, S, N, *state), z_e (S, N, P), u (T, S, N, U) with those that are not good (S, N) replaced by the
-    good sample of their seed that follows, in a circle; where a seed has none, its trajectories are cut off at the
-    bound."""
-    u = None if u is None else u.clone()
+    y: Tensor, z_e: Tensor, z_a: Tensor, u: Tensor | None, good: Tensor, task: Task
+) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
+    """Samples y (T, S, N, *state), z_e (S, N, P), z_a (S, N, Q), u (T, S, N, U) with those that are not good (S, N)
+    replaced by the good sample of their seed that follows, in a circle; where a seed has none, its trajectories are cut
+    off at the bound."""
+    u, z_a = None if u is None else u.clone(), z_a.clone()
     y = bounded(y, task.bound).nan_to_num(0.0, 0.0, 0.0)
     index = torch.arange(good.shape[1], device=y.device)
     for place in good.any(1).nonzero().flatten().tolist():
         fine = good[place].nonzero().flatten()
         chosen = fine[torch.searchsorted(fine, index) % len(fine)]
-        y[:, place], z_e[place] = y[:, place, chosen], z_e[place, chosen]
+        y[:, place], z_e[place], z_a[place] = y[:, place, chosen], z_e[place, chosen], z_a[place, chosen]
         if u is not None:
             u[:, place] = u[:, place, chosen]
-    return y, z_e, u
+    return y, z_e, z_a, u
 
 
 def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping) -> None:
@@ -223,6 +223,7 @@ def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping)
     for name, part in (("train", train), ("validation", validation)):
         tensors |= {f"{name}_y": part.y, f"{name}_z_e": part.z_e}
         tensors |= {} if part.u is None else {f"{name}_u": part.u.contiguous()}
+        tensors |= {} if part.z_a is None else {f"{name}_z_a": part.z_a.contiguous()}
     write_tensors(path, tensors, header)
 
 
@@ -232,6 +233,6 @@ def load(path: Path, device: torch.device) -> tuple[StackedSet, StackedSet, dict
     sets = []
     for name in ("train", "validation"):
         y, z_e = tensors[f"{name}_y"].to(device), tensors[f"{name}_z_e"].to(device)
-        u = tensors[f"{name}_u"].to(device) if f"{name}_u" in tensors else None
-        sets.append(StackedSet(y, z_e, torch.ones(z_e.shape[1], device=device), u))
+        u, z_a = (tensors[f"{name}_{k}"].to(device) if f"{name}_{k}" in tensors else None for k in ("u", "z_a"))
+        sets.append(StackedSet(y, z_e, torch.ones(z_e.shape[1], device=device), u, z_a))
     return sets[0], sets[1], header

@@ -26,6 +26,7 @@ from expertaug.trajectories import Trajectories
 
 # Of the options, what a model file says.
 KEPT = ("experiment", "method", "label", "preset", "choices", "training")
+SMALLEST_SPREAD = 1e-3  # of z_a over the training windows: a component that none of them uses is not held to a point
 
 
 def finetune(
@@ -84,8 +85,15 @@ def prepare(
     hybrid, before = _frozen(stored.model, choices)
     scale = augmentation.prior_scale(hybrid, given_ranges(options.prior)).to(device)
     kept = options.model_dump(mode="json", include=set(KEPT))
-    task = task_of(kept["training"], base, device, scale)
     real, check = StackedSet.of(train, device), StackedSet.of(validation, device)
+    spread: torch.Tensor | float = 1.0
+    if options.training.z_a_supervision_weight and plus is not None:
+        if plus.train.z_a is None:
+            found, remedy = "do not say with which z_a they were made", "draw them again (augment)"
+            raise InputError("augmented samples", found, remedy)
+        std = fitting.latent_of(hybrid, real.windows(base["observed"]), len(stored.seeds))["std"]
+        spread = torch.tensor(std, dtype=torch.float32, device=device).clamp_min(SMALLEST_SPREAD).unsqueeze(1)
+    task = task_of(kept["training"], base, device, scale, spread)
     prior = {name: list(ends) for name, ends in given_ranges(options.prior).items()}
     description = base | kept | {"stage": "finetune", "augmented_prior": prior, "base_wall_s": base["wall_s"]}
     return fitting.prepare(

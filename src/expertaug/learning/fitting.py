@@ -100,7 +100,7 @@ class Training:
             "failed": sorted(trainer.failed),
         }
         if self.windows is not None:
-            record["latent"] = _latent(model, self.windows, len(trainer.seeds))
+            record["latent"] = latent_of(model, self.windows, len(trainer.seeds))
         stored = StoredModel(model, {**self.description, **record}, self.classes)
         if self.checked is not None:
             record["misfit"] = recorded(stored, self.checked)
@@ -138,7 +138,7 @@ def prepare(
 
 
 @torch.no_grad()
-def _latent(model: HybridNet, windows: Tensor, seeds: int) -> dict[str, list]:
+def latent_of(model: HybridNet, windows: Tensor, seeds: int) -> dict[str, list]:
     """Mean and standard deviation of z_a (S, Q) over the windows (T1, 1, N, *observed), and the first principal axes
     (S, C, Q) of a z_a of several components."""
     parts = [

@@ -11,7 +11,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.learning.augmentation import prior_range
 from expertaug.learning.noise import Noise
-from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, supervision
+from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, supervised_terms
 from expertaug.learning.sets import Batch
 from expertaug.learning.squared_error import sample_mean, squares
 from expertaug.learning.task import Task
@@ -121,10 +121,9 @@ class HybridVAE(Objective):
             "runaway_share": runaway_share(divergence, hybrid_good),
             "sigma": model.likelihood.scale.flatten().expand(len(self.seeds)),
         }
-        term = supervision(posterior, batch, task, self.choices.supervision)
-        if term is not None:
-            loss = loss + task.supervision_weight * term
-            parts["z_e"] = term
+        labelled, terms = supervised_terms(posterior, batch, task, self.choices.supervision)
+        loss = loss if labelled is None else loss + labelled
+        parts |= terms
         return loss / count, {k: v.detach() for k, v in (parts | {"loss": loss / count}).items()}
 
 

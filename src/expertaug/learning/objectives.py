@@ -103,6 +103,39 @@ def supervision(posterior: Posterior, batch: Batch, task: Task, choice: str) -> 
     return (each * batch.supervised).sum(1) / count.clamp_min(1)
 
 
+def latent_supervision(posterior: Posterior, batch: Batch, task: Task) -> Tensor | None:
+    """Mean over the labelled samples of −log q(z_a | x, y) (S,), with z_a in units of its spread over the training
+    windows; None where there is none.
+
+    The paper supervises z_e alone; but the z_a of an augmented sample was drawn as its z_e was, and an encoder that
+    finds one may lose the other: F_a has learned nothing beyond the training windows' z_a.
+    """
+    if not task.z_a_supervision_weight or not batch.has_labels or batch.z_a is None:
+        return None
+    mean = posterior.z_a.mean
+    labels = torch.where(batch.supervised.bool().unsqueeze(-1), batch.z_a, mean.detach())  # others have none
+    each = -posterior.z_a.log_prob_in(labels, task.z_a_scale)  # type: ignore[attr-defined]
+    return (each * batch.supervised).sum(1) / batch.supervised.sum(1).clamp_min(1)
+
+
+def supervised_terms(posterior: Posterior, batch: Batch, task: Task, choice: str) -> tuple[Tensor | None, dict]:
+    """What a loss (S,) adds for the labels of augmented samples, and its parts; None where nothing is labelled.
+
+    Arguments:
+        choice: as of :func:`supervision`.
+    """
+    weighted = (
+        ("z_e", task.supervision_weight, supervision(posterior, batch, task, choice)),
+        ("z_a", task.z_a_supervision_weight, latent_supervision(posterior, batch, task)),
+    )
+    total, parts = None, {}
+    for name, weight, term in weighted:
+        if term is not None:
+            total = weight * term if total is None else total + weight * term
+            parts[name] = term.detach()
+    return total, parts
+
+
 class Objective:
     """What the trainer minimises.  A subclass needs :meth:`loss` and may need the others.
 
@@ -207,10 +240,9 @@ class Aphynity(Objective):
         loss = (self.multiplier / self.first).to(data.device, non_blocking=True) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
         parts["runaway_share"] = runaways
-        term = supervision(posterior, batch, task, self.choices.supervision)
-        if term is not None:
-            loss = loss + task.supervision_weight * term
-            parts["z_e"] = term.detach()
+        labelled, terms = supervised_terms(posterior, batch, task, self.choices.supervision)
+        loss = loss if labelled is None else loss + labelled
+        parts |= terms
         finite = data.detach().nan_to_num(0.0, 0.0, 0.0)  # one step must not raise the multiplier for ever
         self.total = self.total.to(data.device) + finite
         self.count += 1

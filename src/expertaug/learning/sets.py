@@ -17,7 +17,8 @@ from expertaug.trajectories import Trajectories
 @dataclass(frozen=True)
 class Batch:
     """A batch for a group of S seeds: y (T, S, B, *state), NaN where nothing was measured, z_e (S, B, P), supervised
-    (S, B) in {0, 1}; u (T, S, B, U), known inputs, None for a system without.
+    (S, B) in {0, 1}; u (T, S, B, U), known inputs, None for a system without; z_a (S, B, Q) of augmented samples, NaN
+    of others, None where there are none.
 
     A step does not ask the tensors, for which it would wait where they lie on a card, what is known beforehand:
     ``complete``, that nothing is NaN, and ``labelled``, whether a sample is supervised; None where it is not known.
@@ -29,6 +30,7 @@ class Batch:
     u: Tensor | None = None
     complete: bool = False
     labelled: bool | None = None
+    z_a: Tensor | None = None
 
     @property
     def has_labels(self) -> bool:
@@ -53,12 +55,14 @@ class StackedSet:
         z_e: (S or 1, M, P).
         supervised: (M,) in {0, 1}: whether z_e is the sample's label (augmented samples) or only for scoring.
         u: known inputs (T, S or 1, M, U); None for a system without.
+        z_a: with which augmented samples were made, (S or 1, M, Q), NaN of others; None where there are none.
     """
 
     y: Tensor
     z_e: Tensor
     supervised: Tensor
     u: Tensor | None = None
+    z_a: Tensor | None = None
 
     @classmethod
     def of(cls, data: Trajectories, device: torch.device) -> StackedSet:
@@ -90,12 +94,20 @@ class StackedSet:
             both(self.z_e, other.z_e, 0),
             torch.cat((self.supervised, other.supervised)),
             None if self.u is None or other.u is None else both(self.u[:points], other.u[:points], 1),
+            None if self.z_a is None and other.z_a is None else both(self._z_a_like(other), other._z_a_like(self), 0),
         )
+
+    def _z_a_like(self, other: StackedSet) -> Tensor:
+        """This set's z_a (S or 1, M, Q); NaN where it has none and another has."""
+        if self.z_a is not None:
+            return self.z_a
+        assert other.z_a is not None
+        return other.z_a.new_full((1, len(self), other.z_a.shape[-1]), torch.nan)
 
     def window(self, points: int) -> StackedSet:
         """The first ``points`` points of every sample."""
         u = None if self.u is None else self.u[:points].contiguous()
-        return StackedSet(self.y[:points].contiguous(), self.z_e, self.supervised, u)
+        return StackedSet(self.y[:points].contiguous(), self.z_e, self.supervised, u, self.z_a)
 
     def windows(self, points: int) -> Tensor:
         """What an encoder sees of the first ``points`` points, (T, S or 1, M, *observed)."""
@@ -111,7 +123,8 @@ class StackedSet:
     def at(self, index: Tensor) -> StackedSet:
         """The samples at some places."""
         u = None if self.u is None else self.u[:, :, index]
-        return StackedSet(self.y[:, :, index], self.z_e[:, index], self.supervised[index], u)
+        z_a = None if self.z_a is None else self.z_a[:, index]
+        return StackedSet(self.y[:, :, index], self.z_e[:, index], self.supervised[index], u, z_a)
 
     def whole(self, seeds: int) -> Batch:
         """All samples as one batch for ``seeds`` seeds."""
@@ -120,6 +133,7 @@ class StackedSet:
             self.z_e.expand(seeds, *self.z_e.shape[1:]),
             self.supervised.expand(seeds, -1),
             None if self.u is None else self.u.expand(-1, seeds, -1, -1),
+            z_a=None if self.z_a is None else self.z_a.expand(seeds, -1, -1),
         )
 
     def batches(self, seeds: list[int], epoch: int, size: int) -> Iterator[Batch]:
@@ -134,7 +148,8 @@ class StackedSet:
             index, labelled = order[:, start : start + size], supervised[:, start : start + size].any()
             u = None if self.u is None else self.u[:, shared, index]
             y, z_e = self.y[:, shared, index], self.z_e[shared, index]
-            yield Batch(y, z_e, self.supervised[index], u, self.complete, bool(labelled))
+            z_a = None if self.z_a is None else self.z_a[shared, index]
+            yield Batch(y, z_e, self.supervised[index], u, self.complete, bool(labelled), z_a)
 
     def steps(self, size: int) -> int:
         """Batches in one pass."""

@@ -101,6 +101,11 @@ class TrainSettings(Settings):
     validation_samples: Count | None = key(None, "maximum number of validation samples, spread evenly; null = all")
     checkpoint_s: NotNegative = key(30.0, "shortest time between two checkpoints", "s")
     supervision_weight: NotNegative = key(1.0, "weight of the z_e term of augmented samples")
+    z_a_supervision_weight: NotNegative = key(
+        0.0,
+        "weight of the z_a term of augmented samples, whose z_a is known as well, in units of the spread that the "
+        "trained model's z_a has over the training windows; 0 = z_a is not supervised, as in the paper",
+    )
     horizon_warmup: Share = key(
         0.0,
         "share of all steps over which the loss window grows to its full length; this guards against minima at wrong "

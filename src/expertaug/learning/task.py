@@ -25,6 +25,8 @@ class Task:
         solver: for the forecasts.
         z_e_scale: (P,), standard deviation of p⁺ for the supervision of z_e.
         supervision_weight: of the z_e term.
+        z_a_scale: (S, 1, Q), spread of z_a over the training windows, for the supervision of z_a.
+        z_a_supervision_weight: of the z_a term; 0: there is none.
         bound: (K,), how far a forecast's components may go (:mod:`expertaug.learning.bound`); None for no bound.
         doubts: where a loss leaves what it takes for granted, each one truth value on the device, instead of waiting
             for it; None: it waits, and acts on it.
@@ -36,6 +38,8 @@ class Task:
     solver: Solver
     z_e_scale: Tensor | float = 1.0
     supervision_weight: float = 1.0
+    z_a_scale: Tensor | float = 1.0
+    z_a_supervision_weight: float = 0.0
     bound: Tensor | None = None
     doubts: list[Tensor] | None = None
 
@@ -52,8 +56,14 @@ class Task:
         return range(1, self.horizon) if choices.selection == "observed" else range(self.observed, len(self.t))
 
 
-def task_of(training: Mapping, description: Mapping, device: torch.device, scale: Tensor | float = 1.0) -> Task:
-    """The task of a training block (``solver``, ``horizon_s``, ``supervision_weight``) for a stored_bound model."""
+def task_of(
+    training: Mapping,
+    description: Mapping,
+    device: torch.device,
+    scale: Tensor | float = 1.0,
+    z_a_scale: Tensor | float = 1.0,
+) -> Task:
+    """The task of a training block (``solver``, ``horizon_s``, ``supervision_weight`` …) for a stored_bound model."""
     t = torch.tensor(description["t"], dtype=torch.float32)
     horizon = (
         points_until(description["t"], training["horizon_s"]) if "horizon_s" in training else description["observed"]
@@ -65,5 +75,7 @@ def task_of(training: Mapping, description: Mapping, device: torch.device, scale
         solver=Solver.from_mapping(training.get("solver", {})),
         z_e_scale=scale,
         supervision_weight=float(training.get("supervision_weight", 1.0)),
+        z_a_scale=z_a_scale,
+        z_a_supervision_weight=float(training.get("z_a_supervision_weight", 0.0)),
         bound=stored_bound(description, device),
     )

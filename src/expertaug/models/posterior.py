@@ -120,9 +120,10 @@ class Gaussian(Distribution):
         return (each if self.parameters is None else each - log_slope(raw, self.parameters)).sum(-1)
 
     def log_prob_in(self, value: Tensor, unit: Tensor | float) -> Tensor:
-        """(…,): the log-density of the value counted in ``unit`` (P,), which has no unit itself."""
+        """(…,): the log-density of the value counted in ``unit`` (P,) or (…, P), which has no unit itself."""
         unit = torch.as_tensor(unit, dtype=self.loc.dtype).to(self.loc.device, non_blocking=True)
-        return self.log_prob(value) + unit.log().expand(self.loc.shape[-1]).sum()
+        logs = unit.log().expand(self.loc.shape if unit.dim() > 1 else self.loc.shape[-1:])
+        return self.log_prob(value) + logs.sum(-1)
 
     def divergence(self, mean: Tensor | float = 0.0, std: Tensor | float = 1.0) -> Tensor:
         """(…,): KL divergence to Gaussians of ``mean`` and ``std`` (K,) in the unbounded space (and so in any)."""
