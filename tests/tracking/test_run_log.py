@@ -34,6 +34,17 @@ def test_header_and_values_without_a_store(tmp_path):
     assert lines[1]["loss"] == [1.5, "nan"]
 
 
+def test_a_log_of_version_0_1_is_read(tmp_path):
+    """Its events have no time."""
+    path = tmp_path / "log.jsonl"
+    RunLog(path, RUN).close()
+    lines = path.read_text().splitlines()
+    path.write_text(
+        "\n".join([lines[0], '{"event": "runs", "store": "sqlite:///x.db", "runs": ["a"]}', *lines[1:], ""])
+    )
+    assert [line.event for line in read_log(path).lines] == ["runs", "end"]
+
+
 def test_wrong_number_of_values_and_reserved_names(tmp_path):
     log = RunLog(tmp_path / "log.jsonl", RUN)
     with pytest.raises(ValueError, match="3 values for 2 seeds"):

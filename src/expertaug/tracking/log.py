@@ -113,7 +113,7 @@ class Event(Record):
 
     model_config = ConfigDict(extra="allow")
     event: str
-    time: FiniteFloat
+    time: FiniteFloat | None = None  # version 0.1.0 wrote some without
 
 
 def _kind(line: object) -> str:
