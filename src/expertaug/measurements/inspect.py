@@ -16,6 +16,8 @@ from expertaug.measurements.names import Names
 from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import MeasurementSettings, TableKeys, column_of
 from expertaug.measurements.table import EMPTY, Table, count_cells, read_table
+from expertaug.measurements.time_order import check_one_row_a_time, check_sortable
+from expertaug.measurements.trajectory import times_of
 
 COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
 SHOWN, POINTS = 6, 4000  # trajectories of a picture, and points of each
@@ -87,9 +89,29 @@ class Inspection:
                 mend = next((m for m in mends if m[1] in str(error)), None)
                 if mend is None:
                     raise
+                self._check_order(settings)
                 mends.remove(mend)
                 given |= mend[0]
                 self.remarks.append(mend[2])
+
+    def _check_order(self, settings: MeasurementSettings) -> None:
+        """Rows are not sorted, nor averaged, where that would mix what does not belong together.
+
+        Raises:
+            InputError: the file, the row, and what to do.
+        """
+        used = {self.guess.time.name, *(column.name for column in self.guess.columns.values())}
+        for path in self.files:
+            table = read_table(path, settings)
+            t = times_of(table, settings)
+            if self.guess.trajectory is None:
+                groups = [np.arange(len(table))]
+            else:
+                ids = table.texts(self.guess.trajectory)
+                groups = [np.flatnonzero(ids == name) for name in dict.fromkeys(ids)]
+            if self.guess.trajectory is None:
+                check_one_row_a_time(table, t, used)
+            check_sortable(table, t, groups)
 
     def lines(self) -> Iterator[str]:
         """What a reader wants to know, line by line."""

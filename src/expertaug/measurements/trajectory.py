@@ -96,7 +96,7 @@ def _check_names(settings: MeasurementSettings, names: Names) -> None:
 
 
 def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Names) -> list[Rows]:
-    t, y = _times(table, settings), np.full((len(table), len(names.state)), np.nan)
+    t, y = times_of(table, settings), np.full((len(table), len(names.state)), np.nan)
     for k, (component, unit) in enumerate(names.state.items()):
         if component in settings.columns:
             y[:, k] = _column(table, column_of(settings.columns[component]), unit, f"columns.{component}")
@@ -128,7 +128,12 @@ def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Nam
     return each
 
 
-def _times(table: Table, settings: MeasurementSettings) -> np.ndarray:
+def times_of(table: Table, settings: MeasurementSettings) -> np.ndarray:
+    """Times (n,) of a table's rows in s.
+
+    Raises:
+        InputError: a cell is no time, or empty.
+    """
     column = column_of(settings.time)
     if column.unit == "datetime":
         return table.times(column.name) * column.factor + column.offset
