@@ -39,7 +39,7 @@ def main() -> None:
     least, *_, most = np.array_split(np.argsort(alpha), 6)
     for file in sorted((folder / "aphynity").glob("*/model.safetensors")):
         stored = store.load(file)
-        points = stored.description["observed"]
+        points = stored.card.observed
         y = torch.from_numpy(truth.y).float().movedim(1, 0)[:points].unsqueeze(1).expand(-1, len(stored.seeds), -1, -1)
         z_e, z_a = stored.model.encode(y).mean
         states = stored.model.forecast(y[0], z_e, z_a, torch.from_numpy(truth.t[:points]).float(), Solver("rk4"))

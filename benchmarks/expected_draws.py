@@ -63,7 +63,7 @@ def main() -> None:
         usual = score(stored, validation, how, start, device).errors.numpy()
         own = {**settings["own"], "noise": settings["noise"]}
         y, _ = own_draws(stored, StackedSet.of(train, device).windows(len(train.t))[:, 0], own, options.windows)
-        drawing, bound = drawing_of(stored, how, train.t, start, device), stored_bound(stored.description, device)
+        drawing, bound = drawing_of(stored, how, train.t, start, device), stored_bound(stored.card, device)
         made = forecast(stored.model, y[: drawing.observed], drawing.t, drawing.solver, start, bound)
         errors = squared_errors(stored.model.system, made.states[drawing.begin :], y[drawing.begin :]).numpy()
         bad = np.stack([failing(one, of_set) for one, of_set in zip(errors, usual, strict=True)])

@@ -40,13 +40,13 @@ def main() -> None:
     device = device_of("cpu")
     stored = store.load(options.folder / options.version / options.seed_group / "model.safetensors", device, ())
     data = spread(Trajectories.load(options.folder / "data/validation.npz"), options.windows)
-    y, observed = torch.from_numpy(data.seen).movedim(1, 0).unsqueeze(1), stored.description["observed"]
+    y, observed = torch.from_numpy(data.seen).movedim(1, 0).unsqueeze(1), stored.card.observed
     u = None if data.u is None else torch.from_numpy(data.u).movedim(1, 0).unsqueeze(1)
     seeds = len(stored.seeds)
     u = None if u is None else u.expand(-1, seeds, *u.shape[2:])
     windows = joined(y[:observed].expand(-1, seeds, *y.shape[2:]), None if u is None else u[:observed])
     found, t = stored.model.estimate(windows), torch.from_numpy(data.t).float()
-    solver, bound = Solver("dopri5", rtol=1e-6, atol=1e-6), stored_bound(stored.description, device)
+    solver, bound = Solver("dopri5", rtol=1e-6, atol=1e-6), stored_bound(stored.card, device)
     assert found.draws is not None and bound is not None
     for draws in DRAWS:
         stored.model.forecasts = draws

@@ -42,10 +42,10 @@ def main() -> None:
         tuned_file = folder / f"{options.method}+" / file.parent.name / file.name
         base, tuned = store.load(file, cpu), store.load(tuned_file, cpu)
         header = augmentation.load(tuned_file.with_name("augmented.safetensors"), cpu)[2]
-        task = task_of(base.description["training"], base.description, cpu)
+        task = task_of(base.card.training, base.card, cpu)
         drawn = (options.prior, header["noise"], DRAW)
         samples = augmentation.generate(base.model, data, task, base.seeds, *drawn, **header["options"])
-        for label, stored in ((base.description["label"], base), (tuned.description["label"], tuned)):
+        for label, stored in ((base.card.label, base), (tuned.card.label, tuned)):
             z_e, z_a = stored.model.encode(samples.y[: task.observed]).mean
             forecast = stored.model.forecast(samples.y[0], z_e, z_a, task.t, task.solver)
             error = (forecast - samples.y).square().flatten(3).sum(-1)[task.observed :].mean(0)

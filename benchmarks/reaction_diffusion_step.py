@@ -21,8 +21,10 @@ from torch.nn.functional import conv2d
 from expertaug import systems
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import task_of
 from expertaug.models import store
+from expertaug.models.card import ModelCard
 from expertaug.models.interactions.convolutional import ConvInteraction
 from expertaug.models.networks.convolutional import wrap
 from expertaug.presets import resolve
@@ -67,12 +69,17 @@ def steps(seeds: list[int], data: StackedSet, batch_size: int, interaction: dict
     """One step of a group of seeds; with the plain interaction model where ``interaction`` is None."""
     system, t = systems.load(SYSTEM), [k * STEP for k in range(POINTS)]
     model = {"encoder": {"kind": "conv"}, "interaction": interaction or {"kind": "conv"}}
-    description = {"model": model, "t": t, "observed": POINTS, "seeds": seeds}
-    made = store.make(system, description | {"expert": True, "interaction": True})
+    card = ModelCard.of(
+        kind="hybrid", system=systems.describe(system), model=model, t=list(t), observed=POINTS, seeds=list(seeds)
+    )
+    made = store.make(system, card)
     if interaction is None:
         made.decoder.interaction = PlainInteraction(system, made.encoder.latent)
     made.encoder.fit(data.y[:, 0])
-    objective, task = Aphynity(seeds, resolve("corrected")), task_of({}, description, torch.device("cpu"))
+    objective, task = (
+        Aphynity(seeds, resolve("corrected")),
+        task_of(TrainSettings(), card, torch.device("cpu")),
+    )
     batch = next(data.batches(seeds, 0, batch_size))
     optimiser = torch.optim.Adam(made.parameters())
 

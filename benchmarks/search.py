@@ -25,7 +25,7 @@ from expertaug.config import stage_settings
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, log_mse_of, parameter_errors
 from expertaug.inference.alternate import alternate
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import refined_by
 from expertaug.inference.settings import AlternateJob
 from expertaug.learning.augment import augment
 from expertaug.learning.finetune import finetune
@@ -48,16 +48,15 @@ COLUMNS = [
 def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
     """log-MSE of every seed on training and validation set, and the validation set's parameter error in %."""
     stored = store.load(model)
-    description = stored.description
-    fitted = description["kind"] == "alternating"
-    estimator = estimator_of(stored, **description["refinement"]) if fitted else stored.model
+    card = stored.card
+    estimator = refined_by(stored, card.refinement) if card.kind == "alternating" else stored.model
     solver, start = Solver.from_mapping(evaluation["solver"]), evaluation["from_s"]
     scores, metric = {}, log_mse_of(evaluation["convention"]).name
     for name in ("train", "validation"):
         truth = Trajectories.load(data / f"{name}.npz")
         truth = truth.subset(np.linspace(0, len(truth) - 1, min(len(truth), 500)).astype(int))
         y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1)
-        observed = description["observed"]
+        observed = card.observed
         window = y[:observed].expand(observed, len(stored.seeds), *y.shape[2:])
         prediction, z_e = estimator.predict(window, torch.from_numpy(truth.t).float(), solver)
         begin = observed if start is None else int(np.searchsorted(truth.t, start - 1e-9))
@@ -110,11 +109,11 @@ def _digest(settings: object) -> str:
 def row(model: Path, data: Path, evaluation: dict) -> dict:
     """What a trial's line of the table says of its model."""
     scores = score(model, data, evaluation)
-    description = store.load(model).description
+    card = store.load(model).card
     return {
-        "seeds": len(description["seeds"]),
-        "minutes": round(description["wall_s"] / 60, 2),
-        "selection": round(float(np.mean(description["best_score"])), 3),
+        "seeds": len(card.seeds),
+        "minutes": round(card.wall_s / 60, 2),
+        "selection": round(float(np.mean(card.best_score)), 3),
         "train": round(float(scores["train"].mean()), 3),
         "validation": round(float(scores["validation"].mean()), 3),
         "validation_std": round(float(scores["validation"].std(ddof=1)), 3) if len(scores["validation"]) > 1 else "",

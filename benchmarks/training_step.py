@@ -27,7 +27,9 @@ from torchdiffeq import odeint
 from expertaug import systems
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import task_of
+from expertaug.models.card import ModelCard
 from expertaug.models.device import device_of
 from expertaug.models.recipe import HybridModel, Part
 from expertaug.presets import resolve
@@ -143,13 +145,17 @@ def rk4(field: Callable, y: Tensor, t: Tensor) -> Tensor:
 def stacked_steps(seeds: int, data: StackedSet, solver: Mapping | None = None, **parts: Part) -> Callable[[], None]:
     """One step of all seeds the way this package does it, with its own parts but for those given."""
     system, t = systems.load({"name": "pendulum"}), [k * STEP for k in range(201)]
-    description = {"t": t, "observed": POINTS, "seeds": list(range(seeds))}
-    model = HybridModel(system, **(OURS | parts)).build(t[:POINTS], description["seeds"])
+    group = list(range(seeds))
+    card = ModelCard.of(kind="hybrid", system={"name": "pendulum"}, t=t, observed=POINTS, seeds=group)
+    model = HybridModel(system, **(OURS | parts)).build(t[:POINTS], group)
     head = model.encoder.module.head[-1] if "encoder" in parts else model.encoder.head.layers[-1]
     nn.init.constant_(head.bias, TYPICAL)
-    objective = Aphynity(description["seeds"], resolve("corrected"))
-    model, task = model.to(data.y.device), task_of({"solver": solver or {}}, description, data.y.device)
-    batch = next(data.batches(description["seeds"], 0, 100))
+    objective = Aphynity(group, resolve("corrected"))
+    model, task = (
+        model.to(data.y.device),
+        task_of(TrainSettings.from_mapping({"solver": dict(solver or {})}), card, data.y.device),
+    )
+    batch = next(data.batches(group, 0, 100))
     optimiser = torch.optim.Adam(model.parameters())
 
     def step() -> None:

@@ -21,7 +21,7 @@ from expertaug.config import load as configuration
 from expertaug.config.complete import completed
 from expertaug.evaluation.score import score, spread
 from expertaug.inference import store
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.trajectories import Trajectories
 
 
@@ -44,9 +44,9 @@ def main() -> None:
             continue
         settings = stage_settings.evaluate(config, options.experiment, variant, model.parent.name)
         stored = store.load(model, device, settings.get("classes", ()))
-        refinement = settings.get("refinement") or stored.description.get("refinement")
+        refinement = refinement_of(stored, settings.get("refinement"))
         if refinement is not None:
-            stored = replace(stored, model=estimator_of(stored, **refinement))
+            stored = replace(stored, model=refined_by(stored, refinement))
         evaluation = {**settings["evaluation"], "noise": settings["noise"], "draws": 0}
         for data in (spread(windows, 2), windows):
             values = score(stored, data, evaluation, settings["choices"]["forecast_start"], device).values

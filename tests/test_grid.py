@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 import torch
 
+from cards import card
 from expertaug.config import grid, jobs, stage_settings
 from expertaug.config import load as configuration
 from expertaug.errors import InputError
@@ -77,7 +78,7 @@ def model(folder, method, seeds, scores, epochs):
     path = folder / method / f"{seeds[0]}.safetensors"
     path.parent.mkdir(exist_ok=True)
     description = {"method": method, "seeds": seeds, "best_score": scores, "best_epoch": epochs, "wall_s": 60.0}
-    write_tensors(path, {"x": torch.zeros(1)}, {"description": description} | description)
+    write_tensors(path, {"x": torch.zeros(1)}, card(description, t=[0.0], observed=1).to_json())
     return path
 
 

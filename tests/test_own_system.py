@@ -162,7 +162,7 @@ def test_what_it_learned_beats_what_it_began_with(results):
     folder, every = results
     for variant in every:
         stored = store.load(folder / variant / "model.safetensors", classes=["own.predation"])
-        assert stored.failed == [] and np.isfinite(stored.description["best_score"]).all()
+        assert stored.failed == [] and np.isfinite(stored.card.best_score).all()
         losses = [line.metrics["loss"] for line in read_log(folder / variant / "log.jsonl").steps]
         assert np.isfinite(losses).all()
     scores = [line.metrics["validation_score"] for line in read_log(folder / "aphynity/log.jsonl").steps]
@@ -175,7 +175,7 @@ def test_a_model_that_explodes_is_scored_like_the_others(results):
     stored = store.load(folder / "aphynity/model.safetensors", classes=["own.predation"])
     last = stored.model.interaction.rest.layers[-1]
     last.bias.data[1] = 1e3
-    store.save(folder / "wild/model.safetensors", stored.model, stored.description)
+    store.save(folder / "wild/model.safetensors", stored.model, stored.card)
     settings = {"method": "wild", "label": "Wild", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     settings |= {"experiment": NAME, "preset": "corrected", "seeds": [0, 1], "device": "cpu"} | {
         "classes": ["own.predation"]

@@ -56,4 +56,4 @@ def test_a_flow_amortises_it(sets, tmp_path):
     assert ea.predictive(again, y, t, draws=9).quantiles.shape == (3, 2, 3, 31, 2)
     refined = again.refined(noise=0.01, steps=4).forecast(y, t)
     assert refined.chi2.shape == (2, 3) and np.median(refined.chi2) < 100
-    assert len(again.stored.description["misfit"]["validation"][0]) == 10
+    assert len(again.stored.card.misfit.validation[0]) == 10

@@ -52,7 +52,7 @@ def test_classes_and_mappings_make_the_same_model(sets, recipe, fit):
     again = ea.fit(other, sets["train"], sets["validation"], observed_s=1.0, seeds=(0, 1), **OPTIONS)
     first, second = (model.stored.model.state_dict() for model in (fit, again))
     assert all(torch.equal(first[k], second[k]) for k in first)
-    assert again.stored.description["model"]["encoder"]["kind"] == "recurrent"
+    assert again.stored.card.model.encoder["kind"] == "recurrent"
 
 
 def test_the_course_of_the_training_is_kept(fit):

@@ -16,7 +16,7 @@ def undamped():
 
 def test_least_squares_finds_where_its_fits_start(undamped):
     fitted = ea.least_squares(ea.DampedPendulum(), undamped, observed_s=1.0, noise=0.01)
-    low, high = fitted.refinement["prior"]["omega0"]
+    low, high = fitted.refinement.prior["omega0"]
     assert 0.5 < low < 1.0 and 5.0 < high < 7.5  # twice the training's
     found = fitted.forecast(undamped.y[:, :11], T)
     assert np.median(np.abs(found.z_e["omega0"] - undamped.z_e[:, 0])) < 0.05
@@ -30,10 +30,10 @@ def test_augmentation_and_flows_find_their_own(sets, fit, caplog):
     z_e = drawn.train[0].z_e
     assert prior[0] <= z_e.min() and z_e.max() <= prior[1]
     tuned = ea.finetune(fit, sets["train"], sets["validation"], noise=0.01, **OPTIONS)
-    assert tuned.stored.description["augmented_prior"] == drawn.drawn.header["prior"]
+    assert tuned.stored.card.to_json()["augmented_prior"] == drawn.drawn.header["prior"]
     tiny = {"steps": 2, "batch_size": 8, "pool": 16, "held_out": 8, "samples": 3, "solver": {"method": "rk4"}}
     flow = ea.fit_posterior(fit, sets["train"], noise=0.01, **tiny)
-    assert flow.stored.description["prior"] == drawn.drawn.header["prior"]
+    assert flow.stored.card.to_json()["prior"] == drawn.drawn.header["prior"]
 
 
 def test_the_budget_can_be_asked_for(sets, undamped):

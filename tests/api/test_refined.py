@@ -67,7 +67,7 @@ def test_of_a_long_z_a_only_what_varies_most_is_sought(sets, tmp_path):
     trained = ea.fit(recipe, sets["train"], sets["validation"], observed_s=1.0, seeds=[0, 1], **OPTIONS)
     trained.save(tmp_path / "model.safetensors")
     model = ea.load(tmp_path / "model.safetensors")[1]
-    latent = Latent.of(model.stored.description, 10)
+    latent = Latent.of(model.stored.card, 10)
     assert latent.mean.shape == (1, 24) and latent.axes.shape == (1, 10, 24) and latent.size == 10
     window = sets["train"].y[:6, : model.observed]
     z_a = model.stored.model.encode(torch.from_numpy(window).movedim(1, 0).unsqueeze(1)).z_a.mean.detach().double()

@@ -53,7 +53,7 @@ def test_classes_of_ones_own_train_fine_tune_and_are_read_when_given(sets, tmp_p
     with pytest.raises(ea.InputError, match=r"needs .*:Swing, which is not part of expertaug"):
         ea.load(tmp_path / "m.safetensors")
     again = ea.load(tmp_path / "m.safetensors", classes=[Swing, Doubled])
-    assert again.system.gain == 2.0 and again.stored.description["objective"].endswith(":Doubled")
+    assert again.system.gain == 2.0 and again.stored.card.objective.endswith(":Doubled")
     window = sets["test"].y[:, :11]
     np.testing.assert_array_equal(again.forecast(window, T).y, plus.forecast(window, T).y)
     more = ea.finetune(again, sets["train"], sets["validation"], prior=SHIFTED, epochs=1)
@@ -76,13 +76,14 @@ def test_the_mean_of_a_workflow_can_be_used(sets, tmp_path):
     from expertaug.learning.settings import UntrainedOptions
     from expertaug.learning.train import mean
     from expertaug.models import store
+    from expertaug.models.card import RecipeRecord
     from expertaug.presets import resolve
 
     names = dict.fromkeys(("experiment", "method", "label", "preset"), "mean")
     settings = {**names, "choices": resolve("corrected"), "seeds": [0, 1], "training": {}, "t1_s": 1.0}
     settings = UntrainedOptions.from_mapping(settings)
-    stored = mean(ea.DampedPendulum(), sets["train"], settings, {"system": {"name": "pendulum"}, "model": {}})
-    store.save(tmp_path / "m.safetensors", stored.model, stored.description)
+    stored = mean(ea.DampedPendulum(), sets["train"], settings, RecipeRecord(system={"name": "pendulum"}))
+    store.save(tmp_path / "m.safetensors", stored.model, stored.card)
     again = ea.load(tmp_path / "m.safetensors")
     found = again[1].forecast(sets["test"].y[:, :11], T)
     np.testing.assert_allclose(found.y, np.broadcast_to(sets["train"].y.mean(0), found.y.shape), atol=1e-6)

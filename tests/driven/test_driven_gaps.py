@@ -71,7 +71,7 @@ def test_it_is_trained_forecast_and_scored(fit, gappy):
     assert np.array_equal(found.y[0][known, 0, 0], test.y[known, 0, 0]) and (~known).any()
     table = fit.evaluate(test).set_index(["seed", "metric"])["value"]
     assert np.isfinite(table).all() and (0, "log_mse_sum") in table.index
-    assert len(fit.stored.description["misfit"]["validation"][0]) == len(gappy["validation"])
+    assert len(fit.stored.card.misfit.validation[0]) == len(gappy["validation"])
 
 
 def test_augmented_samples_have_inputs_and_gaps_of_their_window(fit, gappy):

@@ -50,7 +50,7 @@ def test_it_trains_is_saved_and_forecasts(fit, plus, sets, tmp_path):
         model.save(tmp_path / "model.safetensors")
         again = ea.load(tmp_path / "model.safetensors")
         assert np.array_equal(again.forecast(window(test), test.t, u=test.u).y, found.y)
-        assert again.stored.description["inputs"] == [["torque", ""]]
+        assert again.stored.card.inputs == [["torque", ""]]
     table = plus.evaluate(test)
     assert np.isfinite(table["value"]).all()
     onwards = fit.forecast(window(test), test.t, u=test.u, start="y_t1")

@@ -72,6 +72,6 @@ def test_refinement_expects_of_the_encoder_what_lies_between_their_forecasts(mod
     refined = replace(encoder, model=estimator_of(encoder, {"steps": 5}, NOISE, {"omega0": (0.5, 3.5)}))
     before, after = (score(one, data, OPTIONS, "y0", CPU, keep=len(data)) for one in (encoder, refined))
     assert "moved" not in before.expected and after.expected.keys() == {"moved", "expected"}
-    observed = encoder.description["observed"]
+    observed = encoder.card.observed
     between = (after.prediction - before.prediction)[:, :, observed:].double().square().sum(-1).mean(-1)
     torch.testing.assert_close(after.expected["moved"][:, after.index], between, rtol=1e-5, atol=1e-8)

@@ -37,4 +37,4 @@ def lines() -> tuple[StoredModel, Trajectories]:
     told = COMMON | {"method": "line", "label": "Line", "t1_s": 1.0}
     how = TrainOptions.from_mapping(told | {"training": {"solver": {"method": "rk4"}}})
     made = prepare(recipe, data, data, how, describe(recipe))
-    return StoredModel(made.trainer.model, {**made.description, "wall_s": 0.0, "failed": []}), data
+    return StoredModel(made.trainer.model, made.card.but(wall_s=0.0, failed=[])), data

@@ -9,7 +9,7 @@ import tiny
 from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.inference import alternate as stage
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import refined_by
 from expertaug.inference.settings import AlternateJob
 from expertaug.learning.train import described_by
 from expertaug.models import store
@@ -46,7 +46,7 @@ def prepared(data, settings):
     settings = job(AlternateJob, settings)
     described = described_by(settings)
     sets = [Trajectories.load(data / f"{name}.npz") for name in ("train", "validation")]
-    return stage.prepare(systems.load(described["system"]), *sets, settings, described)
+    return stage.prepare(systems.load(described.system), *sets, settings, described)
 
 
 def test_finds_the_damping(data, settings):
@@ -56,8 +56,8 @@ def test_finds_the_damping(data, settings):
     stored = training.run()
     validation = Trajectories.load(data / "validation.npz")
     y = torch.from_numpy(validation.y).movedim(1, 0).unsqueeze(1)
-    estimator = estimator_of(stored, **stored.description["refinement"])
-    found = estimator.estimate(y[: stored.description["observed"]])
+    estimator = refined_by(stored, stored.card.refinement)
+    found = estimator.estimate(y[: stored.card.observed])
     states = y[::4]
     with torch.no_grad():
         rates = torch.stack(
@@ -68,7 +68,7 @@ def test_finds_the_damping(data, settings):
     error = (rates[..., 1] - truth).square().mean().sqrt() / truth.square().mean().sqrt()
     assert error < 0.25
     assert ((found.z_e[0] - torch.from_numpy(validation.z_e)).abs() < 0.05).all()
-    assert stored.description["best_score"][0] < -6.5  # the noise alone: ln(2 · 0.01²) = −8.5; the expert alone: −2
+    assert stored.card.best_score[0] < -6.5  # the noise alone: ln(2 · 0.01²) = −8.5; the expert alone: −2
 
 
 def test_goes_on_to_the_same_bits_after_a_kill(data, settings, tmp_path, monkeypatch):
@@ -91,7 +91,7 @@ def test_goes_on_to_the_same_bits_after_a_kill(data, settings, tmp_path, monkeyp
     for key, value in one.model.state_dict().items():
         assert torch.equal(value, other.model.state_dict()[key]), key
     for key in ("best_score", "best_step", "latent"):
-        assert one.description[key] == other.description[key]
+        assert getattr(one.card, key) == getattr(other.card, key)
 
 
 def test_a_seed_is_the_same_alone_and_in_a_group(data, settings):
@@ -130,9 +130,9 @@ def test_a_model_file_holds_what_forecasts_need(data, settings, tmp_path):
     path = tmp_path / "model.safetensors"
     alternate(data, path, tmp_path / "work", settings, None)
     stored = store.load(path)
-    assert stored.description["kind"] == "alternating" and stored.seeds == [0, 1]
+    assert stored.card.kind == "alternating" and stored.seeds == [0, 1]
     windows = torch.from_numpy(Trajectories.load(data / "validation.npz").y[:3, :21]).movedim(1, 0).unsqueeze(1)
-    found = estimator_of(stored, **stored.description["refinement"]).estimate(windows.expand(-1, 2, -1, -1))
+    found = refined_by(stored, stored.card.refinement).estimate(windows.expand(-1, 2, -1, -1))
     assert found.z_e.shape == (2, 3, 1) and found.z_a.shape == (2, 3, 1)
     assert ((found.z_e > 0.5) & (found.z_e < 4)).all()
 

@@ -1,7 +1,5 @@
 """Posteriors by flows: a known one is found, seeds are on their own, files and checkpoints hold all of them."""
 
-import json
-
 import pytest
 import torch
 from known_posterior import COMMON, NOISE, lines
@@ -181,11 +179,11 @@ def whole(pendulum, tmp_path_factory):
 
 def test_a_file_holds_the_flow_and_its_base_model(pendulum, whole, tmp_path):
     stored, base = store.load(whole), models.load(pendulum / "both.safetensors")
-    assert stored.description["base"] == json.loads(json.dumps(base.description))
-    assert stored.description["kind"] == "flow" and stored.seeds == [0, 1] and stored.failed == []
+    assert stored.card.base == base.card
+    assert stored.card.kind == "flow" and stored.seeds == [0, 1] and stored.failed == []
     kept = stored.model.base.state_dict()
     assert all(torch.equal(value, kept[name]) for name, value in base.model.state_dict().items()), "it is frozen"
-    models.save(tmp_path / "again.safetensors", stored.model, stored.description)
+    models.save(tmp_path / "again.safetensors", stored.model, stored.card)
     again = store.load(tmp_path / "again.safetensors")
     y = windows(Trajectories.load(pendulum / "test.npz"), 11, 2)
     for one, other in zip(stored.model.sample(y, 4), again.model.sample(y, 4), strict=True):
@@ -274,7 +272,7 @@ def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path)
     with torch.no_grad():
         theta = done.model.head.density.sample(held.x, torch.zeros(1, *held.theta.shape))[0]
     assert (theta - held.theta)[..., 0].std() < 0.5 * held.theta[..., 0].std(), "windows tell the diffusion"
-    models.save(tmp_path / "flow.safetensors", done.model, done.description)
+    models.save(tmp_path / "flow.safetensors", done.model, done.card)
     again = store.load(tmp_path / "flow.safetensors", classes=[system["name"]]).model
     assert torch.equal(again.sample(y, 32)[0], z_e)
     with pytest.raises(InputError, match="needs field_systems:Fisher"):

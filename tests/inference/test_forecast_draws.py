@@ -132,7 +132,7 @@ def test_a_flow_is_ranked_on_the_draws_that_it_learns_from():
     stored.model.eval()
     own = {**OWN, "prior": told["prior"], "noise": LINE_NOISE}
     t = torch.from_numpy(data.t).float()
-    how = drawing(stored, t=t, begin=1, observed=stored.description["observed"], noise=LINE_NOISE)
+    how = drawing(stored, t=t, begin=1, observed=stored.card.observed, noise=LINE_NOISE)
     arrays = of_own_windows(stored, data, own, 30, how)
     assert arrays["own_ranks"].shape == (len(stored.seeds), 30, 1) and int(arrays["rank_draws"]) == 8
     assert np.isfinite(arrays["own_crps"]).all()

@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 import torch
 
+from cards import card
 from expertaug import systems
 from expertaug.api.arrays import RefinementOptions
 from expertaug.errors import InputError
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import estimator_of, refined_by
 from expertaug.inference.levenberg_marquardt import minimise
 from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_problem import given_components, seen_components
 from expertaug.learning import train as train_stage
 from expertaug.learning.settings import UntrainedOptions
 from expertaug.models import describe, store
+from expertaug.models.card import RecipeRecord
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.posterior import unconstrain
@@ -34,7 +36,7 @@ def expert_alone(name, data):
     bound = [10 * float(np.abs(data.y).max())] * data.y.shape[2]
     described = {"kind": "least_squares", "system": {"name": name}, "t": T.tolist(), "observed": OBSERVED}
     described |= {"bound": bound, "training": {}, "seeds": [0, 1]}
-    return store.StoredModel(Decoder(systems.load({"name": name})), described)
+    return store.StoredModel(Decoder(systems.load({"name": name})), card(described))
 
 
 def windows(data, seeds=2):
@@ -121,10 +123,10 @@ def test_the_true_equation_is_a_floor(name):
     settings["training"] = {"solver": solver} if solver else {}
     settings |= {"experiment": "e", "method": "truth", "label": "t", "preset": "corrected", "refinement": given}
     settings = UntrainedOptions.from_mapping(settings)
-    described = {"system": {"name": name}, "model": {}, "expert": True, "interaction": False}
+    described = RecipeRecord.of(system={"name": name}, interaction=False)
     stored = train_stage.expert_alone(system, data, settings, described, truth=True)
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).float()
-    found = estimator_of(stored, **stored.description["refinement"]).estimate(y.expand(-1, 2, *y.shape[2:]))
+    found = refined_by(stored, stored.card.refinement).estimate(y.expand(-1, 2, *y.shape[2:]))
     expected = torch.from_numpy(data.z_e).float()
     assert ((found.z_e[0] - expected) / expected).abs().mean() < (0.02 if noise else 1e-4)
     assert (found.z_a[0] - torch.from_numpy(data.z_a).float()).abs().mean() < 0.05 * data.z_a.mean()
@@ -132,7 +134,7 @@ def test_the_true_equation_is_a_floor(name):
     beyond = {k: (10 * high, 20 * high) for k, (_, high) in z_a.items()} if name == "reaction_diffusion" else z_a
     far = trajectories(system, ranges, beyond, n=4, t=t, noise=noise, seed=3)
     y = torch.from_numpy(far.y).movedim(1, 0).unsqueeze(1).float().expand(-1, 2, -1, *[-1] * (far.y.ndim - 2))
-    found = estimator_of(stored, **stored.description["refinement"]).estimate(y)
+    found = refined_by(stored, stored.card.refinement).estimate(y)
     assert (found.z_a[0] - torch.from_numpy(far.z_a).float()).abs().mean() < 0.05 * far.z_a.mean()
     with pytest.raises(InputError, match="only simulated data have a true equation"):
         train_stage.expert_alone(system, replace(data, z_a=None), settings, described, truth=True)
@@ -144,20 +146,20 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
     train, validation = (Trajectories.load(data / f"{name}.npz") for name in ("train", "validation"))
     settings = train_job(settings)
     described = train_stage.described_by(settings)
-    recipe = describe.recipe_of(systems.load(described["system"]), described)
+    recipe = describe.recipe_of(systems.load(described.system), described)
     run = train_stage.prepare(recipe, train, validation, settings, described)
     stored = run.run()
-    latent = stored.description["latent"]
-    assert np.shape(latent["mean"]) == np.shape(latent["std"]) == (2, 8)
-    y = torch.from_numpy(train.y).float().movedim(1, 0)[: stored.description["observed"]].unsqueeze(1)
+    latent = stored.card.latent
+    assert np.shape(latent.mean) == np.shape(latent.std) == (2, 8)
+    y = torch.from_numpy(train.y).float().movedim(1, 0)[: stored.card.observed].unsqueeze(1)
     y = y.expand(-1, 2, *y.shape[2:])
     mean = stored.model.encode(y).z_a.mean.double().mean(1)
-    torch.testing.assert_close(torch.tensor(latent["mean"], dtype=torch.float64), mean, rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(torch.tensor(latent.mean, dtype=torch.float64), mean, rtol=1e-5, atol=1e-6)
 
     own = stored.model.estimate(y)
     alone = estimator_of(stored, {"starts": 0}, 0.01, None)  # no start but the model's own
-    t = torch.tensor(stored.description["t"])
-    observed = stored.description["observed"]
+    t = torch.tensor(stored.card.t)
+    observed = stored.card.observed
 
     def misfit(found):
         states = stored.model.forecast(found.y0, found.z_e, found.z_a, t[:observed], Solver("rk4"))
@@ -261,8 +263,8 @@ def test_what_cannot_be_fitted_is_one_line():
         estimator_of(stored, {"windows": {"speed": [0, 1]}}, NOISE, PRIOR)
     with pytest.raises(InputError, match="give a range for each of"):
         estimator_of(stored, None, NOISE, {"L": (1, 2)})
-    old = replace(stored, description={**stored.description, "kind": "hybrid"})
+    old = replace(stored, card=stored.card.but(kind="hybrid"))
     with pytest.raises(InputError, match="does not say where its z_a lie; train it again"):
         estimator_of(old, None, NOISE, PRIOR)
     with pytest.raises(InputError, match="only models with an expert"):
-        estimator_of(replace(stored, description={**stored.description, "kind": "mean"}), None, NOISE, PRIOR)
+        estimator_of(replace(stored, card=stored.card.but(kind="mean")), None, NOISE, PRIOR)

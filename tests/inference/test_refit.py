@@ -36,9 +36,9 @@ class Friction(nn.Module):
 
 
 def stored(decoder, data):
-    description = expert_alone("pendulum", data).description
+    alone = expert_alone("pendulum", data).card
     latent = {"mean": [[0.3]] * 2, "std": [[0.17]] * 2}
-    return StoredModel(decoder, {**description, "kind": "alternating", "latent": latent})
+    return StoredModel(decoder, alone.but(kind="alternating", latent=latent))
 
 
 def made(drag, z_e, n=16):

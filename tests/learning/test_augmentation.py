@@ -13,6 +13,7 @@ from expertaug.learning import augmentation
 from expertaug.learning.mixture import mixture
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.sets import StackedSet
+from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.presets import ROWS, Choices, resolve
@@ -47,7 +48,7 @@ def test_augmented_samples_are_the_models_own(trained, data, tmp_path, settings)
     assert plus.z_e.min() >= 0.5 and plus.z_e.max() <= 3.5 and plus.z_e.max() - plus.z_e.min() > 2.5
     assert not torch.equal(plus.z_e[0], plus.z_e[1]), "every seed draws its own"
     _, z_a = stored.model.encode(real.y[:11].expand(-1, 2, -1, -1)).mean
-    t = torch.tensor(stored.description["t"][:11])
+    t = torch.tensor(stored.card.t[:11])
     expected = stored.model.forecast(real.y[0].expand(2, -1, -1), plus.z_e, z_a, t, Solver("rk4"))
     torch.testing.assert_close(plus.y, expected.detach())
 
@@ -115,7 +116,7 @@ def test_finetuning_changes_the_encoder_and_nothing_else(trained, data, tmp_path
     settings |= {"method": "aphynity+", "label": "APHYNITY+"}
     finetune(trained, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "work", settings, None)
     before, after = store.load(trained), store.load(tmp_path / "plus.safetensors")
-    assert after.description["label"] == "APHYNITY+" and after.description["best_epoch"] != [0, 0]
+    assert after.card.label == "APHYNITY+" and after.card.best_epoch != [0, 0]
     head_frozen = "frozen" in choices
     for name, value in before.model.state_dict().items():
         frozen = name.startswith("decoder.") or (head_frozen and name.startswith("encoder.head."))
@@ -136,7 +137,7 @@ def test_the_control_takes_the_same_steps_on_real_data_alone(trained, data, tmp_
         steps[name] = max(line["step"] for line in lines if "step" in line)
     assert steps["plus"] == steps["control"] > 0
     before, after = store.load(trained), store.load(tmp_path / "control/m.st")
-    assert after.description["method"] == "aphynity=" and after.description["augmented_prior"] == PRIOR
+    assert after.card.method == "aphynity=" and after.card.to_json()["augmented_prior"] == PRIOR
     for name, value in before.model.state_dict().items():
         assert torch.equal(value, after.model.state_dict()[name]) == name.startswith("decoder."), name
 
@@ -147,7 +148,7 @@ def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, sett
     train(data, tmp_path / "m.st", tmp_path / "work", settings, None)
     augmented(tmp_path / "m.st", data, tmp_path, settings)
     finetune(tmp_path / "m.st", tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
-    assert store.load(tmp_path / "p.st").description["preset"] == preset
+    assert store.load(tmp_path / "p.st").card.preset == preset
 
 
 def test_the_mean_cannot_be_augmented(data, tmp_path, settings):
@@ -171,7 +172,7 @@ class TestPresetRows:
 
         def compute(model=None, supervised=0.0, lambda0=10.0, batch=batch, points=None, task_keys=None, **choices):
             objective = Aphynity([0, 1], resolve("corrected", choices), lambda0=lambda0)
-            task = task_of({}, stored.description, CPU, torch.tensor([0.5]))
+            task = task_of(TrainSettings(), stored.card, CPU, torch.tensor([0.5]))
             task = replace(task, horizon=objective.window(task), **(task_keys or {}))
             batch = type(batch)(batch.y, batch.z_e, torch.full_like(batch.supervised, supervised), z_a=batch.z_a)
             objective.begin(model or stored.model, batch, task)
@@ -265,8 +266,8 @@ class TestPresetRows:
             settings["choices"]["observed_points"] = choice
             train(data, tmp_path / "m.st", tmp_path / "w", settings, None)
             stored = store.load(tmp_path / "m.st")
-            assert stored.description["observed"] == points
-            task = task_of({}, stored.description, CPU)
+            assert stored.card.observed == points
+            task = task_of(TrainSettings(), stored.card, CPU)
             assert task.selection(Choices(selection="observed")) == range(1, points)
             assert task.selection(Choices(selection="forecast")) == range(points, 21)
 
@@ -280,7 +281,7 @@ def test_worst_case_sampling_draws_more_where_the_estimates_are_bad(trained, dat
     again, _, _ = augmented(trained, data, tmp_path, settings | {"worst": 1.0})
     assert torch.equal(on.y, again.y) and header["options"]["worst"] == 1.0
     stored = store.load(trained)
-    task = task_of(stored.description["training"], stored.description, CPU)
+    task = task_of(stored.card.training, stored.card, CPU)
     real, ends = (
         StackedSet.of(Trajectories.load(data / "train.npz"), CPU),
         augmentation.prior_range(stored.model, PRIOR),

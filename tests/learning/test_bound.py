@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from cards import card
 from expertaug import systems
 from expertaug.errors import SolveError
 from expertaug.learning import augmentation
@@ -60,13 +61,13 @@ def test_what_lies_beyond_is_moved_to_the_bound_and_the_rest_is_not_touched():
 
 def test_the_model_file_has_the_bound_and_finetuning_keeps_it(data, tmp_path, settings, trained):
     y = Trajectories.load(data / "train.npz").y
-    assert trained.description["bound"] == pytest.approx((10 * np.abs(y).max((0, 1))).tolist())
+    assert trained.card.bound == pytest.approx((10 * np.abs(y).max((0, 1))).tolist())
     augment(tmp_path / "model.safetensors", data, tmp_path / "p", settings | {"prior": PRIOR, "noise": 0.0})
     args = tmp_path / "model.safetensors", tmp_path / "p", data, tmp_path / "plus", tmp_path / "w"
     finetune(*args, settings, None)
     tuned = store.load(tmp_path / "plus")
-    assert tuned.description["bound"] == trained.description["bound"] and tuned.description["failed"] == []
-    assert task_of({}, {k: v for k, v in tuned.description.items() if k != "bound"}, CPU).bound is None
+    assert tuned.card.bound == trained.card.bound and tuned.card.failed == []
+    assert task_of(TrainSettings(), tuned.card.but(bound=None), CPU).bound is None
 
 
 def double_pendulum(latent=2):
@@ -75,8 +76,8 @@ def double_pendulum(latent=2):
     description |= {"t": [0.01 * k for k in range(20)], "expert": True, "interaction": True}
     description["model"] = {"encoder": encoder | {"latent": latent}, "interaction": {"kind": "mlp", "layers": [4]}}
     description["bound"] = [30.0, 30.0, 500.0, 500.0]
-    model = store.make(systems.load(description["system"]), description)
-    return model, task_of({"horizon_s": 0.19}, description, CPU)
+    model = store.make(systems.load(description["system"]), card(description))
+    return model, task_of(TrainSettings.from_mapping({"horizon_s": 0.19}), card(description), CPU)
 
 
 def test_a_finite_forecast_beyond_the_bound_is_left_out_of_the_loss():
@@ -111,7 +112,7 @@ def test_where_the_mean_latents_run_away_too_another_sample_stands_in():
 
 
 def test_a_runaway_does_not_feed_the_multiplier(data, settings, trained):
-    task, batch = task_of({}, trained.description, CPU), batch_of(data)
+    task, batch = task_of(TrainSettings(), trained.card, CPU), batch_of(data)
     wild = replace(batch, y=batch.y.clone())
     wild.y[:, :, 3] = 1e18  # the squared error of a forecast from there is infinite
     found = []
@@ -127,7 +128,7 @@ def test_a_runaway_does_not_feed_the_multiplier(data, settings, trained):
 def test_validation_counts_a_runaway_at_the_bound(data, settings, trained):
     batch = StackedSet.of(Trajectories.load(data / "validation.npz"), CPU)
     whole, points = batch.whole(2), range(1, 11)
-    task = task_of({}, trained.description, CPU)
+    task = task_of(TrainSettings(), trained.card, CPU)
     z_e, z_a = trained.model.encode(whole.y[: task.observed]).mean
     free = trained.model.forecast(whole.y[0], z_e, z_a, task.t[:11], task.solver)[1:].detach()
     for bound in (torch.tensor([0.1, 0.2]), task.bound):
@@ -155,7 +156,7 @@ def test_a_solver_that_gives_up_is_followed_by_a_fixed_grid(trained, data):
 def test_draws_that_run_away_are_drawn_again(trained, data):
     """Faster than 20 rad/s the pendulum turns over in steps of .1 s; about half of p⁺ is slower."""
     real = StackedSet.of(Trajectories.load(data / "train.npz"), CPU)
-    task = task_of({}, trained.description, CPU)
+    task = task_of(TrainSettings(), trained.card, CPU)
     plus = augmentation.generate(trained.model, real, task, [0, 1], {"omega0": [1.0, 40.0]}, 0.0, 0)
     free = replace(task, bound=None)
     before = augmentation.generate(trained.model, real, free, [0, 1], {"omega0": [1.0, 40.0]}, 0.0, 0)
@@ -167,7 +168,7 @@ def test_draws_that_run_away_are_drawn_again(trained, data):
 
 def test_a_prior_that_always_runs_away_ends_in_bounded_samples_and_a_warning(trained, data, caplog):
     real = StackedSet.of(Trajectories.load(data / "train.npz"), CPU)
-    task = task_of({}, trained.description, CPU)
+    task = task_of(TrainSettings(), trained.card, CPU)
     with caplog.at_level(logging.WARNING):
         plus = augmentation.generate(trained.model, real, task, [0, 1], {"omega0": [1e5, 1e6]}, 0.0, 0)
     assert within(plus.y, task.bound).all() and len(plus) == 40
@@ -241,7 +242,7 @@ def test_a_seed_without_a_finite_validation_score_is_left_out(data, tmp_path, se
     monkeypatch.setattr(Trainer, "score", lambda self: torch.tensor([math.inf, 1.0]))
     train(data, tmp_path / "m.st", tmp_path / "work", settings, None)
     stored = store.load(tmp_path / "m.st")
-    assert stored.failed == [0] and stored.description["best_score"] == [None, 1.0]
+    assert stored.failed == [0] and stored.card.best_score == [None, 1.0]
     assert "no validation forecast" in events(tmp_path)[0][1]
 
 

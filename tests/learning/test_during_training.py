@@ -38,9 +38,9 @@ def test_snapshots_are_the_states_after_their_passes_and_change_nothing(data, tm
     assert list(found) == [1, 3] and found[1].seeds == [0, 1]
     assert not same(found[1].model.state_dict(), found[3].model.state_dict())
     last = store.load(tmp_path / "kept/model.safetensors")
-    if last.description["best_epoch"] == [3, 3]:
+    if last.card.best_epoch == [3, 3]:
         assert same(found[3].model.state_dict(), kept)
-    assert found[1].description["carried"] is not None and found[1].description["wall_s"] > 0
+    assert found[1].card.carried is not None and found[1].card.wall_s > 0
 
 
 def test_snapshots_survive_a_kill(data, tmp_path, settings, monkeypatch):

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 import torch
 
+from cards import card
 from expertaug import systems
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.log_evaluations import log_evaluations
@@ -104,9 +105,9 @@ def test_three_dimensions_pass_the_convolutions():
 def test_a_model_file_of_fields_is_read_again(tmp_path):
     t = [0.0, 0.1, 0.2]
     recipe = HybridModel(systems.load(SYSTEM), *PARTS[1])
-    description = describe(recipe) | {"kind": "hybrid", "t": t, "observed": 3, "seeds": [4]}
+    description = describe(recipe).model_dump() | {"kind": "hybrid", "t": t, "observed": 3, "seeds": [4]}
     model = recipe.build(t, [4])
-    store.save(tmp_path / "m", model, description)
+    store.save(tmp_path / "m", model, card(description))
     again = store.load(tmp_path / "m", classes=["field_systems:Fisher"]).model
     y = torch.rand(3, 1, 2, 1, 64)
     assert torch.equal(again.encode(y).z_e.mean, model.encode(y).z_e.mean)

@@ -5,12 +5,14 @@ import json
 import pytest
 import torch
 
+from cards import card
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
 from expertaug.learning.hvae import HybridVAE, raw_prior
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import Batch, StackedSet
+from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.posterior import Gaussian, unconstrain
@@ -42,7 +44,7 @@ def case(data, tmp_path, settings):
     settings["training"]["epochs"] = 1
     stored = run(data, tmp_path, settings)
     batch = StackedSet.of(Trajectories.load(data / "train.npz"), CPU).whole(2)
-    return stored.model, batch, task_of({}, stored.description, CPU, torch.tensor([0.5]))
+    return stored.model, batch, task_of(TrainSettings(), stored.card, CPU, torch.tensor([0.5]))
 
 
 def objective(seeds=(0, 1), choices=None, **options):
@@ -218,7 +220,7 @@ def test_z_a_of_augmented_samples_is_drawn(data, tmp_path, settings):
     real = StackedSet.of(Trajectories.load(data / "train.npz"), CPU)
     plus = {z_a: augmented(tmp_path / "model.safetensors", data, tmp_path, settings, augmentation_noise="none",
                            augmented_z_a=z_a)[0] for z_a in ("posterior", "prior")}  # fmt: skip
-    t = torch.tensor(stored.description["t"][:11])
+    t = torch.tensor(stored.card.t[:11])
     y = real.y.expand(-1, 2, -1, -1)
     noise = Noise([0, 1], 0, 1).normal(40, 1)
     for name, z_a in (("posterior", stored.model.encode(y[:11]).z_a.draw(lambda k: noise)), ("prior", noise)):
@@ -248,7 +250,7 @@ def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, sett
     model = tmp_path / "model.safetensors"
     augmented(model, data, tmp_path, settings)
     finetune(model, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
-    assert store.load(tmp_path / "p.st").description["preset"] == preset
+    assert store.load(tmp_path / "p.st").card.preset == preset
 
 
 def test_fields_have_the_same_objective():
@@ -258,11 +260,11 @@ def test_fields_have_the_same_objective():
     description = {"model": model, "seeds": [0, 1], "t": [0.0, 0.1, 0.2], "observed": 3, "expert": True}
     description |= {"interaction": True, "likelihood": True}
     system = systems.load({"name": "reaction_diffusion"})
-    stacked = store.make(system, description)
+    stacked = store.make(system, card(description))
     y = torch.rand(3, 1, 4, 2, 32, 32, generator=torch.Generator().manual_seed(0))
     stacked.fit(y[:, 0])
     batch = StackedSet(y, torch.full((1, 4, 2), 0.002), torch.ones(4)).whole(2)
-    task = task_of({}, description, CPU, torch.tensor([1e-3, 2e-3]))
+    task = task_of(TrainSettings(), card(description), CPU, torch.tensor([1e-3, 2e-3]))
     loss, parts = HybridVAE([0, 1], resolve("corrected"), {"a": [0.001, 0.004], "b": [0.001, 0.01]}).loss(
         stacked, batch, task
     )

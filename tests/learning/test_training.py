@@ -5,6 +5,7 @@ import json
 import pytest
 import torch
 
+from cards import card
 from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.learning import objectives
@@ -103,7 +104,7 @@ def test_the_best_model_by_validation_is_kept(data, tmp_path, settings, monkeypa
     monkeypatch.setattr(Trainer, "score", score)
     run(data, tmp_path, settings)
     stored = store.load(tmp_path / "model.safetensors")
-    assert stored.description["best_epoch"] == [1, 2]
+    assert stored.card.best_epoch == [1, 2]
     for name, value in stored.model.state_dict().items():
         assert torch.equal(value[0], states[0][name][0])
         assert torch.equal(value[1], states[1][name][1])
@@ -124,8 +125,8 @@ def test_a_sample_that_runs_away_is_left_out():
     encoder = {"kind": "window", "windows": {"theta1": [0.0, 0.1]}, "angles": ["theta1"], "layers": [5], "latent": 2}
     description |= {"t": [0.01 * k for k in range(20)], "expert": True, "interaction": True}
     description["model"] = {"encoder": encoder, "interaction": {"kind": "mlp", "layers": [4]}}
-    model = store.make(systems.load(description["system"]), description)
-    task = task_of({"horizon_s": 0.19}, description, torch.device("cpu"))
+    model = store.make(systems.load(description["system"]), card(description))
+    task = task_of(TrainSettings.from_mapping({"horizon_s": 0.19}), card(description), torch.device("cpu"))
     y0, z_a = torch.rand(2, 3, 4), torch.rand(2, 3, 2)
     z_e = torch.tensor([[[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]] * 2)
     z_e[0, 1] = 1e5

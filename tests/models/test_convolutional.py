@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from cards import card
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
@@ -25,7 +26,7 @@ def make(seeds, **interaction):
     model = MODEL | {"interaction": MODEL["interaction"] | interaction}
     description = {"kind": "hybrid", "t": T, "observed": 4, "seeds": seeds, "expert": True, "interaction": True}
     description |= {"system": SYSTEM, "model": model}
-    return store.make(systems.load(SYSTEM), description), description
+    return store.make(systems.load(SYSTEM), card(description)), description
 
 
 def fields(seeds, samples=3):
@@ -84,7 +85,7 @@ def test_one_seed_needs_no_seed_axis():
 
 def test_saves_and_loads_to_the_same_bits(tmp_path):
     model, description = make([0, 1])
-    store.save(tmp_path / "m.safetensors", model, description)
+    store.save(tmp_path / "m.safetensors", model, card(description))
     again, y, t = store.load(tmp_path / "m.safetensors").model, fields(2), torch.tensor(T)
     assert torch.equal(model.predict(y[:4], t, Solver("rk4"))[0], again.predict(y[:4], t, Solver("rk4"))[0])
 

@@ -12,6 +12,7 @@ from safetensors.torch import save_file
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
+from expertaug.models.card import ModelCard
 from expertaug.models.tensor_file import DIGEST, HEADER, _digest, read_tensors, write_tensors
 from expertaug.systems.solvers.solver import Solver
 
@@ -48,9 +49,8 @@ class Encoder(expertaug.models.encoders.recurrent.RecurrentEncoder):
 
 
 def write(path, description=DESCRIPTION, extra=None):
-    made = {k: v for k, v in DESCRIPTION.items() if k != "system"}
-    model = store.make(PENDULUM, made)
-    store.save(path, model, {**description, **(extra or {})})
+    model = store.make(PENDULUM, ModelCard.from_mapping(DESCRIPTION))
+    store.save(path, model, ModelCard.from_mapping({**description, **(extra or {})}))
     return model
 
 
@@ -64,9 +64,9 @@ def forged(path, header):
 def test_it_holds_times_units_and_solver(tmp_path):
     write(tmp_path / "m", extra={"forecast_solver": store.forecast_solver(Solver("lawson4"), PENDULUM).to_json()})
     stored = store.load(tmp_path / "m")
-    assert stored.description["t"][:4] == DESCRIPTION["t"][:4] and stored.seeds == [3, 4]
-    assert stored.description["state"] == [["theta", "rad"], ["omega", "rad/s"]]
-    assert stored.description["expert_parameters"] == [["omega0", "rad/s"]]
+    assert stored.card.t[:4] == DESCRIPTION["t"][:4] and stored.seeds == [3, 4]
+    assert stored.card.state == [["theta", "rad"], ["omega", "rad/s"]]
+    assert stored.card.expert_parameters == [["omega0", "rad/s"]]
     assert stored.solver == Solver("lawson4")
     assert store.forecast_solver(None, PENDULUM) == store.ACCURATE
     assert store.forecast_solver(Solver("rk4"), PENDULUM) == store.ACCURATE
@@ -103,12 +103,15 @@ def test_a_file_without_a_digest_is_refused(tmp_path):
         ("[" * 100_000 + "]" * 100_000, "not a file of this package"),
         ("{", "not a file of this package"),
         ("{}", "describes no model"),
-        (DESCRIPTION | {"kind": "other"}, "describes no model .*kind 'other'"),
+        (DESCRIPTION | {"kind": "other"}, "describes no model .*kind: found 'other'"),
         (DESCRIPTION | {"t": "abc"}, "describes no model"),
-        (DESCRIPTION | {"t": [0, 0, 1, 2]}, "t does not increase"),
-        (DESCRIPTION | {"observed": 99}, "observed 99"),
+        (DESCRIPTION | {"t": [0, 0, 1, 2]}, "t: does not increase"),
+        (DESCRIPTION | {"observed": 99}, "observed: found 99"),
         (DESCRIPTION | {"observed": [1]}, "describes no model"),
         (DESCRIPTION | {"seeds": []}, "describes no model"),
+        (DESCRIPTION | {"seeds": [0, 1, 2]}, "it describes 3 seeds"),
+        (DESCRIPTION | {"seeds": list(range(200_000))}, "describes no model .*seeds"),
+        (DESCRIPTION | {"obsrved_s": 1.0}, "describes no model .*obsrved_s: unknown key; did you mean 'observed_s'?"),
         (DESCRIPTION | {"system": 3}, "describes no model"),
         (DESCRIPTION | {"model": {"encoder": 3}}, "describes no model"),
         (DESCRIPTION | {"model": DESCRIPTION["model"] | {"encoder": {"kind": "recurrent", "hidden": -1}}}, "no model"),
@@ -126,6 +129,45 @@ def test_a_header_that_makes_no_model_is_one_line(tmp_path, header, expected):
     with pytest.raises(InputError, match=expected) as caught:
         store.load(path)
     assert "\n" not in str(caught.value)
+
+
+def other_values(value):
+    """What a forger may write instead of a value."""
+    yield from (None, [], {}, "", -1, 1e30, True, [None], [[1]], {"a": 1})
+    if isinstance(value, list) and value:
+        yield from (value[:1], value + value[:1], [str(v) for v in value], list(range(40)))
+    if isinstance(value, dict):
+        yield from ({k: v for k, v in value.items() if k != lost} for lost in value)
+        for key, inner in value.items():
+            yield from (value | {key: other} for other in other_values(inner))
+
+
+def test_whatever_a_forged_header_says_is_a_model_or_one_line_with_the_files_name(tmp_path):
+    path = tmp_path / "m"
+    write(path, extra={"bound": [3.0, 3.0], "training": {"solver": {"method": "rk4"}}, "failed": [3]})
+    header, tensors = read_tensors(path)
+    refused = 0
+    for key, value in header.items():
+        for other in other_values(value):
+            text = json.dumps(header | {key: other})
+            save_file(tensors, path, metadata={HEADER: text, DIGEST: _digest(text, tensors)})
+            try:
+                stored = store.load(path)
+            except InputError as error:
+                refused += 1
+                assert str(error).startswith(str(path)) and "\n" not in str(error)
+            else:
+                assert stored.seeds == [3, 4] or len(stored.seeds) == 2
+    assert refused > 100
+
+
+def test_a_weight_that_is_no_number_is_refused_with_the_files_name(tmp_path):
+    model = write(tmp_path / "m")
+    with torch.no_grad():
+        next(model.parameters()).view(-1)[0] = torch.nan
+    store.save(tmp_path / "m", model, ModelCard.from_mapping(DESCRIPTION))
+    with pytest.raises(InputError, match=r"/m: the tensor encoder\..* has values that are no numbers; train it again"):
+        store.load(tmp_path / "m")
 
 
 class TestClassesFromElsewhere:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from cards import card
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
@@ -49,7 +50,7 @@ def describe(case, seeds, **extra):
 
 def make(case, seeds, **extra):
     description = describe(case, seeds, **extra)
-    return store.make(systems.load(case["system"]), description), description
+    return store.make(systems.load(case["system"]), card(description)), description
 
 
 def data_for(case, seeds, samples=6):
@@ -81,7 +82,7 @@ class TestEveryModel:
 
     def test_saves_and_loads_to_the_same_bits(self, case, parts, tmp_path):
         model, description = make(case, [0, 1], **parts)
-        store.save(tmp_path / "m.safetensors", model, description)
+        store.save(tmp_path / "m.safetensors", model, card(description))
         again = store.load(tmp_path / "m.safetensors")
         y, t = data_for(case, 2), torch.tensor(description["t"])
         assert again.seeds == [0, 1]
@@ -180,7 +181,7 @@ def test_bad_model_settings_are_named(tmp_path):
 def test_a_file_whose_layers_have_changed_is_refused(tmp_path):
     model, description = make(PENDULUM, [0])
     model.encoder.more = torch.nn.Linear(1, 1)
-    store.save(tmp_path / "m.safetensors", model, description)
+    store.save(tmp_path / "m.safetensors", model, card(description))
     with pytest.raises(InputError, match="holds other layers than it describes; train it again"):
         store.load(tmp_path / "m.safetensors")
 

@@ -7,6 +7,7 @@ import torch
 from torch import nn
 
 import plain_parts as parts
+from cards import card
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
@@ -90,8 +91,8 @@ def test_what_fit_learns_is_the_same_for_every_seed_and_kept(tmp_path):
     model = whole.build(TIMES, [0, 1])
     model.fit(windows(None))
     assert torch.equal(model.encoder.module.size, windows(None).std().expand(2))
-    description = describe(whole) | {"kind": "hybrid", "t": TIMES.tolist(), "observed": 5, "seeds": [0, 1]}
-    store.save(tmp_path / "m.safetensors", model, description)
+    description = describe(whole).model_dump() | {"kind": "hybrid", "t": TIMES.tolist(), "observed": 5, "seeds": [0, 1]}
+    store.save(tmp_path / "m.safetensors", model, card(description))
     again = store.load(tmp_path / "m.safetensors", classes=[parts.KeywordEncoder]).model
     assert torch.equal(
         again.predict(windows(2), TIMES, Solver())[0], model.eval().predict(windows(2), TIMES, Solver())[0]

@@ -38,7 +38,7 @@ def test_every_form_of_a_part_makes_the_same_networks():
 def test_a_description_makes_the_same_recipe():
     recipe = HybridModel(SYSTEM, partial(parts.LinearEncoder, width=(4)), partial(parts.LinearInteraction, width=3))
     described = describe(recipe)
-    assert described == {
+    assert described.model_dump() == {
         "system": {"name": "rlc", "source_rad_s": 3.0},
         "model": {
             "encoder": {"kind": "plain_parts:LinearEncoder", "width": 4},
@@ -54,7 +54,7 @@ def test_a_description_makes_the_same_recipe():
 
 def test_without_interaction_a_description_says_so():
     described = describe(HybridModel(SYSTEM, parts.LinearEncoder, expert=False))
-    assert described["interaction"] is False and described["expert"] is False
+    assert described.interaction is False and described.expert is False
     assert recipe_of(system_of(described), described).build_one(TIMES).decoder.interaction is None
 
 

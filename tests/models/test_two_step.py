@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from cards import card
 from expertaug import systems
 from expertaug.models import store
 from expertaug.models.encoders.two_step import LOG_STD, SPREAD
@@ -26,7 +27,7 @@ def make(case, seeds):
     t = [case["step"] * k for k in range(20)]
     description = {"kind": "hybrid", "t": t, "observed": 11, "seeds": seeds, "model": model, **parts}
     description["system"] = case["system"]
-    model = store.make(systems.load(case["system"]), description)
+    model = store.make(systems.load(case["system"]), card(description))
     model.fit(data_for(case, 1)[:11, 0])
     return model, description
 
@@ -128,7 +129,7 @@ def test_saves_and_loads_to_the_same_bits(case, tmp_path):
     model, description = make(case, [0, 1])
     with torch.no_grad():
         model.likelihood.log_scale.sub_(0.3)
-    store.save(tmp_path / "m.safetensors", model, description)
+    store.save(tmp_path / "m.safetensors", model, card(description))
     again = store.load(tmp_path / "m.safetensors").model
     y = data_for(case, 2)
     assert torch.equal(model.encode(y[:11]).mean[0], again.encode(y[:11]).mean[0])

@@ -15,6 +15,7 @@ from expertaug.inference.settings import AlternateOptions, AlternatingSettings
 from expertaug.learning.settings import UntrainedOptions
 from expertaug.learning.train import expert_alone
 from expertaug.models import describe
+from expertaug.models.card import RecipeRecord
 from expertaug.models.kinds import INTERACTION
 from expertaug.models.recipe import HybridModel
 from expertaug.systems import System
@@ -80,15 +81,15 @@ def alternate(
     recipe = HybridModel(system, {}, interaction)  # without an encoder
     check_sets(recipe, train, validation)
     part = describe.settings_of(INTERACTION, interaction)
-    described = {"system": systems.describe(system), "model": {"interaction": part}}
+    described = RecipeRecord.of(system=systems.describe(system), model={"interaction": part})
     fitting, training = refinement_of(system, refinement, noise, prior), AlternatingSettings.from_mapping(options)
     named = (system, "alternating", label, observed_s, start)
     chosen = seeds_of(seeds)
     if prior is None:
         of_expert = fit_options(UntrainedOptions, *named, fitting, seeds=chosen)
-        alone = expert_alone(system, train, of_expert, {**described, "model": {}})
+        alone = expert_alone(system, train, of_expert, described)
         found = of_expert_alone(alone, train, fitting.noise, fitting.settings)
         fitting = fitting.model_copy(update={"prior": found})
     settings = fit_options(AlternateOptions, *named, fitting, training=training, seeds=chosen)
     stored = prepare(system, train, validation, settings, described, describe.own_classes(recipe)).run()
-    return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.description["refinement"])
+    return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.card.refinement)

@@ -91,7 +91,7 @@ def check_sets(model: HybridModel | TrainedModel, train: Trajectories, validatio
 def check_trained(model: TrainedModel, train: Trajectories, validation: Trajectories) -> None:
     if not isinstance(model, TrainedModel):
         raise InputError("model", f"is {type(model).__name__}", "give what expertaug.fit returns")
-    if model.stored.description["kind"] != "hybrid":
-        raise InputError("model", f"a {model.stored.description['kind']} model", "only hybrid models can be augmented")
+    if model.stored.card.kind != "hybrid":
+        raise InputError("model", f"a {model.stored.card.kind} model", "only hybrid models can be augmented")
     check_sets(model, train, validation)
     arrays.same_times(train.t, model.t, "train", "give the sets of its training")

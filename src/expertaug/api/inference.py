@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
@@ -16,6 +17,7 @@ from expertaug.inference.own_prior import OwnPrior
 from expertaug.inference.validity import Validity, along
 from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.learning.train import expert_alone
+from expertaug.models.card import RecipeRecord
 from expertaug.models.settings import RefinementSettings
 from expertaug.systems import System
 from expertaug.trajectories import Trajectories
@@ -50,7 +52,7 @@ def least_squares(
     Raises:
         InputError: an argument that cannot be used.
     """
-    described = {"system": systems.describe(system), "model": {}, "expert": True, "interaction": False}
+    described = RecipeRecord.of(system=systems.describe(system), interaction=False)
     fitting = refinement_of(system, options, noise, prior)
     # Coarse steps of diffusion would shift the estimates by more than any noise does.
     exact = type(system).linear_flow is not System.linear_flow
@@ -60,8 +62,9 @@ def least_squares(
     stored = expert_alone(system, train, settings, described)
     if prior is None:
         found = of_expert_alone(stored, train, fitting.noise, fitting.settings)
-        stored.description["refinement"]["prior"] = {name: list(ends) for name, ends in found.items()}
-    model = TrainedModel(stored, single=True, refinement=stored.description["refinement"])
+        fitting = fitting.model_copy(update={"prior": found})
+        stored = replace(stored, card=stored.card.but(refinement=fitting))
+    model = TrainedModel(stored, single=True, refinement=stored.card.refinement)
     _ = model.predictor  # says what is wrong with the options
     return model
 

@@ -29,7 +29,7 @@ def load(path: str | Path, *, classes: Collection[str | Callable] = (), device: 
     """
     with arrays.one_thread():
         stored = load_any(path, device_of(device), classes)
-    return TrainedModel(stored, refinement=stored.description.get("refinement"))
+    return TrainedModel(stored, refinement=stored.card.refinement)
 
 
 def forecast(model: TrainedModel, window: Array, t: Array | Sequence[float], **options: object) -> Forecast:

@@ -36,9 +36,9 @@ def found_by(
     u: Array | None = None,
 ) -> OwnPrior:
     """As :func:`expertaug.own_prior`, of at most 200 windows of each set, evenly spread."""
-    observed = int(stored.description["observed"])
+    observed = stored.card.observed
     index = np.linspace(0, len(train) - 1, min(SAMPLES, len(train))).astype(int)
-    part, system, gaps = train.subset(index), stored.model.system, "start" in stored.description
+    part, system, gaps = train.subset(index), stored.model.system, stored.card.start is not None
     known = _windows(arrays.tensor(part.seen, "train", gaps), part.u, system, part.t, "train.u")
     with arrays.one_thread():
         if unlabelled is None:
@@ -63,7 +63,7 @@ def given_or_found(model: TrainedModel, train: Trajectories, prior: Ranges | Non
     if prior is not None:
         return arrays.ranges(prior, [p.name for p in model.system.expert_parameters], "prior")
     arrays.trajectories(train, "train")
-    if model.stored.description["kind"] == "mean":
+    if model.stored.card.kind == "mean":
         raise InputError("model", "a mean of the training set", "give a model with an expert")
     first = growing.box(model.system)  # beside the model's own estimates, which may be wrong
     found = found_by(model.stored, train, None, noise, first, BUDGET, RefinementSettings())  # type: ignore[arg-type]

@@ -93,14 +93,14 @@ def fit_posterior(
     Raises:
         InputError: an argument that cannot be used, or a model that is no hybrid one.
     """
-    description = model.stored.description
+    card = model.stored.card
     label = label or f"{model.label}+ flow"
     settings = FlowJob.of(
-        experiment=description["experiment"],
+        experiment=card.experiment,
         method=label,
         label=label,
-        preset=description["preset"],
-        choices=description["choices"],
+        preset=card.preset,
+        choices=card.choices,
         seeds=model.seeds,
         flow=FlowSettings.from_mapping(options),
         prior=given_or_found(model, train, prior, arrays.noise(noise)),
@@ -145,7 +145,7 @@ def predictive(
         points = torch.from_numpy(times).float().to(observed.device)
         sampler = model.predictor
         if not isinstance(sampler, FlowEstimator):
-            sampler = Drawn(sampler, model.seeds, stored_bound(model.stored.description, observed.device))
+            sampler = Drawn(sampler, model.seeds, stored_bound(model.stored.card, observed.device))
         found = of_windows(sampler, observed, points, solver or model.solver, draws, levels, u=known, pooled=pooled)
     mean, quantiles = found.mean.movedim(0, 2), found.quantiles.movedim(1, 3)
     z_e = found.z_e

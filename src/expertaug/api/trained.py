@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,12 +19,12 @@ from expertaug.api.forecasts import Forecast, standard_deviation
 from expertaug.api.trust import judged
 from expertaug.errors import InputError
 from expertaug.evaluation.score import score, spread
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import refined_by
 from expertaug.learning.misfit import misfit_of, recorded
 from expertaug.models import seeds as seed_selection
 from expertaug.models import store
 from expertaug.models.prediction import Predictor
-from expertaug.models.settings import RefinementSettings
+from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import joined, states_of
@@ -41,7 +41,7 @@ class TrainedModel:
     What one seed returns is batch first, (N, …); what a group returns has the seeds before, (S, N, …).
 
     Attributes:
-        stored: network and description, as a model file holds them.
+        stored: network and card, as a model file holds them.
         history: course of the training: columns step, seed, metric, value; empty for a model from a file.
         single: whether this is one seed.
         refinement: settings, noise and prior of the least squares by which estimates are found on each window; None for
@@ -52,7 +52,7 @@ class TrainedModel:
     stored: StoredModel
     history: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["step", "seed", "metric", "value"]))
     single: bool = False
-    refinement: Mapping | None = None
+    refinement: Refinement | None = None
     misfits: Sequence[Sequence[float]] | None = None
 
     @cached_property
@@ -61,7 +61,7 @@ class TrainedModel:
         if self.refinement is None:
             return self.stored.model  # type: ignore[return-value]
         with arrays.one_thread():
-            return estimator_of(self.stored, **self.refinement)
+            return refined_by(self.stored, self.refinement)
 
     @property
     def seeds(self) -> list[int]:
@@ -76,12 +76,12 @@ class TrainedModel:
     @property
     def t(self) -> np.ndarray:
         """All times of the training set in s, (T,)."""
-        return np.array(self.stored.description["t"], dtype=np.float64)
+        return np.array(self.stored.card.t, dtype=np.float64)
 
     @property
     def observed(self) -> int:
         """Points of the observed window, T1."""
-        return int(self.stored.description["observed"])
+        return self.stored.card.observed
 
     @property
     def solver(self) -> Solver:
@@ -91,7 +91,7 @@ class TrainedModel:
     @property
     def label(self) -> str:
         """Name of the method, as tables and figures show it."""
-        return str(self.stored.description["label"])
+        return self.stored.card.label
 
     def __repr__(self) -> str:
         window = arrays.brief(self.t[: self.observed])
@@ -107,11 +107,11 @@ class TrainedModel:
         chosen = [places] if single else list(places)
         if not chosen:
             raise IndexError(f"no seeds at {place}: the group has {len(self)}")
-        description = seed_selection.of_description(self.stored.description, chosen)
+        card = seed_selection.of_card(self.stored.card, chosen)
         model = seed_selection.select(self.stored.model, chosen, len(self))
-        history = self.history.loc[self.history["seed"].isin(description["seeds"])]
+        history = self.history.loc[self.history["seed"].isin(card.seeds)]
         misfits = None if self.misfits is None else [self.misfits[k] for k in chosen]
-        stored = StoredModel(model, description, self.stored.classes)
+        stored = StoredModel(model, card, self.stored.classes)
         return TrainedModel(stored, history, single, self.refinement, misfits)
 
     def __iter__(self) -> Iterator[TrainedModel]:
@@ -232,7 +232,8 @@ class TrainedModel:
         """
         names = [p.name for p in self.system.expert_parameters]
         ranges = None if prior is None else arrays.ranges(prior, names, "prior")
-        given = {"settings": RefinementSettings.from_mapping(options), "noise": arrays.noise(noise), "prior": ranges}
+        how = RefinementSettings.from_mapping(options)
+        given = Refinement.of(settings=how, noise=arrays.noise(noise), prior=ranges)
         found = replace(self, refinement=given, misfits=None)
         _ = found.predictor  # says what is wrong with the options
         return found
@@ -254,8 +255,9 @@ class TrainedModel:
     def _trusted(self, misfit: Tensor) -> Tensor | None:
         """Whether each misfit (S, N) is one that the validation windows have too; None where theirs are not known."""
         kept = self.misfits
-        if kept is None and self.refinement == self.stored.description.get("refinement"):
-            kept = self.stored.description.get("misfit", {}).get("validation")
+        if kept is None and self.refinement == self.stored.card.refinement:
+            known = self.stored.card.misfit
+            kept = None if known is None else known.validation
         return judged(misfit, kept)
 
     def save(self, path: str | Path) -> None:
@@ -264,11 +266,11 @@ class TrainedModel:
         Raises:
             InputError: it cannot be written.
         """
-        store.save(path, self.stored.model, self.stored.description)
+        store.save(path, self.stored.model, self.stored.card)
 
     def _window(self, window: object, t: object, u: object = None) -> tuple[Tensor, np.ndarray, Tensor | None]:
         """Windows (T1, S, N, *observed) on the model's device, all times, and known inputs (T, S, N, U)."""
-        y, t = arrays.tensor(window, "window", "start" in self.stored.description), arrays.times(t)
+        y, t = arrays.tensor(window, "window", self.stored.card.start is not None), arrays.times(t)
         state, points = self.system.state_shape, self.observed
         if y.dim() != 2 + len(state) or y.shape[2:] != state or not len(y):
             names = ", ".join(p.name for p in self.system.state)
@@ -276,7 +278,7 @@ class TrainedModel:
             raise InputError("window", f"has shape {tuple(y.shape)}", f"give {wanted}: the state is {names}")
         remedy = "give the window at these times, the first of t"
         arrays.same_times(t[: y.shape[1]], self.t[:points], "window", remedy)
-        if self.stored.description["kind"] == "mean" and len(t) > points:
+        if self.stored.card.kind == "mean" and len(t) > points:
             arrays.same_times(t, self.t, "t", "the mean of the training set has no others")
         known = arrays.inputs(u, self.system, len(y), t)
         y, known = (None if x is None else arrays.grouped(x.to(self._device), len(self)) for x in (y, known))

@@ -150,7 +150,7 @@ def fit(
     further |= {} if horizon_s is None else {"horizon_s": float(horizon_s)}
     label = label or getattr(getattr(objective, "func", objective), "__name__", str(loss["kind"]))
     how = TrainOptions.of(
-        experiment=described["system"]["name"],
+        experiment=described.system_name,
         method=label,
         label=label,
         preset=preset,
@@ -245,7 +245,7 @@ def finetune(
     name, chosen = _choices(model, preset, choices)
     label = label or (f"{model.label} (control)" if control else f"{model.label}+")
     how = FinetuneJob.of(
-        experiment=model.stored.description["experiment"],
+        experiment=model.stored.card.experiment,
         method=label,
         label=label,
         preset=name,
@@ -274,7 +274,7 @@ def run_training(training: Training) -> TrainedModel:
 
 def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -> tuple[str, Choices]:
     """Preset and all its rows, by default those of the model's training."""
-    description = model.stored.description
-    own = {} if preset else description["choices"]
-    name = preset or str(description["preset"])
+    card = model.stored.card
+    own = {} if preset else card.choices.to_json()
+    name = preset or card.preset
     return name, resolve(name, {**own, **(choices or {})})

@@ -153,7 +153,7 @@ class _Experiment:
         settings = train_job(stage_settings.train(self.config, self.name, method, group))
         calibrated = self.config["experiments"][self.name]["data"]["calibrate"]
         described = described_by(settings, _stand_in() if calibrated else None)
-        system = self._system(described["system"])
+        system = self._system(described.system)
         if system is None or not isinstance(settings, TrainJob):
             return system is not None
         objective = settings.build.objective_kind
@@ -162,7 +162,7 @@ class _Experiment:
 
         def parts() -> bool | None:
             recipe, kind = describe.recipe_of(system, described), kinds.objective_of(objective)
-            named = [recipe.encoder, recipe.interaction if described["interaction"] else None]
+            named = [recipe.encoder, recipe.interaction if described.interaction else None]
             at = self._where(method, *filter(None, map(_class_of, ("encoder", "interaction"), named)), kind)
             return self._try(at, lambda: tried(recipe, kind, at))
 
@@ -180,16 +180,19 @@ class _Experiment:
         from expertaug.learning.bound import bound_of
         from expertaug.learning.task import task_of
         from expertaug.learning.train import observed_points
+        from expertaug.models.card import ModelCard
         from expertaug.systems.inputs import joined
 
         t = [float(v) for v in data.t] if data is not None else self._times()
-        description = {"t": t, "observed": observed_points(t, settings.t1_s, settings.choices)}
+        observed, bound = observed_points(t, settings.t1_s, settings.choices), None
         y = None
         if data is not None:
             u = None if data.u is None else torch.from_numpy(data.u).movedim(0, 1)
             y = joined(torch.from_numpy(data.y).float().movedim(0, 1), u)
-            description["bound"] = bound_of(data.y)
-        return task_of(settings.training.to_json(), description, torch.device("cpu")), y
+            bound = bound_of(data.y)
+        said = {"kind": "hybrid", "system": {"name": self.name}, "seeds": settings.seeds, "t": t, "observed": observed}
+        card = ModelCard.of(**said, **({} if bound is None else {"bound": bound}))
+        return task_of(settings.training, card, torch.device("cpu")), y
 
     def _times(self) -> list[float]:
         """Times of a chunk of a recording, or about those of one of measurements, in s."""

@@ -18,7 +18,7 @@ from expertaug.evaluation.metrics import Metric
 from expertaug.evaluation.score import spread
 from expertaug.evaluation.summary import experiment_title, order_sets, set_title
 from expertaug.evaluation.table import DASH, Study, Table
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.learning.sets import StackedSet
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
@@ -115,14 +115,12 @@ def _by_method(models: Sequence[Path], settings: Mapping) -> dict[str, list[Path
     wanted = list(dict.fromkeys(str(Version.parse(version).trained) for version, *_ in settings["versions"]))
     files: dict[str, list[Path]] = {name: [] for name in wanted}
     for path in map(Path, models):
-        description = store.read_tensors(path)[0]
-        if description["system"]["name"] not in CONSERVING:
-            raise InputError(
-                path, f"a model of {description['system']['name']}", f"give one of {', '.join(CONSERVING)}"
-            )
-        if description["method"] not in files:
-            raise InputError(path, f"a model of '{description['method']}'", f"give those of {', '.join(wanted)}")
-        files[description["method"]].append(path)
+        card = store.read_card(path)
+        if card.system_name not in CONSERVING:
+            raise InputError(path, f"a model of {card.system_name}", f"give one of {', '.join(CONSERVING)}")
+        if card.method not in files:
+            raise InputError(path, f"a model of '{card.method}'", f"give those of {', '.join(wanted)}")
+        files[card.method].append(path)
     if missing := [name for name in wanted if not files[name]]:
         raise InputError(missing[0], "no model of this version", "give a model of every version")
     return files
@@ -133,12 +131,12 @@ def _losses(
 ) -> pd.DataFrame:
     """Mean loss of energy, as a model's expert has it, of every seed on every set and recording: measured, its standard
     error over chunks, and dissipated by the model, which is NaN of seeds that could not be trained."""
-    refinement = refinement or stored.description.get("refinement")
+    given = refinement_of(stored, refinement)
     decoder = getattr(stored.model, "decoder", stored.model)
     estimator = stored.model
-    if refinement is not None:
-        estimator = estimator_of(stored, **refinement)
-    observed, rows = stored.description["observed"], []
+    if given is not None:
+        estimator = refined_by(stored, given)
+    observed, rows = stored.card.observed, []
     for name, chunks in sets.items():
         windows = StackedSet.of(chunks, device).windows(len(chunks.t))
         windows = windows.expand(-1, len(stored.seeds), *windows.shape[2:])
@@ -156,7 +154,7 @@ def _losses(
                 rows.append(
                     {
                         "seed": seed,
-                        "expert": stored.description["system"].get("expert", ""),
+                        "expert": stored.card.system.get("expert", ""),
                         "set": name,
                         "recording": recording,
                         "chunks": int(known.sum()),

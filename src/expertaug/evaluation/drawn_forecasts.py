@@ -167,11 +167,11 @@ class Drawing:
 
 def drawing_of(stored: store.StoredModel, options: Mapping, t: np.ndarray, start: str, device: torch.device) -> Drawing:
     """How forecasts over the times t (T,) are made, scored and drawn; ``options`` as of the stage's ``score``."""
-    observed, begin, system = stored.description["observed"], options.get("from_s"), stored.model.system
+    observed, begin, system = stored.card.observed, options.get("from_s"), stored.model.system
     solver = options.get("solver") or store.accurate(system)
     return Drawing(
         count=int(options.get("draws", 0)),
-        noise=noise_of(options.get("noise", 0.0), system, stored.description),
+        noise=noise_of(options.get("noise", 0.0), system, stored.card),
         seeds=stored.seeds,
         t=torch.from_numpy(t).float().to(device),
         begin=observed if begin is None else int(np.searchsorted(t, begin - 1e-9)),
@@ -263,7 +263,7 @@ def of_own_windows(
         return {}
     found = stored.model.estimate(y[: drawing.observed])
     draws = z_e_draws(found)
-    bound, random = stored_bound(stored.description, device), Noise(stored.seeds, DRAWN, device=device)
+    bound, random = stored_bound(stored.card, device), Noise(stored.seeds, DRAWN, device=device)
     scores = drawing.scores(stored.model, found, y, bound, random)
     each = None if draws is None else draws.cpu()
     return ranks_of(OWN, z_e.cpu().numpy(), each) | ({} if scores is None else scores.arrays(OWN))

@@ -10,10 +10,10 @@ from torch import Tensor
 
 from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
+from expertaug.learning import snapshots as states
 from expertaug.learning.checkpoint import locked
 from expertaug.learning.during_training import BASE, stages
 from expertaug.learning.settings import AugmentJob, FinetuneJob
-from expertaug.models import store
 from expertaug.models.device import device_of
 from expertaug.tracking.log import Run
 from expertaug.tracking.metrics_csv import COLUMNS
@@ -46,12 +46,11 @@ def during_training(
     options = settings["evaluation"]
     sets = {name: Trajectories.load(Path(data) / f"{name}.npz") for name in MAIN_SETS}
     sets = {name: spread(found, options.get("max_samples")) for name, found in sets.items()}
-    header, _ = store.read_tensors(snapshots)
-    description, epochs = header["description"], sorted(map(int, header["records"]))
+    card, epochs = states.read_card(snapshots), states.passes(snapshots)
     identity = {k: settings[k] for k in ("experiment", "method", "label", "preset")}
-    identity["system"] = description["system"]["name"]
+    identity["system"] = card.system_name
     params = {k: settings[k] for k in ("finetune_epochs", "augment", "finetune", "evaluation", "choices")}
-    run = Run(**identity, stage="during_training", seeds=description["seeds"], params={"epochs": epochs} | params)
+    run = Run(**identity, stage="during_training", seeds=card.seeds, params={"epochs": epochs} | params)
     rows = []
     with (
         locked(work),  # an orphan may still be writing the log

@@ -15,7 +15,7 @@ from expertaug.evaluation.drawn_forecasts import drawing_of, of_own_windows
 from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, ranks_of
 from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.inference.store import load
 from expertaug.models.device import device_of
 from expertaug.tracking.log import Run, read_log
@@ -59,10 +59,10 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
     options = settings["evaluation"]
     start = settings["choices"]["forecast_start"]
     identity = {k: settings[k] for k in ("experiment", "method", "label", "preset")}
-    identity["system"] = stored.description["system"]["name"]
-    refinement = settings.get("refinement") or stored.description.get("refinement")
+    identity["system"] = stored.card.system_name
+    refinement = refinement_of(stored, settings.get("refinement"))
     if refinement is not None:
-        stored = replace(stored, model=estimator_of(stored, **refinement))
+        stored = replace(stored, model=refined_by(stored, refinement))
     rows, arrays, spread_out = [], {}, False
     options = {**options, "noise": settings.get("noise", 0.0)}
     for name in settings.get("sets", MAIN_SETS):
@@ -73,7 +73,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
         plain = options if name in SHOWN_SETS[1:] else {**options, "draws": 0}
         scored = score(stored, truth, plain, start, device, kept)
         rows += scored.rows(identity | {"set": name}, stored.seeds)
-        if len(truth.t) <= len(stored.description["t"]):  # longer ones have other errors, of windows that others have
+        if len(truth.t) <= len(stored.card.t):  # longer ones have other errors, of windows that others have
             arrays |= {"t": truth.t, **arrays_of(name, truth, scored.errors, scored.z_e)}
             arrays[f"{name}_{MISFIT}"] = scored.misfit.float().numpy()
             arrays |= {f"{name}_{key}": value.float().numpy() for key, value in scored.expected.items()}
@@ -85,16 +85,16 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: 
             arrays |= _collect(name, truth, scored)
     if spread_out and settings.get("own") and options.get("draws"):
         train, own = Trajectories.load(Path(data) / "train.npz"), {**settings["own"], "noise": options["noise"]}
-        drawing = drawing_of(stored, options, np.array(stored.description["t"]), start, device)
+        drawing = drawing_of(stored, options, np.array(stored.card.t), start, device)
         arrays |= of_own_windows(stored, train, own, options["drawn_samples"], drawing)
     rows += [
-        {**identity, "seed": seed, "set": "train", "metric": "wall_s", "value": stored.description["wall_s"]}
+        {**identity, "seed": seed, "set": "train", "metric": "wall_s", "value": stored.card.wall_s}
         for seed in stored.seeds
     ]
     system = stored.model.system
     arrays |= {
         "version": np.array([identity[key] for key in VERSION]),
-        "observed": np.array(stored.description["observed"] - 1),
+        "observed": np.array(stored.card.observed - 1),
         "seeds": np.array(stored.seeds),
         "failed": np.array(stored.failed, dtype=int),
         "state_names": np.array([p.name for p in system.state]),

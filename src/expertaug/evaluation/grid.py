@@ -43,12 +43,12 @@ def read_scores(models: Sequence[Path], names: Sequence[str]) -> pd.DataFrame:
     """Selection score of every seed of every point: columns point, seed, score, epoch, minutes."""
     rows = []
     for path in models:
-        description = store.read_tensors(Path(path))[0]
-        if description["method"] not in names:
-            raise InputError(path, f"a model of '{description['method']}'", "give the models of the grid")
-        scores = zip(description["seeds"], description["best_score"], description["best_epoch"], strict=True)
-        minutes = description["wall_s"] / 60
-        rows += [(description["method"], seed, float(score), epoch, minutes) for seed, score, epoch in scores]
+        card = store.read_card(Path(path))
+        if card.method not in names:
+            raise InputError(path, f"a model of '{card.method}'", "give the models of the grid")
+        scores = zip(card.seeds, card.best_score or [], card.best_epoch or [], strict=True)
+        minutes = card.wall_s / 60
+        rows += [(card.method, seed, float(score), epoch, minutes) for seed, score, epoch in scores]
     table = pd.DataFrame(rows, columns=["point", "seed", "score", "epoch", "minutes"])
     missing = [name for name in names if name not in set(table["point"])]
     if missing:

@@ -82,12 +82,12 @@ def score(
         start: y0 or y_t1 (:meth:`Predictor.predicted`).
         keep: number of forecasts to keep, evenly spread.
     """
-    system, observed, seeds = stored.model.system, stored.description["observed"], len(stored.seeds)
+    system, observed, seeds = stored.model.system, stored.card.observed, len(stored.seeds)
     drawing = drawing_of(stored, options, truth.t, start, device)
     t, begin, solver = drawing.t, drawing.begin, drawing.solver
-    bound = stored_bound(stored.description, device)
+    bound = stored_bound(stored.card, device)
     if bound is not None:  # what turns at one speed goes as far as the time is long
-        bound = bound * max(1.0, float(truth.t[-1]) / stored.description["t"][-1])
+        bound = bound * max(1.0, float(truth.t[-1]) / stored.card.t[-1])
     index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
     check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))

@@ -22,6 +22,8 @@ from expertaug.inference.settings import ValiditySettings
 from expertaug.inference.validity import Validity, along
 from expertaug.learning.sets import StackedSet
 from expertaug.models.device import device_of
+from expertaug.models.settings import Refinement
+from expertaug.settings import given_ranges
 from expertaug.trajectories import Trajectories
 
 SETS = ("train", "iid", "validation", "test")  # of the two in the middle the first that there is
@@ -62,8 +64,8 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], settin
     rows, found, says = [], {}, []
     for path, (version, label, fitting) in zip(models, settings["versions"], strict=True):
         stored = store.load(path, device_of(settings["device"]), settings.get("classes", ()))
-        fitting = stored.description.get("refinement") or fitting  # of kind alternating
-        fits = {name: _refit(stored, one, fitting, how) for name, one in known.items()}
+        how_fitted = stored.card.refinement or Refinement.from_mapping(fitting)  # of kind alternating
+        fits = {name: _refit(stored, one, how_fitted, how) for name, one in known.items()}
         parameters = stored.model.system.expert_parameters
         each = {p.name: _along(p.name, k, fits) for k, p in enumerate(parameters)}
         found[version] = (label, fits, each, parameters[0].unit)
@@ -82,12 +84,13 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], settin
     Study(long, [table], lambda: _draw(found, settings, title)).save(outputs)
 
 
-def _refit(stored: store.StoredModel, data: Trajectories, fitting: Mapping, how: ValiditySettings) -> Refit:
-    observed = stored.description["observed"]
+def _refit(stored: store.StoredModel, data: Trajectories, fitting: Refinement, how: ValiditySettings) -> Refit:
+    observed = stored.card.observed
     windows = StackedSet.of(data, torch.device("cpu")).windows(observed)[:, 0]
     simulated = data.z_a.shape[1] > 0
     truth = (torch.from_numpy(data.z_e), torch.from_numpy(data.z_a)) if simulated else None
-    return refit(stored, windows, fitting["noise"], fitting["prior"], fitting["settings"], how, truth)
+    prior = None if fitting.prior is None else given_ranges(fitting.prior)
+    return refit(stored, windows, fitting.noise, prior, fitting.settings, how, truth)
 
 
 def _along(name: str, k: int, fits: Mapping[str, Refit]) -> Validity:

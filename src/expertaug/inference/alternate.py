@@ -15,7 +15,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.inference.alternation import Alternation
 from expertaug.inference.latent import Latent
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import refined_by
 from expertaug.inference.settings import AlternateJob, AlternateOptions
 from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import assumed_noise
@@ -26,10 +26,11 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.learning.train import inputs_of, of_data, taken_in
 from expertaug.models import describe, store
+from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of, fill
 from expertaug.models.measurement_noise import is_some, noise_of
-from expertaug.models.settings import RefinementSettings
+from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.settings import given_ranges
 from expertaug.systems import System
 from expertaug.systems.inputs import check_given, check_trainable
@@ -64,13 +65,15 @@ class AlternatingTraining:
 
     Attributes:
         trainer: with decoder, windows and settings.
-        description: of the model, apart from the record of its training.
+        card: of the model, apart from the record of its training.
+        refinement: how windows are fitted.
         checked: observed windows (T1, 1, N, *state) of the validation set: their misfits are kept, for alarms.
         classes: see :class:`StoredModel`.
     """
 
     trainer: Alternation
-    description: Mapping
+    card: ModelCard
+    refinement: Refinement
     checked: Tensor
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
@@ -96,10 +99,10 @@ class AlternatingTraining:
             "latent": {"mean": mean, "std": std},
         }
         model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
-        stored = store.StoredModel(model, {**self.description, **record}, self.classes)
-        estimator = estimator_of(stored, **self.description["refinement"])
+        stored = store.StoredModel(model, self.card.but(**record), self.classes)
+        estimator = refined_by(stored, self.refinement)
         record["misfit"] = recorded(replace(stored, model=estimator), self.checked)
-        return replace(stored, description={**self.description, **record})
+        return replace(stored, card=self.card.but(**record))
 
 
 def prepare(
@@ -107,7 +110,7 @@ def prepare(
     train: Trajectories,
     validation: Trajectories,
     options: AlternateOptions,
-    described: Mapping,
+    described: RecipeRecord,
     classes: Mapping[str, Callable] | None = None,
 ) -> AlternatingTraining:
     """Make the training in memory.
@@ -123,51 +126,52 @@ def prepare(
     """
     if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
         raise InputError("validation set", "has other times than the training set", "give both the same times")
-    if "interaction" not in described["model"]:
+    if described.model.interaction is None:
         raise InputError("model.interaction", "missing", "the training is of an interaction model")
     check_trainable(system)
     training, seeds = options.training, options.seeds
-    model = {"interaction": described["model"]["interaction"]}
-    description = {
-        "kind": "alternating",
+    card = ModelCard.of(
+        kind="alternating",
         **of_data(train, system, options),
-        **described,
-        "model": model,
-        "stage": "train",
-    }
-    description |= {"expert": True, "interaction": True, "latent_size": training.latent}
-    description |= {"refinement": options.refinement.to_json()}
-    description["forecast_solver"] = store.forecast_solver(training.solver, system).to_json()
-    decoder = describe.decoder_of(system, description, classes)
-    device, ranges = torch.device("cpu"), description.get("start")
-    task = task_of(description["training"], description, device)
+        system=described.system,
+        model={"interaction": described.model.interaction},
+        expert=True,
+        interaction=True,
+        stage="train",
+        latent_size=training.latent,
+        refinement=options.refinement,
+        forecast_solver=store.forecast_solver(training.solver, system),
+    )
+    decoder = describe.decoder_of(system, card, classes)
+    device, ranges = torch.device("cpu"), card.start
+    task = task_of(training, card, device)
     train_set = StackedSet.of(train, device).subset(training.train_samples)
     validation_set = StackedSet.of(validation, device).subset(training.validation_samples)
     for name, part in (("training set", train_set), ("validation set", validation_set)):
         check_given(system, part.u, name)
-    seen_y = train_set.y[: description["observed"], 0]
+    seen_y = train_set.y[: card.observed, 0]
     if ranges is not None:
-        seen_y = fill(seen_y, torch.tensor(description["t"][: len(seen_y)]), ends_of(ranges)[0].to(seen_y))
+        seen_y = fill(seen_y, torch.tensor(card.t[: len(seen_y)]), ends_of(ranges)[0].to(seen_y))
     decoder.fit(seen_y)
     given = {"steps": STEPS, "latent_width": WIDTH}
     refinement, prior = options.refinement.settings, given_ranges(options.refinement.prior)
-    noise = noise_of(options.refinement.noise, system, description)
+    noise = noise_of(options.refinement.noise, system, card)
     whole = RefinementSettings.from_mapping({"starts": refinement.starts, "tries": refinement.tries, **given})
     free = refinement.free_start if "free_start" in refinement.model_fields_set else is_some(noise)
-    t = torch.tensor(description["t"], dtype=torch.float64)
-    assumed = assumed_noise(refinement, noise, description["bound"])
+    t = torch.tensor(card.t, dtype=torch.float64)
+    assumed = assumed_noise(refinement, noise, card.bound)
 
     def fit(decoder: Decoder, times: Tensor, settings: RefinementSettings, size: int) -> WindowFit:
         mean, std = (f(size, training.latent, dtype=torch.float64) for f in (torch.zeros, torch.ones))
         return WindowFit(decoder, times, settings, assumed, bool(free), prior, Latent(mean, std), task.solver, ranges)
 
-    used, seen = t[: task.horizon], t[: description["observed"]]
+    used, seen = t[: task.horizon], t[: card.observed]
     fits = (
         fit(decoder, used, whole, len(seeds)),
         fit(Decoder(system), used, whole, 1),
         fit(decoder, seen, refinement.model_copy(update=given), len(seeds)),
     )
-    name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
+    name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
     sets = train_set.windows(task.horizon), validation_set.windows(len(t))
     trainer = Alternation(*fits, *sets, task, seeds, training, name)
-    return AlternatingTraining(trainer, description, validation_set.windows(len(seen)), classes or {})
+    return AlternatingTraining(trainer, card, options.refinement, validation_set.windows(len(seen)), classes or {})

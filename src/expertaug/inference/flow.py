@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
@@ -15,6 +14,7 @@ from expertaug.inference.settings import FlowSettings
 from expertaug.inference.unknowns import Unknowns, box
 from expertaug.learning.augmentation import ranges_of
 from expertaug.learning.bound import Stopping, stored_bound
+from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates
 from expertaug.models.hybrid import HybridNet
@@ -148,27 +148,27 @@ class FlowEstimator(Predictor, nn.Module):
         return torch.cat((observed[:last], onwards))
 
 
-def build(base: HybridNet | Decoder, description: Mapping, latents: Tensor | None = None) -> FlowEstimator:
+def build(base: HybridNet | Decoder, card: ModelCard, latents: Tensor | None = None) -> FlowEstimator:
     """A flow beside a trained model, untrained.
 
     Arguments:
         base: the model, or a decoder of kind alternating; a copy of it is kept.
-        description: {base, seeds, flow, prior, noise}, as a model file has it.
+        card: of kind flow.
         latents: z_a (S, N, Q) of the training windows; None: a file's tensors will say what is known of them.
     """
-    of_base, settings, system = description["base"], FlowSettings.from_mapping(description["flow"]), base.system
-    low, high = box(system, *ranges_of(system, description["prior"]), settings.margin)
-    width = of_base["latent_size"] if isinstance(base, Decoder) else base.encoder.latent
+    of_base, settings, system = card.base, FlowSettings.from_mapping(card.flow), base.system
+    low, high = box(system, *ranges_of(system, card.prior), settings.margin)
+    width = of_base.latent_size if isinstance(base, Decoder) else base.encoder.latent
     components = 0 if base.interaction is None else min(settings.latent, width)
     if latents is None:
-        latents = torch.zeros(len(description["seeds"]), 1, width)
-    times, ranges = torch.tensor(of_base["t"][: of_base["observed"]], dtype=torch.float64), of_base.get("start")
+        latents = torch.zeros(len(card.seeds), 1, width)
+    times, ranges = torch.tensor(of_base.t[: of_base.observed], dtype=torch.float64), of_base.start
     heads = []
-    for seed, own in zip(description["seeds"], latents.cpu(), strict=True):
+    for seed, own in zip(card.seeds, latents.cpu(), strict=True):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             beyond = KERNELS * settings.jitter
-            unknowns = Unknowns(system, low, high, own, components, description["noise"], ranges, beyond)
-            heads.append(Head(Context(system, times, of_base["model"].get("encoder", {}), ranges), unknowns, settings))
+            unknowns = Unknowns(system, low, high, own, components, card.noise, ranges, beyond)
+            heads.append(Head(Context(system, times, of_base.model.encoder or {}, ranges), unknowns, settings))
     base, bound = copy.deepcopy(base).requires_grad_(False), stored_bound(of_base)
     return FlowEstimator(base, stack(heads), settings.samples, settings.forecasts, bound)

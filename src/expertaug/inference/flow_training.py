@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from expertaug.learning.objectives import Objective
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task, task_of
 from expertaug.learning.trainer import Trainer
+from expertaug.models.card import ModelCard
 from expertaug.models.device import device_of
 from expertaug.models.measurement_noise import noise_of
 from expertaug.models.store import StoredModel, forecast_solver
@@ -31,7 +32,6 @@ from expertaug.presets import Choices
 from expertaug.settings import given_ranges
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
-from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
@@ -79,30 +79,30 @@ def prepare(
         InputError: the model is no hybrid one, the prior does not name its expert parameters, or draws are to begin
             anywhere and the system does not say where that is.
     """
-    base, device, prior = dict(stored.description), stored.device, given_ranges(settings.prior)
-    if base["kind"] not in ("hybrid", "alternating"):
-        raise InputError(where, f"a {base['kind']} model", "a flow learns from a trained hybrid model")
+    base, device, prior = stored.card, stored.device, given_ranges(settings.prior)
+    if base.kind not in ("hybrid", "alternating"):
+        raise InputError(where, f"a {base.kind} model", "a flow learns from a trained hybrid model")
     options, choices, seeds = settings.flow, settings.choices, stored.seeds
     kind = type(stored.model.system)
     if options.resample_x and kind.resample_known is System.resample_known:
         found = f"{kind.__name__} does not say where first points may lie"
         raise InputError("flow.resample_x", found, "leave it out, or give the system a resample_known of its own")
-    description = {k: v for k, v in base.items() if k not in ("misfit", "refinement")}  # of the base's own estimates
-    description |= settings.model_dump(mode="json", include=set(KEPT))
-    description |= {
-        "kind": store.FLOW,
-        "stage": "flow",
-        "prior": {name: list(ends) for name, ends in prior.items()},
-        "noise": 0.0,
-        "base": base,
-        "base_wall_s": base["wall_s"],
-    }
-    windows, system = StackedSet.of(train, device).windows(base["observed"]), stored.model.system
-    if choices.augmentation_noise == "as_data":
-        description["noise"] = noise_of(settings.noise, system, base)
+    windows, system = StackedSet.of(train, device).windows(base.observed), stored.model.system
+    noise = noise_of(settings.noise, system, base) if choices.augmentation_noise == "as_data" else 0.0
+    card = base.but(
+        misfit=None,  # of the base's own estimates
+        refinement=None,
+        **settings.model_dump(include=set(KEPT)),
+        kind=store.FLOW,
+        stage="flow",
+        prior=prior,
+        noise=noise,
+        base=base,
+        base_wall_s=base.wall_s,
+    )
     states, known = states_of(system, windows), inputs_of(system, windows)
     latents = latents_of(stored.model, base, windows, choices.augmented_z_a)
-    estimator = flows.build(stored.model, description, latents).to(device)
+    estimator = flows.build(stored.model, card, latents).to(device)
     estimator.head.context.fit(windows[:, 0])
     low, high = ranges_of(stored.model.system, prior)
     unknowns = estimator.head.unknowns
@@ -113,11 +113,11 @@ def prepare(
         scores=unknowns.scores(latents),
         starts=states[0, 0],
         inputs=None if known is None else known[:, 0],
-        gaps=torch.isnan(states[:, 0]) if "start" in base else None,
-        ranges=base.get("start"),
+        gaps=torch.isnan(states[:, 0]) if base.has_gaps else None,
+        ranges=base.start,
         low=low.to(device),
         high=high.to(device),
-        noise=description["noise"],
+        noise=noise,
         jitter=options.jitter,
         resample_x=choices.augmented_x == "resampled" if options.resample_x is None else options.resample_x,
         task=_task(base, options, device, system),
@@ -128,22 +128,17 @@ def prepare(
     scale.mean.copy_(held.x.mean(1, keepdim=True))
     std = held.x.std(1, keepdim=True)
     scale.std.copy_(torch.where(std > 1e-6, std, torch.ones_like(std)))
-    name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
-    trainer = FlowTrainer(estimator, simulator, held, options, name, base.get("failed", ()))
-    checked = None if validation is None else StackedSet.of(validation, device).windows(base["observed"])
-    return Training(trainer, description, stored.classes, checked=checked)
+    name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
+    trainer = FlowTrainer(estimator, simulator, held, options, name, base.failed or ())
+    checked = None if validation is None else StackedSet.of(validation, device).windows(base.observed)
+    return Training(trainer, card, stored.classes, checked=checked)
 
 
-def _task(base: Mapping, options: FlowSettings, device: torch.device, system: System) -> Task:
+def _task(base: ModelCard, options: FlowSettings, device: torch.device, system: System) -> Task:
     """Of the draws: the observed window, by an accurate solver that follows no trajectory beyond the bound."""
-    task = task_of(base["training"], base, device).shortened(base["observed"])
-    if options.solver is not None:
-        solver = Solver(**dict(options.solver))
-    elif base.get("forecast_solver"):
-        solver = Solver.from_mapping(base["forecast_solver"])
-    else:
-        trained = base["training"].get("solver")
-        solver = forecast_solver(None if trained is None else SolverSettings.from_mapping(trained), system)
+    task = task_of(base.training, base, device).shortened(base.observed)
+    given = options.solver or base.forecast_solver
+    solver = forecast_solver(base.training.solver, system) if given is None else Solver(**dict(given))
     return replace(task, solver=solver if task.bound is None else Stopping(solver, task.bound))  # type: ignore
 
 

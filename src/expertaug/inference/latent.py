@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from expertaug.models.card import LatentRecord, ModelCard
 from expertaug.models.principal import scores_of
 
 
@@ -25,13 +25,13 @@ class Latent:
     axes: Tensor | None = None
 
     @classmethod
-    def of(cls, description: Mapping, components: int) -> Latent:
-        """Of a model file's description, with at most so many coordinates; the expert alone has none."""
-        found = description.get("latent") or {"mean": [[]], "std": [[]]}
-        mean, std = (torch.tensor(found[k], dtype=torch.float64) for k in ("mean", "std"))
+    def of(cls, card: ModelCard, components: int) -> Latent:
+        """Of a model file, with at most so many coordinates; the expert alone has none."""
+        known = card.latent or LatentRecord(mean=[[]], std=[[]])
+        mean, std = (torch.tensor(value, dtype=torch.float64) for value in (known.mean, known.std))
         axes = None
-        if "axes" in found and mean.shape[-1] > components:
-            axes = torch.tensor(found["axes"], dtype=torch.float64)[:, :components]
+        if known.axes is not None and mean.shape[-1] > components:
+            axes = torch.tensor(known.axes, dtype=torch.float64)[:, :components]
         return cls(mean, std.clamp_min(1e-6), axes)
 
     @property

@@ -15,8 +15,9 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.estimates import Estimates, Estimator
 from expertaug.models.measurement_noise import GivenNoise, is_some, noise_of
 from expertaug.models.prediction import Predictor
-from expertaug.models.settings import RefinementSettings
+from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
+from expertaug.settings import given_ranges
 from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
 
@@ -73,26 +74,37 @@ def estimator_of(
         InputError: a model without a decoder.
     """
     options = RefinementSettings.from_mapping(settings)
-    description = stored.description
-    if description["kind"] == "mean":
+    card = stored.card
+    if card.kind == "mean":
         raise InputError("refinement", "a mean of the training set", "only models with an expert can be fitted")
-    if description["kind"] == "hybrid" and "latent" not in description:
+    if card.kind == "hybrid" and card.latent is None:
         raise InputError("refinement", "the model file does not say where its z_a lie", "train it again")
-    first = None if description["kind"] in ("alternating", "least_squares") else stored.model
+    first = None if card.kind in ("alternating", "least_squares") else stored.model
     decoder: Decoder = stored.model if first is None else stored.model.decoder
     given = options.model_fields_set
-    solver = options.solver if "solver" in given else description["training"].get("solver")
-    known = noise_of(noise, decoder.system, description)
+    solver = options.solver if "solver" in given else card.training.solver
+    known = noise_of(noise, decoder.system, card)
     free = options.free_start if "free_start" in given else is_some(known)
     fit = WindowFit(
         decoder,
-        torch.tensor(description["t"][: description["observed"]], dtype=torch.float64),
+        torch.tensor(card.t[: card.observed], dtype=torch.float64),
         options,
-        assumed_noise(options, known, description["bound"]),
+        assumed_noise(options, known, card.bound),
         bool(free),
         prior,
-        Latent.of(description, options.latent),
-        Solver.from_mapping(None if solver is None else dict(solver)),
-        description.get("start"),
+        Latent.of(card, options.latent),
+        Solver(**dict(solver or {})),
+        card.start,
     )
     return LeastSquares(decoder, fit, first)
+
+
+def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
+    """As :func:`estimator_of`, as a refinement says."""
+    prior = None if refinement.prior is None else given_ranges(refinement.prior)
+    return estimator_of(stored, refinement.settings, refinement.noise, prior)
+
+
+def refinement_of(stored: StoredModel, given: Mapping[str, object] | None) -> Refinement | None:
+    """How a version's windows are fitted: as settings say, else as its model file does; None where they are not."""
+    return stored.card.refinement if not given else Refinement.from_mapping(given)

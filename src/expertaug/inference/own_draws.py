@@ -17,6 +17,7 @@ from expertaug.learning.augmentation import latent, ranges_of
 from expertaug.learning.bound import Stopping, stored_bound
 from expertaug.learning.noise import Noise
 from expertaug.learning.task import Task
+from expertaug.models.card import ModelCard
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.measurement_noise import noise_of
 from expertaug.models.prediction import Predictor
@@ -31,7 +32,7 @@ WINDOWS = 500
 
 
 @torch.no_grad()
-def latents_of(model: Predictor | nn.Module, description: Mapping, windows: Tensor, z_a_from: str) -> Tensor:
+def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Tensor, z_a_from: str) -> Tensor:
     """z_a (S, N, Q) as a model's own windows have them: draws of the encoder's posterior of the training windows; of a
     model without an encoder draws of the Gaussian that its fits take z_a from.
 
@@ -40,13 +41,13 @@ def latents_of(model: Predictor | nn.Module, description: Mapping, windows: Tens
         windows: observed windows of the training, (T1, 1, N, *observed).
         z_a_from: as of :func:`expertaug.learning.augmentation.latent`.
     """
-    seeds = description["seeds"]
+    seeds = card.seeds
     random = Noise(seeds, LATENTS, FLOW, device=windows.device)
     if isinstance(model, FlowEstimator):
         model = model.base
     if not isinstance(model, HybridNet):
-        found = description.get("latent") or {"mean": [[]], "std": [[]]}
-        mean, std = (torch.tensor(found[key]).float().to(windows.device).unsqueeze(1) for key in ("mean", "std"))
+        known = ([[]], [[]]) if card.latent is None else (card.latent.mean, card.latent.std)
+        mean, std = (torch.tensor(value).float().to(windows.device).unsqueeze(1) for value in known)
         return mean + std * random.normal(windows.shape[2], mean.shape[-1])
     parts = []
     for part in windows.split(1024, dim=2):
@@ -68,24 +69,24 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
     Returns:
         y (T, S, M, *observed) and z_e (S, M, P); those that run away are left out, of all seeds alike.
     """
-    model, description, seeds = stored.model, stored.description, stored.seeds
+    model, card, seeds = stored.model, stored.card, stored.seeds
     first = model
     if isinstance(model, LeastSquares) and model.__dict__["first"] is not None:
         first = model.__dict__["first"]
     decoder, system, device = model.decoder, model.system, train.device
     train = train[:, torch.linspace(0, train.shape[1] - 1, min(WINDOWS, train.shape[1])).long().to(device)]
-    windows, states = train[: description["observed"]].unsqueeze(1), states_of(system, train)
-    latents = latents_of(first, description, windows, settings["z_a_from"])
+    windows, states = train[: card.observed].unsqueeze(1), states_of(system, train)
+    latents = latents_of(first, card, windows, settings["z_a_from"])
     low, high = (end.to(device) for end in ranges_of(system, settings["prior"]))
-    noise, ranges = noise_of(settings["noise"], system, description), description.get("start")
+    noise, ranges = noise_of(settings["noise"], system, card), card.start
     if isinstance(first, FlowEstimator):
         unknowns = first.head.unknowns
     else:
         width = latents.shape[-1]
         own = [Unknowns(system, low.cpu(), high.cpu(), one, width, noise, ranges) for one in latents.cpu()]
         unknowns = stack(own).to(device)
-    t = torch.tensor(description["t"], dtype=torch.float32)
-    bound = stored_bound(description, device)
+    t = torch.tensor(card.t, dtype=torch.float32)
+    bound = stored_bound(card, device)
     solver: Solver | Stopping = stored.solver if bound is None else Stopping(stored.solver, bound)
     simulator = Simulator(
         decoder=decoder,
@@ -101,7 +102,7 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
         noise=noise,
         jitter=FlowSettings().jitter,
         resample_x=bool(settings["resample_x"]),
-        task=Task(t, description["observed"], len(t), solver, bound=bound),  # type: ignore[arg-type]
+        task=Task(t, card.observed, len(t), solver, bound=bound),  # type: ignore[arg-type]
         seeds=seeds,
     )
     found = simulator.simulated(count, Noise(seeds, OWN, FLOW, device=device))

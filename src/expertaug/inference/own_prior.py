@@ -141,7 +141,7 @@ def own_prior_without_windows(
     """
     if not budget > 1:
         raise InputError("budget", f"found {budget:g}", "give a factor above 1, as 2")
-    observed = stored.description["observed"]
+    observed = stored.card.observed
     parameters = stored.model.system.expert_parameters
     training, limit = _of_training(stored, train[:observed], noise, first, settings)
     ranges, explained, rounds, factor = training, 0.0, 0, 1.0
@@ -183,9 +183,9 @@ def _of_training(
     settings: Mapping | RefinementSettings | None,
 ) -> tuple[dict[str, Range], float]:
     """Ranges of the training windows' estimates, and the χ² up to which a window counts as explained."""
-    if stored.description["kind"] == "least_squares" and first is None:
+    if stored.card.kind == "least_squares" and first is None:
         raise InputError("first", "missing", "the expert alone has no estimates to start from: give ranges")
-    first = first or (stored.description.get("refinement") or {}).get("prior")  # of kind alternating
+    first = first or (None if stored.card.refinement is None else stored.card.refinement.prior)  # of kind alternating
     ranges = None if first is None else {name: (float(low), float(high)) for name, (low, high) in first.items()}
     z_e, chi2 = _estimated(estimator_of(stored, settings, noise, ranges), _whole(stored, train))
     return _hull(stored.model.system.expert_parameters, z_e), float(torch.quantile(chi2, 1 - FALSE_ALARMS))

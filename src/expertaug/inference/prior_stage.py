@@ -39,7 +39,7 @@ def own_prior(
     train = Trajectories.load(Path(data) / "train.npz")
     if isinstance(settings, FirstPriorJob):
         described = described_by(settings, None if calibration is None else constants_of(calibration))
-        system = systems.load(described["system"])
+        system = systems.load(described.system)
         stored, first = expert_alone(system, train, settings.expert, described), box(system)
     else:
         assert model is not None, "a job of the expert alone says what it is"
@@ -48,7 +48,7 @@ def own_prior(
     noise, known = settings.noise, _trajectories(train)
     how = settings.refinement if model is not None else searching(settings.refinement)
     if settings.windows:
-        observed = stored.description["observed"]
+        observed = stored.card.observed
         sets = [_trajectories(Trajectories.load(Path(data) / f"{name}.npz")) for name in settings.windows]
         found = grown(stored, known[:observed], torch.cat([one[:observed] for one in sets], dim=1), noise, first, how)
     else:

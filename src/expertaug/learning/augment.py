@@ -75,13 +75,13 @@ def draw(
         SolveError: samples are not finite for any z_e drawn.
     """
     device = stored.device
-    if stored.description["kind"] != "hybrid":
-        raise InputError(where, f"a {stored.description['kind']} model", "only hybrid models can be augmented")
-    task = task_of(stored.description["training"], stored.description, device)
+    if stored.card.kind != "hybrid":
+        raise InputError(where, f"a {stored.card.kind} model", "only hybrid models can be augmented")
+    task = task_of(stored.card.training, stored.card, device)
     task = task.shortened(task.points(choices))
     added: NoiseLike = 0.0
     if choices.augmentation_noise == "as_data":
-        added = noise_of(noise, stored.model.system, stored.description)
+        added = noise_of(noise, stored.model.system, stored.card)
     options = {"resample_x": choices.augmented_x == "resampled", "z_a_from": choices.augmented_z_a}
     options |= {"worst": float(worst)} if worst else {}
     plus, plus_validation = (

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import SolveError
+from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder
 from expertaug.models.hybrid import HybridNet
 from expertaug.systems.solvers.solver import Solver
@@ -35,9 +36,9 @@ def largest(y: Tensor) -> Tensor:
     return y.nan_to_num().abs().amax(0).reshape(*y.shape[1:3], -1).amax(-1)
 
 
-def stored_bound(description: Mapping, device: torch.device | str = "cpu") -> Tensor | None:
-    """The bound (K,) that a model file's description has; None in files from before there was one."""
-    found = description.get("bound")
+def stored_bound(card: ModelCard, device: torch.device | str = "cpu") -> Tensor | None:
+    """The bound (K,) that a model file has; None in files from before there was one."""
+    found = card.bound
     return None if found is None else torch.tensor(found, dtype=torch.float32, device=device)
 
 

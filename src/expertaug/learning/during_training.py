@@ -43,8 +43,8 @@ def stages(
     file, work, classes = Path(file), Path(work), tuning.classes or ()
     inputs = [file, *(Path(data) / f"{name}.npz" for name in ("train", "validation"))]
     used = {"augment": drawing.to_json(), "finetune": tuning.to_json(), "finetune_epochs": list(lengths)}
-    description = store.read_tensors(file)[0]["description"]
-    named = modules(description["system"]["name"], description["model"], description["objective"])
+    card = snapshots.read_card(file)
+    named = modules(card.system_name, card.model.to_json(), card.objective)
     folder = work / fingerprint(used, inputs, [__name__, *named])[:16]
     for other in work.glob("*"):  # of other settings, code or data
         if other != folder:
@@ -53,7 +53,7 @@ def stages(
         yield epoch, BASE, stored
         model, augmented = folder / f"{epoch}/model.safetensors", folder / f"{epoch}/augmented.safetensors"
         if not augmented.exists():
-            store.save(model, stored.model, stored.description)
+            store.save(model, stored.model, stored.card)
             augment(model, data, augmented, drawing)
         for count in lengths:
             tuned = folder / f"{epoch}_{count}/model.safetensors"

@@ -81,40 +81,44 @@ def prepare(
         options: how to fine-tune; method and label name the augmented method; ``prior``, p⁺, for the control.
     """
     options = complete(stored, plus, options)
-    device, choices, base = stored.device, options.choices, dict(stored.description)
+    device, choices, base = stored.device, options.choices, stored.card
     hybrid, before = _frozen(stored.model, choices)
     scale = augmentation.prior_scale(hybrid, given_ranges(options.prior)).to(device)
-    kept = options.model_dump(mode="json", include=set(KEPT))
     real, check = StackedSet.of(train, device), StackedSet.of(validation, device)
     spread: torch.Tensor | float = 1.0
     if options.training.z_a_supervision_weight and plus is not None:
         if plus.train.z_a is None:
             found, remedy = "do not say with which z_a they were made", "draw them again (augment)"
             raise InputError("augmented samples", found, remedy)
-        std = fitting.latent_of(hybrid, real.windows(base["observed"]), len(stored.seeds))["std"]
+        std = fitting.latent_of(hybrid, real.windows(base.observed), len(stored.seeds)).std
         spread = torch.tensor(std, dtype=torch.float32, device=device).clamp_min(SMALLEST_SPREAD).unsqueeze(1)
-    task = task_of(kept["training"], base, device, scale, spread)
-    prior = {name: list(ends) for name, ends in given_ranges(options.prior).items()}
-    description = base | kept | {"stage": "finetune", "augmented_prior": prior, "base_wall_s": base["wall_s"]}
+    task = task_of(options.training, base, device, scale, spread)
+    card = base.but(
+        **options.model_dump(include=set(KEPT)),
+        stage="finetune",
+        augmented_prior=options.prior,
+        base_wall_s=base.wall_s,
+    )
     return fitting.prepare(
         hybrid,
         partial(_sets, stored, plus, real, check, task, choices),
         task,
-        description,
+        card,
         options,
         stored.classes,
         before,
-        real.windows(base["observed"]),
-        check.windows(base["observed"]),
+        real.windows(base.observed),
+        check.windows(base.observed),
     )
 
 
 def complete(stored: store.StoredModel, plus: Augmented | None, options: FinetuneJob) -> FinetuneJob:
     """Options with what they inherit: of the training its solver, horizon and objective, of D⁺ its prior."""
-    base = stored.description
-    inherited = {k: base["training"][k] for k in ("solver", "horizon_s") if k in base["training"]}
-    objective = base["training"].get("objective", {}) | base["carried"] | (options.training.objective or {})
-    training = TrainSettings.from_mapping({**inherited, **options.training.to_json(), "objective": objective})
+    base = stored.card
+    inherited = {k: getattr(base.training, k) for k in ("solver", "horizon_s")}
+    inherited = {k: value for k, value in inherited.items() if value is not None}
+    objective = {**(base.training.objective or {}), **(base.carried or {}), **(options.training.objective or {})}
+    training = TrainSettings.of(**inherited | options.training.to_json() | {"objective": objective})
     prior = options.prior if plus is None else {name: tuple(ends) for name, ends in plus.header["prior"].items()}
     return options.model_copy(update={"training": training, "prior": prior, "seeds": stored.seeds})
 

@@ -19,6 +19,7 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import FinetuneJob, TrainOptions
 from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer
+from expertaug.models.card import LatentRecord, ModelCard
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.principal import principal_axes
 from expertaug.models.settings import AXES
@@ -42,7 +43,7 @@ class Record:
         self.lines.append((step, dict(values)))
 
     def event(self, name: str, **values: object) -> None:
-        """Nothing to tell: what failed is warned of, and stands in the model's description."""
+        """Nothing to tell: what failed is warned of, and stands on the model's card."""
 
     def flush(self) -> None:
         """Nothing to bring to a disk."""
@@ -61,7 +62,7 @@ class Training:
 
     Attributes:
         trainer: with model, sets, objective and settings.
-        description: of the model, apart from the record of its training.
+        card: of the model, apart from the record of its training.
         classes: see :class:`StoredModel`.
         unchanged: tensors of the model, by name, that the training must leave as they are.
         windows: observed windows (T1, 1, N, *observed) of the data: where their z_a lie is kept for refinement.
@@ -69,7 +70,7 @@ class Training:
     """
 
     trainer: Trainer
-    description: Mapping
+    card: ModelCard
     classes: Mapping[str, Callable] = field(default_factory=dict)
     unchanged: Mapping[str, Tensor] = field(default_factory=dict)
     windows: Tensor | None = None
@@ -101,17 +102,17 @@ class Training:
         }
         if self.windows is not None:
             record["latent"] = latent_of(model, self.windows, len(trainer.seeds))
-        stored = StoredModel(model, {**self.description, **record}, self.classes)
+        stored = StoredModel(model, self.card.but(**record), self.classes)
         if self.checked is not None:
             record["misfit"] = recorded(stored, self.checked)
-        return replace(stored, description={**self.description, **record})
+        return replace(stored, card=self.card.but(**record))
 
 
 def prepare(
     model: HybridNet,
     sets: Callable[[int], tuple[StackedSet | Callable[[int], StackedSet], list]],
     task: Task,
-    description: Mapping,
+    card: ModelCard,
     options: TrainOptions | FinetuneJob,
     classes: Mapping[str, Callable],
     unchanged: Mapping[str, Tensor] | None = None,
@@ -130,15 +131,15 @@ def prepare(
     """
     seeds, keep = options.seeds, options.snapshots if isinstance(options, TrainOptions) else ()
     train_set, validation = sets(task.points(options.choices))
-    objective = make_objective(objective_of(description["objective"], classes), seeds, options)
-    name = f"{description['experiment']}/{description['label']} seeds {','.join(map(str, seeds))}"
-    failed = dict.fromkeys(description.get("failed", ()), "it failed in the training before")
+    objective = make_objective(objective_of(card.objective, classes), seeds, options)
+    name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
+    failed = dict.fromkeys(card.failed or (), "it failed in the training before")
     trainer = Trainer(model, objective, task, train_set, validation, seeds, options.training, name, keep, failed)
-    return Training(trainer, description, classes, unchanged or {}, windows, checked)
+    return Training(trainer, card, classes, unchanged or {}, windows, checked)
 
 
 @torch.no_grad()
-def latent_of(model: HybridNet, windows: Tensor, seeds: int) -> dict[str, list]:
+def latent_of(model: HybridNet, windows: Tensor, seeds: int) -> LatentRecord:
     """Mean and standard deviation of z_a (S, Q) over the windows (T1, 1, N, *observed), and the first principal axes
     (S, C, Q) of a z_a of several components."""
     parts = [
@@ -146,10 +147,9 @@ def latent_of(model: HybridNet, windows: Tensor, seeds: int) -> dict[str, list]:
     ]
     z_a = torch.cat(parts, dim=1).double().nan_to_num(0.0, 0.0, 0.0)
     mean, std = moments(z_a)
-    found = {"mean": mean.tolist(), "std": std.tolist()}
-    if z_a.shape[-1] > 1:
-        found["axes"] = [principal_axes(one, AXES).tolist() for one in z_a]
-    return found
+    axes = [principal_axes(one, AXES).tolist() for one in z_a] if z_a.shape[-1] > 1 else None
+    known = {"mean": mean.tolist(), "std": std.tolist()}
+    return LatentRecord.of(**known if axes is None else known | {"axes": axes})
 
 
 def moments(z_a: Tensor) -> tuple[Tensor, Tensor]:

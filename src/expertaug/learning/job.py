@@ -37,19 +37,23 @@ def run(
         tracking: see :class:`RunLog`.
         module: of the stage, whose files a checkpoint stands for; None: the module of learning with the stage's name.
     """
-    output, work, trainer, description = Path(output), Path(work), training.trainer, training.description
+    output, work, trainer, card = Path(output), Path(work), training.trainer, training.card
     with locked(work):
         said = settings.to_json()
         wanted = {k: v for k, v in said.items() if k != "device"}
-        named = modules(description["system"]["name"], description["model"], description.get("objective"))
-        code = [module or f"expertaug.learning.{description['stage']}", *named]
+        named = modules(card.system_name, card.model.to_json(), card.objective)
+        code = [module or f"expertaug.learning.{card.stage}", *named]
         checkpoint = Checkpoint(work, fingerprint(wanted, list(inputs), code))
         state = checkpoint.load()
         if state is not None:
             trainer.restore(state)
         run = Run(
-            **{k: description[k] for k in ("experiment", "method", "label", "preset", "stage")},
-            system=description["system"]["name"],
+            experiment=card.experiment,
+            method=card.method,
+            label=card.label,
+            preset=card.preset,
+            stage=card.stage,
+            system=card.system_name,
             seeds=trainer.seeds,
             params={k: v for k, v in said.items() if k not in ("seeds", "label")},
             tags={"fingerprint": checkpoint.fingerprint},
@@ -61,8 +65,7 @@ def run(
                     log.dataset(path.stem, path)
             stored = training.run(log, checkpoint)
             if trainer.keep:
-                described = {**description, "failed": stored.failed}
-                snapshots.save(output.with_name(snapshots.NAME), trainer.snapshots, described)
-            store.save(output, stored.model, stored.description)
+                snapshots.save(output.with_name(snapshots.NAME), trainer.snapshots, card.but(failed=stored.failed))
+            store.save(output, stored.model, stored.card)
             log.artifact(output)
         checkpoint.remove()

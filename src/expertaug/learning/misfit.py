@@ -48,8 +48,8 @@ def misfits(stored: StoredModel, windows: Tensor) -> Tensor:
     """The misfit (S, N) of windows (T1, 1, N, *observed) by a model's own estimates."""
     model: Predictor = stored.model
     system: System = model.system  # type: ignore[attr-defined]
-    t = torch.tensor(stored.description["t"][: len(windows)], dtype=torch.float32, device=windows.device)
-    bound, parts = stored_bound(stored.description, windows.device), []
+    t = torch.tensor(stored.card.t[: len(windows)], dtype=torch.float32, device=windows.device)
+    bound, parts = stored_bound(stored.card, windows.device), []
     for part in windows.split(PART, dim=2):
         y = part.expand(-1, len(stored.seeds), *part.shape[2:])
         found = model.estimate(y)  # type: ignore[attr-defined]

@@ -6,26 +6,28 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.models import store
+from expertaug.models.card import ModelCard
 
 NAME = "snapshots.safetensors"
 
 
-def save(path: Path, snapshots: Mapping[int, Mapping], description: Mapping) -> None:
+def save(path: Path, snapshots: Mapping[int, Mapping], card: ModelCard) -> None:
     """Write the snapshots by pass.
 
     Arguments:
         snapshots: of each pass the state_dict of the stacked model as ``model``; the rest is what a model file says of
             its training.
-        description: of the model that they are states of.
+        card: of the model that they are states of.
     """
     tensors = {
         f"{epoch}/{name}": value for epoch, snapshot in snapshots.items() for name, value in snapshot["model"].items()
     }
     records = {epoch: {k: v for k, v in snapshot.items() if k != "model"} for epoch, snapshot in snapshots.items()}
-    store.write_tensors(path, tensors, {"description": description, "records": records})
+    store.write_tensors(path, tensors, {"description": card.model_dump(), "records": records})
 
 
 def load(path: Path, device: torch.device, classes: Collection[str | Callable] = ()) -> dict[int, store.StoredModel]:
@@ -37,11 +39,31 @@ def load(path: Path, device: torch.device, classes: Collection[str | Callable] =
     Raises:
         InputError: the file is missing, damaged or of another kind.
     """
-    header, tensors = store.read_tensors(path)
-    if not {"description", "records"} <= header.keys():
-        raise InputError(path, "holds no snapshots", "make it again with train")
+    header, tensors = _read(path)
     found = {}
     for epoch, record in header["records"].items():
         own = {k.removeprefix(f"{epoch}/"): v for k, v in tensors.items() if k.startswith(f"{epoch}/")}
-        found[int(epoch)] = store.restore(path, header["description"] | record, own, device, classes)
+        card = store.card_of(path, header["description"] | record)
+        found[int(epoch)] = store.restore(path, card, own, device, classes)
     return found
+
+
+def read_card(path: Path) -> ModelCard:
+    """The card of the model that the snapshots are states of.
+
+    Raises:
+        InputError: as :func:`load`.
+    """
+    return store.card_of(path, _read(path)[0]["description"])
+
+
+def passes(path: Path) -> list[int]:
+    """After which passes they were taken."""
+    return sorted(map(int, _read(path)[0]["records"]))
+
+
+def _read(path: Path) -> tuple[dict, dict[str, Tensor]]:
+    header, tensors = store.read_tensors(path)
+    if not {"description", "records"} <= header.keys():
+        raise InputError(path, "holds no snapshots", "make it again with train")
+    return header, tensors

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from expertaug.learning.bound import stored_bound
+from expertaug.models.card import ModelCard
 from expertaug.presets import Choices
+from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import points_until
 
@@ -56,26 +58,34 @@ class Task:
         return range(1, self.horizon) if choices.selection == "observed" else range(self.observed, len(self.t))
 
 
+class TrainedWith(Protocol):
+    """What a task asks of the settings, or the record, of a training."""
+
+    @property
+    def solver(self) -> SolverSettings: ...
+
+    @property
+    def horizon_s(self) -> float: ...
+
+
 def task_of(
-    training: Mapping,
-    description: Mapping,
+    training: TrainedWith,
+    card: ModelCard,
     device: torch.device,
     scale: Tensor | float = 1.0,
     z_a_scale: Tensor | float = 1.0,
 ) -> Task:
-    """The task of a training block (``solver``, ``horizon_s``, ``supervision_weight`` …) for a stored_bound model."""
-    t = torch.tensor(description["t"], dtype=torch.float32)
-    horizon = (
-        points_until(description["t"], training["horizon_s"]) if "horizon_s" in training else description["observed"]
-    )
+    """The task of a training, or of what was trained so, for the model of a card."""
+    horizon = card.observed if training.horizon_s is None else points_until(card.t, training.horizon_s)
+    weight, z_a_weight = (getattr(training, f"{of}supervision_weight", None) for of in ("", "z_a_"))
     return Task(
-        t=t,
-        observed=description["observed"],
+        t=torch.tensor(card.t, dtype=torch.float32),
+        observed=card.observed,
         horizon=max(horizon, 2),
-        solver=Solver.from_mapping(training.get("solver", {})),
+        solver=Solver(**dict(training.solver or {})),
         z_e_scale=scale,
-        supervision_weight=float(training.get("supervision_weight", 1.0)),
+        supervision_weight=1.0 if weight is None else float(weight),
         z_a_scale=z_a_scale,
-        z_a_supervision_weight=float(training.get("z_a_supervision_weight", 0.0)),
-        bound=stored_bound(description, device),
+        z_a_supervision_weight=float(z_a_weight or 0.0),
+        bound=stored_bound(card, device),
     )

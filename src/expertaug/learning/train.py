@@ -27,6 +27,7 @@ from expertaug.learning.settings import (
 )
 from expertaug.learning.task import task_of
 from expertaug.models import describe, store
+from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.device import device_of
 from expertaug.models.gaps import ranges_of
@@ -72,7 +73,7 @@ def train(
             stored = mean(system, train_data, settings, described)
         else:
             stored = expert_alone(system, train_data, settings, described, bool(build.truth))
-        store.save(output, stored.model, stored.description)
+        store.save(output, stored.model, stored.card)
         return
     recipe = describe.recipe_of(system, described)
     training = prepare(recipe, train_data, validation_data, settings, described, build.objective_kind)
@@ -86,17 +87,17 @@ def inputs_of(data: Path) -> list[Path]:
 
 def taken_in(
     inputs: Sequence[Path], settings: RecipeKeys, calibration: Path | None
-) -> tuple[systems.System, dict, Trajectories, Trajectories]:
+) -> tuple[systems.System, RecipeRecord, Trajectories, Trajectories]:
     """What a stage of training is given, read: the system, what a file will say of the recipe, and both sets.
 
     Arguments as of :func:`train`; ``inputs`` of :func:`inputs_of`.
     """
     described = described_by(settings, None if calibration is None else constants_of(calibration))
     first, second = map(Trajectories.load, inputs)
-    return systems.load(described["system"]), described, first, second
+    return systems.load(described.system), described, first, second
 
 
-def described_by(settings: RecipeKeys, constants: Mapping | None = None) -> dict:
+def described_by(settings: RecipeKeys, constants: Mapping | None = None) -> RecipeRecord:
     """What a file will say of the recipe of a training's settings; ``constants`` are those that calibrate fitted."""
     build = settings.build
     system = settings.system | (build.system or {})
@@ -105,12 +106,12 @@ def described_by(settings: RecipeKeys, constants: Mapping | None = None) -> dict
         system["constants"] = constants["with_friction"]["constants"] if rubbed else constants["constants"]
         if rubbed:
             system["friction"] = constants["with_friction"]["friction"]
-    return {
-        "system": system,
-        "model": settings.model.to_json(),
-        "expert": build.has_expert,
-        "interaction": build.has_interaction,
-    }
+    return RecipeRecord.of(
+        system=system,
+        model=settings.model.to_json(),
+        expert=build.has_expert,
+        interaction=build.has_interaction,
+    )
 
 
 def observed_points(t: Sequence[float], t1_s: float, choices: Choices) -> int:
@@ -131,7 +132,7 @@ def prepare(
     train: Trajectories,
     validation: Trajectories,
     options: TrainOptions,
-    described: Mapping,
+    described: RecipeRecord,
     objective: str = DEFAULT_OBJECTIVE,
     classes: Mapping[str, Callable] | None = None,
     forecast_solver: Solver | None = None,
@@ -154,28 +155,29 @@ def prepare(
         raise InputError("validation set", "has other times than the training set", "give both the same times")
     check_trainable(recipe.system)
     kind = objective_of(objective, classes)
-    description = {"kind": "hybrid", **of_data(train, recipe.system, options), **described}
-    description |= {
-        "likelihood": kind.learns_likelihood,
-        "stage": "train",
-        "objective": short_name(OBJECTIVE, objective),
-    }
-    forecast_solver = forecast_solver or store.forecast_solver(options.training.solver, recipe.system)
-    description["forecast_solver"] = forecast_solver.to_json()
-    observed = description["observed"]
-    times = torch.tensor(description["t"][:observed], dtype=torch.float64)
-    model = recipe.build(times, options.seeds, kind.learns_likelihood, description.get("start")).to(device)
+    card = ModelCard.of(
+        kind="hybrid",
+        **of_data(train, recipe.system, options),
+        **dict(described),
+        likelihood=kind.learns_likelihood,
+        stage="train",
+        objective=short_name(OBJECTIVE, objective),
+        forecast_solver=forecast_solver or store.forecast_solver(options.training.solver, recipe.system),
+    )
+    observed = card.observed
+    times = torch.tensor(card.t[:observed], dtype=torch.float64)
+    model = recipe.build(times, options.seeds, kind.learns_likelihood, card.start).to(device)
     train_set, validation_set = StackedSet.of(train, device), StackedSet.of(validation, device)
     for name, part in (("training set", train_set), ("validation set", validation_set)):
         check_given(recipe.system, part.u, name)
     windows = train_set.windows(observed)
     model.fit(windows[:, 0])
-    task = task_of(description["training"], description, device)
+    task = task_of(options.training, card, device)
     return fitting.prepare(
         model,
         lambda points: (train_set.window(points), [(validation_set, task.selection(options.choices))]),
         task,
-        description,
+        card,
         options,
         classes,
         windows=windows,
@@ -184,11 +186,11 @@ def prepare(
 
 
 def mean(
-    system: systems.System, train: Trajectories, options: UntrainedOptions, described: Mapping
+    system: systems.System, train: Trajectories, options: UntrainedOptions, described: RecipeRecord
 ) -> store.StoredModel:
     """The baseline that forecasts the training set's mean; ``described`` as of :func:`prepare`."""
-    description = {"kind": "mean", **of_data(train, system, options), **described, "wall_s": 0.0, "best_score": None}
-    return store.StoredModel(MeanModel(system, _mean(train)), description)
+    card = ModelCard.of(kind="mean", **of_data(train, system, options), **dict(described), wall_s=0.0, best_score=None)
+    return store.StoredModel(MeanModel(system, _mean(train)), card)
 
 
 def _mean(train: Trajectories) -> torch.Tensor:
@@ -199,7 +201,7 @@ def _mean(train: Trajectories) -> torch.Tensor:
 
 
 def expert_alone(
-    system: systems.System, train: Trajectories, options: UntrainedOptions, described: Mapping, truth: bool = False
+    system: systems.System, train: Trajectories, options: UntrainedOptions, described: RecipeRecord, truth: bool = False
 ) -> store.StoredModel:
     """The decoder of the expert alone, whose estimates are to be found by least squares; nothing is trained.
 
@@ -211,16 +213,16 @@ def expert_alone(
     Raises:
         InputError: the true equation of data that were not simulated.
     """
-    description = {"kind": "least_squares", **of_data(train, system, options), **described}
-    description |= {"expert": True, "interaction": False, "model": {}, "wall_s": 0.0, "best_score": None}
-    description |= {"refinement": None if options.refinement is None else options.refinement.to_json()}
+    said = {**of_data(train, system, options), "system": described.system, "expert": True, "interaction": False}
+    said |= {"refinement": options.refinement, "wall_s": 0.0, "best_score": None}
+    card = ModelCard.of(kind="least_squares", **said)
     if not truth:
-        return store.StoredModel(Decoder(system), description)
+        return store.StoredModel(Decoder(system), card)
     z_a = train.z_a
     if z_a is None or not z_a.shape[1]:
         raise InputError("build.truth", "the training set has no z_a", "only simulated data have a true equation")
     latent = {"mean": [z_a.mean(0).tolist()], "std": [z_a.std(0).tolist()]}
-    return store.StoredModel(TruthDecoder(system), description | {"truth": True, "latent": latent})
+    return store.StoredModel(TruthDecoder(system), card.but(truth=True, latent=latent))
 
 
 def _first_values(train: Trajectories, system: systems.System, given: Mapping) -> dict[str, list[float]]:
@@ -237,14 +239,14 @@ def _first_values(train: Trajectories, system: systems.System, given: Mapping) -
 
 
 def of_data(train: Trajectories, system: systems.System, options: DataOptions) -> dict:
-    """What a description says of data and options.
+    """What a card says of data and options.
 
     Raises:
         InputError: a component that nobody measured has no range.
     """
     t = [float(v) for v in train.t]
     observed = observed_points(t, options.t1_s, options.choices)
-    kept = options.model_dump(mode="json", include=set(KEPT))
+    kept = options.model_dump(include=set(KEPT))
     start = None if train.mask is None else _first_values(train, system, options.start)
     return {
         "t": t,

@@ -7,6 +7,7 @@ from functools import partial
 
 from expertaug import systems
 from expertaug.errors import InputError
+from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
 from expertaug.models.kinds import PARTS
 from expertaug.models.recipe import HybridModel, build_decoder
@@ -45,15 +46,15 @@ def class_of(part: Part, given: Mapping | Callable) -> dict[str, Callable]:
     return {kind: given.func if isinstance(given, partial) else given}
 
 
-def describe(recipe: HybridModel) -> dict:
-    """What a model file says of a recipe: system, model, expert, interaction."""
+def describe(recipe: HybridModel) -> RecipeRecord:
+    """What a model file says of a recipe."""
     given = {name: getattr(recipe, name) for name in PARTS}
-    return {
-        "system": systems.describe(recipe.system),
-        "model": {name: settings_of(PARTS[name], value) for name, value in given.items() if value is not None},
-        "expert": recipe.expert,
-        "interaction": recipe.interaction is not None,
-    }
+    return RecipeRecord.of(
+        system=systems.describe(recipe.system),
+        model={name: settings_of(PARTS[name], value) for name, value in given.items() if value is not None},
+        expert=recipe.expert,
+        interaction=recipe.interaction is not None,
+    )
 
 
 def own_classes(recipe: HybridModel) -> dict[str, Callable]:
@@ -66,7 +67,7 @@ def own_classes(recipe: HybridModel) -> dict[str, Callable]:
     return found if _is_built_in_system(name) else {name: type(recipe.system)} | found
 
 
-def recipe_of(system: System, description: Mapping, classes: Mapping[str, Callable] | None = None) -> HybridModel:
+def recipe_of(system: System, card: RecipeRecord, classes: Mapping[str, Callable] | None = None) -> HybridModel:
     """The recipe that :func:`describe` described.
 
     Arguments:
@@ -74,26 +75,28 @@ def recipe_of(system: System, description: Mapping, classes: Mapping[str, Callab
         classes: by name, instead of what importing the name would give.
     """
     classes = classes or {}
-    model = description["model"]
-    interaction = model["interaction"] if description["interaction"] else None
+    encoder, interaction = card.model.encoder, card.model.interaction if card.interaction else None
+    if encoder is None or (card.interaction and interaction is None):
+        raise InputError("model", "lacks a part", "give encoder and interaction")
     return HybridModel(
         system,
-        _with_class(model["encoder"], classes),
+        _with_class(encoder, classes),
         interaction if interaction is None else _with_class(interaction, classes),
-        description["expert"],
+        card.expert,
     )
 
 
-def decoder_of(system: System, description: Mapping, classes: Mapping[str, Callable] | None = None) -> Decoder:
-    """The decoder without an encoder, of a description of kind alternating; arguments as :func:`recipe_of`."""
-    interaction = _with_class(description["model"]["interaction"], classes or {})
-    times = description["t"][: description["observed"]]
-    return build_decoder(system, interaction, description["latent_size"], description["seeds"], times)
+def decoder_of(system: System, card: ModelCard, classes: Mapping[str, Callable] | None = None) -> Decoder:
+    """The decoder without an encoder, of a card of kind alternating; arguments as :func:`recipe_of`."""
+    if card.model.interaction is None or card.latent_size is None:
+        raise InputError("model", "lacks what is learned", "give interaction and latent_size")
+    interaction = _with_class(card.model.interaction, classes or {})
+    return build_decoder(system, interaction, card.latent_size, card.seeds, card.t[: card.observed])
 
 
-def system_of(description: Mapping, classes: Mapping[str, Callable] | None = None) -> System:
-    """The system that a description names."""
-    settings = dict(description["system"])
+def system_of(card: RecipeRecord, classes: Mapping[str, Callable] | None = None) -> System:
+    """The system that a card names."""
+    settings = dict(card.system)
     made = (classes or {}).get(str(settings.get("name")))
     if made is None:
         return systems.load(settings)
@@ -101,15 +104,15 @@ def system_of(description: Mapping, classes: Mapping[str, Callable] | None = Non
     return made(**settings)
 
 
-def foreign(description: Mapping) -> Iterator[str]:
-    """Names of what a description would import that is not this package's."""
-    name = str(description["system"].get("name"))
+def foreign(card: ModelCard) -> Iterator[str]:
+    """Names of what a card would import that is not this package's."""
+    name = card.system_name
     if not _is_built_in_system(name):
         yield name
-    if description["kind"] not in ("hybrid", "alternating"):
+    if card.kind not in ("hybrid", "alternating"):
         return
-    kinds = [str(settings["kind"]) for name, settings in description["model"].items() if name in PARTS]
-    kinds += [str(description["objective"])] if "objective" in description else []
+    kinds = [str(part["kind"]) for part in (card.model.encoder, card.model.interaction) if part is not None]
+    kinds += [card.objective] if card.objective is not None else []
     yield from (kind for kind in kinds if not is_built_in(kind))
 
 

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
+from expertaug.models.card import ModelCard
 from expertaug.systems import System
 
 ESTIMATED = "estimated"
@@ -15,12 +16,12 @@ NoiseLike = float | Sequence[float]  # of all components, or of each
 GivenNoise = float | Mapping[str, float] | str  # as settings say it
 
 
-def noise_of(given: GivenNoise, system: System, description: Mapping) -> NoiseLike:
+def noise_of(given: GivenNoise, system: System, card: ModelCard) -> NoiseLike:
     """What settings say of the noise, as numbers.
 
     Arguments:
         given: one number, one by component, or ``estimated``.
-        description: of a model; it knows what was estimated from its training set.
+        card: of a model; it knows what was estimated from its training set.
 
     Raises:
         InputError: a name that is no component's, or nothing was estimated.
@@ -29,7 +30,7 @@ def noise_of(given: GivenNoise, system: System, description: Mapping) -> NoiseLi
         return float(given)
     names = [p.name for p in system.state]
     if given == ESTIMATED:
-        found = description.get("data_noise")
+        found = card.data_noise
         if found is None:
             raise InputError("noise", "estimated, but the training set does not say it", "give a number")
         return [float(value) for value in found]

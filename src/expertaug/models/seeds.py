@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 from torch import nn
 
+from expertaug.models.card import ModelCard
+
 Model = TypeVar("Model", bound=nn.Module)
 
 
-def of_description(description: Mapping, places: Sequence[int]) -> dict:
+def of_card(card: ModelCard, places: Sequence[int]) -> ModelCard:
     """What a model file says of a group's seeds at some places: one value a seed becomes theirs."""
-    found, count = dict(description), len(description["seeds"])
+    count, chosen = len(card.seeds), {}
     for key in ("seeds", "best_score", "best_epoch", "best_step"):
-        if found.get(key) is not None:
-            found[key] = [description[key][k] for k in places]
-    for block in [key for key in ("carried", "latent", "misfit") if key in found]:
-        found[block] = {
-            key: [value[k] for k in places] if isinstance(value, list) and len(value) == count else value
-            for key, value in description[block].items()
-        }
-    return found
+        if (value := getattr(card, key)) is not None:
+            chosen[key] = [value[k] for k in places]
+
+    def theirs(block: Mapping[str, Any]) -> dict[str, Any]:
+        each = {k: v for k, v in block.items() if isinstance(v, list) and len(v) == count}
+        return {**block, **{key: [value[k] for k in places] for key, value in each.items()}}
+
+    if card.carried is not None:
+        chosen["carried"] = theirs(card.carried)
+    for key in ("latent", "misfit"):
+        if (value := getattr(card, key)) is not None:
+            chosen[key] = theirs(value.model_dump())
+    return card.but(**chosen)
 
 
 def select(model: Model, places: Sequence[int], count: int) -> Model:

@@ -1,10 +1,9 @@
-"""Model files: safetensors with the description that makes the model again in the header."""
+"""Model files: safetensors with the card by which the model is made again in the header."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,9 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.models import describe
+from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder, TruthDecoder
+from expertaug.models.hybrid import HybridNet
 from expertaug.models.mean import MeanModel
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
@@ -25,6 +26,7 @@ __all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "wr
 ACCURATE = Solver("dopri5", rtol=1e-6, atol=1e-6)
 ACROSS_EVENTS = Solver(EVENTS, substeps=10)
 KINDS = ("hybrid", "alternating", "mean", "least_squares")
+NETWORKS = ("hybrid", "alternating")  # whose tensors have the seeds first
 COARSE = ("euler", "midpoint", "rk4", *ADAMS)  # steps of the data's own: good for training, not for a forecast
 
 
@@ -34,24 +36,23 @@ class StoredModel:
 
     Attributes:
         model: a hybrid network, the baseline of the mean, or a decoder: of kind alternating with F_a, of kind
-            least_squares of the expert alone; stacked over the seeds of ``description["seeds"]``.
-        description: system, method, model, choices, t (all times in s), observed (points), units and the training's
-            record; all of it can be written to a file.
-        classes: those of its parts that are not this package's, by the name that the description gives them.
+            least_squares of the expert alone; stacked over the card's seeds.
+        card: what is known; all of it can be written to a file.
+        classes: those of its parts that are not this package's, by the name that the card gives them.
     """
 
     model: Any
-    description: Mapping
+    card: ModelCard
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
     @property
     def seeds(self) -> list[int]:
-        return list(self.description["seeds"])
+        return list(self.card.seeds)
 
     @property
     def failed(self) -> list[int]:
         """Those of the seeds that could not be trained."""
-        return list(self.description.get("failed", ()))
+        return list(self.card.failed or ())
 
     @property
     def device(self) -> torch.device:
@@ -61,7 +62,8 @@ class StoredModel:
     @property
     def solver(self) -> Solver:
         """What forecasts are solved with."""
-        return Solver.from_mapping(self.description.get("forecast_solver") or accurate(self.model.system))
+        given = self.card.forecast_solver
+        return accurate(self.model.system) if given is None else Solver(**dict(given))
 
 
 def accurate(system: System) -> Solver:
@@ -78,13 +80,13 @@ def forecast_solver(training: SolverSettings | None, system: System) -> Solver:
     return Solver("lawson4") if split else accurate(system)
 
 
-def save(path: str | Path, model: Any, description: Mapping) -> None:
+def save(path: str | Path, model: Any, card: ModelCard) -> None:
     """Write a model file atomically.
 
     Raises:
         InputError: the folder cannot be written, or a class of the model was given what a file cannot hold.
     """
-    write_tensors(path, model.state_dict(), {**description, **_units(model.system)})
+    write_tensors(path, model.state_dict(), {**card.model_dump(), **_units(model.system)})
 
 
 def load(path: str | Path, device: torch.device | str = "cpu", classes: Collection[str | Callable] = ()) -> StoredModel:
@@ -96,76 +98,90 @@ def load(path: str | Path, device: torch.device | str = "cpu", classes: Collecti
 
     Raises:
         InputError: the file is missing, damaged or no model file, names a class that ``classes`` does not, or its
-            layers are no longer what its description says.
+            layers are no longer what its card says.
     """
-    description, tensors = read_tensors(path)
-    return restore(path, description, tensors, device, classes)
+    header, tensors = read_tensors(path)
+    return restore(path, card_of(path, header), tensors, device, classes)
+
+
+def read_card(path: str | Path) -> ModelCard:
+    """What a model file says of its model.
+
+    Raises:
+        InputError: the file is missing, damaged or no model file.
+    """
+    return card_of(path, read_tensors(path)[0])
+
+
+def card_of(path: str | Path, header: Mapping[str, Any]) -> ModelCard:
+    """The card in a file's header.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        return ModelCard.from_mapping(header, "")
+    except InputError as error:
+        raise InputError(path, f"describes no model ({error})", "make it again with its stage") from error
 
 
 def restore(
     path: str | Path,
-    description: Mapping,
+    card: ModelCard,
     tensors: Mapping[str, Tensor],
     device: torch.device | str,
     classes: Collection[str | Callable] = (),
 ) -> StoredModel:
-    """The model that a file's description and tensors make; see :func:`load`."""
+    """The model that a file's card and tensors make; see :func:`load`."""
     allowed, made = describe.trusted(classes)
-    try:
-        _check(description)
-        own = list(describe.foreign(description))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(path, f"describes no model ({error})", "make it again with its stage") from error
+    if card.kind not in KINDS:
+        raise InputError(path, f"describes no model of these (kind {card.kind!r})", "read it as expertaug.load does")
+    own = list(describe.foreign(card))
     for name in own:
         if name not in allowed:
             raise InputError(
                 path, f"needs {name}, which is not part of expertaug", f"if you trust it: classes=[{name!r}] (--class)"
             )
     used: dict[str, Callable] = {name: made[name] for name in own if name in made}
+    _check_tensors(path, card, tensors)
     try:
-        system = describe.system_of(description, used)
-        if description["kind"] == "mean":
+        system = describe.system_of(card, used)
+        if card.kind == "mean":
             model: Any = MeanModel(system, tensors["mean"])
-        elif description["kind"] == "least_squares":
-            model = TruthDecoder(system) if description.get("truth") else Decoder(system)
-        elif description["kind"] == "alternating":
-            model = describe.decoder_of(system, description, used)
+        elif card.kind == "least_squares":
+            model = TruthDecoder(system) if card.truth else Decoder(system)
+        elif card.kind == "alternating":
+            model = describe.decoder_of(system, card, used)
         else:
-            model = make(system, description, used)
+            model = make(system, card, used)
     except Exception as error:  # a class of the user's may raise anything
         raise InputError(path, f"describes no model ({error})", "train it again") from error
     for key, value in _units(system).items():
-        if key in description and description[key] != value:
-            raise InputError(
-                path, f"was made with {key} {description[key]}", f"the system now has {value}: train again"
-            )
+        before = getattr(card, key)
+        if before is not None and before != value:
+            raise InputError(path, f"was made with {key} {before}", f"the system now has {value}: train again")
     try:
         model.load_state_dict(dict(tensors))
     except RuntimeError as error:
         raise InputError(path, "holds other layers than it describes", "train it again") from error
-    return StoredModel(model.to(device).eval(), description, used)
+    return StoredModel(model.to(device).eval(), card, used)
 
 
-def make(system: System, description: Mapping, classes: Mapping[str, Callable] | None = None) -> Any:
-    """The stacked hybrid model that a description describes, one initialisation a seed."""
-    times = torch.tensor(description["t"][: description["observed"]], dtype=torch.float64)
-    recipe = describe.recipe_of(system, description, classes)
-    return recipe.build(
-        times, list(description["seeds"]), description.get("likelihood", False), description.get("start")
-    )
+def make(system: System, card: ModelCard, classes: Mapping[str, Callable] | None = None) -> HybridNet:
+    """The stacked hybrid model that a card describes, one initialisation a seed."""
+    times = torch.tensor(card.t[: card.observed], dtype=torch.float64)
+    recipe = describe.recipe_of(system, card, classes)
+    return recipe.build(times, card.seeds, bool(card.likelihood), card.start)
 
 
-def _check(description: Mapping) -> None:
-    """What every use of a model relies on."""
-    t, observed, seeds = description["t"], description["observed"], description["seeds"]
-    if description["kind"] not in KINDS:
-        raise ValueError(f"kind {description['kind']!r}")
-    if not all(isinstance(v, (int, float)) for v in t) or any(not a < b for a, b in pairwise(t)):
-        raise ValueError("t does not increase")
-    if not isinstance(observed, int) or not 1 <= observed <= len(t):
-        raise ValueError(f"observed {observed!r}")
-    if not seeds or not all(isinstance(seed, int) for seed in seeds):
-        raise ValueError(f"seeds {seeds!r}")
+def _check_tensors(path: str | Path, card: ModelCard, tensors: Mapping[str, Tensor]) -> None:
+    """Tensors must be numbers, and of as many seeds as the card says, before networks of these are made."""
+    for name, value in tensors.items():
+        if value.is_floating_point() and not torch.isfinite(value).all():
+            raise InputError(path, f"the tensor {name} has values that are no numbers", "train it again")
+        if card.kind in NETWORKS and (value.dim() == 0 or len(value) != len(card.seeds)):
+            found = f"the tensor {name} has shape {tuple(value.shape)}"
+            raise InputError(path, found, f"it describes {len(card.seeds)} seeds: train it again")
 
 
 def _units(system: System) -> dict[str, list[list[str]]]:

@@ -1,0 +1,151 @@
+"""What a model file says of its model, in the header: how it is made again, of what data, and how it was trained."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from expertaug.models.settings import Refinement
+from expertaug.presets import Choices
+from expertaug.settings import LEFT_OUT, Range, Settings, disagree, key, wrong
+from expertaug.systems.settings import SolverSettings
+
+MOST_SEEDS = 10_000  # of a group
+Names = list[list[str]]
+
+
+class TrainingRecord(Settings):
+    """How a model was trained: what those who use it ask for, and whatever else its training was told."""
+
+    model_config = ConfigDict(extra="allow")
+
+    solver: SolverSettings = key(LEFT_OUT, "for the differential equation")
+    horizon_s: float = key(LEFT_OUT, "end of the loss window", "s")
+    supervision_weight: float = key(LEFT_OUT, "of the z_e term of augmented samples")
+    z_a_supervision_weight: float = key(LEFT_OUT, "of their z_a term")
+    objective: dict[str, Any] = key(LEFT_OUT, "options of the objective")
+
+
+class PartsRecord(Settings):
+    """Kind and arguments of each part of a model."""
+
+    encoder: dict[str, Any] = key(LEFT_OUT, "of kind hybrid")
+    interaction: dict[str, Any] = key(LEFT_OUT, "F_a, where there is one")
+
+    @field_validator("encoder", "interaction")
+    @classmethod
+    def _says_its_kind(cls, value: dict[str, Any]) -> dict[str, Any]:
+        if not isinstance(value.get("kind"), str):
+            raise wrong("names no kind", "give kind", "kind")
+        return value
+
+
+class LatentRecord(Settings):
+    """Where z_a of the training windows lie: S seeds, Q components, C principal axes."""
+
+    mean: list[list[float]] = key(..., "(S, Q)")
+    std: list[list[float]] = key(..., "(S, Q)")
+    axes: list[list[list[float]]] = key(LEFT_OUT, "(S, C, Q), each as long as its standard deviation")
+
+
+class MisfitRecord(Settings):
+    """Misfits of windows on which nothing was fitted, a list a seed."""
+
+    validation: list[list[float]] = key(..., "(S, N)")
+
+
+class RecipeRecord(Settings):
+    """What a model is made of, as names and plain values."""
+
+    system: dict[str, Any] = key(..., "name and arguments of the system")
+    model: PartsRecord = key(PartsRecord, "encoder and interaction")
+    expert: bool = key(True, "whether there is one")
+    interaction: bool = key(True, "whether there is a model of it")
+
+    @model_validator(mode="after")
+    def _names_its_system(self) -> Self:
+        if not isinstance(self.system.get("name"), str):
+            raise disagree("names no system", "give its name", "system")
+        return self
+
+    @property
+    def system_name(self) -> str:
+        """Name of the system."""
+        return self.system["name"]
+
+
+class ModelCard(RecipeRecord):
+    """All that is known about a model but its tensors; a model file has it in its header.
+
+    Keys that a kind of model has not are missing in the file and None here.
+    """
+
+    WHERE: ClassVar[str] = "card"
+
+    kind: Literal["hybrid", "alternating", "mean", "least_squares", "flow"] = key(..., "of the estimator")
+    experiment: str = key(LEFT_OUT, "name of the experiment")
+    method: str = key(LEFT_OUT, "name of the method's version")
+    label: str = key(LEFT_OUT, "what tables print")
+    preset: str = key(LEFT_OUT, "name of the preset")
+    stage: str = key(LEFT_OUT, "that made it")
+    choices: Choices = key(LEFT_OUT, "rows of the preset's table")
+    seeds: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1, max_length=MOST_SEEDS)] = key(
+        ..., "of the group, in its order"
+    )
+    # The data.
+    t: list[float] = key(..., "all times of a trajectory", "s")
+    observed: Annotated[int, Field(ge=1)] = key(..., "points of the observed window")
+    observed_s: float = key(LEFT_OUT, "its end", "s")
+    bound: list[float] = key(LEFT_OUT, "how far each component of a forecast may go")
+    start: dict[str, Range] = key(LEFT_OUT, "ranges of first values, where windows have gaps")
+    data_noise: list[float] = key(LEFT_OUT, "of each component, as it was estimated from the measurements")
+    # The recipe.
+    likelihood: bool = key(LEFT_OUT, "whether a likelihood's scale was learned")
+    objective: str = key(LEFT_OUT, "kind of the objective")
+    truth: bool = key(LEFT_OUT, "whether the expert is the equation that made the data")
+    latent_size: Annotated[int, Field(ge=0)] = key(LEFT_OUT, "size of z_a, without an encoder")
+    state: Names = key(LEFT_OUT, "name and unit of each component")
+    expert_parameters: Names = key(LEFT_OUT, "name and unit of each")
+    inputs: Names = key(LEFT_OUT, "name and unit of each known input")
+    covariates: Names = key(LEFT_OUT, "name and unit of each")
+    # Its training.
+    training: TrainingRecord = key(TrainingRecord, "how it was trained")
+    refinement: Refinement | None = key(LEFT_OUT, "how windows are fitted, where estimates are found so")
+    forecast_solver: SolverSettings = key(LEFT_OUT, "for forecasts")
+    augmented_prior: dict[str, Range] = key(LEFT_OUT, "p⁺ of the fine-tuning")
+    wall_s: float = key(LEFT_OUT, "of the training", "s")
+    base_wall_s: float = key(LEFT_OUT, "of the training before", "s")
+    best_score: list[float | None] | None = key(LEFT_OUT, "of each seed on the validation set")
+    best_epoch: list[int] = key(LEFT_OUT, "of each seed")
+    best_step: list[int] = key(LEFT_OUT, "of each seed")
+    carried: dict[str, Any] = key(LEFT_OUT, "options of the objective that a fine-tuning takes over")
+    failed: list[int] = key(LEFT_OUT, "seeds that could not be trained")
+    latent: LatentRecord = key(LEFT_OUT, "where z_a of the training windows lie")
+    misfit: MisfitRecord = key(LEFT_OUT, "of validation windows")
+    # A flow.
+    flow: dict[str, Any] = key(LEFT_OUT, "how it learned, and is used")
+    prior: dict[str, Range] = key(LEFT_OUT, "p⁺ of its draws")
+    noise: float | list[float] = key(LEFT_OUT, "standard deviation of the noise of its draws")
+    base: ModelCard = key(LEFT_OUT, "of the model whose draws it learned from")
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        if any(not a < b for a, b in pairwise(self.t)):
+            raise disagree("does not increase", "give increasing times", "t")
+        if self.observed > len(self.t):
+            raise disagree(f"found {self.observed}", f"there are {len(self.t)} times", "observed")
+        if self.kind == "flow" and None in (self.flow, self.prior, self.noise, self.base):
+            raise disagree("lacks what a flow's has", "give flow, prior, noise and base", "flow")
+        return self
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether windows may have values that were not measured."""
+        return self.start is not None
+
+    def but(self, **changes: Any) -> ModelCard:
+        """The same card with some keys otherwise; None takes one away."""
+        kept = {name: getattr(self, name) for name in self.model_fields_set} | changes
+        return ModelCard.of(**{name: value for name, value in kept.items() if value is not None})
