@@ -101,7 +101,7 @@ def test_a_failed_solve_is_one_line_and_status_3(tmp_path, capsys, monkeypatch):
         raise SolveError("sample 3 is not finite")
 
     monkeypatch.setattr(simulate, "simulate", fail)
-    assert run("simulate", "train", "--output", tmp_path / "x.npz", "--settings", "{}") == 3
+    assert run("simulate", "train", "--output", tmp_path / "x.npz", "--settings", json.dumps(PENDULUM)) == 3
     assert capsys.readouterr().err == "expertaug simulate: sample 3 is not finite\n"
 
 
@@ -131,7 +131,7 @@ def test_an_error_about_a_file_is_one_line_and_any_other_a_bug(error, status, mo
         raise error
 
     monkeypatch.setattr(simulate, "simulate", fail)
-    assert run("simulate", "train", "--output", tmp_path / "x.npz", "--settings", "{}") == status
+    assert run("simulate", "train", "--output", tmp_path / "x.npz", "--settings", json.dumps(PENDULUM)) == status
     text = capsys.readouterr().err
     assert ("Traceback" in text) == (status == 1) and error.strerror in text
     assert status == 1 or (text.count("\n") == 1 and (error.filename or "output") in text)

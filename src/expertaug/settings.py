@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 from pydantic_core import PydanticCustomError
 
 from expertaug import wording
-from expertaug.errors import InputError
+from expertaug.errors import InputError, InputErrors
 
 T = TypeVar("T", bound="Settings")
 MANY = 2**31 - 1  # what counts something is at most this
@@ -153,7 +153,7 @@ def read(kind: type[T], settings: Mapping[str, object] | T | None, where: str | 
     """Settings of a kind from a mapping; what is left out keeps its default.
 
     Raises:
-        InputError: the first thing that is wrong.
+        InputErrors: everything that is wrong; the message is the first one's.
     """
     if isinstance(settings, kind):
         return settings
@@ -163,7 +163,7 @@ def read(kind: type[T], settings: Mapping[str, object] | T | None, where: str | 
     try:
         return kind.model_validate(dict(settings or {}))
     except ValidationError as error:
-        raise complaints(error, kind, where)[0] from None
+        raise InputErrors(complaints(error, kind, where)) from None
 
 
 def check(kind: type[BaseModel], settings: object, where: str, whole: bool = True) -> list[InputError]:

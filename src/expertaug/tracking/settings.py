@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from expertaug.settings import Settings, key
 
 
 class InitTrackingJob(Settings):
     """The stage init_tracking: the store that is to be made or upgraded."""
+
+    WHERE: ClassVar[str] = "--settings"
 
     enabled: bool = key(..., "whether there is one")
     uri: str = key(..., "of the store")
