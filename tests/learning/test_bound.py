@@ -181,7 +181,8 @@ def test_samples_that_run_away_for_ever_are_replaced_by_the_next_good_one_of_the
     _, task = double_pendulum()
     task = replace(task, bound=torch.tensor([7.5]))
     inputs = y + 100
-    y, z_e, u = augmentation._without_runaways(y, y[0].clone(), inputs, good, task)
+    y, z_e, z_a, u = augmentation._without_runaways(y, y[0].clone(), y[0].clone(), inputs, good, task)
+    assert torch.equal(z_a, z_e)
     assert torch.equal(u[0, 0], z_e[0] + 100) and torch.equal(inputs, torch.arange(100.0, 110.0).view(1, 2, 5, 1))
     assert y[0, 0, :, 0].tolist() == z_e[0, :, 0].tolist() == [0, 3, 3, 3, 0]
     assert y[0, 1, :, 0].tolist() == [5, 6, 7, 7.5, 7.5] and z_e[1, :, 0].tolist() == [5, 6, 7, 8, 9]

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from expertaug.errors import InputError
 from expertaug.learning.checkpoint import MAGIC, Checkpoint, _digest
 from expertaug.models import store
 from typed_jobs import train
@@ -49,8 +50,9 @@ def test_whatever_else_lies_there_is_no_checkpoint(checkpoint, content, caplog):
     assert checkpoint.load() is None
     checkpoint.file.unlink()
     checkpoint.file.mkdir()
-    assert checkpoint.load() is None
-    assert len(caplog.messages) == 2
+    with pytest.raises(InputError, match=r"checkpoint.pt: is a folder; remove it"):
+        checkpoint.load()
+    assert len(caplog.messages) == 1
 
 
 def test_a_training_beside_a_damaged_checkpoint_starts_afresh(data, settings, tmp_path):

@@ -47,6 +47,7 @@ class TrainingOptions(TypedDict, total=False):
     validate_every: int
     validation_samples: int | None
     supervision_weight: float
+    z_a_supervision_weight: float
     horizon_warmup: float
     expert_first: float
 

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 from expertaug.config import jobs, stage_settings
 from expertaug.config.methods import experiment_of, foreign
 from expertaug.errors import InputError, InputErrors, SolveError
-from expertaug.learning.settings import TrainJob, TrainOptions, train_job
+from expertaug.inference.settings import AlternateJob
+from expertaug.learning.settings import RecipeKeys, TrainJob, TrainOptions, train_job_kind
+from expertaug.settings import read
 
 if TYPE_CHECKING:
     from expertaug.systems import System
@@ -150,7 +152,7 @@ class _Experiment:
         from expertaug.models import describe
 
         group, seeds = next(iter(jobs.seed_groups(self.config, self.name).items()))
-        settings = train_job(stage_settings.train(self.config, self.name, method, group))
+        settings = _job_of(stage_settings.train(self.config, self.name, method, group))
         calibrated = self.config["experiments"][self.name]["data"]["calibrate"]
         described = described_by(settings, _stand_in() if calibrated else None)
         system = self._system(described.system)
@@ -238,6 +240,12 @@ def _file(cls: type) -> str:
         return file if path.startswith(os.pardir) else path
     except (TypeError, OSError, ValueError):  # made by hand, or on another drive
         return cls.__module__
+
+
+def _job_of(settings: Mapping) -> RecipeKeys:
+    """The job that makes a method's model: its training, by alternation too."""
+    alternates = settings["build"]["kind"] == "alternating"
+    return read(AlternateJob if alternates else train_job_kind(settings), settings)
 
 
 def _for_two_seeds(settings: TrainJob, seeds: int) -> TrainJob:
