@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -29,7 +29,7 @@ TRIED = 512  # windows by which the hardest z_e are found
 NEAR = 0.05  # of p⁺'s width: the neighbourhood of a hard z_e
 
 
-def prior_range(model: HybridNet, prior: Mapping[str, list[float]]) -> tuple[Tensor, Tensor]:
+def prior_range(model: HybridNet, prior: Mapping[str, Sequence[float]]) -> tuple[Tensor, Tensor]:
     """Lower and upper ends (P,) of the uniform augmentation prior p⁺(z_e).
 
     Raises:
@@ -38,7 +38,7 @@ def prior_range(model: HybridNet, prior: Mapping[str, list[float]]) -> tuple[Ten
     return ranges_of(model.system, prior)
 
 
-def ranges_of(system: System, prior: Mapping[str, list[float]]) -> tuple[Tensor, Tensor]:
+def ranges_of(system: System, prior: Mapping[str, Sequence[float]]) -> tuple[Tensor, Tensor]:
     """As :func:`prior_range`, of a system."""
     names = [p.name for p in system.expert_parameters]
     if sorted(prior) != sorted(names):
@@ -47,7 +47,7 @@ def ranges_of(system: System, prior: Mapping[str, list[float]]) -> tuple[Tensor,
     return low, high
 
 
-def prior_scale(model: HybridNet, prior: Mapping[str, list[float]]) -> Tensor:
+def prior_scale(model: HybridNet, prior: Mapping[str, Sequence[float]]) -> Tensor:
     """Standard deviation (P,) of p⁺."""
     low, high = prior_range(model, prior)
     return (high - low) / 12**0.5

@@ -54,7 +54,7 @@ def run(
             preset=card.preset,
             stage=card.stage,
             system=card.system_name,
-            seeds=trainer.seeds,
+            seeds=tuple(trainer.seeds),
             params={k: v for k, v in said.items() if k not in ("seeds", "label")},
             tags={"fingerprint": checkpoint.fingerprint},
         )
