@@ -176,3 +176,28 @@ def test_a_reader_without_a_unit_does_not_take_another_for_its_own(tmp_path, hea
     given["time"] = {"name": headers[0], "factor": 0.5}
     given["columns"] = {name: {"name": column, "factor": 0.5} for name, column in given["columns"].items()}
     measured(settings(path, **given), NAMES)
+
+
+@pytest.mark.parametrize(
+    ("header", "factor"),
+    [
+        ("timeMs", 1e-3),
+        ("timeUs", 1e-6),
+        ("millis", 1e-3),
+        ("timestamp_us", 1e-6),
+        ("mdps", 2 * math.pi / 360e3),
+        ("gyro_mdps", 2 * math.pi / 360e3),
+        ("theta [deg] (raw)", 2 * math.pi / 360),
+        ("thetaDeg", 2 * math.pi / 360),
+    ],
+)
+def test_spellings_of_loggers(header, factor):
+    unit = parse(told(header).unit)
+    assert unit is not None and unit.factor == pytest.approx(factor)
+
+
+@pytest.mark.parametrize("header", ["t (Ms)", "time [Ms]", "theta in grad", "omega in grad/s", "time in ticks"])
+def test_what_may_be_a_unit_and_is_none_is_not_passed_over(header):
+    """10⁶ s are nobody's, and Grad is a degree to some and a gon to others: they are refused, not taken as SI."""
+    found = told(header)
+    assert found.unit and found.sure and parse(found.unit) is None

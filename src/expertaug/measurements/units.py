@@ -94,6 +94,7 @@ _PREFIXED: Mapping[str, Unit] = {
     "C": Unit(_dimension(0, 1, 0, 0, 1)),
     "L": Unit(_dimension(0, 0, 3), 1e-3),
     "deg": Unit(_RAD, _TURN / 360),
+    "dps": Unit(_dimension(1, -1), _TURN / 360),
 }
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "h": 1e2, "k": 1e3, "M": 1e6, "G": 1e9, "p": 1e-12}
 _ALONE: Mapping[str, Unit] = {
@@ -103,7 +104,6 @@ _ALONE: Mapping[str, Unit] = {
     "rev": Unit(_RAD, _TURN),
     "rpm": Unit(_dimension(1, -1), _TURN / 60),
     "rps": Unit(_dimension(1, -1), _TURN),
-    "dps": Unit(_dimension(1, -1), _TURN / 360),
     "min": Unit(_S, 60.0),
     "h": Unit(_S, 3600.0),
     "d": Unit(_S, 86400.0),
@@ -139,8 +139,8 @@ _WORDS: Mapping[str, str] = {
         "arcmin": "arcminute",
         "arcsec": "arcsecond",
         "s": "sec second sekunde sekunden",
-        "ms": "msec millisec millisecond",
-        "us": "usec microsec microsecond",
+        "ms": "msec millis millisec millisecond",
+        "us": "usec micros microsec microsecond",
         "ns": "nsec nanosecond",
         "min": "minute minuten",
         "h": "hr hour stunde stunden",
@@ -278,8 +278,9 @@ def _symbol(word: str) -> Unit | None:
     if word in _PREFIXED:
         return _PREFIXED[word]
     for stem, unit in _PREFIXED.items():
-        if word.endswith(stem) and word[: -len(stem)] in _PREFIXES:
-            return Unit(unit.dimension, _PREFIXES[word[: -len(stem)]] * unit.factor)
+        factor = _PREFIXES.get(word[: -len(stem)]) if word.endswith(stem) else None
+        if factor is not None and not (stem == "s" and factor > 1e-3):  # Ms is somebody's ms, not 10⁶ s
+            return Unit(unit.dimension, factor * unit.factor)
     return None
 
 
@@ -341,6 +342,7 @@ class Told:
 _BRACKETS = re.compile(r"^(.*?)[\s_/,]*[\[({<]([^\])}>]*(?:\([^)]*\))?[^\])}>]*)[\])}>]\s*$")
 _AFTER_SLASH = re.compile(r"^(.*?\S)\s*/\s*(\S.*)$")
 _AFTER_WORD = re.compile(r"^(.*\S)(?:\s+in\s+|\s*[,:;]\s*)(\S.*)$", re.IGNORECASE)
+_IN = re.compile(r"^(.*\S)\s+in\s+(\S+)$", re.IGNORECASE)
 _AFTER_IN = re.compile(r"^(.+)[_.]in[_.](.+)$", re.IGNORECASE)
 
 
@@ -355,9 +357,15 @@ def told(header: str, row: str | None = None) -> Told:
 def _of_header(header: str) -> Told:
     match = _BRACKETS.match(header)
     if match and match[1].strip():
+        inner = _of_header(match[1].strip()) if _BRACKETS.match(match[1].strip()) else None
+        if inner is not None and parse(inner.unit) is not None and parse(match[2]) is None:  # theta [deg] (raw)
+            return inner
         return Told(match[1].strip(), match[2].strip(), True) if match[2].strip() else Told(match[1].strip())
     match = _AFTER_WORD.match(header) or _AFTER_IN.match(header)
     if match and parse(match[2]) is not None:
+        return Told(match[1].strip(), match[2].strip(), True)
+    match = _IN.match(header)
+    if match:  # theta in grad: a unit that is not understood
         return Told(match[1].strip(), match[2].strip(), True)
     whole = parse(header)
     if whole is not None and len(header) > 1 and header.lower() not in _UNSURE:
@@ -378,7 +386,7 @@ def _suffixes(header: str) -> Iterator[tuple[str, str]]:
         name, end = header[:place].strip("_ .-/"), header[place:].strip("_ .-")
         if name and end and end[0] != "/":
             words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", end)
-            for unit in (end, re.sub(r"[\s.\-]+", "_", words)):
+            for unit in (end, re.sub(r"[\s.\-]+", "_", words), end[0].lower() + end[1:]):  # timeMs
                 yield name, unit
 
 
