@@ -87,3 +87,33 @@ def test_rows_of_one_time_that_nothing_tells_apart_may_still_be_averaged(tmp_pat
         main(["inspect-data", str(table(tmp_path / "twice.csv", "t,theta,omega", rows)), "--system", "pendulum"]) == 0
     )
     assert "duplicates: mean" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("times", "found"),
+    [
+        (1.7e12 + 50 * np.arange(60), "starts at 1700000000000 without a unit, as if it counted ms since 1970"),
+        (1.7e15 + 50000 * np.arange(60), "as if it counted us since 1970"),
+        (45000.25 + np.arange(60) * 0.05 / 86400, "as a spreadsheet's days do"),
+        (20240501 + np.arange(30), r"as if it held dates (yyyymmdd)"),
+    ],
+    ids=["ms", "us", "spreadsheet", "dates"],
+)
+def test_a_moment_without_a_unit_is_not_taken_for_seconds(times, found, tmp_path, capfd):
+    path = table(tmp_path / "x.csv", "time,theta,omega", zip(map(repr, times.tolist()), THETA, OMEGA, strict=False))
+    assert main(["inspect-data", str(path), "--system", "pendulum"]) == 2
+    assert found in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("times", [1.7e9 + T, 40000 + T, 20240501 + T, T, 1e4 * np.arange(60)])
+def test_seconds_are_seconds(times, tmp_path, capfd):
+    path = table(tmp_path / "x.csv", "time,theta,omega", zip(map(repr, times.tolist()), THETA, OMEGA, strict=True))
+    assert main(["inspect-data", str(path), "--system", "pendulum"]) == 0
+    assert "taken as s" in capfd.readouterr().out
+
+
+def test_a_unit_that_is_told_is_believed(tmp_path, capfd):
+    times = 1.7e12 + 50 * np.arange(60)
+    path = table(tmp_path / "x.csv", "time,theta,omega", zip(map(repr, times.tolist()), THETA, OMEGA, strict=True))
+    assert main(["inspect-data", str(path), "--system", "pendulum", "--unit", "time=ms"]) == 0
+    assert "step: 0.05 s" in capfd.readouterr().out

@@ -16,7 +16,7 @@ from expertaug.measurements.names import Names
 from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import MeasurementSettings, TableKeys, column_of
 from expertaug.measurements.table import EMPTY, Table, count_cells, read_table
-from expertaug.measurements.time_order import check_one_row_a_time, check_sortable
+from expertaug.measurements.time_order import check_one_row_a_time, check_seconds, check_sortable
 from expertaug.measurements.trajectory import times_of
 
 COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
@@ -61,6 +61,8 @@ class Inspection:
             self.names = Names(self.names.state, self.names.parameters)
         if not self.guess.columns:
             raise InputError(self.files[0], "no column of numbers beside the times", "give a table of measurements")
+        if self.guess.time.unit is None:
+            check_seconds(self.table, self.guess.time.name, self.table.numbers(self.guess.time.name))
         self.settings, self.data = self._read(list(paths))
 
     def _read(self, paths: list[str]) -> tuple[MeasurementSettings, Measured]:
