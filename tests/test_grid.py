@@ -84,7 +84,7 @@ def model(folder, method, seeds, scores, epochs):
 
 def test_table_and_figure_put_the_best_validation_score_first(tmp_path):
     models = [model(tmp_path, "a@1", [0, 1], [-1.0, -2.0], [3, 5]), model(tmp_path, "a@1", [2], [-3.0], [4])]
-    models += [model(tmp_path, "a@2", [0, 1], [-4.0, float("inf")], [2, 2]), model(tmp_path, "a@2", [2], [-5.0], [2])]
+    models += [model(tmp_path, "a@2", [0, 1], [-4.0, None], [2, 2]), model(tmp_path, "a@2", [2], [-5.0], [2])]
     points = [["a@1", [0.001, [16]]], ["a@2", [0.003, [50, 50]]]]
     settings = {"experiment": "lab", "label": "A", "keys": ["training.learning_rate", "model.layers"], "points": points}
     outputs = [tmp_path / f"grid.{end}" for end in ("csv", "md", "tex", "png", "pdf")]

@@ -11,6 +11,8 @@ import pytest
 import torch
 from torch import nn
 
+from cards import card
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "recordings"))
 from pendulum_motion import CONSTANTS, FRICTION
 
@@ -124,7 +126,7 @@ def save(path, method, seeds=(0, 1), friction=None, name="double_pendulum"):
     described = {"kind": "least_squares", "method": method, "seeds": list(seeds), "t": T.tolist(), "observed": 11}
     described["system"] = {"name": name, "expert": "compound", "constants": CONSTANTS.to_dict()}
     described["system"] |= {} if friction is None else {"friction": list(friction)}
-    store.save(path, Decoder(system), described)
+    store.save(path, Decoder(system), card(described))
     return path
 
 

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 import tiny
+from cards import card
 from expertaug import systems
 from expertaug.evaluation.score import score
 from expertaug.inference.least_squares import estimator_of
@@ -29,7 +30,7 @@ def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
     data = trajectories(system, {"omega0": (1.5, 3.1)}, {"alpha": (0.0, 0.0)}, n=80, t=T, noise=NOISE, seed=3)
     described = {"kind": "least_squares", "system": {"name": "pendulum"}, "t": T.tolist(), "observed": observed}
     described |= {"bound": [30.0, 90.0], "training": {}, "seeds": [0]}
-    stored = store.StoredModel(Decoder(system), described)
+    stored = store.StoredModel(Decoder(system), card(described))
     stored = replace(stored, model=estimator_of(stored, None, NOISE, {"omega0": (0.5, 3.5)}))
     scored = score(stored, data, OPTIONS, "y0", CPU)
     own = scored.errors.mean() - 2 * NOISE**2  # of the data, which have noise in both components

@@ -8,6 +8,7 @@ import torch
 from swings import NAMES, settings, trials
 
 import expertaug as ea
+from cards import card
 from expertaug.evaluation.metrics import parameter_errors
 from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_problem import assumed_noise
@@ -98,10 +99,10 @@ def test_parameters_are_scored_where_they_are_known():
 
 
 def test_noise_of_each_component():
-    assert noise_of({"theta": 0.1}, SYSTEM, {}) == [0.1, 0.0]
-    assert noise_of("estimated", SYSTEM, {"data_noise": [0.1, 0.2]}) == [0.1, 0.2]
+    assert noise_of({"theta": 0.1}, SYSTEM, card({}, t=[0.0], observed=1)) == [0.1, 0.0]
+    assert noise_of("estimated", SYSTEM, card({"data_noise": [0.1, 0.2]}, t=[0.0], observed=1)) == [0.1, 0.2]
     with pytest.raises(ea.InputError, match=r"noise.phi: is no component of the state; known: theta, omega"):
-        noise_of({"phi": 0.1}, SYSTEM, {})
+        noise_of({"phi": 0.1}, SYSTEM, card({}, t=[0.0], observed=1))
     double = ea.DoublePendulum(expert="point_mass")
     assert torch.allclose(
         of_observed([0.1, 0.2, 1.0, 1.0], double), torch.tensor([0.1, 0.2, 0.1, 0.2], dtype=torch.float64)

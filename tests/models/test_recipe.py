@@ -64,8 +64,9 @@ def test_a_class_of_a_function_or_notebook_can_be_built_and_is_described_by_its_
     recipe = HybridModel(SYSTEM, Local)
     assert recipe.build(TIMES, [0]) is not None
     described = describe(recipe)
-    assert described["model"]["encoder"]["kind"].endswith("<locals>.Local")
-    again = recipe_of(system_of(described), described, {described["model"]["encoder"]["kind"]: Local})
+    kind = described.model.encoder["kind"]
+    assert kind.endswith("<locals>.Local")
+    again = recipe_of(system_of(described), described, {kind: Local})
     assert same(again.build(TIMES, [0]), recipe.build(TIMES, [0]))
 
 

@@ -48,7 +48,9 @@ def read_scores(models: Sequence[Path], names: Sequence[str]) -> pd.DataFrame:
             raise InputError(path, f"a model of '{card.method}'", "give the models of the grid")
         scores = zip(card.seeds, card.best_score or [], card.best_epoch or [], strict=True)
         minutes = card.wall_s / 60
-        rows += [(card.method, seed, float(score), epoch, minutes) for seed, score, epoch in scores]
+        rows += [  # a seed that could not be trained has no score
+            (card.method, seed, math.nan if score is None else score, epoch, minutes) for seed, score, epoch in scores
+        ]
     table = pd.DataFrame(rows, columns=["point", "seed", "score", "epoch", "minutes"])
     missing = [name for name in names if name not in set(table["point"])]
     if missing:
