@@ -15,8 +15,6 @@ from expertaug.commands.options import (
     settings_of,
     tracking_of,
 )
-from expertaug.inference.settings import AlternateJob, FirstPriorJob, FlowJob, OwnPriorJob
-from expertaug.learning.settings import AugmentJob, FinetuneJob, train_job_kind
 
 
 def add_to(commands: Commands) -> None:
@@ -82,6 +80,8 @@ def _simulate(a: argparse.Namespace) -> None:
 
 
 def _train(a: argparse.Namespace) -> None:
+    from expertaug.learning.settings import train_job_kind
+
     settings = settings_of(a)
     settings = job_of(train_job_kind(settings), settings)
     from expertaug.learning.train import train
@@ -90,6 +90,8 @@ def _train(a: argparse.Namespace) -> None:
 
 
 def _alternate(a: argparse.Namespace) -> None:
+    from expertaug.inference.settings import AlternateJob
+
     settings = job_of(AlternateJob, settings_of(a))
     from expertaug.inference.alternate import alternate
 
@@ -97,6 +99,8 @@ def _alternate(a: argparse.Namespace) -> None:
 
 
 def _own_prior(a: argparse.Namespace) -> None:
+    from expertaug.inference.settings import FirstPriorJob, OwnPriorJob
+
     settings = job_of(FirstPriorJob if a.model is None else OwnPriorJob, read_settings(a.settings))
     from expertaug.inference.prior_stage import own_prior
 
@@ -104,6 +108,8 @@ def _own_prior(a: argparse.Namespace) -> None:
 
 
 def _augment(a: argparse.Namespace) -> None:
+    from expertaug.learning.settings import AugmentJob
+
     settings = job_of(AugmentJob, settings_of(a))
     from expertaug.learning.augment import augment
 
@@ -111,6 +117,8 @@ def _augment(a: argparse.Namespace) -> None:
 
 
 def _finetune(a: argparse.Namespace) -> None:
+    from expertaug.learning.settings import FinetuneJob
+
     settings = job_of(FinetuneJob, settings_of(a))
     from expertaug.learning.finetune import finetune
 
@@ -118,6 +126,8 @@ def _finetune(a: argparse.Namespace) -> None:
 
 
 def _flow(a: argparse.Namespace) -> None:
+    from expertaug.inference.settings import FlowJob
+
     settings = job_of(FlowJob, settings_of(a))
     from expertaug.inference.flow_training import flow
 
