@@ -18,3 +18,28 @@ def pytest_collection_modifyitems(items: list) -> None:
         if "smoke_run" in item.fixturenames and item.get_closest_marker("outside") is None:
             item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: "smoke_run" not in item.fixturenames)
+
+
+@pytest.fixture(scope="session")
+def empty_database(tmp_path_factory):
+    """An MLflow database without anything in it, as MLflow's dozens of migrations make it."""
+    from mlflow.store.db import utils
+    from sqlalchemy import create_engine
+
+    path = tmp_path_factory.mktemp("mlflow") / "empty.db"
+    engine = create_engine(f"sqlite:///{path}")
+    utils._initialize_tables(engine)
+    engine.dispose()
+    return path
+
+
+@pytest.fixture
+def quick_stores(empty_database, monkeypatch):
+    """New MLflow stores are copies of an empty one: the migrations take seconds each time."""
+    import sqlite3
+
+    def copy(engine) -> None:
+        with sqlite3.connect(empty_database) as empty, sqlite3.connect(engine.url.database) as new:
+            empty.backup(new)
+
+    monkeypatch.setattr("mlflow.store.db.utils._initialize_tables", copy)

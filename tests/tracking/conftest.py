@@ -1,4 +1,4 @@
-"""One store for each module: making one costs seconds, an experiment of its own in it nothing."""
+"""One store for all: making one costs seconds, an experiment of its own in it nothing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ from logged import elsewhere, settings
 from expertaug.tracking.store import initialise
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(autouse=True)
+def _quickly(quick_stores):
+    """Of every store that a test makes in its own process."""
+
+
+@pytest.fixture(scope="session")
 def store(tmp_path_factory):
     folder = tmp_path_factory.mktemp("store")
     found = settings(folder)
