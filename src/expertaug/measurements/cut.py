@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,10 +25,12 @@ from expertaug.measurements.splitting import (
     label_by_time,
     stretches,
 )
+from expertaug.measurements.table import Table
 from expertaug.measurements.trajectory import WHERE, read
 from expertaug.trajectories import Trajectories
 
 logger = logging.getLogger(__name__)
+BLOCK = 2**17  # points of chunks that are looked at together
 
 
 @dataclass(frozen=True)
@@ -79,8 +81,11 @@ class Measured:
         return np.array([name in self.settings.columns for name in self.names.state])
 
 
-def measured(settings: MeasurementSettings, names: Names) -> Measured:
+def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, Table] | None = None) -> Measured:
     """Read the files and put their trajectories on a grid; the files are never changed.
+
+    Arguments:
+        tables: of files that were read already, as these settings read them.
 
     Raises:
         InputError: a file, a column or a time cannot be used.
@@ -88,7 +93,7 @@ def measured(settings: MeasurementSettings, names: Names) -> Measured:
     files = list_files(settings.files)
     if settings.checksums is not None:
         verify(files, settings.checksums)
-    grid = on_grid(read(files, settings, names), settings)
+    grid = on_grid(read(files, settings, names, tables), settings)
     for one in grid.series:
         for name in settings.angles:
             _unwrap(one.y, list(names.state).index(name))
@@ -231,22 +236,20 @@ def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
     tolerance = 1.01 if data.grid.share < 1 else settings.tolerance  # both ends may be half a point off
     least, good = settings.min_seen * data.grid.share, np.zeros(len(rows), dtype=bool)
     for index in np.unique(rows[:, 0]):
-        one, here = data.grid.series[index], rows[:, 0] == index
-        first = rows[here, 1]
-        points = first[:, None] + data.grid.step * np.arange(settings.length)
+        one, of_series = data.grid.series[index], np.flatnonzero(rows[:, 0] == index)
         known, driven = np.isfinite(one.y[:, seen]), np.isfinite(one.u).all(1)
-        off = np.abs(one.t[points] - one.t[first][:, None] - h * (points - first[:, None]))
-        good[here] = (
-            driven[points].all(1)
-            & known[first].any(1)
-            & (known.sum(1)[points].sum(1) / (settings.length * known.shape[1]) >= least)
-            & ~(off > max(tolerance, 1e-6) * h).any(1)
-        )
+        for begin in range(0, len(of_series), max(1, BLOCK // settings.length)):
+            here = of_series[begin : begin + max(1, BLOCK // settings.length)]
+            first = rows[here, 1]
+            points = first[:, None] + data.grid.step * np.arange(settings.length)
+            off = np.abs(one.t[points] - one.t[first][:, None] - h * (points - first[:, None]))
+            good[here] = (
+                driven[points].all(1)
+                & known[first].any(1)
+                & (known.sum(1)[points].sum(1) / (settings.length * known.shape[1]) >= least)
+                & ~(off > max(tolerance, 1e-6) * h).any(1)
+            )
     return good
-
-
-def _points(data: Measured, first: int) -> np.ndarray:
-    return first + data.grid.step * np.arange(data.settings.length)
 
 
 def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
@@ -254,12 +257,16 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
     state, settings = list(data.names.state), data.settings
     y = np.full((len(rows), settings.length, len(state)), np.nan)
     z_e = np.full((len(rows), len(data.names.parameters)), np.nan)
-    u, identity = np.full((len(rows), settings.length, len(data.names.inputs)), np.nan), []
-    for k, (index, first) in enumerate(rows):
-        one = data.grid.series[index]
-        y[k], z_e[k] = one.y[_points(data, first)], one.rows.z_e
-        u[k], row = one.u[_points(data, first)], one.row[first]
-        identity.append(f"{one.name}/{one.rows.line[row] if row >= 0 else first}")
+    u, identity = np.full((len(rows), settings.length, len(data.names.inputs)), np.nan), [""] * len(rows)
+    for index in np.unique(rows[:, 0]):
+        one, here = data.grid.series[index], rows[:, 0] == index
+        first = rows[here, 1]
+        points = first[:, None] + data.grid.step * np.arange(settings.length)
+        y[here], u[here], z_e[here] = one.y[points], one.u[points], one.rows.z_e
+        row = one.row[first]
+        lines = np.where(row >= 0, one.rows.line[row], first)
+        for k, line in zip(np.flatnonzero(here).tolist(), lines.tolist(), strict=True):
+            identity[k] = f"{one.name}/{line}"
     for name in settings.angles:
         column = y[..., state.index(name)]
         known = np.isfinite(column)
@@ -285,14 +292,23 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
     )
 
 
+def chunks_of(data: Measured) -> tuple[dict[str, np.ndarray], dict[str, float] | None]:
+    """The chunks (N, 2) of the three sets, and the thresholds of a quantity.
+
+    Raises:
+        InputError: a set has too few chunks.
+    """
+    labels, thresholds = divide(data)
+    return chosen(data.source.split, candidates(data, labels), data.settings, data.source.more), thresholds
+
+
 def sets_of(data: Measured) -> tuple[dict[str, Trajectories], dict[str, np.ndarray], dict[str, float] | None]:
     """The three sets, their chunks (N, 2), and the thresholds of a quantity.
 
     Raises:
         InputError: a set has too few chunks.
     """
-    labels, thresholds = divide(data)
-    rows = chosen(data.source.split, candidates(data, labels), data.settings, data.source.more)
+    rows, thresholds = chunks_of(data)
     return {name: trajectories_of(data, of) for name, of in rows.items()}, rows, thresholds
 
 

@@ -98,9 +98,8 @@ def _without_gaps(one: Series, longest: float) -> np.ndarray:
     """The usable points but for those of long gaps: rows in which nothing was measured are as good as missing."""
     known = np.concatenate(([-1], np.flatnonzero(np.isfinite(one.y).any(1)), [len(one.y)]))
     usable = one.usable.copy()
-    for before, after in pairwise(known):
-        if after - before > longest:
-            usable[before + 1 : after] = False
+    for place in np.flatnonzero(np.diff(known) > longest):
+        usable[known[place] + 1 : known[place + 1]] = False
     return usable
 
 

@@ -86,7 +86,7 @@ class Inspection:
         while True:
             settings = MeasurementSettings.from_mapping(given)
             try:
-                return settings, measured(settings, self.names)
+                return settings, measured(settings, self.names, {self.files[0]: self.table})
             except InputError as error:
                 mend = next((m for m in mends if m[1] in str(error)), None)
                 if mend is None:
@@ -192,8 +192,15 @@ def _first(path: Path) -> tuple[dict[str, object], Table]:
 
 def _has_commas(cells: np.ndarray) -> bool:
     """Whether a column's cells are numbers whose fraction follows a comma."""
-    texts = [text for cell in cells if (text := str(cell).strip()).lower() not in EMPTY]
-    return any("," in text for text in texts) and all(COMMA.fullmatch(text) for text in texts)
+    if cells.dtype.kind not in "OU":
+        return False
+    texts = (text for cell in cells if (text := str(cell).strip()).lower() not in EMPTY)
+    several = False
+    for text in texts:
+        if not COMMA.fullmatch(text):
+            return False
+        several |= "," in text
+    return several
 
 
 def _count(number: int, what: str) -> str:

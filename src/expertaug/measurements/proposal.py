@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import sets_of
+from expertaug.measurements.cut import chunks_of
 from expertaug.measurements.inspect import Inspection
 from expertaug.measurements.settings import MeasurementSettings
 
@@ -95,13 +95,13 @@ def _cut(found: Inspection) -> tuple[dict, int, dict[str, int]]:
         own = {"length": length, "stride": stride, "evaluation_stride": max(1, length // 2), "min_chunks": 1}
         settings |= own | {"split": split}
         try:
-            sets = sets_of(replace(found.data, settings=MeasurementSettings.from_mapping(settings)))[0]
+            rows = chunks_of(replace(found.data, settings=MeasurementSettings.from_mapping(settings)))[0]
         except InputError:
             if length <= 3:
                 raise
             length = max(3, length // 2)
             continue
-        return settings, length, {name: len(one) for name, one in sets.items()}
+        return settings, length, {name: len(of) for name, of in rows.items()}
 
 
 def _plain(settings: MeasurementSettings) -> dict:

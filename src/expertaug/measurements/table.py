@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,12 @@ LARGEST = 1e30  # of any number: single precision must hold it
 COMMENTS = ("#", "%")
 EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "–", "."}
 SEPARATORS = (",", ";", "\t", "|")
+LARGE, HEAD = (
+    2**20,
+    2**16,
+)  # bytes of a text that is not read line by line, and of what is read of it to see its columns
+# Lines that are a comment or blank, letters of an encoding, and what else than \n may end a line.
+_NOT_PLAIN = re.compile(rb"[\r\x0b\x0c\x1c-\x1e\0\x80-\xff]|^[ \t]*(?:[#%]|$)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -30,6 +37,7 @@ class Table:
         line: the number of each row, as an editor counts lines (a CSV) or from 1.
         units: column → unit, where the file has a row of them.
         decimal: what separates a number's fraction in texts.
+        reread: the texts of a column whose cells are numbers already, (n,); None where there are none.
     """
 
     path: Path
@@ -37,6 +45,7 @@ class Table:
     line: np.ndarray
     units: dict[str, str] = field(default_factory=dict)
     decimal: str = "."
+    reread: Callable[[str], np.ndarray] | None = None
 
     @property
     def names(self) -> list[str]:
@@ -51,6 +60,8 @@ class Table:
         numbers = cells if cells.dtype.kind == "f" else np.array([_number(cell, self.decimal) for cell in cells])
         if (numbers == np.rint(numbers)).all() and np.abs(numbers).max(initial=0) < 2**53:  # 3.0e+00 is 3
             cells = numbers.astype(np.int64)
+        elif self.reread is not None:
+            cells = self.reread(name)
         return np.array([str(cell).strip() for cell in cells], dtype=object)
 
     def numbers(self, name: str) -> np.ndarray:
@@ -61,7 +72,7 @@ class Table:
         """
         cells = self._column(name)
         if cells.dtype.kind in "biuf":
-            values = cells.astype(float)
+            values = cells.astype(float, copy=False)
         else:
             values = np.array([_number(cell, self.decimal) for cell in cells])
             self._refuse(name, np.isneginf(values), "is no number", self._remedy(cells, np.isneginf(values)))
@@ -71,6 +82,8 @@ class Table:
     def mostly(self, name: str) -> np.ndarray | None:
         """The numbers of a column in which most cells that are not empty are some, (n,), else NaN; None of others."""
         cells = self._column(name)
+        if cells.dtype.kind == "f":
+            return cells if np.isfinite(cells).any() else None
         values = (
             cells.astype(float) if cells.dtype.kind in "biuf" else np.array([_number(c, self.decimal) for c in cells])
         )
@@ -105,7 +118,8 @@ class Table:
     def _refuse(self, name: str, bad: np.ndarray, why: str, remedy: str) -> None:
         if bad.any():
             row = int(np.argmax(bad))
-            found = f"row {self.line[row]}, column {name}: '{self.cells[name][row]}' {why}"
+            cells = self.cells[name] if self.reread is None else self.reread(name)
+            found = f"row {self.line[row]}, column {name}: '{cells[row]}' {why}"
             raise InputError(self.path, found, remedy)
 
 
@@ -153,7 +167,96 @@ def _counts(line: str) -> bool:
 
 
 def _read_text(path: Path, keys: TableKeys) -> Table:
-    lines = [(k, line) for k, line in enumerate(_text_of(path).splitlines(), 1) if k > keys.skip_lines]
+    if path.is_file() and path.stat().st_size > LARGE:
+        table = _read_large(path, keys)
+        if table is not None:
+            return table
+    return _table_of(path, _text_of(path), keys)
+
+
+def _read_large(path: Path, keys: TableKeys) -> Table | None:
+    """A text of many rows by pandas' parser, which rounds numbers as Python does; None where it might read a cell in
+    another way than line by line, or where there is something to complain of."""
+    import pandas as pd
+
+    data = path.read_bytes()
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n")
+    end = len(data)
+    while data[end - 1 : end] == b"\n":
+        end -= 1
+    head = data[: HEAD + 1].rpartition(b"\n")[0]
+    try:
+        first = _table_of(path, head.decode("utf-8-sig"), keys)
+    except (InputError, UnicodeDecodeError):
+        return None
+    if not len(first):
+        return None
+    begin = 0
+    for _ in range(first.line[0] - 1):
+        begin = data.index(b"\n", begin) + 1
+    separator = _separator(head[begin:].partition(b"\n")[0].decode()) if keys.separator is None else keys.separator
+    header = head[: max(begin - 1, 0)].decode("utf-8-sig").splitlines()[keys.skip_lines :]
+    if keys.separator is None and any(map(_counts, header)):
+        separator = _separator(next(filter(_counts, header)))
+    rows = data.count(b"\n", begin, end) + 1
+    if len(separator.encode()) > 1 or _NOT_PLAIN.search(data, begin, end):
+        return None
+    given = {
+        "header": None,
+        "sep": r"\s+" if separator == " " else separator,
+        "decimal": keys.decimal,
+        "float_precision": "round_trip",
+        "keep_default_na": False,
+        "skip_blank_lines": False,
+        "skipinitialspace": True,
+        "nrows": rows,
+    }
+    empty = [form for text in EMPTY for form in {text, text.upper(), text.capitalize()} if form.isascii()]
+    try:
+        stream = io.BytesIO(data)  # of the same bytes, not of a copy
+        stream.seek(begin)
+        frame = pd.read_csv(stream, names=range(len(first.names)), na_values=[*empty, "NaN"], **given)
+    except (ValueError, OverflowError):  # cells too many, or numbers too large
+        return None
+    if len(frame) != rows or _cells(data, begin, end, separator) != rows * len(first.names):
+        return None
+
+    skipped = int(first.line[0]) - 1
+
+    def texts(name: str) -> np.ndarray:
+        place = first.names.index(name)
+        of_one = {"usecols": [place], "dtype": str, "na_filter": False, "skiprows": skipped}
+        read = pd.read_csv(path, names=range(len(first.names)), **given | of_one)
+        return read[place].str.strip().to_numpy(dtype=object)
+
+    cells = {}
+    for k, name in enumerate(first.names):
+        column = frame.pop(k)
+        if column.dtype.kind not in "iuf":
+            cells[name] = texts(name)
+            continue
+        cells[name] = column.to_numpy(dtype=float)
+        if not np.abs(cells[name][~np.isnan(cells[name])]).max(initial=0.0) <= min(LARGEST, 2.0**53):
+            return None
+    return Table(path, cells, first.line[0] + np.arange(rows), first.units, keys.decimal, texts)
+
+
+def _cells(data: bytes, begin: int, end: int, separator: str) -> int:
+    """How many cells the lines have in all."""
+    if separator != " ":
+        return data.count(separator.encode(), begin, end) + data.count(b"\n", begin, end) + 1
+    count, before = 0, True
+    for start in range(begin, end, HEAD):
+        blank = np.isin(np.frombuffer(data, np.uint8, min(HEAD, end - start), start), (9, 10, 32))
+        count += int((~blank & np.concatenate(([before], blank[:-1]))).sum())
+        before = bool(blank[-1])
+    return count
+
+
+def _table_of(path: Path, text: str, keys: TableKeys) -> Table:
+    """A table of a text, line by line."""
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if k > keys.skip_lines]
     lines = [(k, line) for k, line in lines if _counts(line)]
     if not lines:
         raise InputError(path, "holds no rows", "give a table with a row for each time")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,8 +47,13 @@ class Rows:
     repeated: int
 
 
-def read(files: Sequence[Path], settings: MeasurementSettings, names: Names) -> list[Rows]:
+def read(
+    files: Sequence[Path], settings: MeasurementSettings, names: Names, tables: Mapping[Path, Table] | None = None
+) -> list[Rows]:
     """Every trajectory of the files, in their order.
+
+    Arguments:
+        tables: of files that were read already, as these settings read them.
 
     Raises:
         InputError: a setting names what the system or a file does not have; a row cannot be used; two files have one
@@ -58,7 +63,8 @@ def read(files: Sequence[Path], settings: MeasurementSettings, names: Names) -> 
     stems = _short_names(files)
     found: list[Rows] = []
     for path, stem in zip(files, stems, strict=True):
-        found += _of_table(read_table(path, settings), stem, settings, names)
+        table = tables[path] if tables and path in tables else read_table(path, settings)
+        found += _of_table(table, stem, settings, names)
     return found
 
 

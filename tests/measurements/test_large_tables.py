@@ -1,0 +1,103 @@
+"""Texts of many rows are read by another parser: the same numbers, texts, lines and refusals as line by line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from expertaug.errors import InputError
+from expertaug.measurements import table as module
+from expertaug.measurements.settings import TableKeys
+from expertaug.measurements.table import read_table
+
+RNG = np.random.default_rng(0)
+NUMBERS = [
+    [repr(float(v)) for v in RNG.standard_normal(4000) * 10.0 ** RNG.integers(-12, 12, 4000)],
+    [f"{v:.17g}" for v in RNG.random(4000)],
+    [str(k // 100) for k in range(4000)],
+    [["", "NaN", "n/a", "-", "1e5", " 2.50", "+3", "-0", ".5", "7."][k % 10] for k in range(4000)],
+    [["a", "b 1", "none", ""][k % 4] for k in range(4000)],
+]
+NAMES = ["x", "y", "run", "gaps", "word"]
+
+
+def lines(separator=",", decimal=".", rows=NUMBERS, header=NAMES):
+    cells = [[cell.replace(".", decimal) for cell in column] for column in rows]
+    return [separator.join(header), *(separator.join(row) for row in zip(*cells, strict=True))]
+
+
+PLAIN = {
+    "commas": (lines(), {}),
+    "semicolons and decimal commas": (lines(";", ","), {"decimal": ","}),
+    "tabs": (lines("\t"), {}),
+    "blanks": (lines("  ", rows=NUMBERS[:3], header=NAMES[:3]), {}),
+    "a comment and a row of units above": (["# logged", *lines()[:1], "m,m,n,s,w", *lines()[1:]], {}),
+    "lines skipped": (["a", "b,c", *lines()], {"skip_lines": 2}),
+    "no header": (lines()[1:], {"names": NAMES}),
+    "quoted": ([line.replace(",", '","').join('""') for line in lines()], {}),
+}
+LINE_BY_LINE = {
+    "a comment between": ([*lines()[:2000], "# a pause", *lines()[2000:]], {}),
+    "a blank line between": ([*lines()[:2000], "", *lines()[2000:]], {}),
+    "letters of another encoding": ([*lines()[:2000], lines()[2000] + "ö", *lines()[2001:]], {}),
+    "a number that single precision lacks": ([*lines()[:9], "1e25,1,2,3,a", *lines()[9:]], {}),
+    "a comma within quotes": ([*lines()[:9], '1,1,2,3,"a,b"', *lines()[9:]], {}),
+}
+REFUSED = {
+    "a cell too few": [*lines()[:3000], lines()[3000].rpartition(",")[0], *lines()[3001:]],
+    "a cell too many": [*lines()[:3000], lines()[3000] + ",1", *lines()[3001:]],
+    "too few here, too many there": [*lines()[:3000], "1,2,3,4", "1,2,3,4,5,6", *lines()[3002:]],
+}
+
+
+def both(path, keys, monkeypatch):
+    """A table by either way, and whether the fast one was taken."""
+    keys = TableKeys.from_mapping(keys)
+    monkeypatch.setattr(module, "LARGE", 0)
+    monkeypatch.setattr(module, "HEAD", 4096)
+    fast = module._read_large(path, keys)
+    large = read_table(path, keys)
+    monkeypatch.setattr(module, "LARGE", 2**60)
+    return read_table(path, keys), large, fast is not None
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+@pytest.mark.parametrize("case", [*PLAIN, *LINE_BY_LINE])
+def test_the_same_table(tmp_path, monkeypatch, case, ending):
+    rows, keys = (PLAIN | LINE_BY_LINE)[case]
+    path = tmp_path / "a.csv"
+    path.write_bytes((ending.join(rows) + ending).encode())
+    slow, large, fast = both(path, keys, monkeypatch)
+    assert fast == (case in PLAIN)
+    assert large.names == slow.names and np.array_equal(large.line, slow.line) and large.units == slow.units
+    for name in slow.names:
+        assert large.texts(name).tolist() == slow.texts(name).tolist(), name
+        if name != "word":
+            assert np.array_equal(large.numbers(name), slow.numbers(name), equal_nan=True), name
+        one, other = large.mostly(name), slow.mostly(name)
+        assert (one is None) == (other is None)
+        assert one is None or np.array_equal(one, other, equal_nan=True)
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_the_same_refusal_of_rows(tmp_path, monkeypatch, case):
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(REFUSED[case]))
+    monkeypatch.setattr(module, "LARGE", 0)
+    with pytest.raises(InputError, match=r"row 3001 has \d cells, the header has 5"):
+        read_table(path, TableKeys())
+
+
+@pytest.mark.parametrize("cell", ["much", "1_000", "inf", "1e40", "1,5"])
+def test_the_same_refusal_of_a_cell(tmp_path, monkeypatch, cell):
+    rows = lines(";")
+    rows[3000] = f"0;{cell};" + rows[3000].split(";", 2)[2]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows))
+    slow, large, _ = both(path, {}, monkeypatch)
+    said = []
+    for one in (slow, large):
+        with pytest.raises(InputError) as error:
+            one.numbers("y")
+        said.append(str(error.value))
+    assert said[0] == said[1] and f"row 3001, column y: '{cell}'" in said[0]
