@@ -29,11 +29,11 @@ from clips import Motion, film
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug_recordings.angles.measure import measure_angles
-from expertaug_recordings.columns import MARKERS, PLACES
 from expertaug_recordings.markers.geometry import estimate_geometry
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.rendering.render import RenderVideoJob, motion
 from expertaug_recordings.settings import MeasureAnglesJob, TrackMarkersJob
+from expertaug_recordings.tables import MARKERS, PLACES
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 WRONG_PX, WRONG_DEG = 1.0, 0.5

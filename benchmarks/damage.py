@@ -37,7 +37,7 @@ import numpy as np
 from damaged import damaged, mutant
 from damaged.base import Case, sound
 from expertaug.errors import InputError
-from expertaug_recordings.imports.ibm import import_markers, unpack_archive
+from expertaug_recordings.ibm import import_markers, unpack_archive
 from expertaug_recordings.settings import ExtractFramesJob, ImportMarkersJob, UnpackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 

@@ -4,7 +4,7 @@ Double pendulums are let go at random, seen as markers with white noise of .07 p
 recording is.  Printed for each rate: stated over actual root mean square of both speeds, the smallest, middle and
 largest of the motions, the smallest and largest of one arm's, and the actual one of both in rad/s; and how many times
 as large as the step from 5 frames to 7 the error of slopes through 7 is, by that step's share of the one before
-(:mod:`expertaug_recordings.angles.windows`).
+(:mod:`expertaug_recordings.angles.smoothing`).
 """
 
 from __future__ import annotations

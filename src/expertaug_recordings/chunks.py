@@ -25,9 +25,8 @@ from expertaug.measurements.splitting import SPLITS
 from expertaug.measurements.trajectory import Rows
 from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
-from expertaug_recordings.angles.pendulum_fit import Fit, fit_constants
+from expertaug_recordings.angles.pendulum_fit import Fit, fit_constants, fit_single, single_energy
 from expertaug_recordings.angles.quality import MEASURED
-from expertaug_recordings.angles.single import fit_single, single_energy
 from expertaug_recordings.settings import CutHorizonJob, SplitChunksJob
 from expertaug_recordings.tables import read_table
 

@@ -1,19 +1,22 @@
-"""Markers that somebody has placed by hand: a CSV of corrections, by recording and frame."""
+"""Markers that somebody has placed by hand: a CSV of corrections by recording and frame, and what they change."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from expertaug.errors import InputError
 from expertaug.settings import Settings, key
-from expertaug_recordings.columns import PLACES
+from expertaug_recordings.markers.appearance import ROLES
+
+if TYPE_CHECKING:
+    import numpy as np
 
 COLUMNS = ["recording", "frame", "marker", "x", "y"]
 ALL = "all"
-MARKERS = tuple(dict.fromkeys(place.partition("_")[0] for place in PLACES))
 MOST = 2000  # of a recording: more are a matter of tracking
 
 
@@ -52,9 +55,9 @@ def read_corrections(path: str | Path) -> dict[str, list[Correction]]:
             frame = int(row.frame)
         except (TypeError, ValueError) as error:
             raise InputError(where, f"found {row.frame!r}, {row.x!r}, {row.y!r}", "give numbers") from error
-        if frame != row.frame or frame < 0 or row.marker not in (*MARKERS, ALL) or pd.isna(row.recording):
+        if frame != row.frame or frame < 0 or row.marker not in (*ROLES, ALL) or pd.isna(row.recording):
             found_here = f"found frame {row.frame!r}, marker {row.marker!r}"
-            raise InputError(where, found_here, f"give a frame's number and {', '.join(MARKERS)} or {ALL}")
+            raise InputError(where, found_here, f"give a frame's number and {', '.join(ROLES)} or {ALL}")
         if (place[0] is None) != (place[1] is None) or (row.marker == ALL and place[0] is not None):
             raise InputError(where, f"found {row.x!r}, {row.y!r}", "give x and y, or neither; neither with all")
         mine = corrections.setdefault(str(row.recording), [])
@@ -62,3 +65,38 @@ def read_corrections(path: str | Path) -> dict[str, list[Correction]]:
         if len(mine) > MOST:
             raise InputError(path, f"more than {MOST} corrections of {row.recording}", "mend the tracking's settings")
     return corrections
+
+
+def correct(
+    where: object, frame: np.ndarray, place: np.ndarray, corrections: Sequence[Correction]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Put markers where they were seen by hand.
+
+    Arguments:
+        where: the recording, for messages.
+        frame: numbers (n,) of the frames.
+        place: pivot, joint and tip (n, 3, 2) in px.
+        corrections: in order; the last of a marker counts.
+
+    Returns:
+        places (n, 3, 2), frames (n,) that were corrected, and frames (n,) that are not to be used.
+
+    Raises:
+        InputError: there is no such frame.
+    """
+    import numpy as np
+
+    place, touched, dismissed = place.copy(), np.zeros(len(frame), bool), np.zeros(len(frame), bool)
+    rows = {int(number): row for row, number in enumerate(frame)}
+    for correction in corrections:
+        if correction.frame not in rows:
+            raise InputError(
+                where, f"a correction of frame {correction.frame}", f"its frames are {frame[0]} to {frame[-1]}"
+            )
+        row = rows[correction.frame]
+        if correction.marker == ALL:
+            dismissed[row] = True
+            continue
+        touched[row] = True
+        place[row, ROLES.index(correction.marker)] = np.nan if correction.x is None else (correction.x, correction.y)
+    return place, touched & ~dismissed, dismissed

@@ -1,4 +1,4 @@
-"""Reading the tables of a recording: markers.csv, angles.csv."""
+"""The tables of a recording, markers.csv and angles.csv: their columns, and reading them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import pandas as pd
 
 from expertaug.errors import InputError
 
+PLACES = ("pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y")  # columns of markers.csv: px, x right, y down
+MARKERS = ("frame", "t", *PLACES, "quality", "reason")  # all of them
 LARGEST = 1e12  # of any number: its powers must not overflow
 ALWAYS_KNOWN = ("frame", "t", "quality")  # columns in which no cell may be empty
 

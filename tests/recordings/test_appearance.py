@@ -5,7 +5,7 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.appearance import COLOURS, Appearance
-from expertaug_recordings.markers.palette import Palette, hsv
+from expertaug_recordings.markers.disks import Palette, hsv
 
 
 def test_defaults_are_the_quadrants_of_the_dataset():

@@ -9,7 +9,7 @@ from pendulum_motion import markers, truth
 
 from expertaug.errors import InputError
 from expertaug.files import sha256
-from expertaug_recordings.imports.ibm import import_markers, list_marker_files, unpack_archive
+from expertaug_recordings.ibm import import_markers, list_marker_files, unpack_archive
 from expertaug_recordings.settings import ImportMarkersJob, UnpackMarkersJob
 
 ROW = "1201,1221,977,1782,1437,1744\n"
@@ -127,7 +127,7 @@ def test_link_in_a_zip(tmp_path):
 
 
 def test_a_zip_of_too_many_members(tmp_path, monkeypatch):
-    monkeypatch.setattr("expertaug_recordings.imports.unpacking.MAX_MEMBERS", 10)
+    monkeypatch.setattr("expertaug_recordings.unpacking.MAX_MEMBERS", 10)
     archive = make_zip(tmp_path / "a.zip", [f"{k}.csv" for k in range(11)])
     with pytest.raises(InputError, match="holds more than 10 members"):
         unpack_archive(archive, tmp_path / "out", UnpackMarkersJob())
@@ -145,7 +145,7 @@ def test_what_a_killed_job_left_goes_with_the_next(tmp_path, monkeypatch):
 
     archive = make_zip(tmp_path / "a.zip", ["1.csv"])
     with monkeypatch.context() as patch:
-        patch.setattr("expertaug_recordings.imports.ibm.unpack", kill)
+        patch.setattr("expertaug_recordings.ibm.unpack", kill)
         patch.setattr("shutil.rmtree", lambda *_, **__: None)
         with pytest.raises(SystemExit):
             unpack_archive(archive, tmp_path / "out", UnpackMarkersJob())

@@ -13,7 +13,7 @@ from expertaug_recordings.angles.forecast import forecast
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.angles.pendulum_fit import fit_constants, implied_rate
 from expertaug_recordings.chunks import split_chunks
-from expertaug_recordings.imports.ibm import import_markers, list_marker_files
+from expertaug_recordings.ibm import import_markers, list_marker_files
 from expertaug_recordings.settings import CalibrateJob, ImportMarkersJob, MeasureAnglesJob, SplitChunksJob
 
 

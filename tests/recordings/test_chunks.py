@@ -11,7 +11,7 @@ from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.chunks import cut_horizon, split_chunks
-from expertaug_recordings.imports.ibm import import_markers, list_marker_files
+from expertaug_recordings.ibm import import_markers, list_marker_files
 from expertaug_recordings.reports.splits import plot_splits
 from expertaug_recordings.settings import ChunkKeys, CutHorizonJob, ImportMarkersJob, MeasureAnglesJob, SplitChunksJob
 

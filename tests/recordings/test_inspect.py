@@ -16,7 +16,7 @@ from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.appearance import Appearance
-from expertaug_recordings.markers.palette import hsv
+from expertaug_recordings.markers.disks import hsv
 
 ROOT = Path(__file__).parents[2]
 FILES = [ROOT / "config" / "config.yaml"]

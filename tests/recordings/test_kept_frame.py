@@ -11,8 +11,7 @@ from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.rendering.render import render_recording
 from expertaug_recordings.settings import ExtractFramesJob, RenderVideoJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
-from expertaug_recordings.video.kept_frame import KeptFrame
-from expertaug_recordings.video.pixel_layout import Layout
+from expertaug_recordings.video.pixel_layout import KeptFrame, Layout
 
 WIDTH, HEIGHT = 100, 84
 INSIDE = [(0, 0), (44, 30), (WIDTH - 40, HEIGHT - 40), (2, 10)]

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug_recordings.columns import MARKERS
 from expertaug_recordings.markers.geometry import estimate_geometry
 from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.rendering.render import markers, poses
 from expertaug_recordings.rendering.scene import Scene
 from expertaug_recordings.settings import TrackMarkersJob
+from expertaug_recordings.tables import MARKERS
 from expertaug_recordings.video.frame_store import writing
 from expertaug_recordings.video.pixel_layout import Layout
 

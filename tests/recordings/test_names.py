@@ -6,7 +6,7 @@ import pytest
 
 from expertaug.config.recording_checks import list_videos
 from expertaug.errors import InputError
-from expertaug_recordings.imports.ibm import list_marker_files
+from expertaug_recordings.ibm import list_marker_files
 from expertaug_recordings.names import MOST, by_name
 
 NAMES = {

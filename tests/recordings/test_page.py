@@ -10,9 +10,9 @@ from pendulum_motion import CONSTANTS, markers, truth
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.pendulum_fit import find_gravity
 from expertaug_recordings.angles.quality import NO_PIVOT
 from expertaug_recordings.angles.summary import RecordingSummary
-from expertaug_recordings.angles.tilt import find_gravity
 from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.reports.page import _heading, plot_recording, plot_refused
 from expertaug_recordings.reports.summary import summarise

@@ -9,7 +9,7 @@ from expertaug.config.recording_checks import list_videos
 from expertaug.errors import InputError
 from expertaug_recordings.settings import ExtractFramesJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
-from expertaug_recordings.video.pictures import Pictures
+from expertaug_recordings.video.source import Pictures
 
 COUNT = 12
 

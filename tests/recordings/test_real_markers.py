@@ -7,8 +7,8 @@ from drawn import ARMS, MARKS, PAINT, PIVOT, RATE, SIZE, _disk, compressed, draw
 
 from expertaug_recordings.inspection.detect import look_for_pendulum
 from expertaug_recordings.inspection.inspect import inspect
+from expertaug_recordings.markers.disks import fitter
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, sound
-from expertaug_recordings.markers.plain_disks import fitter
 from expertaug_recordings.markers.tracker import STIFFNESS, Tracker, track_frames
 from expertaug_recordings.rendering.render import render_recording
 from expertaug_recordings.settings import RenderVideoJob, TrackMarkersJob

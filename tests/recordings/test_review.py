@@ -7,11 +7,11 @@ import pytest
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, write_video
 
 from expertaug_recordings.angles.measure import measure_angles
-from expertaug_recordings.columns import PLACES
 from expertaug_recordings.corrections import read_corrections
-from expertaug_recordings.exports import export_recording
+from expertaug_recordings.reports.exports import export_recording
 from expertaug_recordings.reports.review import WORST, review, review_recording, worst_frames
 from expertaug_recordings.settings import MeasureAnglesJob, ReviewRecordingJob
+from expertaug_recordings.tables import PLACES
 
 COUNT = 360
 

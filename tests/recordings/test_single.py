@@ -15,7 +15,7 @@ from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.angles.measure import measure_angles
-from expertaug_recordings.angles.single import fit_single
+from expertaug_recordings.angles.pendulum_fit import fit_single
 from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.track import track_markers

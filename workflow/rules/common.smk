@@ -216,7 +216,7 @@ def recording_names():
     """Names of the recordings; of an archive they are known only when it is unpacked."""
     if RECORDINGS is not None:
         return list(RECORDINGS)
-    from expertaug_recordings.imports.ibm import list_marker_files
+    from expertaug_recordings.ibm import list_marker_files
 
     return list(list_marker_files(checkpoints.unpack_markers.get().output.folder))
 
@@ -238,7 +238,7 @@ def marker_csv(name):
     """The marker CSV of a recording in the user's folder or in the unpacked archive."""
     if RECORDINGS is not None:
         return RECORDINGS[name]
-    from expertaug_recordings.imports.ibm import list_marker_files
+    from expertaug_recordings.ibm import list_marker_files
 
     return str(list_marker_files(checkpoints.unpack_markers.get().output.folder)[name])
 

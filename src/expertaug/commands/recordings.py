@@ -143,14 +143,14 @@ def _track_markers(a: argparse.Namespace) -> None:
 
 
 def _unpack_markers(a: argparse.Namespace) -> None:
-    from expertaug_recordings.imports.ibm import unpack_archive
+    from expertaug_recordings.ibm import unpack_archive
     from expertaug_recordings.settings import UnpackMarkersJob
 
     unpack_archive(a.archive, a.output, _job(a, UnpackMarkersJob))
 
 
 def _import_markers(a: argparse.Namespace) -> None:
-    from expertaug_recordings.imports.ibm import import_markers
+    from expertaug_recordings.ibm import import_markers
     from expertaug_recordings.settings import ImportMarkersJob
 
     job = _job(a, ImportMarkersJob)
@@ -226,8 +226,8 @@ def _review(a: argparse.Namespace) -> None:
 
 def _export_recording(a: argparse.Namespace) -> None:
     from expertaug.files import write_text
-    from expertaug_recordings.exports import FILES, export_recording
     from expertaug_recordings.intake import refusal
+    from expertaug_recordings.reports.exports import FILES, export_recording
 
     if (reason := refusal(a.angles)) is None:
         export_recording(a.markers, a.angles, a.output)

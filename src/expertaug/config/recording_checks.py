@@ -161,7 +161,7 @@ def _files(recordings: Mapping) -> dict[str, Path] | None:
         return list_videos(path)
     if Path(path).is_file():
         return None
-    from expertaug_recordings.imports.ibm import list_marker_files
+    from expertaug_recordings.ibm import list_marker_files
 
     return list_marker_files(path)
 

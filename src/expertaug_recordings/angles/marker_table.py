@@ -9,12 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug_recordings.angles.corrected import correct
-from expertaug_recordings.angles.resampling import resample
-from expertaug_recordings.angles.timing import find_dropped, find_repeated
-from expertaug_recordings.columns import MARKERS, PLACES
-from expertaug_recordings.corrections import Correction
-from expertaug_recordings.tables import read_table
+from expertaug_recordings.angles.even_times import find_dropped, find_repeated, resample
+from expertaug_recordings.corrections import Correction, correct
+from expertaug_recordings.tables import MARKERS, PLACES, read_table
 
 FEWEST = 10  # frames of a recording
 EVEN = 0.01  # of an interval by which intervals may differ

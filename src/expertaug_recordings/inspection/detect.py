@@ -11,9 +11,8 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.appearance import SATURATION, STYLES, Appearance, Colour
+from expertaug_recordings.markers.disks import Disks, fitter, mask_of
 from expertaug_recordings.markers.geometry import DIAMETERS, LARGEST, TWIN, centre_of_circle
-from expertaug_recordings.markers.plain_disks import fitter, mask_of
-from expertaug_recordings.markers.quadrant_disks import Disks
 
 MIN_LEVEL, RIM_TOLERANCE = 24.0, 0.6  # of the fitters, the second at 25 px of diameter
 MIN_SHARE = 0.6  # of a rim

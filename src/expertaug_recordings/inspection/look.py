@@ -1,23 +1,158 @@
-"""What a video shows: frames spread over it, its markers, and the settings that track them."""
+"""What a video shows: its markers, where gravity points, and the keys of the configuration that would track it."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug_recordings.angles.ellipse import View
-from expertaug_recordings.angles.tilt import Gravity
-from expertaug_recordings.inspection import proposal
+from expertaug_recordings.angles.arms import find_arms
+from expertaug_recordings.angles.marker_table import FEWEST, MarkerTable, on_time, with_twin
+from expertaug_recordings.angles.noise import measure_noise
+from expertaug_recordings.angles.pendulum_fit import SPAN_S, Gravity, find_gravity, fit_single
+from expertaug_recordings.angles.quality import trust_tracker
+from expertaug_recordings.angles.rectify import View, seen_through, worth_it
+from expertaug_recordings.angles.smoothing import Smoothing, longest_window, smooth_motion
 from expertaug_recordings.inspection.detect import Pendulum, Spot, look_for_pendulum
-from expertaug_recordings.inspection.gravity import told_by_motion
+from expertaug_recordings.markers.appearance import COLOURS, ROLES, Colour
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
-from expertaug_recordings.settings import StatedTimes, TrackMarkersJob
+from expertaug_recordings.markers.tracker import track_frames
+from expertaug_recordings.settings import AngleKeys, StatedTimes, TrackMarkersJob
 from expertaug_recordings.video.source import open_frames
+
+RANGE_DEG = 25.0  # half a proposed range of hues, or less where markers are nearer to each other
+RANGE_STRENGTH = 0.5  # share of a marker's saturation and value below which a colour is not taken for its
+
+
+def propose_tracking(found: Pendulum) -> list[dict[str, object]]:
+    """Settings of the tracker to try, the simplest first: colours by name, where names tell the markers apart, then as
+    ranges of hue, saturation and value."""
+    groups = [None if g is None else list(g.values()) for g in found.spots]
+    tints = [None if g is None else np.array([s.colour for s in g]) for g in groups]
+    diameter = float(np.median([s.diameter for g in groups if g is not None for s in g]))
+    settings: dict[str, object] = {"marker_diameter_px": round(diameter, 1)}
+    kinds = [kind for kind in (_names(tints), _ranges(tints)) if kind is not None]
+    return [{"markers": {"style": found.style, **dict(zip(ROLES, kind, strict=True))}} | settings for kind in kinds]
+
+
+def _names(tints: Sequence[np.ndarray | None]) -> list[str | None] | None:
+    """Colours' names; None where they do not tell the markers apart."""
+    names = [None if t is None else _name(_mean_hue(t[:, 0])) for t in tints]
+    seen = [n for n in names if n is not None]
+    named = [_all_named(t, name, seen) for t, name in zip(tints, names, strict=True) if t is not None]
+    return names if len(set(seen)) == len(seen) and all(named) else None
+
+
+def _ranges(tints: Sequence[np.ndarray | None]) -> list[dict[str, list[float]] | None]:
+    hues = [None if t is None else _mean_hue(t[:, 0]) for t in tints]
+    return [
+        None if t is None else _range(t, hue, [h for h in hues if h is not None and h != hue])
+        for t, hue in zip(tints, hues, strict=True)
+    ]
+
+
+def _mean_hue(hues: np.ndarray) -> float:
+    return float(np.rad2deg(np.angle(np.exp(1j * np.deg2rad(hues)).mean())) % 360)
+
+
+def _away(hue: np.ndarray | float, other: float) -> np.ndarray:
+    return np.abs((np.asarray(hue) - other + 180) % 360 - 180)
+
+
+def _name(hue: float) -> str:
+    """The colour in whose range a hue lies best."""
+    return max(COLOURS, key=lambda name: _inside(hue, name))
+
+
+def _inside(hue: float, name: str) -> float:
+    """Degrees to the nearer end of a colour's range, negative outside."""
+    colour = Colour(name, COLOURS[name])
+    return colour.reach - float(_away(hue, colour.middle))
+
+
+def _all_named(tint: np.ndarray, name: str, among: Sequence[str]) -> bool:
+    """Whether all of a marker's sightings are of a colour of this name, and of no other that is used."""
+    colours = {other: Colour(other, COLOURS[other]) for other in among}
+    own = colours[name]
+    inside = (_away(tint[:, 0], own.middle) < 0.85 * own.reach).all()
+    strong = (tint[:, 1] > 1.2 * own.saturation[0]).all() and (tint[:, 2] > 1.2 * own.value[0]).all()
+    nearest = [min(colours, key=lambda other: float(_away(h, colours[other].middle))) for h in tint[:, 0]]
+    return bool(inside and strong and set(nearest) == {name})
+
+
+def _range(tint: np.ndarray, hue: float, others: Sequence[float]) -> dict[str, list[float]]:
+    reach = min([RANGE_DEG, *(0.45 * float(_away(other, hue)) for other in others)])
+    low = [RANGE_STRENGTH * float(np.median(tint[:, k])) for k in (1, 2)]
+    return {
+        "hue": [round((hue - reach) % 360), round((hue + reach) % 360)],
+        "saturation": [round(low[0], 2), 1.0],
+        "value": [round(low[1], 2), 1.0],
+    }
+
+
+MIDDLE_FRAMES, SECONDS = 300, 2.0  # from the middle of a video: so many frames, or seconds where that is more
+
+
+def told_by_motion(
+    path: Path,
+    stated: StatedTimes,
+    times: np.ndarray | None,
+    geometry: Geometry,
+    settings: TrackMarkersJob,
+) -> tuple[Gravity | None, View | None]:
+    """Direction of gravity in the image: 0 down, 90 right; None where the motion does not tell it.  And the view that
+    makes the arms steadier; None where that is not worth it.
+
+    Arguments:
+        path: of the video.
+        stated: of its times, what it does not say itself.
+        times: of its frames in s, (n,), where they are uneven.
+        geometry, settings: with which its markers are tracked.
+    """
+    with open_frames(path, stated) as video:
+        rate = video.rate_hz if times is None else 1 / float(np.median(np.diff(times)))
+        count = min(video.count, max(MIDDLE_FRAMES, round(SECONDS * rate)))
+        first = (video.count - count) // 2
+        images = (image for number, image in islice(video.frames(), first + count) if number >= first)
+        track = track_frames(images, geometry, settings)
+    frames = np.arange(count)
+    t = frames / rate if times is None else times[first : first + count]
+    single = settings.appearance.tip is None
+    if not np.isfinite(track.position[:, 0]).any():
+        return None, None
+    places = (with_twin(track.position) if single else track.position).swapaxes(0, 1)
+    none = np.zeros(count, bool)
+    reason = np.array(track.reason, object)
+    markers = on_time(MarkerTable(frames, t, rate, *places, track.quality, reason, frames, none), times is None, rate)
+    usable, _ = trust_tracker(markers)
+    options = AngleKeys(model_offsets=not single)
+    if usable.sum() < FEWEST or not np.isfinite(markers.pivot).any():
+        return None, None
+    view = worth_it(markers, usable, options.model_offsets)
+    if view is not None:
+        markers = seen_through(view.matrix, markers)
+    arms = find_arms(markers, usable, options)
+    fitting = usable & ~arms.off
+    if fitting.sum() < FEWEST:
+        return None, view
+    order = options.smoothing_order
+    noise, _ = measure_noise(arms.lengths, fitting, longest_window(order, rate))
+    how = Smoothing(order, None, 0, options.outlier_sigmas, float(np.deg2rad(options.outlier_floor_deg)))
+    motion = smooth_motion(np.where(fitting[:, None], arms.angles(0.0), np.nan), rate, noise, how)
+    known = np.where(motion.margin[:, None], np.nan, motion.y)
+    every = max(1, round(rate * SPAN_S))
+    try:
+        if single:
+            return fit_single(known[:, [0, 2]], rate)[1], view
+        return find_gravity(known, every / rate, every), view
+    except InputError:
+        return None, view
+
 
 FRAMES, MEMORY = 24, 2**28  # frames that are looked at, and bytes that they may take
 SHOWN = 6  # frames on the contact sheet
@@ -82,7 +217,7 @@ def look_at(video: Path, stated: StatedTimes) -> Look:
     found, spots = look_for_pendulum(footage.frames)
     if found is None:
         return Look(footage, spots, refusal=_missing(spots, len(footage.frames)))
-    tracking, geometry, counts = _best_proposal(footage.frames, proposal.tracking(found))
+    tracking, geometry, counts = _best_proposal(footage.frames, propose_tracking(found))
     if geometry is None or counts["all"] < MIN_SHARE * counts["frames"]:
         refusal = f"its markers are all found in {counts['all']} of {counts['frames']} frames only"
         return Look(footage, spots, found, tracking, None, geometry, counts, refusal)

@@ -11,8 +11,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.appearance import WHERE
-from expertaug_recordings.markers.plain_disks import fitter
-from expertaug_recordings.markers.quadrant_disks import Disks
+from expertaug_recordings.markers.disks import Disks, fitter
 from expertaug_recordings.settings import TrackMarkersJob
 
 DIAMETERS = (8.0, 1.25)  # px of the smallest that is tried where none is given, and the step to the next

@@ -1,8 +1,8 @@
 """Following the three markers of one pendulum from frame to frame.
 
-Each marker is predicted from the last frames and fitted there (:mod:`.quadrant_disks`); one that is not at
-its predicted place is searched on the ring that its arm allows round its parent, and only without a parent in the whole
-frame.  A marker that is not found stays missing: no position is invented.
+Each marker is predicted from the last frames and fitted there (:mod:`expertaug_recordings.markers.disks`); one that is
+not at its predicted place is searched on the ring that its arm allows round its parent, and only without a parent in
+the whole frame.  A marker that is not found stays missing: no position is invented.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from expertaug_recordings.markers.disks import Disks, fitter
 from expertaug_recordings.markers.geometry import WIDE, Geometry, best, sound
-from expertaug_recordings.markers.plain_disks import fitter
-from expertaug_recordings.markers.quadrant_disks import Disks
 from expertaug_recordings.settings import TrackMarkersJob
-from expertaug_recordings.video.kept_frame import KeptFrame
+from expertaug_recordings.video.pixel_layout import KeptFrame
 
 PIVOT, JOINT, TIP = range(3)
 # px of a plain diameter, where nothing is given: of an arm's length, of the ring that is searched, of residuals

@@ -15,10 +15,10 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.systems.double_pendulum import Constants
-from expertaug_recordings.columns import PLACES
 from expertaug_recordings.rendering.motion import Launch, simulate
 from expertaug_recordings.rendering.scene import Pose, Scene
 from expertaug_recordings.settings import RenderVideoJob
+from expertaug_recordings.tables import PLACES
 from expertaug_recordings.video.writer import encode
 
 TRUTH_COLUMNS = ",".join(("t", "theta1", "theta2", "omega1", "omega2", *PLACES))

@@ -16,9 +16,8 @@ from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug_recordings.angles.quality import INTERPOLATED, MEASURED, UNUSABLE
 from expertaug_recordings.angles.summary import RecordingSummary
-from expertaug_recordings.columns import PLACES
 from expertaug_recordings.settings import RENDERED
-from expertaug_recordings.tables import read_table
+from expertaug_recordings.tables import PLACES, read_table
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
 UNCERTAIN = tuple(f"{name}_std" for name in (*STATE, "pivot", "joint", "tip"))

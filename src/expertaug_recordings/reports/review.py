@@ -17,11 +17,11 @@ from expertaug.measurements.paths import natural_key
 from expertaug.measurements.splitting import stretches
 from expertaug_recordings.angles.quality import MEASURED
 from expertaug_recordings.angles.summary import RecordingSummary
-from expertaug_recordings.columns import PLACES
-from expertaug_recordings.corrections import COLUMNS, MARKERS
+from expertaug_recordings.corrections import COLUMNS
+from expertaug_recordings.markers.appearance import ROLES
 from expertaug_recordings.reports import drawing
 from expertaug_recordings.settings import ReviewRecordingJob
-from expertaug_recordings.tables import read_table
+from expertaug_recordings.tables import PLACES, read_table
 from expertaug_recordings.video.source import open_frames
 
 WORST, WIDTH, ACROSS = 12, 320, 4  # frames on a sheet, their width in px, and how many are side by side
@@ -96,7 +96,7 @@ def review_recording(
     lines = [
         [found.recording, int(points["frame"][source[row]]), name, *place[row, k], reason[row]]
         for row in chosen
-        for k, name in enumerate(MARKERS)
+        for k, name in enumerate(ROLES)
     ]
     with atomic(rows) as temporary:
         pd.DataFrame(lines, columns=[*COLUMNS, "reason"]).to_csv(temporary, index=False, float_format="%.2f")

@@ -22,8 +22,7 @@ from av.video.reformatter import VideoReformatter
 from expertaug.errors import InputError
 from expertaug.files import atomic, memory_limit
 from expertaug_recordings.settings import ExtractFramesJob
-from expertaug_recordings.video.kept_frame import KeptFrame
-from expertaug_recordings.video.pixel_layout import Layout
+from expertaug_recordings.video.pixel_layout import KeptFrame, Layout
 from expertaug_recordings.video.source import Frames, open_frames
 
 FORMAT = "expertaug frames 2"
@@ -219,7 +218,7 @@ def extract_frames(video: Path, store: Path, job: ExtractFramesJob) -> None:
 
     Arguments:
         video: a file as :class:`~expertaug_recordings.video.reader.Video` takes, or a folder of pictures
-            (:class:`~expertaug_recordings.video.pictures.Pictures`).
+            (:class:`~expertaug_recordings.video.source.Pictures`).
         store: file to write.  It has every n-th frame, as many as the analysis rate takes; where that does not divide
             the rate, and where times are uneven, the angles are resampled later.
         job: its settings.

@@ -17,7 +17,7 @@ import av
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug_recordings.video import timestamps, trimming
+from expertaug_recordings.video import timestamps
 from expertaug_recordings.video.pixel_layout import Layout
 
 RATES_HZ = (1.0, 20_000.0)  # outside, a declared frame rate is taken for a missing one
@@ -163,10 +163,10 @@ class Video:
         """
         heard = len(self._complaints)
         with self._listening():
-            shown = trimming.shown_ms(self.path, OPTIONS, self._tick_ms)
+            shown = timestamps.shown_ms(self.path, OPTIONS, self._tick_ms)
         del self._complaints[heard:]  # of all of the file
         times = np.arange(self._declared) / self.rate_hz if shown is None else shown / 1000
-        self._wanted = trimming.span(self.path, times, from_s, to_s)
+        self._wanted = timestamps.span(self.path, times, from_s, to_s)
         self.count = len(self._wanted)
 
     def frames(self, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:

@@ -1,4 +1,7 @@
-"""Unpacking archives that nobody vouches for."""
+"""
+
+Unpacking archives that nobody vouches for.
+"""
 
 from __future__ import annotations
 

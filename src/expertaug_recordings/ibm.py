@@ -1,4 +1,7 @@
-"""Marker CSVs in the layout of IBM's "Double Pendulum Chaotic" dataset, from a folder or from its archive."""
+"""
+
+Marker CSVs in the layout of IBM's "Double Pendulum Chaotic" dataset, from a folder or from its archive.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,10 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, sha256
-from expertaug_recordings.columns import PLACES
-from expertaug_recordings.imports.unpacking import unpack
 from expertaug_recordings.names import P, by_name
 from expertaug_recordings.settings import ImportMarkersJob, UnpackMarkersJob
+from expertaug_recordings.tables import PLACES
+from expertaug_recordings.unpacking import unpack
 
 IBM_FOLDER = "dpc_dataset_csv"  # the dataset's archive keeps its marker CSVs in original/dpc_dataset_csv/
 IBM_COLUMNS = ("y_red", "x_red", "y_green", "x_green", "y_blue", "x_blue")

@@ -1,4 +1,7 @@
-"""A recording's markers and angles in the formats that laboratories use."""
+"""
+
+A recording's markers and angles in the formats that laboratories use.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,8 @@ import pandas as pd
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug_recordings.angles.quality import UNUSABLE
-from expertaug_recordings.columns import PLACES
-from expertaug_recordings.corrections import MARKERS
-from expertaug_recordings.tables import read_table
+from expertaug_recordings.markers.appearance import ROLES
+from expertaug_recordings.tables import PLACES, read_table
 
 ANGLES = {"theta1": "deg", "theta2": "deg", "omega1": "deg/s", "omega2": "deg/s"}
 SCORER = "expertaug"
@@ -65,8 +67,8 @@ def _tracker(path: Path, points: pd.DataFrame) -> None:
     with atomic(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         stream.write("#multi:\n")
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["", *(cell for name in MARKERS for cell in (name, ""))])
-        writer.writerow(["t", *("x", "y") * len(MARKERS)])
+        writer.writerow(["", *(cell for name in ROLES for cell in (name, ""))])
+        writer.writerow(["t", *("x", "y") * len(ROLES)])
         for t, row in zip(points["t"].tolist(), moved.reshape(-1, 6).tolist(), strict=True):
             writer.writerow([f"{t:.9g}", *("" if np.isnan(v) else f"{v:.4f}" for v in row)])
 
@@ -74,10 +76,10 @@ def _tracker(path: Path, points: pd.DataFrame) -> None:
 def _deeplabcut(path: Path, points: pd.DataFrame) -> None:
     """A frame without a marker has likelihood 0 for it."""
     columns = pd.MultiIndex.from_product(
-        [[SCORER], MARKERS, ["x", "y", "likelihood"]], names=["scorer", "bodyparts", "coords"]
+        [[SCORER], ROLES, ["x", "y", "likelihood"]], names=["scorer", "bodyparts", "coords"]
     )
     cells = []
-    for name in MARKERS:
+    for name in ROLES:
         place = points[[f"{name}_x", f"{name}_y"]].to_numpy()
         found = np.isfinite(place).all(1)
         level = np.where(found, np.maximum(points["quality"].to_numpy(), UNUSABLE), UNUSABLE)

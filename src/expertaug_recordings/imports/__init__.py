@@ -1,1 +1,0 @@
-"""Marker files of others, from folders and archives that nobody vouches for."""
