@@ -12,6 +12,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.evaluation.drawn_forecasts import drawing_of, of_own_windows
+from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
 from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, ranks_of
 from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
@@ -23,9 +24,6 @@ from expertaug.tracking.metrics_csv import COLUMNS
 from expertaug.tracking.run_log import RunLog
 from expertaug.trajectories import Trajectories
 from expertaug.versions import MAIN_SETS, SHOWN_SETS
-
-NAME = "evaluation.jsonl"
-FIGURES = ("forecasts.png", "parameters.png")  # drawn when all of an experiment is evaluated
 
 
 def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: Mapping) -> None:
@@ -149,7 +147,7 @@ def write_log(metrics: Path, model: Path, identity: Mapping, seeds: Sequence[int
     params["evaluation"] = settings["evaluation"]
     tags = {"rule": "evaluate", "table": f"tables/{identity['experiment']}.md"}
     run = Run(**identity, stage="evaluate", seeds=seeds, params=params, tags=tags)
-    with RunLog(metrics.with_name(NAME), run) as log:
+    with RunLog(metrics.with_name(EVALUATION_LOG), run) as log:
         log.table(metrics)
-        for path in (metrics, *map(metrics.with_name, FIGURES)):
+        for path in (metrics, *map(metrics.with_name, OWN_FIGURES)):
             log.artifact(path)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from expertaug import files
 from expertaug.evaluation import traces
-from expertaug.evaluation.evaluate import FIGURES, NAME
 from expertaug.evaluation.parameters import parameters
+from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
 from expertaug.tracking.log import read_log
 from expertaug.tracking.settings import Tracking
 from expertaug.tracking.sync import Sync
@@ -35,10 +35,10 @@ def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Tracking 
     stored: dict[str, bool] = {}
     runs: dict[str, dict[str, str]] = {}
     for path in map(Path, forecasts):
-        log = path.with_name(NAME)
+        log = path.with_name(EVALUATION_LOG)
         header = read_log(log).header
         names = {"labels": [[header.method, header.label]]}
-        drawn = [path.with_name(name) for name in FIGURES]
+        drawn = [path.with_name(name) for name in OWN_FIGURES]
         traces.forecasts({header.method: path}, drawn[0], names)
         parameters({header.method: path}, drawn[1], names)
         logger.info("%s: drawn", path.parent)

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 TABLE_ENDS, FIGURE_ENDS = ("csv", "md", "tex"), ("png", "pdf")
+EVALUATION_LOG = "evaluation.jsonl"  # beside an evaluation's metrics
+OWN_FIGURES = ("forecasts.png", "parameters.png")  # of an evaluation, drawn when all of an experiment is evaluated
 
 
 @dataclass(frozen=True)
