@@ -16,8 +16,8 @@ import pytest
 
 from expertaug import cli, commands
 from expertaug.commands import options
-from expertaug.config import stage_code
 from expertaug.errors import SolveError
+from expertaug.stages import STAGES
 from expertaug.systems import simulate
 from expertaug.tracking import store
 from expertaug.tracking.settings import Tracking
@@ -257,7 +257,7 @@ def test_every_stage_has_a_command():
         "run",
         "demand",
     }
-    assert {stage.replace("_", "-") for stage in stage_code.STAGES} == set(actions) - by_hand
+    assert {stage.name for stage in STAGES.values()} == set(actions) - by_hand
 
 
 def test_a_reader_that_has_seen_enough_is_no_error():

@@ -35,6 +35,7 @@ FLOORS = (
     ("expertaug_recordings",),
     ("config",),
     ("api",),
+    ("stages",),
     ("commands",),
     ("cli", "__init__"),
 )

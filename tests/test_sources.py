@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from expertaug import source_files
-from expertaug.config import stage_code
 from expertaug.errors import InputError
+from expertaug.stages import STAGES
 
-MODULES = sorted(set(stage_code.STAGES.values()))
+MODULES = sorted({stage.code for stage in STAGES.values()})
 # Each module is imported by a fork of a process that has imported nothing but what is not ours.
 IMPORTS = """
 import importlib, json, os, sys
@@ -38,12 +38,12 @@ def loaded_by():
 
 @pytest.mark.parametrize("module", MODULES)
 def test_declared_files_are_those_that_importing_the_stage_loads(module, loaded_by):
-    stage = next(stage for stage, name in stage_code.STAGES.items() if name == module)
+    stage = next(stage for stage in STAGES.values() if stage.code == module)
     loaded = {Path(file).resolve() for file in loaded_by[module]}
     without = {
         source_files.PACKAGE.parent.joinpath(*m.split(".")).with_suffix(".py") for m in source_files.WITHOUT_EFFECT
     }
-    declared = {Path(path).resolve() for path in stage_code.sources(stage)}
+    declared = {Path(path).resolve() for path in stage.sources()}
     assert loaded - without <= declared
     assert all(path.is_file() for path in declared)
 
@@ -51,7 +51,7 @@ def test_declared_files_are_those_that_importing_the_stage_loads(module, loaded_
 def test_a_named_class_brings_its_file(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("class System: pass\n")
     monkeypatch.syspath_prepend(tmp_path)
-    found = stage_code.sources("train", ["mine:System", "expertaug.systems.pendulum"])
+    found = STAGES["train"].sources(["mine:System", "expertaug.systems.pendulum"])
     assert any(path.endswith("mine.py") for path in found)
     assert any(path.endswith("pendulum.py") for path in found)
     assert not any(path.endswith(("double_pendulum.py", "cli.py")) for path in found)
@@ -66,7 +66,7 @@ def test_what_a_named_module_imports_is_followed(tmp_path, monkeypatch):
     text = "import torch\nfrom . import constants\nfrom expertaug.learning.hvae import HybridVAE\n"
     (folder / "mine.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
-    new = set(stage_code.sources("simulate", ["outside.mine:Mine"])) - set(stage_code.sources("simulate"))
+    new = set(STAGES["simulate"].sources(["outside.mine:Mine"])) - set(STAGES["simulate"].sources())
     names = {Path(path).name for path in new}
     assert {"mine.py", "constants.py", "hvae.py"} <= names
     assert "unused.py" not in names and not any("site-packages" in path for path in new)
@@ -76,4 +76,4 @@ def test_modules_that_do_not_exist_are_named():
     with pytest.raises(InputError, match=r"system\.name: no module 'no\.such'"):
         source_files.find("system.name", "no.such:Class")
     with pytest.raises(InputError, match=r"expertaug\.systems\.none: no such module"):
-        stage_code.sources("train", ["expertaug.systems.none"])
+        STAGES["train"].sources(["expertaug.systems.none"])

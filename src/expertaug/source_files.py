@@ -26,6 +26,7 @@ WITHOUT_EFFECT = frozenset(
         "expertaug": (
             "cli",
             "commands",
+            "stages",
             "tracking.rebuild",
             "tracking.store",
             "tracking.sync",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 import torch
+from expertaug.commands.prior_file import read_ranges, with_ranges
 from test_least_squares import NOISE, OBSERVED, expert_alone, pendulum
 
 from expertaug import systems
-from expertaug.commands.prior_file import read_ranges, with_ranges
 from expertaug.errors import InputError
 from expertaug.evaluation.own_priors import own_priors
 from expertaug.evaluation.settings import OwnPriorsJob

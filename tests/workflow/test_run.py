@@ -11,7 +11,8 @@ from running import LEARNING_TARGETS, ROOT, SMOKE, TARGETS, copy_project, overri
 
 from expertaug import source_files
 from expertaug.config import load as config
-from expertaug.config import stage_code, stage_settings
+from expertaug.config import stage_settings
+from expertaug.stages import STAGES
 
 
 def test_smoke_run_makes_tables_figures_and_logs(project):
@@ -78,11 +79,9 @@ def test_declared_modules_cover_what_every_job_has_loaded(smoke_run):
         stage = command.replace("-", "_")
         stages.add(stage)
         loaded = {Path(file).relative_to(package).as_posix() for file in files} - without
-        declared = {
-            Path(path).resolve().relative_to(ROOT / "src").as_posix() for path in stage_code.sources(stage, named)
-        }
+        declared = {Path(path).resolve().relative_to(ROOT / "src").as_posix() for path in STAGES[stage].sources(named)}
         assert loaded <= declared, stage
-    assert stages == set(stage_code.STAGES) - {"overlay", "grid", *AT_REQUEST, *ELSEWHERE}
+    assert stages == set(STAGES) - {"overlay", "grid", *AT_REQUEST, *ELSEWHERE}
 
 
 def test_frame_stores_are_kept_when_they_are_asked_for(project):

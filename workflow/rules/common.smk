@@ -10,12 +10,10 @@ from pathlib import Path
 from expertaug.config import jobs
 from expertaug.config import recording_settings
 from expertaug.config import shown_settings
-from expertaug.config import stage_code
 from expertaug.config import stage_settings
 from expertaug.evaluation import products
 from expertaug.files import sha256
 from expertaug.measurements.paths import read_checksums
-from expertaug.settings import Settings
 from expertaug_recordings.intake import refusal
 from expertaug_recordings.names import list_pictures
 from expertaug.config.study_checks import PUBLISHED
@@ -55,20 +53,17 @@ def one_of(names):
 
 def settings(stage, *names):
     """A stage's slice of the configuration as JSON."""
-    made = getattr(stage_settings, stage)(CONFIG, *names)
-    if isinstance(made, Settings):
-        made = made.model_dump(mode="json", exclude_unset=True)
-    return json.dumps(made, sort_keys=True)
+    return STAGES[stage].settings_of(CONFIG, *names)
 
 
 def code(stage, experiment=None, method=None):
     """The package's files that a stage runs, with those that the experiment's configuration names."""
-    return stage_code.sources(stage, named_by(experiment, method))
+    return STAGES[stage].sources(named_by(experiment, method))
 
 
 def versions(stage, experiment=None, method=None):
     """Installed versions of the packages that compute a stage's numbers: a parameter of its jobs."""
-    return stage_code.versions(stage, named_by(experiment, method))
+    return STAGES[stage].versions(named_by(experiment, method))
 
 
 def named_by(experiment, method):

@@ -4,30 +4,29 @@ from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Callable
 from pathlib import Path
 
-from expertaug.commands.options import Commands
+from expertaug.stages import STAGES
 
 logger = logging.getLogger(__name__)
 
 
-def add_to(commands: Commands) -> None:
+def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
-    p = commands.add("validate", _validate, "check configuration files", settings=False)
+    p = add("validate", _validate, "check configuration files")
     p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
 
-    p = commands.add(
-        "check-system", _check_system, "try the systems and models of a run on a few samples", settings=False
-    )
+    p = add("check-system", _check_system, "try the systems and models of a run on a few samples")
     p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
 
-    p = commands.add("config", _config, "show what each job of a method gets, and where it comes from", settings=False)
+    p = add("config", _config, "show what each job of a method gets, and where it comes from")
     p.add_argument("action", choices=("show",))
     p.add_argument("experiment", help="name of the experiment")
     p.add_argument("method", help="name of its method")
     p.add_argument("--configfile", type=Path, nargs="+", default=[], metavar="YAML", help="files as in the workflow")
 
-    p = commands.add("demand", _demand, "say what a run asks of a cluster, by published costs", settings=False)
+    p = add("demand", _demand, "say what a run asks of a cluster, by published costs")
     p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
     p.add_argument("--published", type=Path, default=Path("results/published"), help="folder of published runs")
 
@@ -37,7 +36,7 @@ def _validate(a: argparse.Namespace) -> None:
     from expertaug.config.complete import completed
 
     files = config.with_defaults(a.config)
-    completed(config.load(files))
+    completed(config.load(files), STAGES)
     below = ", ".join(str(file) for file in files if file not in a.config)
     logger.info("%s%s: valid", ", ".join(map(str, a.config)), f" over {below}" if below else "")
 
@@ -47,7 +46,7 @@ def _check_system(a: argparse.Namespace) -> None:
     from expertaug.config import own
     from expertaug.config.complete import completed
 
-    for line in own.check(completed(config.load(config.with_defaults(a.config)))):
+    for line in own.check(completed(config.load(config.with_defaults(a.config)), STAGES)):
         print(line)
 
 
@@ -64,5 +63,7 @@ def _demand(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
     from expertaug.config.complete import completed
 
-    for line in demand.table(demand.of_config(completed(config.load(config.with_defaults(a.config))), a.published)):
+    for line in demand.table(
+        demand.of_config(completed(config.load(config.with_defaults(a.config)), STAGES), a.published)
+    ):
         print(line)

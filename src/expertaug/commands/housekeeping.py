@@ -4,35 +4,23 @@ from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Callable
 from pathlib import Path
-
-from expertaug.commands.options import Commands, add_paths, read_settings
 
 logger = logging.getLogger(__name__)
 
 
-def add_to(commands: Commands) -> None:
+def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
-    p = commands.add("init-tracking", _init_tracking, "create or upgrade the MLflow store")
-    add_paths(p, output="JSON that logging stages read")
-
-    p = commands.add("rebuild-tracking", _rebuild_tracking, "make the MLflow store again from the logs", settings=False)
+    p = add("rebuild-tracking", _rebuild_tracking, "make the MLflow store again from the logs")
     p.add_argument("results", type=Path, help="results folder")
     p.add_argument("--uri", help="of the store (default: sqlite in RESULTS/mlflow)")
     p.add_argument("--experiment", default="expertaug", help="name of the MLflow experiment")
 
-    p = commands.add("publish", _publish, "keep the tables and figures of a finished run", settings=False)
+    p = add("publish", _publish, "keep the tables and figures of a finished run")
     p.add_argument("config", type=Path, nargs="+", help="YAML files of the run, later ones win")
     p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder, which is replaced")
     p.add_argument("--command", required=True, help="how the run was started, for the record")
-
-
-def _init_tracking(a: argparse.Namespace) -> None:
-    from expertaug.settings import read
-    from expertaug.tracking.settings import InitTrackingJob
-    from expertaug.tracking.store import initialise
-
-    initialise(read(InitTrackingJob, read_settings(a.settings)), a.output)
 
 
 def _rebuild_tracking(a: argparse.Namespace) -> None:

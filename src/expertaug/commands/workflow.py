@@ -5,18 +5,16 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-
-from expertaug.commands.options import Commands
 
 _PROFILES = ("--profile", "--workflow-profile")
 
 
-def add_to(commands: Commands) -> None:
+def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
     text = "run the workflow: snakemake with the Snakefile of this package, results below the working directory"
-    p = commands.add("run", _run, text, settings=False)
+    p = add("run", _run, text)
     p.usage = "expertaug run [-h] [SNAKEMAKE'S ARGUMENTS]"
     p.epilog = "A file of the workflow, as config/smoke.yaml, need not be in the working directory."
     p.set_defaults(rest=[])

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
-from expertaug.config import event_checks, inference_checks, measurement_checks, options, stage_code, study_checks
+from expertaug.config import event_checks, inference_checks, measurement_checks, options, study_checks
 from expertaug.config.layers import merge
 from expertaug.config.names import other_parameters, unknown, unknown_one
 from expertaug.errors import InputError
@@ -14,7 +14,7 @@ from expertaug.wording import number_in, show
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
-TARGETS = (*stage_code.STAGES, "export", "recordings", "studies", "report", "all", "everything")
+TARGETS = ("export", "recordings", "studies", "report", "all", "everything")  # beside the stages
 # Files of an experiment are called after it and one of these.
 ENDINGS = (
     "long",
@@ -77,12 +77,12 @@ def seeds(found: list[int], where: str) -> Iterator[InputError]:
             yield InputError(f"{where}[{k}]", f"{seed} is there twice", "give each seed once")
 
 
-def name(experiment: str, experiments: Mapping) -> Iterator[InputError]:
-    """An experiment's name that files, rules or other experiments need."""
+def name(experiment: str, experiments: Mapping, stages: Collection[str] = ()) -> Iterator[InputError]:
+    """An experiment's name that files, rules (those of ``stages`` too) or other experiments need."""
     where = f"experiments.{experiment}"
     if experiment in RESERVED:
         yield InputError(where, "the results folder needs this name", "choose another name")
-    if experiment in TARGETS:
+    if experiment in TARGETS or experiment in stages:
         yield InputError(where, "a stage of the workflow has this name", "choose another name")
     for ending in ENDINGS:
         other = experiment.removesuffix(f"_{ending}")

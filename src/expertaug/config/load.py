@@ -6,7 +6,7 @@ Its keys are those of :mod:`expertaug.config.models`; what no single key says is
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from expertaug import presets
@@ -66,13 +66,14 @@ def default_files() -> list[Path]:
     return next(([path] for f in folders if f and (path := f / "config" / "config.yaml").is_file()), [])
 
 
-def validate(config: Mapping) -> dict:
+def validate(config: Mapping, stages: Collection[str] = ()) -> dict:
     """Check a configuration and complete it.
 
     Only the experiments of the run must be sound; of the others, those that are not are left out.
 
     Arguments:
         config: as read from YAML, all files merged.
+        stages: names of the workflow's stages, which no experiment may have.
 
     Returns:
         the same with ``based_on`` and the chosen preset's ``presets`` merged, defaults filled in, ``choices``
@@ -91,7 +92,7 @@ def validate(config: Mapping) -> dict:
     errors += wrong
     errors += unknown(complete["run"], raw["experiments"], "run", "experiment")
     for name in raw["experiments"]:
-        errors += checks.name(name, raw["experiments"])
+        errors += checks.name(name, raw["experiments"], stages)
     wrong_in: dict[str, list[InputError]] = {}
     for name, one in found.items():
         complete["experiments"][name], wrong_in[name] = _experiment(name, plain(one), complete)

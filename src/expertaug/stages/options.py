@@ -1,56 +1,18 @@
-"""What several subcommands share: their parsers, their options, and how these are read."""
+"""Options that several subcommands share, and how they are read."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
-from expertaug.commands.prior_file import read_ranges, with_ranges
-from expertaug.errors import InputError, InputErrors, SolveError
-from expertaug.settings import Settings, check
-
-Job = TypeVar("Job", bound=Settings)
+from expertaug.errors import InputError
+from expertaug.stages.prior_file import read_ranges, with_ranges
 
 if TYPE_CHECKING:
     from expertaug.tracking.settings import Tracking
-
-
-class Commands:
-    """The subcommands' parsers, each with what all of them take."""
-
-    def __init__(self, parser: argparse.ArgumentParser) -> None:
-        self._subparsers = parser.add_subparsers(dest="stage", required=True, metavar="STAGE")
-
-    def add(
-        self, name: str, run: Callable[[argparse.Namespace], None], text: str, settings: bool = True
-    ) -> argparse.ArgumentParser:
-        """A subcommand; ``settings`` says whether it takes any."""
-        parser = self._subparsers.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
-        parser.set_defaults(run=_with_checked_settings(run) if settings else run)
-        parser.add_argument("--log", type=Path, metavar="FILE", help="also write progress and errors to this file")
-        if settings:
-            parser.add_argument("--settings", required=True, metavar="JSON", help="JSON text, or a JSON or YAML file")
-        return parser
-
-
-def _with_checked_settings(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
-    """A stage whose settings are looked at where it fails for no known reason: the workflow's hold what it needs."""
-
-    def checked(a: argparse.Namespace) -> None:
-        try:
-            run(a)
-        except (InputError, SolveError, OSError):
-            raise
-        except Exception:
-            from expertaug.config.stage_models import require
-
-            require(a.stage, read_settings(a.settings))
-            raise
-
-    return checked
 
 
 def add_paths(parser: argparse.ArgumentParser, **options: str) -> None:
@@ -70,26 +32,15 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
 
 
 def add_prior(parser: argparse.ArgumentParser) -> None:
-    """The option of ranges of p⁺ that a stage's settings leave open (``prior: own``); see :func:`settings_of`."""
+    """The option of ranges of p⁺ that a stage's settings leave open (``prior: own``); see :func:`with_prior`."""
     parser.add_argument(
         "--prior", type=Path, metavar="FILE", help="what own-prior wrote, where p⁺ finds its own ranges"
     )
 
 
-def settings_of(a: argparse.Namespace) -> dict:
-    """A stage's settings, with the ranges of ``--prior`` where p⁺ finds its own."""
-    return with_ranges(read_settings(a.settings), None if a.prior is None else read_ranges(a.prior))
-
-
-def job_of(kind: type[Job], settings: Mapping[str, object]) -> Job:
-    """A stage's settings as what its function takes.
-
-    Raises:
-        InputErrors: everything that is wrong.
-    """
-    if errors := check(kind, settings, kind.WHERE):
-        raise InputErrors(errors)
-    return kind.from_mapping(settings)
+def with_prior(a: argparse.Namespace, settings: Mapping) -> dict:
+    """A stage's settings with the ranges of ``--prior`` where p⁺ finds its own."""
+    return with_ranges(settings, None if a.prior is None else read_ranges(a.prior))
 
 
 def read_settings(text: str) -> dict:

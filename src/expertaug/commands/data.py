@@ -1,0 +1,91 @@
+"""Subcommands that look at data before there is a configuration, or forecast with a trained model."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from expertaug.stages.options import add_paths, read_settings
+
+logger = logging.getLogger(__name__)
+
+
+def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
+    """Add this module's subcommands."""
+    p = add("inspect", _inspect, "show what videos show and propose their configuration")
+    p.add_argument("videos", type=Path, nargs="+", metavar="VIDEO", help="video file, or folder of pictures")
+    text = "contact sheet, .png or .jpg"
+    p.add_argument("--output", type=Path, default=Path("contact.png"), metavar="PATH", help=text)
+    p.add_argument("--rate", type=float, metavar="HZ", help="frame rate (default: the videos' own)")
+    for name, text in (("from", "first"), ("to", "last")):
+        p.add_argument(f"--{name}", type=float, metavar="S", dest=f"{name}_s", help=f"{text} second that is used")
+    text = "times of pictures: a CSV in their folder with the columns file and t, or names"
+    p.add_argument("--times", metavar="CSV", help=text)
+    p.add_argument("--time-unit", type=float, metavar="S", help="seconds of a unit of these times (default: 1)")
+
+    p = add("inspect-data", _inspect_data, "show what tables hold and propose their configuration")
+    p.add_argument("files", nargs="+", metavar="FILE", help="tables or globs: CSV, Parquet or NPZ")
+    text = "system whose components the columns are: a name, or JSON with name and arguments (default: none)"
+    p.add_argument("--system", metavar="NAME", help=text)
+    p.add_argument("--time", metavar="COLUMN", help="the column of times (default: by its name)")
+    p.add_argument(
+        "--trajectory", metavar="COLUMN", help="the column that tells trajectories apart (default: by its name)"
+    )
+    text = "unit of a column, such as 'theta=deg' (default: as its header says); may be given several times"
+    p.add_argument("--unit", metavar="COLUMN=UNIT", action="append", default=[], help=text)
+    text = "picture, .png or .pdf"
+    p.add_argument("--output", type=Path, default=Path("data.png"), metavar="PATH", help=text)
+
+    p = add("forecast", _forecast, "forecast from observed windows with a trained model")
+    p.add_argument("window", type=Path, help="CSV: t, the state's components; sample, where it holds several windows")
+    add_paths(p, model="model file")
+    p.add_argument("--output", type=Path, metavar="CSV", help="file of the forecasts (default: standard output)")
+    p.add_argument("--seed", type=int, help="one of the model's seeds (default: all)")
+    p.add_argument("--t-end", type=float, metavar="S", help="last time in s (default: the training's)")
+    text = "refine the estimates by least squares on each window; give the noise's standard deviation, 0 for none"
+    p.add_argument("--refine", type=float, metavar="NOISE", help=text)
+    text = "npz like the training's (a run's data/validation.npz): whence the threshold of the column trusted is taken"
+    p.add_argument("--validation", type=Path, metavar="NPZ", help=f"{text} (default: the model file)")
+    text = "package.module:Class of your own that the model may use; may be repeated"
+    p.add_argument("--class", dest="classes", action="append", default=[], metavar="NAME", help=text)
+
+
+def _inspect(a: argparse.Namespace) -> None:
+    from expertaug_recordings.inspection.inspect import inspect
+    from expertaug_recordings.settings import StatedTimes
+
+    stated = {"rate_hz": a.rate, "times": a.times, "time_unit_s": a.time_unit}
+    stated |= {"from_s": a.from_s, "to_s": a.to_s}
+    known = StatedTimes.from_mapping({k: v for k, v in stated.items() if v is not None})
+    text = inspect(a.videos, a.output, known)
+    logger.info("%s: contact sheet", a.output)
+    print(text, end="")
+
+
+def _inspect_data(a: argparse.Namespace) -> None:
+    from expertaug.measurements.inspect import Inspection
+    from expertaug.measurements.proposal import proposal
+
+    names, priors, settings = None, {}, None
+    if a.system is not None:
+        from expertaug import systems
+
+        settings = read_settings(a.system) if a.system.lstrip().startswith("{") else {"name": a.system}
+        system = systems.load(settings)
+        names = systems.names(system)
+        priors = {p.name: [(0.3 if p.positive else -3.0) * p.scale, 3.0 * p.scale] for p in system.expert_parameters}
+    units = dict(text.rpartition("=")[::2] for text in a.unit)
+    found = Inspection(a.files, names, a.time, a.trajectory, units)
+    for line in found.lines():
+        print(f"# {line}")
+    found.draw(a.output)
+    logger.info("%s: picture", a.output)
+    print(proposal(found, settings, priors), end="")
+
+
+def _forecast(a: argparse.Namespace) -> None:
+    from expertaug.api.window_file import forecast_file
+
+    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes, a.refine, a.validation)

@@ -1,0 +1,181 @@
+"""Stages that make simulated sets and models."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from expertaug.stages.options import add_paths, add_prior, add_tracking, tracking_of, with_prior
+from expertaug.stages.stage import Stage
+
+if TYPE_CHECKING:
+    from expertaug.inference.settings import AlternateJob, FlowJob, OwnPriorJob
+    from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainJob, UntrainedJob
+    from expertaug.systems.settings import SimulateJob
+
+
+class Simulate(Stage):
+    """simulate one set of a system"""
+
+    name = "simulate"
+    code = "expertaug.systems.simulate"
+    job = "expertaug.systems.settings:SimulateJob"
+    slice = "simulate"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("set", help="name of the set")
+        add_paths(parser, output="npz of the trajectories")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: SimulateJob) -> None:
+        from expertaug.systems.simulate import simulate
+
+        simulate(a.set, a.output, job)
+
+
+class _Training(Stage):
+    """A stage that fits a model, whose p⁺ may have found its own ranges."""
+
+    @classmethod
+    def complete(cls, a: argparse.Namespace, settings: dict[str, Any]) -> dict[str, Any]:
+        return with_prior(a, settings)
+
+
+def _add_training(parser: argparse.ArgumentParser) -> None:
+    add_paths(parser, data="folder of the sets", output="model file", work="folder for checkpoints")
+    parser.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
+    add_tracking(parser)
+    add_prior(parser)
+
+
+class Train(_Training):
+    """train a method on a group of seeds"""
+
+    name = "train"
+    code = "expertaug.learning.train"
+    job = "expertaug.learning.settings:TrainJob"
+    slice = "train"
+    add_arguments = staticmethod(_add_training)
+
+    @classmethod
+    def job_of(cls, a: argparse.Namespace, settings: Mapping[str, object]) -> str:
+        from expertaug.learning.settings import train_job_kind
+
+        return f"{cls.job.partition(':')[0]}:{train_job_kind(settings).__name__}"
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: TrainJob | UntrainedJob) -> None:
+        from expertaug.learning.train import train
+
+        train(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
+
+
+class Alternate(_Training):
+    """learn an interaction model from fits of each window"""
+
+    name = "alternate"
+    code = "expertaug.inference.alternate"
+    job = "expertaug.inference.settings:AlternateJob"
+    slice = "train"
+    add_arguments = staticmethod(_add_training)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: AlternateJob) -> None:
+        from expertaug.inference.alternate import alternate
+
+        alternate(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
+
+
+class OwnPrior(Stage):
+    """find the ranges of p⁺ from the windows that it is to cover, or until a budget"""
+
+    name = "own-prior"
+    code = "expertaug.inference.prior_stage"
+    job = "expertaug.inference.settings:OwnPriorJob"
+    slice = "own_prior"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        text = "model file (default: none, the expert alone)"
+        parser.add_argument("--model", type=Path, metavar="FILE", help=text)
+        add_paths(parser, data="folder of the sets", output="JSON of the ranges")
+        parser.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
+
+    @classmethod
+    def job_of(cls, a: argparse.Namespace, settings: Mapping[str, object]) -> str:
+        return "expertaug.inference.settings:FirstPriorJob" if a.model is None else cls.job
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: OwnPriorJob) -> None:
+        from expertaug.inference.prior_stage import own_prior
+
+        print(own_prior(a.model, a.data, a.output, job, a.calibration).says)
+
+
+class Augment(_Training):
+    """draw augmented samples from a trained model"""
+
+    name = "augment"
+    code = "expertaug.learning.augment"
+    job = "expertaug.learning.settings:AugmentJob"
+    slice = "augment"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        add_paths(parser, model="model file", data="folder of the sets", output="augmented samples")
+        add_prior(parser)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: AugmentJob) -> None:
+        from expertaug.learning.augment import augment
+
+        augment(a.model, a.data, a.output, job)
+
+
+class Finetune(_Training):
+    """fine-tune a model on real and augmented samples"""
+
+    name = "finetune"
+    code = "expertaug.learning.finetune"
+    job = "expertaug.learning.settings:FinetuneJob"
+    slice = "finetune"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        add_paths(parser, model="model file", data="folder of the sets")
+        text = "augmented samples (default: none, the control on real data alone)"
+        parser.add_argument("--augmented", type=Path, metavar="FILE", help=text)
+        add_paths(parser, output="model file", work="folder for checkpoints")
+        add_tracking(parser)
+        add_prior(parser)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: FinetuneJob) -> None:
+        from expertaug.learning.finetune import finetune
+
+        finetune(a.model, a.augmented, a.data, a.output, a.work, job, tracking_of(a))
+
+
+class Flow(_Training):
+    """learn the posterior of a trained model from its own draws"""
+
+    name = "flow"
+    code = "expertaug.inference.flow_training"
+    job = "expertaug.inference.settings:FlowJob"
+    slice = "flow"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        paths = {"model": "model file", "data": "folder of the sets", "output": "model file"}
+        add_paths(parser, **paths, work="folder for checkpoints")
+        add_tracking(parser)
+        add_prior(parser)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: FlowJob) -> None:
+        from expertaug.inference.flow_training import flow
+
+        flow(a.model, a.data, a.output, a.work, job, tracking_of(a))

@@ -1,0 +1,383 @@
+"""Stages from a video or a file of markers to chunks of angles."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from expertaug.errors import InputError
+from expertaug.stages.options import add_outputs, add_paths
+from expertaug.stages.stage import Stage
+
+if TYPE_CHECKING:
+    from expertaug_recordings import settings as jobs
+
+
+def _add_intake(parser: argparse.ArgumentParser, checksum: bool = False) -> None:
+    text = "a recording that is refused: stop, or skip it and write why into the outputs"
+    parser.add_argument("--on-bad-recording", choices=("stop", "skip"), default="stop", help=text)
+    if checksum:
+        parser.add_argument("--sha256", metavar="HEX", help="checksum that the file must have")
+
+
+def _add_measured(parser: argparse.ArgumentParser, **more: str) -> None:
+    add_paths(
+        parser, markers="CSV of the marker positions", angles="CSV of the angles", summary="JSON of the calibration"
+    )
+    add_paths(parser, **more)
+
+
+def _take(a: argparse.Namespace, task: Callable[[], None], source: Path, outputs: list[Path]) -> None:
+    """Run a stage on one recording, which may be left out."""
+    from expertaug_recordings.intake import take
+
+    take(task, source, outputs, a.on_bad_recording, getattr(a, "sha256", None))
+
+
+class RenderVideo(Stage):
+    """simulate a recording and render it as video"""
+
+    name = "render-video"
+    code = "expertaug_recordings.rendering.render"
+    job = "expertaug_recordings.settings:RenderVideoJob"
+    slice = "render_video"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("--index", type=int, required=True, help="number of the recording, from 0")
+        add_paths(parser, output="video", truth="CSV of the true motion")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.RenderVideoJob) -> None:
+        from expertaug_recordings.rendering.render import render_recording
+
+        render_recording(a.index, a.output, a.truth, job)
+
+
+class ExtractFrames(Stage):
+    """decode a video into a frame store"""
+
+    name = "extract-frames"
+    code = "expertaug_recordings.video.frame_store"
+    job = "expertaug_recordings.settings:ExtractFramesJob"
+    slice = "extract_frames"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("video", type=Path)
+        add_paths(parser, output="frame store")
+        _add_intake(parser, checksum=True)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.ExtractFramesJob) -> None:
+        from expertaug_recordings.video.frame_store import extract_frames
+
+        _take(a, lambda: extract_frames(a.video, a.output, job), a.video, [a.output])
+
+
+class TrackMarkers(Stage):
+    """find the markers in every frame"""
+
+    name = "track-markers"
+    code = "expertaug_recordings.markers.track"
+    job = "expertaug_recordings.settings:TrackMarkersJob"
+    slice = "track_markers"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("frames", type=Path)
+        add_paths(parser, output="CSV of the marker positions")
+        _add_intake(parser)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.TrackMarkersJob) -> None:
+        from expertaug_recordings.markers.track import track_markers
+
+        _take(a, lambda: track_markers(a.frames, a.output, job), a.frames, [a.output])
+
+
+class UnpackMarkers(Stage):
+    """unpack an archive of marker CSVs"""
+
+    name = "unpack-markers"
+    code = "expertaug_recordings.ibm"
+    job = "expertaug_recordings.settings:UnpackMarkersJob"
+    slice = "unpack_markers"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("archive", type=Path)
+        add_paths(parser, output="folder")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.UnpackMarkersJob) -> None:
+        from expertaug_recordings.ibm import unpack_archive
+
+        unpack_archive(a.archive, a.output, job)
+
+
+class ImportMarkers(Stage):
+    """convert a marker CSV of the IBM layout"""
+
+    name = "import-markers"
+    code = "expertaug_recordings.ibm"
+    job = "expertaug_recordings.settings:ImportMarkersJob"
+    slice = "import_markers"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("csv", type=Path)
+        add_paths(parser, output="CSV of the marker positions")
+        _add_intake(parser, checksum=True)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.ImportMarkersJob) -> None:
+        from expertaug_recordings.ibm import import_markers
+
+        _take(a, lambda: import_markers(a.csv, a.output, job), a.csv, [a.output])
+
+
+class MeasureAngles(Stage):
+    """measure arm angles, speeds and energy"""
+
+    name = "measure-angles"
+    code = "expertaug_recordings.angles.measure"
+    job = "expertaug_recordings.settings:MeasureAnglesJob"
+    slice = "measure_angles"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("markers", type=Path)
+        add_paths(parser, output="CSV of the angles", summary="JSON of the recording's calibration")
+        _add_intake(parser)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.MeasureAnglesJob) -> None:
+        from expertaug_recordings.angles.measure import measure_angles
+
+        outputs = [a.output, a.summary]
+        _take(a, lambda: measure_angles(a.markers, *outputs, job), a.markers, outputs)
+
+
+class SummariseRecordings(Stage):
+    """make the table of recordings"""
+
+    name = "summarise-recordings"
+    code = "expertaug_recordings.reports.summary"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("summaries", type=Path, nargs="+", help="angles.json of each recording")
+        add_paths(parser, output="CSV", markdown="Markdown")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: None) -> None:
+        from expertaug_recordings.intake import divide
+        from expertaug_recordings.reports.summary import summarise
+
+        kept, refused = divide(a.summaries)
+        summarise(kept, a.output, a.markdown, refused)
+
+
+class PlotRecording(Stage):
+    """draw a recording's page of the report"""
+
+    name = "plot-recording"
+    code = "expertaug_recordings.reports.page"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        _add_measured(parser, output="figure, .png or .pdf")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: None) -> None:
+        from expertaug_recordings.intake import refusal
+        from expertaug_recordings.reports.page import plot_recording, plot_refused
+
+        reason = refusal(a.summary)
+        if reason is None:
+            plot_recording(a.markers, a.angles, a.summary, a.output)
+        else:
+            plot_refused(a.summary.parent.name, reason, a.output)
+
+
+class Overlay(Stage):
+    """draw markers, arms, angles and forecasts over a recording's video"""
+
+    name = "overlay"
+    code = "expertaug_recordings.reports.overlay"
+    job = "expertaug_recordings.settings:OverlayJob"
+    slice = "overlay"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("video", type=Path)
+        _add_measured(parser, output="video, .mp4")
+        parser.add_argument("--forecasts", nargs="*", default=[], metavar="LABEL=PATH", help="forecasts.npz to draw")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.OverlayJob) -> None:
+        from expertaug_recordings.intake import refusal
+        from expertaug_recordings.reports.overlay import note, overlay
+
+        forecasts = dict(text.partition("=")[::2] for text in a.forecasts)
+        for label, path in forecasts.items():
+            if not (label and path):
+                raise InputError("--forecasts", f"found '{label or path}'", "give LABEL=PATH")
+        reason = refusal(a.angles)
+        if reason is None:
+            overlay(a.video, a.markers, a.angles, a.summary, a.output, job, forecasts)
+        else:
+            note(f"left out: {reason}", a.output)
+
+
+class ReviewRecording(Stage):
+    """draw a recording's worst frames"""
+
+    name = "review-recording"
+    code = "expertaug_recordings.reports.review"
+    job = "expertaug_recordings.settings:ReviewRecordingJob"
+    slice = "review_recording"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("video", type=Path)
+        _add_measured(parser, output="sheet, .jpg or .png", rows="CSV of these frames, to be corrected")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.ReviewRecordingJob) -> None:
+        from expertaug.files import write_text
+        from expertaug_recordings.intake import refusal
+        from expertaug_recordings.reports.review import review_recording
+
+        if (reason := refusal(a.angles)) is None:
+            review_recording(a.video, a.markers, a.angles, a.summary, a.output, a.rows, job)
+        else:
+            write_text(a.output, reason)
+            write_text(a.rows, reason)
+
+
+class Review(Stage):
+    """make the page of all recordings' worst frames"""
+
+    name = "review"
+    code = "expertaug_recordings.reports.review"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        text = "angles.json of each recording, with its review beside it"
+        parser.add_argument("summaries", type=Path, nargs="+", help=text)
+        add_paths(parser, output="page, .html")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: None) -> None:
+        from expertaug_recordings.intake import divide
+        from expertaug_recordings.reports.review import review
+
+        kept, refused = divide(a.summaries)
+        review(kept, a.output, refused)
+
+
+class ExportRecording(Stage):
+    """write a recording in formats of other programs"""
+
+    name = "export-recording"
+    code = "expertaug_recordings.reports.exports"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        add_paths(parser, markers="CSV of the marker positions", angles="CSV of the angles", output="folder")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: None) -> None:
+        from expertaug.files import write_text
+        from expertaug_recordings.reports.exports import FILES, export_recording
+        from expertaug_recordings.intake import refusal
+
+        if (reason := refusal(a.angles)) is None:
+            export_recording(a.markers, a.angles, a.output)
+        else:
+            for name in FILES:
+                write_text(a.output / name, f"left out: {reason}\n")
+
+
+class SplitChunks(Stage):
+    """cut recordings into chunks and split them"""
+
+    name = "split-chunks"
+    code = "expertaug_recordings.chunks"
+    job = "expertaug_recordings.settings:SplitChunksJob"
+    slice = "split_chunks"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("angles", type=Path, nargs="+", help="angles.csv of each recording")
+        add_paths(parser, output="folder of the sets")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.SplitChunksJob) -> None:
+        from expertaug_recordings.chunks import split_chunks
+        from expertaug_recordings.intake import divide
+
+        split_chunks(divide(a.angles)[0], a.output, job)
+
+
+class CutHorizon(Stage):
+    """cut long chunks out of the frames of a split"""
+
+    name = "cut-horizon"
+    code = "expertaug_recordings.chunks"
+    job = "expertaug_recordings.settings:CutHorizonJob"
+    slice = "cut_horizon"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("angles", type=Path, nargs="+", help="angles.csv of each recording")
+        add_paths(parser, output="npz of the set")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.CutHorizonJob) -> None:
+        from expertaug_recordings.chunks import cut_horizon
+        from expertaug_recordings.intake import divide
+
+        cut_horizon(divide(a.angles)[0], a.output, job)
+
+
+class PlotSplits(Stage):
+    """draw the distributions of the splits"""
+
+    name = "plot-splits"
+    code = "expertaug_recordings.reports.splits"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("data", type=Path, help="folder of the sets")
+        add_outputs(parser, "figure files, .png or .pdf")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: None) -> None:
+        from expertaug_recordings.reports.splits import plot_splits
+
+        plot_splits(a.data, a.output)
+
+
+class Calibrate(Stage):
+    """fit the expert's constants on training chunks"""
+
+    name = "calibrate"
+    code = "expertaug_recordings.angles.calibration"
+    job = "expertaug_recordings.settings:CalibrateJob"
+    slice = "calibrate"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("train", type=Path, help="train.npz")
+        add_paths(parser, output="JSON of the constants")
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: jobs.CalibrateJob) -> None:
+        from expertaug_recordings.angles.calibration import calibrate
+
+        calibrate(a.train, a.output, job)

@@ -1,0 +1,127 @@
+"""What a stage is: a name, typed settings, a slice of the configuration, the code that it runs, and how it is run."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from expertaug import source_files
+from expertaug.errors import InputErrors
+from expertaug.stages.options import read_settings
+
+if TYPE_CHECKING:
+    from expertaug.settings import Settings
+
+WHERE = "--settings"
+UNTYPED = "expertaug.config.stage_models"  # classes there check what a function takes as a mapping
+
+
+def to_json(settings: Any) -> str:
+    """Settings as the text that a job is given: what stands in it says whether the job is redone."""
+    if not isinstance(settings, Mapping):
+        settings = settings.model_dump(mode="json", exclude_unset=True)
+    return json.dumps(settings, sort_keys=True)
+
+
+class Stage:
+    """A stage: its docstring says what it does, a subclass the rest.
+
+    What a stage reads its settings into and computes with is named, and imported when it is needed: the command line
+    knows every stage, and a job pays for its own alone.
+
+    Attributes:
+        name: of the subcommand.
+        code: the module whose public function does its work: with what it imports, what the workflow watches.
+        job: the class of its settings, ``package.module:Class``; empty for a stage that has none.
+        slice: the function of :mod:`expertaug.config.stage_settings` that takes the completed configuration and names,
+            and gives the settings of one job and nothing more: a changed key redoes only the jobs whose slice has it.
+    """
+
+    name: ClassVar[str]
+    code: ClassVar[str]
+    job: ClassVar[str] = ""
+    slice: ClassVar[str] = ""
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        """Add what the subcommand takes beside its settings and its log."""
+        raise NotImplementedError
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: Any) -> None:
+        """Read, call, write; ``job`` are the checked settings."""
+        raise NotImplementedError
+
+    @classmethod
+    def text(cls) -> str:
+        """What it does, as its help says it."""
+        return " ".join((cls.__doc__ or "").split())
+
+    @classmethod
+    def job_of(cls, a: argparse.Namespace, settings: Mapping[str, object]) -> str:
+        """The class of its settings; a stage that has several kinds of them chooses here."""
+        return cls.job
+
+    @classmethod
+    def kind_of(cls, a: argparse.Namespace, settings: Mapping[str, object]) -> type[Settings]:
+        """What these settings are read into."""
+        module, _, name = cls.job_of(a, settings).partition(":")
+        return getattr(importlib.import_module(module), name)
+
+    @classmethod
+    def read(cls, a: argparse.Namespace) -> Any:
+        """The settings that the command line gives, checked.
+
+        Raises:
+            InputErrors: a key is missing or unknown, or a value cannot be used: a line for each.
+        """
+        from expertaug.settings import check
+
+        settings = cls.complete(a, read_settings(a.settings))
+        kind = cls.kind_of(a, settings)
+        if errors := check(kind, settings, WHERE):
+            raise InputErrors(errors)
+        return settings if kind.__module__ == UNTYPED else kind.from_mapping(settings, WHERE)
+
+    @classmethod
+    def complete(cls, a: argparse.Namespace, settings: dict[str, Any]) -> dict[str, Any]:
+        """The settings with what other options say of them."""
+        return settings
+
+    @classmethod
+    def execute(cls, a: argparse.Namespace) -> None:
+        """Run the stage as a command line says."""
+        cls.run(a, cls.read(a) if cls.job else None)
+
+    @classmethod
+    def settings_of(cls, config: Mapping, *names: str | None) -> str:
+        """One job's settings as JSON: what the workflow passes.
+
+        Arguments:
+            config: completed.
+            names: of the experiment, the version, the group of seeds, the set …, as the stage's slice takes them.
+        """
+        from expertaug.config import stage_settings
+
+        return to_json(getattr(stage_settings, cls.slice)(config, *names))
+
+    @classmethod
+    def sources(cls, extra: Iterable[str] = ()) -> list[str]:
+        """Its source files, relative to the working directory, so that the workflow redoes it when one changes.
+
+        Arguments:
+            extra: modules that the configuration names: ``package.module`` or ``package.module:Class``.
+
+        Raises:
+            InputError: a module does not exist.
+        """
+        return [os.path.relpath(file) for file in source_files.files([cls.code, *extra])]
+
+    @classmethod
+    def versions(cls, extra: Iterable[str] = ()) -> list[str]:
+        """Installed versions of the packages that compute its numbers."""
+        return source_files.versions([cls.code, *extra])

@@ -1,0 +1,209 @@
+"""The stages: what the workflow gives each is what it takes, and a misspelt key is one line before anything runs."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import get_args
+
+import pytest
+from pydantic import BaseModel
+
+from expertaug import commands
+from expertaug.cli import BAD_INPUT, main
+from expertaug.config import jobs
+from expertaug.config import load as config
+from expertaug.config.complete import completed
+from expertaug.settings import Settings
+from expertaug.stages import STAGES
+from expertaug.stages.stage import to_json
+from expertaug.versions import Version
+
+ROOT = Path(__file__).parents[1]
+FILES = ("config", "smoke", "paper", "code", "ibm", "measurements", "ten_seeds", "field_flows")
+READING = {"from_s": None, "convention": "sum", "set_titles": {}, "title": None}
+# What the rules put together themselves.
+OF_RULES = {
+    "own_priors": {"experiment": "rlc", "priors": [["HVAE+", "0, 1"]], **READING},
+    "report": {
+        "shown": [],
+        "rules": [["train", "evaluate"]],
+        "experiments": [],
+        "files": ["config/config.yaml"],
+        "preset": "paper",
+        "seeds": [0],
+        "device": "cpu",
+    },
+}
+
+
+def table(columns: int) -> str:
+    """A file like those that the example on measurements reads."""
+    path = Path(tempfile.gettempdir()) / f"expertaug_stages_{os.getpid()}_{columns}.txt"
+    rows = [" ".join([str(1 + row // 50), *(str(0.1 * row + k) for k in range(columns - 1))]) for row in range(100)]
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return str(path)
+
+
+@cache
+def configured(file: str) -> dict:
+    files = dict.fromkeys([ROOT / "config" / "config.yaml", ROOT / "config" / f"{file}.yaml"])
+    found = config.load(files)
+    if file == "ibm":  # a user's own files stand where these are
+        found["recordings"]["markers"]["path"] = "."
+    if file == "measurements":
+        for name in found["run"]:
+            block = found["experiments"][name]["data"]["files"]
+            block["paths"], block["horizons_s"] = [table(len(block.get("names", "....")))], [12.0]
+    return completed(found, STAGES)
+
+
+def of_experiment(given: dict, name: str) -> Iterator[tuple[str, tuple]]:
+    """Stages of an experiment, and the names of their jobs."""
+    one, group = given["experiments"][name], next(iter(jobs.seed_groups(given, name)))
+    source, horizons = one["data"]["source"], jobs.horizons(given, name)
+    cut = {"simulation": None, "files": "cut_measurements", "recordings": "split_chunks"}[source]
+    yield from (("simulate", (name, s)) for s in one["data"].get("sets", ()))
+    yield from ((cut, (name,)) for _ in [0] if cut)
+    long = "cut_measured_horizon" if source == "files" else "cut_horizon"
+    yield from ((long, (name, s)) for s in horizons)
+    yield from (("calibrate", (name,)) for _ in [0] if one["data"]["calibrate"])
+    stages = ["tabulate", "plot", "alarm", "coverage", "distance"]
+    stages += ["validity"] if jobs.checked(given, name) else []
+    stages += ["grid"] if jobs.grid(given, name) else []
+    stages += ["dissipation"] if jobs.dissipating(given, name) else []
+    yield from ((stage, (name,)) for stage in stages)
+    yield "compare", ([name],)
+    yield from (("study", (name, study)) for study in jobs.studies(given, name) if study != "grid")
+    for method in one["methods"]:
+        alternating = given["methods"][method]["kind"] == "alternating"
+        yield "alternate" if alternating else "train", (name, method, group)
+    for found in jobs.found_priors(given, name):
+        yield "own_prior", (name, found, group if found else None)
+    for variant in [*jobs.variants(given, name), *jobs.further_variants(given, name)]:
+        version = Version.parse(variant)
+        yield "evaluate", (name, variant, group)
+        if version.is_flow and version.is_trained:
+            yield "flow", (name, variant, group)
+        elif version.is_augmented and version.is_trained:
+            yield "augment", (name, variant, group)
+        if version.step and version.is_trained and not version.is_flow:
+            yield "finetune", (name, variant, group)
+    if one["studies"].get("during_training"):
+        yield "during_training", (name, one["studies"]["during_training"]["method"], group)
+
+
+def every_job(given: dict) -> Iterator[tuple[str, tuple]]:
+    yield "overview", (given["run"],)
+    yield "init_tracking", ()
+    yield "render_video", ()
+    yield "unpack_markers", ()
+    yield "import_markers", ()
+    for stage in ("extract_frames", "track_markers", "measure_angles", "overlay", "review_recording"):
+        yield stage, (None,)
+    for name in given["run"]:
+        yield from of_experiment(given, name)
+
+
+@cache
+def examples() -> dict[str, dict]:
+    """Settings of the first job of each stage, over all configurations."""
+    found = dict(OF_RULES)
+    for file in FILES:
+        for stage, names in every_job(configured(file)):
+            found.setdefault(stage, json.loads(STAGES[stage].settings_of(configured(file), *names)))
+    return found
+
+
+def command_line(stage: str, settings: dict, folder: Path) -> list[str]:
+    """A call of a stage whose files do not exist."""
+    name = STAGES[stage].name
+    parser = commands.parser()._subparsers._group_actions[0].choices[name]
+    line = [name]
+    for action in parser._actions:
+        value = "0" if action.type is int else str(folder / "none.npz")
+        if action.dest == "settings":
+            line += ["--settings", json.dumps(settings)]
+        elif not action.option_strings:
+            line.append(value)
+        elif action.required or action.dest == "model":
+            line += [action.option_strings[0], value]
+    return line
+
+
+def kind_of(stage: str, settings: dict) -> type[Settings]:
+    found = []
+
+    class Reading(STAGES[stage]):
+        @classmethod
+        def read(cls, a):
+            return found.append(cls.kind_of(a, settings))
+
+        @staticmethod
+        def run(a, job):
+            pass
+
+    arguments = commands.parse(command_line(stage, settings, Path("none")))
+    Reading.execute(arguments)
+    return found[0]
+
+
+def places(kind: object, settings: object, path: tuple = ()) -> Iterator[tuple]:
+    """Paths of keys that a typed block has: names that somebody chose are none."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel) and isinstance(settings, dict):
+        for name, value in settings.items():
+            yield (*path, name)
+            for inner in (kind.model_fields[name].annotation, *get_args(kind.model_fields[name].annotation)):
+                yield from places(inner, value, (*path, name))
+
+
+def misspelt(settings: dict, path: tuple) -> dict:
+    changed = json.loads(json.dumps(settings))
+    block = changed
+    for part in path[:-1]:
+        block = block[part]
+    block[path[-1] + "x"] = block.pop(path[-1])
+    return changed
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_each_stage_takes_what_the_workflow_gives_it(file):
+    given = configured(file)
+    for stage, names in every_job(given):
+        settings = json.loads(STAGES[stage].settings_of(given, *names))
+        kind = kind_of(stage, settings)
+        assert json.loads(to_json(kind.from_mapping(settings))) == settings, (stage, names)
+
+
+def test_every_stage_that_has_settings_has_a_job_above():
+    assert set(examples()) == {name for name, stage in STAGES.items() if stage.job}
+
+
+@pytest.mark.parametrize("stage", [name for name, stage in STAGES.items() if stage.job])
+def test_a_misspelt_key_is_one_line_before_anything_runs(stage, tmp_path, capsys):
+    settings = examples()[stage]
+    found = list(places(kind_of(stage, settings), settings))
+    assert len(found) >= len(settings)
+    for path in found:
+        line = command_line(stage, misspelt(settings, path), tmp_path)
+        assert main(line) == BAD_INPUT, path
+        said = capsys.readouterr().err.strip().splitlines()
+        assert any(f"{path[-1]}x: unknown key" in one for one in said), (path, said)
+        assert all(one.startswith(f"expertaug {STAGES[stage].name}: --settings") for one in said)
+        assert not list(tmp_path.iterdir())
+
+
+def test_no_list_of_stages_is_kept_by_hand():
+    names = {name for stage, kind in STAGES.items() for name in (stage, kind.name)}
+    for path in sorted((ROOT / "src" / "expertaug").rglob("*.py")):
+        if path.parent.name == "expertaug":  # what the package offers is named as stages are
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            parts = node.elts if isinstance(node, ast.List | ast.Tuple | ast.Set) else getattr(node, "keys", [])
+            texts = {part.value for part in parts if isinstance(part, ast.Constant)}
+            assert len(texts & names) <= 6, f"{path}:{node.lineno} lists stages: {sorted(texts & names)}"
