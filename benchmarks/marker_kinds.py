@@ -30,7 +30,7 @@ from drawn import MARKS, PAINT, draw, markers_of, write_video  # noqa: E402
 from pendulum_motion import CONSTANTS, FRICTION  # noqa: E402
 
 from expertaug.config import load as config  # noqa: E402
-from expertaug.config import stage_settings  # noqa: E402
+from expertaug.config import recording_settings  # noqa: E402
 from expertaug.errors import InputError  # noqa: E402
 from expertaug.files import atomic  # noqa: E402
 from expertaug_recordings.inspection.inspect import inspect  # noqa: E402
@@ -89,8 +89,8 @@ def followed(folder: Path, mark: str, side: int, diameter: float, count: int) ->
         proposed = yaml.safe_load(inspect(video, folder / "contact.png"))
         settings = config.load([ROOT / "config" / "config.yaml"])
         settings = config.validate(config.merge(settings, proposed | {"run": ["double_pendulum"]}))
-        extract_frames(video, store, stage_settings.extract_frames(settings, "clip"))
-        track_markers(store, table, stage_settings.track_markers(settings, "clip"))
+        extract_frames(video, store, recording_settings.extract_frames(settings, "clip"))
+        track_markers(store, table, recording_settings.track_markers(settings, "clip"))
     except InputError as error:
         return {"refused": str(error).replace(f"{folder}/", "")}
     seen = pd.read_csv(table)

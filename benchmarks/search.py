@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
-from expertaug.config import stage_settings
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, log_mse_of, parameter_errors
 from expertaug.inference.alternate import alternate
@@ -69,7 +69,7 @@ def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
 
 def run(settings: dict, experiment: str, method: str, augmented: bool, folder: Path) -> Path:
     """Train (and fine-tune) a trial unless its files are there; the model's file."""
-    one, group = settings["experiments"][experiment], next(iter(stage_settings.seed_groups(settings)))
+    one, group = settings["experiments"][experiment], next(iter(jobs.seed_groups(settings)))
     data = Path(settings["results"], experiment, "data")
     if one["data"]["source"] == "simulation":
         for name in ("train", "validation"):

@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 
 from expertaug import cli, commands
-from expertaug.commands import options
 from expertaug.errors import SolveError
-from expertaug.stages import STAGES
+from expertaug.stages import STAGES, options
 from expertaug.systems import simulate
 from expertaug.tracking import store
 from expertaug.tracking.settings import Tracking

@@ -11,7 +11,15 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
-from expertaug.config import jobs, recording_checks, reference, schema, stage_settings
+from expertaug.config import (
+    jobs,
+    recording_checks,
+    recording_settings,
+    reference,
+    schema,
+    shown_settings,
+    stage_settings,
+)
 from expertaug.config import load as config
 from expertaug.errors import InputError, InputErrors, lines
 from expertaug.learning.settings import TrainSettings
@@ -350,15 +358,15 @@ def test_slices_are_settings_of_their_stages(base, tmp_path):
         own = {"rendered": {}, "videos": {"path": str(tmp_path), "from_s": 0.5, "to_s": 2.0}}
         over = {"recordings": {"source": source, source: own.get(source, {"path": str(tmp_path)})}}
         found = json.loads(json.dumps(config.validate(config.merge(base, over))))  # as a stage reads them
-        RenderVideoJob.from_mapping(stage_settings.render_video(found))
-        ExtractFramesJob.from_mapping(stage_settings.extract_frames(found))
-        TrackMarkersJob.from_mapping(stage_settings.track_markers(found))
+        RenderVideoJob.from_mapping(recording_settings.render_video(found))
+        ExtractFramesJob.from_mapping(recording_settings.extract_frames(found))
+        TrackMarkersJob.from_mapping(recording_settings.track_markers(found))
         for kind, settings in (
-            (UnpackMarkersJob, stage_settings.unpack_markers(found)),
-            (ImportMarkersJob, stage_settings.import_markers(found)),
-            (MeasureAnglesJob, stage_settings.measure_angles(found)),
-            (SplitChunksJob, stage_settings.split_chunks(found, "double_pendulum")),
-            (CalibrateJob, stage_settings.calibrate(found, "double_pendulum")),
+            (UnpackMarkersJob, recording_settings.unpack_markers(found)),
+            (ImportMarkersJob, recording_settings.import_markers(found)),
+            (MeasureAnglesJob, recording_settings.measure_angles(found)),
+            (SplitChunksJob, recording_settings.split_chunks(found, "double_pendulum")),
+            (CalibrateJob, recording_settings.calibrate(found, "double_pendulum")),
         ):
             assert isinstance(settings, kind)
             kind(**json.loads(settings.model_dump_json(exclude_unset=True)))
@@ -387,7 +395,7 @@ def test_slices_hold_only_what_their_stage_uses(base):
         (stage_settings.train, "pendulum", "aphynity", group),
         (stage_settings.augment, "pendulum", "aphynity", group),
         (stage_settings.simulate, "pendulum", "train"),
-        (stage_settings.render_video,),
+        (recording_settings.render_video,),
     ]
     for stage, *names in same:
         assert stage(found, *names) == stage(other, *names)
@@ -404,9 +412,9 @@ def test_blocks_and_variants(base):
     methods = {"methods": ["mean", "aphynity"], "augmented": ["aphynity"]}
     own = {"experiments": {"x": {"based_on": "pendulum", **methods, "controls": [], "flows": [], "refined": []}}}
     found = config.validate(config.merge(base, own | {"seeds": [4, 0, 7], "seeds_per_job": 2}))
-    assert stage_settings.seed_groups(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
+    assert jobs.seed_groups(found) == {"seeds_4_0": [4, 0], "seeds_7": [7]}
     assert jobs.variants(found, "x") == ["mean", "aphynity", "aphynity+"]
-    assert stage_settings.label(found, "aphynity+") == "APHYNITY+"
+    assert jobs.label(found, "aphynity+") == "APHYNITY+"
     # Controls and refined versions that are inherited count for the methods that are there.
     own["experiments"]["x"] |= {"controls": ["aphynity", "hvae"], "refined": ["aphynity+", "hvae", "aphynity="]}
     found = config.validate(config.merge(base, own))
@@ -567,7 +575,7 @@ def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
     along = stage_settings.during_training(found, "plain", "aphynity", group)
     assert along["finetune"] == stage_settings.finetune(found, "plain", "aphynity+", group)
     assert along["finetune_epochs"] == [1, 10]
-    assert stage_settings.tabulate(found, "plain") == stage_settings.tabulate(plain, "plain")
+    assert shown_settings.tabulate(found, "plain") == shown_settings.tabulate(plain, "plain")
 
 
 def test_recordings_are_listed_by_name(base: dict, tmp_path: Path) -> None:
@@ -591,10 +599,10 @@ def test_horizons_and_dissipation_of_recordings(base):
     assert jobs.sets(found, "double_pendulum") == sets
     assert stage_settings.evaluate(found, "double_pendulum", "aphynity", "seeds_0_1_2")["sets"] == sets
     assert jobs.sets(found, "pendulum") == ["train", "validation", "iid", "test"]
-    assert not stage_settings.split_chunks(found, "double_pendulum").horizons_s, "a horizon redoes no training"
-    one = stage_settings.cut_horizon(found, "double_pendulum", "test_500ms")
+    assert not recording_settings.split_chunks(found, "double_pendulum").horizons_s, "a horizon redoes no training"
+    one = recording_settings.cut_horizon(found, "double_pendulum", "test_500ms")
     assert one.set == "test_500ms" and one.split.horizons_s == [0.5]
-    study = stage_settings.study(found, "double_pendulum", "horizons")["options"]
+    study = shown_settings.study(found, "double_pendulum", "horizons")["options"]
     panels = [["validation", "validation_1s", "validation_500ms"], ["test", "test_1s", "test_500ms"]]
     assert study == {"distances": ["0.19 s", "1 s", "0.5 s"], "panels": [[one[0], one] for one in panels]}
     shown = stage_settings.dissipation(found, "double_pendulum")["versions"]
@@ -616,10 +624,11 @@ def test_horizons_of_tables(base, tmp_path):
     given = config.merge(base, {"run": ["lab"], "experiments": {"lab": lab}})
     found = config.validate(given)
     assert jobs.sets(found, "lab") == ["train", "validation", "test", "validation_1s", "test_1s"]
-    assert "horizons_s" not in stage_settings.cut_measurements(found, "lab")["files"], "a horizon redoes no training"
-    one = stage_settings.cut_measured_horizon(found, "lab", "test_1s")
+    cut = recording_settings.cut_measurements(found, "lab")
+    assert "horizons_s" not in cut["files"], "a horizon redoes no training"
+    one = recording_settings.cut_measured_horizon(found, "lab", "test_1s")
     assert one["set"] == "test_1s" and one["files"]["horizons_s"] == [1.0]
-    assert stage_settings.study(found, "lab", "horizons")["options"]["distances"] == ["20 points", "1 s"]
+    assert shown_settings.study(found, "lab", "horizons")["options"]["distances"] == ["20 points", "1 s"]
     for change, message in (({"horizons_s": [1.0, 1.0]}, "give each once"), ({"step_s": 0.1}, "chunks end at 1.9 s")):
         wrong = {"experiments": {"lab": {"data": {"files": change}}}}
         with pytest.raises(InputError, match=message):
@@ -631,7 +640,7 @@ def test_figures_of_lines_show_the_classical_estimator_and_the_experiments_own_e
     over = config.load([ROOT / "config" / "ibm.yaml"])
     recorded = config.merge(over, {"recordings": {"markers": {"path": str(tmp_path)}}})
     for given, experiment in ((base, "pendulum"), (config.merge(base, recorded), "double_pendulum_time")):
-        assert stage_settings.plot(config.validate(given), experiment)["traced"] == shown
+        assert shown_settings.plot(config.validate(given), experiment)["traced"] == shown
 
 
 class TestCards:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from expertaug import presets, systems
+from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
-from expertaug.config import stage_settings
 from expertaug.config.complete import completed
 
 FOLDER = Path(__file__).parents[1] / "config"
@@ -22,7 +22,7 @@ def settings(name: str) -> dict:
 @pytest.mark.parametrize("experiment", ["pendulum", "rlc", "reaction_diffusion", "double_pendulum"])
 def test_baselines_train_as_long_as_aphynity_does_in_the_papers_sizes(experiment: str, method: str) -> None:
     paper = settings("paper.yaml")
-    group = next(iter(stage_settings.seed_groups(paper)))
+    group = next(iter(jobs.seed_groups(paper)))
     baseline, aphynity = (
         stage_settings.train(paper, experiment, name, group)["training"] for name in (method, "aphynity")
     )
@@ -48,7 +48,7 @@ def test_nothing_of_the_default_sizes_is_left_in_the_papers(
 ) -> None:
     """What overrides a method in config.yaml is stronger than what paper.yaml says of all methods."""
     paper = settings("paper.yaml")
-    group = next(iter(stage_settings.seed_groups(paper)))
+    group = next(iter(jobs.seed_groups(paper)))
     trained = stage_settings.train(paper, experiment, method, group)["training"]
     tuned = stage_settings.finetune(paper, experiment, f"{method}+", group)["training"]
     assert (trained["epochs"], tuned["epochs"]) == (training, finetuning)

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 import yaml
 
+from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
-from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.systems.settings import SimulateJob
@@ -99,7 +99,7 @@ def valid(text: str = EXPERIMENT) -> dict:
 
 def test_it_is_simulated_trained_augmented_and_evaluated(fifth, tmp_path):
     whole = valid()
-    group = next(iter(stage_settings.seed_groups(whole)))
+    group = next(iter(jobs.seed_groups(whole)))
     model, samples, tuned = (tmp_path / f"{name}.safetensors" for name in ("model", "samples", "tuned"))
     for name in ("train", "validation", "test"):
         job = SimulateJob.from_mapping(stage_settings.simulate(whole, "oscillator", name))

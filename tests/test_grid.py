@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cards import card
-from expertaug.config import grid, jobs, stage_settings
+from expertaug.config import grid, jobs, methods, shown_settings, stage_settings
 from expertaug.config import load as configuration
 from expertaug.errors import InputError
 from expertaug.evaluation.grid import grid as stage
@@ -47,7 +47,7 @@ def test_every_combination_is_a_training_on_the_same_data():
         "lagrangian",
     )
     assert (last["method"], last["label"]) == ("aphynity@8", f"{base['label']} @8")
-    assert stage_settings.modules(config, "rlc", "aphynity@8") == stage_settings.modules(config, "rlc", "aphynity")
+    assert methods.modules(config, "rlc", "aphynity@8") == methods.modules(config, "rlc", "aphynity")
 
 
 def test_points_are_no_methods_of_the_experiment_and_change_none_of_its_jobs():
@@ -56,7 +56,7 @@ def test_points_are_no_methods_of_the_experiment_and_change_none_of_its_jobs():
     del plain["methods"]["aphynity@1"]
     assert jobs.variants(config, "rlc") == jobs.variants(plain, "rlc") == ["least_squares", "aphynity", "aphynity+"]
     assert train(config, "aphynity") == train(plain, "aphynity")
-    assert stage_settings.plot(config, "rlc") == stage_settings.plot(plain, "rlc")
+    assert shown_settings.plot(config, "rlc") == shown_settings.plot(plain, "rlc")
 
 
 @pytest.mark.parametrize(

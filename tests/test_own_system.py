@@ -16,8 +16,8 @@ import pytest
 import torch
 import yaml
 
+from expertaug.config import jobs, shown_settings, stage_settings
 from expertaug.config import load as config
-from expertaug.config import stage_settings
 from expertaug.config.jobs import variants
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.plot import NAMES, plot
@@ -96,7 +96,7 @@ def run(out: Path) -> list[str]:
     """Every stage of the experiment; the variants of its methods."""
     base = config.load([Path(__file__).parents[1] / "config/config.yaml"])
     whole = config.validate(config.merge(base, yaml.safe_load(EXPERIMENT)))
-    group = next(iter(stage_settings.seed_groups(whole)))
+    group = next(iter(jobs.seed_groups(whole)))
     for name in ("train", "validation", "test"):
         job = SimulateJob.from_mapping(stage_settings.simulate(whole, NAME, name))
         simulate(name, out / f"{name}.npz", job)
@@ -114,8 +114,8 @@ def run(out: Path) -> list[str]:
         evaluate(model, out, folder / "metrics.csv", folder / "forecasts.npz", settings)
     metrics, forecasts, logs = ([out / v / f for v in every] for f in ("metrics.csv", "forecasts.npz", "log.jsonl"))
     outputs = [out / f"table.{end}" for end in ("md", "csv", "tex")] + [out / "table_long.csv"]
-    tabulate(metrics, outputs, TabulateJob.from_mapping(stage_settings.tabulate(whole, NAME)), forecasts)
-    plot(metrics, forecasts, logs, out / "figure", PlotJob.from_mapping(stage_settings.plot(whole, NAME)))
+    tabulate(metrics, outputs, TabulateJob.from_mapping(shown_settings.tabulate(whole, NAME)), forecasts)
+    plot(metrics, forecasts, logs, out / "figure", PlotJob.from_mapping(shown_settings.plot(whole, NAME)))
     return every
 
 

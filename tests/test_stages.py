@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import get_args
+from typing import get_args, get_origin
 
 import pytest
 from pydantic import BaseModel
@@ -56,6 +56,14 @@ def configured(file: str) -> dict:
     found = config.load(files)
     if file == "ibm":  # a user's own files stand where these are
         found["recordings"]["markers"]["path"] = "."
+    if file == "smoke":
+        grid = {"method": "aphynity", "keys": {"training.objective.lambda0": [1.0, 2.0]}}
+        more = {
+            "augmentation": {"prior": None},
+            "augmentations": {"narrow": None, "wide": None},
+            "studies": {"grid": grid},
+        }
+        found = config.merge(found, {"experiments": {"pendulum": more}})
     if file == "measurements":
         for name in found["run"]:
             block = found["experiments"][name]["data"]["files"]
@@ -131,7 +139,7 @@ def command_line(stage: str, settings: dict, folder: Path) -> list[str]:
             line += ["--settings", json.dumps(settings)]
         elif not action.option_strings:
             line.append(value)
-        elif action.required or action.dest == "model":
+        elif action.required or (action.dest == "model" and "build" not in settings):
             line += [action.option_strings[0], value]
     return line
 
@@ -158,8 +166,13 @@ def places(kind: object, settings: object, path: tuple = ()) -> Iterator[tuple]:
     if isinstance(kind, type) and issubclass(kind, BaseModel) and isinstance(settings, dict):
         for name, value in settings.items():
             yield (*path, name)
-            for inner in (kind.model_fields[name].annotation, *get_args(kind.model_fields[name].annotation)):
-                yield from places(inner, value, (*path, name))
+            yield from places(kind.model_fields[name].annotation, value, (*path, name))
+    elif get_origin(kind) is dict and isinstance(settings, dict):
+        for name, value in settings.items():
+            yield from places(get_args(kind)[1], value, (*path, name))
+    elif not isinstance(kind, type):
+        for inner in get_args(kind):
+            yield from places(inner, settings, path)
 
 
 def misspelt(settings: dict, path: tuple) -> dict:
@@ -193,7 +206,9 @@ def test_a_misspelt_key_is_one_line_before_anything_runs(stage, tmp_path, capsys
         line = command_line(stage, misspelt(settings, path), tmp_path)
         assert main(line) == BAD_INPUT, path
         said = capsys.readouterr().err.strip().splitlines()
-        assert any(f"{path[-1]}x: unknown key" in one for one in said), (path, said)
+        block = ".".join(path[:-1])
+        told = (f"{block}{'.' * bool(block)}{path[-1]}x: unknown key", f"{'.'.join(path)}: missing")
+        assert any(text in one for text in told for one in said), (path, said)
         assert all(one.startswith(f"expertaug {STAGES[stage].name}: --settings") for one in said)
         assert not list(tmp_path.iterdir())
 

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 import yaml
 
+from expertaug.config import jobs, own, stage_settings
 from expertaug.config import load as config
-from expertaug.config import own, stage_settings
 from expertaug.errors import InputErrors
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.learning.augmentation import load as load_augmented
@@ -85,7 +85,7 @@ def valid(*texts: str) -> dict:
 def test_it_is_simulated_trained_augmented_and_evaluated(tmp_path):
     whole = valid(EXPERIMENT)
     own.check(whole)
-    group = next(iter(stage_settings.seed_groups(whole)))
+    group = next(iter(jobs.seed_groups(whole)))
     model, samples, tuned = (tmp_path / f"{name}.safetensors" for name in ("model", "samples", "tuned"))
     for name in ("train", "validation", "test"):
         job = SimulateJob.from_mapping(stage_settings.simulate(whole, "oscillator", name))

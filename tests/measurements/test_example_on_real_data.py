@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from expertaug.cli import main
-from expertaug.config import jobs, stage_settings
+from expertaug.config import jobs, recording_settings
 from expertaug.config import load as config
 from expertaug.errors import InputErrors
 from expertaug.systems.double_pendulum import Constants
@@ -48,11 +48,11 @@ def test_a_double_pendulum_of_a_table_is_calibrated(tmp_path):
     found = completed(tmp_path, "real_double_pendulum")
     one, data = "real_double_pendulum", tmp_path / "data"
     cut = ["cut-measurements", str(table), "--output", str(data)]
-    assert main([*cut, "--settings", json.dumps(stage_settings.cut_measurements(found, one))]) == 0
+    assert main([*cut, "--settings", json.dumps(recording_settings.cut_measurements(found, one))]) == 0
     train = Trajectories.load(data / "train.npz")
     assert not train.mask.all(), "with gaps"
     np.testing.assert_array_equal(train.z_e[train.mask[:, 0, 2], 0], train.y[train.mask[:, 0, 2], 0, 2])
-    told = stage_settings.calibrate(found, one).model_dump_json()
+    told = recording_settings.calibrate(found, one).model_dump_json()
     output = tmp_path / "calibration.json"
     assert main(["calibrate", str(data / "train.npz"), "--output", str(output), "--settings", told]) == 0
     report = json.loads(output.read_text())
@@ -90,13 +90,13 @@ def test_the_files_that_it_is_made_for(tmp_path):
         found = completed(REAL, one)
         table = found["experiments"][one]["data"]["files"]["paths"]
         data = tmp_path / one
-        settings = json.dumps(stage_settings.cut_measurements(found, one))
+        settings = json.dumps(recording_settings.cut_measurements(found, one))
         assert main(["cut-measurements", str(table), "--output", str(data), "--settings", settings]) == 0
         sets = {name: Trajectories.load(data / f"{name}.npz") for name in ("train", "test")}
         if one == "real_pendulum":
             assert np.abs(sets["train"].y).max() < 1.1 < np.abs(sets["test"].y[..., 0]).max(axis=1).min()
             continue
-        told = stage_settings.calibrate(found, one).model_dump_json()
+        told = recording_settings.calibrate(found, one).model_dump_json()
         output = data / "calibration.json"
         assert main(["calibrate", str(data / "train.npz"), "--output", str(output), "--settings", told]) == 0
         report = json.loads(output.read_text())

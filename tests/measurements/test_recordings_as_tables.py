@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
-from expertaug.config import stage_settings
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.measurements.horizons import cut_measured_horizon
 from expertaug.measurements.names import Names
@@ -142,7 +142,7 @@ def test_and_so_are_the_numbers(folders, tmp_path, method):
         data["calibrate"] = False
         checked, out = config.validate(given), tmp_path / source
         out.mkdir()
-        group = next(iter(stage_settings.seed_groups(checked, "double_pendulum")))
+        group = next(iter(jobs.seed_groups(checked, "double_pendulum")))
         model = out / "model.safetensors"
         train(folder, model, out / "work", stage_settings.train(checked, "double_pendulum", method, group), None)
         told = stage_settings.evaluate(checked, "double_pendulum", method, group)

@@ -15,7 +15,7 @@ from pendulum_motion import CONSTANTS, FRICTION
 from scipy.interpolate import CubicSpline
 
 from expertaug.config import load as config
-from expertaug.config import stage_settings
+from expertaug.config import recording_settings
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.inspection.inspect import inspect
@@ -84,10 +84,10 @@ def to_tables(series: Path, stated: StatedTimes, work: Path) -> tuple[pd.DataFra
     names = ("frames.b2frame", "markers.csv", "angles.csv", "angles.json")
     store, markers, angles, summary = (work / series.name / name for name in names)
     store.parent.mkdir(parents=True, exist_ok=True)
-    extract_frames(series, store, stage_settings.extract_frames(settings, series.name))
-    track_markers(store, markers, stage_settings.track_markers(settings, series.name))
-    measure_angles(markers, angles, summary, stage_settings.measure_angles(settings, series.name))
-    split_chunks([angles], work / "data", stage_settings.split_chunks(settings, "double_pendulum"))
+    extract_frames(series, store, recording_settings.extract_frames(settings, series.name))
+    track_markers(store, markers, recording_settings.track_markers(settings, series.name))
+    measure_angles(markers, angles, summary, recording_settings.measure_angles(settings, series.name))
+    split_chunks([angles], work / "data", recording_settings.split_chunks(settings, "double_pendulum"))
     return pd.read_csv(markers), pd.read_csv(angles), work / "data"
 
 

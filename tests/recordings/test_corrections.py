@@ -7,7 +7,7 @@ from pendulum_motion import markers, truth
 from test_inspect import FILES
 
 from expertaug.config import load as config
-from expertaug.config import stage_settings
+from expertaug.config import recording_settings
 from expertaug.errors import InputError
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.corrections import Correction, read_corrections
@@ -61,12 +61,12 @@ def test_only_the_recordings_that_are_corrected_are_measured_anew(tmp_path):
     path = write(tmp_path / "c.csv", "rendered_01,7,tip,3.5,4", "rendered_01,8,all,,")
     block = {"run": ["double_pendulum"], "recordings": {"corrections": str(path)}}
     found = config.validate(config.merge(config.load(FILES), block))
-    one = stage_settings.measure_angles(found, "rendered_01").corrections
+    one = recording_settings.measure_angles(found, "rendered_01").corrections
     assert one == [
         Correction(frame=7, marker="tip", x=3.5, y=4.0),
         Correction(frame=8, marker="all", x=None, y=None),
     ]
-    assert stage_settings.measure_angles(found, "rendered_00").corrections == []
+    assert recording_settings.measure_angles(found, "rendered_00").corrections == []
     write(path, "rendered_1,7,tip,3.5,4")
     with pytest.raises(InputError, match=r"recordings.corrections: 'rendered_1' is no recording"):
         config.validate(config.merge(config.load(FILES), block))

@@ -12,7 +12,7 @@ from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, wa
 
 from expertaug import cli
 from expertaug.config import load as config
-from expertaug.config import stage_settings
+from expertaug.config import recording_settings
 from expertaug.errors import InputError
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.appearance import Appearance
@@ -53,8 +53,8 @@ def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monke
             assert abs((seen.middle - true + 180) % 360 - 180) < seen.reach
     assert (look.pivot is None) == (not marked)
     assert block["recordings"]["angles"]["rotation_deg"] == pytest.approx(tilt, abs=0.5)
-    assert stage_settings.track_markers(found).marker_diameter_px == pytest.approx(24, abs=0.5)
-    assert stage_settings.split_chunks(found, "double_pendulum").rate_hz == pytest.approx(60)
+    assert recording_settings.track_markers(found).marker_diameter_px == pytest.approx(24, abs=0.5)
+    assert recording_settings.split_chunks(found, "double_pendulum").rate_hz == pytest.approx(60)
     assert "all found in 24 of 24" in text or "all found in 23 of 24" in text
     sheet = cv2.imread(str(tmp_path / "contact.png"))
     assert sheet.shape[0] > 500 and sheet.shape[1] > 1400
@@ -132,7 +132,7 @@ def test_a_camera_that_looks_askew_is_told_and_undone(tmp_path):
         r"# the camera looks askew, a circle is 1.06\d times as long as wide, narrowest along 90 deg", text
     )
     found = config.validate(config.merge(config.load(FILES), block))
-    assert stage_settings.measure_angles(found, "clip").rectify.ellipse
+    assert recording_settings.measure_angles(found, "clip").rectify.ellipse
     text = inspect(write_video(frames, tmp_path / "faced.mp4", RATE), tmp_path / "contact.png")
     assert "rectify" not in text
 
@@ -161,10 +161,10 @@ def test_many_videos_share_one_configuration_with_what_differs_by_file(tmp_path)
     assert own["other"]["tracking"]["markers"]["joint"] == "magenta"
     assert "# left out: " in text and "no round coloured markers" in text
     found = config.validate(config.merge(config.load(FILES), block))
-    assert stage_settings.track_markers(found, "two") == stage_settings.track_markers(found)
-    assert stage_settings.track_markers(found, "other").markers.tip == "yellow"
-    assert stage_settings.measure_angles(found, "other").rotation_deg == 90
-    assert stage_settings.measure_angles(found, "one").rotation_deg == 0
+    assert recording_settings.track_markers(found, "two") == recording_settings.track_markers(found)
+    assert recording_settings.track_markers(found, "other").markers.tip == "yellow"
+    assert recording_settings.measure_angles(found, "other").rotation_deg == 90
+    assert recording_settings.measure_angles(found, "one").rotation_deg == 0
     sheet = cv2.imread(str(tmp_path / "contact.png"))
     assert sheet.shape[0] > 4 * 150  # a row of each
 

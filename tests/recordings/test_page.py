@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from pendulum_motion import CONSTANTS, markers, truth
 
-from expertaug.config import stage_settings
+from expertaug.config import recording_settings
 from expertaug.errors import InputError
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.angles.pendulum_fit import find_gravity
@@ -126,7 +126,7 @@ def test_what_the_project_rendered_itself_raises_no_alarm(tmp_path):
     files = [tmp_path / "r0" / name for name in ("markers.csv", "angles.csv", "angles.json")]
     markers(truth()[0, :2000]).to_csv(files[0], index=False)
     config = {"recordings": {"source": "rendered", "angles": {}, "arms_m": [0.091, 0.07], "analysis_rate_hz": 400.0}}
-    job = stage_settings.measure_angles(config)
+    job = recording_settings.measure_angles(config)
     for provenance, warnings in ((job.rate_provenance, 0), ("a label", 1)):
         measure_angles(*files, job.model_copy(update={"rate_provenance": provenance}))
         found = RecordingSummary.load(files[2])

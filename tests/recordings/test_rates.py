@@ -11,7 +11,7 @@ from drawn import PAINT, draw, markers_of, write_video
 from pendulum_motion import CONSTANTS, FRICTION
 
 from expertaug.config import load as config
-from expertaug.config import stage_settings
+from expertaug.config import recording_settings
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.angles.calibration import calibrate
 from expertaug_recordings.angles.measure import measure_angles
@@ -46,18 +46,20 @@ def test_what_inspect_proposes_leads_to_chunks_and_a_calibration(tmp_path, rate)
     folder = tmp_path / "clip"
     folder.mkdir()
     store, markers, angles, summary = (folder / n for n in ("s.b2frame", "markers.csv", "angles.csv", "angles.json"))
-    extract_frames(video, store, stage_settings.extract_frames(found, "clip"))
-    track_markers(store, markers, stage_settings.track_markers(found, "clip"))
-    measure_angles(markers, angles, summary, stage_settings.measure_angles(found, "clip"))
+    extract_frames(video, store, recording_settings.extract_frames(found, "clip"))
+    track_markers(store, markers, recording_settings.track_markers(found, "clip"))
+    measure_angles(markers, angles, summary, recording_settings.measure_angles(found, "clip"))
     seen = json.loads(summary.read_text())
     assert seen["rate_hz"] == pytest.approx(rate) and seen["tracked_share"] > 0.95
     assert seen["timing"]["repeated"] == seen["timing"]["dropped"] == 0
     places = pd.read_csv(markers)[["pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y"]].to_numpy()
     off = np.linalg.norm(places.reshape(-1, 3, 2) - markers_of(theta, PIVOT, ARMS), axis=2)
     assert np.nanmedian(off) < 0.15
-    split = stage_settings.split_chunks(found, "double_pendulum")
+    split = recording_settings.split_chunks(found, "double_pendulum")
     assert split.rate_hz <= 100 and (rate / split.rate_hz).is_integer()
     split_chunks([angles], tmp_path / "data", split)
     train = Trajectories.load(tmp_path / "data" / "train.npz")
     assert train.t[1] == pytest.approx(1 / split.rate_hz) and train.t[-1] == pytest.approx(0.19, abs=0.07)
-    calibrate(tmp_path / "data" / "train.npz", tmp_path / "c.json", stage_settings.calibrate(found, "double_pendulum"))
+    calibrate(
+        tmp_path / "data" / "train.npz", tmp_path / "c.json", recording_settings.calibrate(found, "double_pendulum")
+    )

@@ -11,7 +11,7 @@ import yaml
 from drawn import PAINT, draw, write_video
 
 from expertaug.config import load as config
-from expertaug.config import stage_settings
+from expertaug.config import recording_settings
 from expertaug.errors import InputError
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.angles.measure import measure_angles
@@ -85,9 +85,9 @@ def test_a_single_pendulum_from_inspect_to_chunks(tmp_path, names):
     folder = tmp_path / "clip"
     folder.mkdir()
     store, table, angles, summary = (folder / n for n in ("s.b2frame", "markers.csv", "angles.csv", "angles.json"))
-    extract_frames(video, store, stage_settings.extract_frames(found, "clip"))
-    track_markers(store, table, stage_settings.track_markers(found, "clip"))
-    measure_angles(table, angles, summary, stage_settings.measure_angles(found, "clip"))
+    extract_frames(video, store, recording_settings.extract_frames(found, "clip"))
+    track_markers(store, table, recording_settings.track_markers(found, "clip"))
+    measure_angles(table, angles, summary, recording_settings.measure_angles(found, "clip"))
     seen, told = pd.read_csv(angles), json.loads(summary.read_text())
     good = (seen["quality"] == 1).to_numpy()
     off = np.rad2deg(np.abs(seen["theta1"].to_numpy() - motion()[:, 0]))[good]
@@ -95,7 +95,7 @@ def test_a_single_pendulum_from_inspect_to_chunks(tmp_path, names):
     assert np.median(np.abs(off - np.median(off))) < 0.1 and np.median(off) < 0.5  # the first within gravity's error
     assert told["pendulum"] == "single" and math.sqrt(told["constants"]["G1"]) == pytest.approx(OMEGA0, rel=0.005)
     assert told["friction"][0] == pytest.approx(ALPHA, abs=0.01)
-    split_chunks([angles], tmp_path / "data", stage_settings.split_chunks(found, "swing"))
+    split_chunks([angles], tmp_path / "data", recording_settings.split_chunks(found, "swing"))
     test = Trajectories.load(tmp_path / "data" / "test.npz")
     assert test.y.shape[2] == 2 and test.z_e.shape[1] == 1 and test.z_e == pytest.approx(OMEGA0, rel=0.005)
     for y, z_e in zip(test.y[::5], test.z_e[::5], strict=True):

@@ -10,7 +10,7 @@ from pathlib import Path
 from expertaug.config import jobs
 from expertaug.config import recording_settings
 from expertaug.config import shown_settings
-from expertaug.config import stage_settings
+from expertaug.config import methods
 from expertaug.evaluation import products
 from expertaug.files import sha256
 from expertaug.measurements.paths import read_checksums
@@ -35,7 +35,7 @@ LEARNING_SETS = ["train", "validation"]
 FIGURES = [product.name for product in products.PLOTTED]
 ENDS = [f".{end}" for end in products.TABLE_ENDS]
 COMPARED = [e for e in RUN if CONFIG["experiments"][e]["evaluation"]["published"] is not None]
-OVERVIEW = stage_settings.overview(CONFIG, RUN)["experiments"]
+OVERVIEW = shown_settings.overview(CONFIG, RUN)["experiments"]
 OVERVIEWS = ["log_mse", "parameter_errors"] if any(one["shown"] for one in OVERVIEW) else []
 OVERVIEWS += ["za_shifted"] if any(one["shifted"] for one in OVERVIEW) else []
 OVERVIEW_TITLES = {"log_mse": "log-MSE", "parameter_errors": "parameter errors", "za_shifted": "log-MSE, z_a shifted"}
@@ -68,7 +68,7 @@ def versions(stage, experiment=None, method=None):
 
 def named_by(experiment, method):
     """Modules that an experiment's configuration names."""
-    return stage_settings.modules(CONFIG, experiment, method) if experiment else ()
+    return methods.modules(CONFIG, experiment, method) if experiment else ()
 
 
 def sets_of(experiment):
@@ -265,11 +265,11 @@ def of_all(file):
 
 def forecasts_to_draw():
     """Forecasts that overlays draw, by label: those that are there already."""
-    found = stage_settings.overlaid(CONFIG)
+    found = recording_settings.overlaid(CONFIG)
     if found is None:
         return {}
     paths = {v: results(f"{found[0]}/{v}/{seed_groups_of(found[0])[0]}/forecasts.npz") for v in found[1]}
-    return {stage_settings.label(CONFIG, v): path for v, path in paths.items() if os.path.exists(path)}
+    return {jobs.label(CONFIG, v): path for v, path in paths.items() if os.path.exists(path)}
 
 
 def tables_of(experiment):

@@ -311,7 +311,7 @@ rule own_priors_of_experiment:
             {
                 "experiment": w.experiment,
                 "priors": [name for name, _ in found_priors_of(w.experiment)],
-                **stage_settings.reading(CONFIG, w.experiment),
+                **shown_settings.reading(CONFIG, w.experiment),
             }
         ),
     message:

@@ -10,27 +10,14 @@ from expertaug.config import event_checks, inference_checks, measurement_checks,
 from expertaug.config.layers import merge
 from expertaug.config.names import other_parameters, unknown, unknown_one
 from expertaug.errors import InputError
+from expertaug.evaluation.products import PRODUCTS
 from expertaug.wording import number_in, show
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
 TARGETS = ("export", "recordings", "studies", "report", "all", "everything")  # beside the stages
-# Files of an experiment are called after it and one of these.
-ENDINGS = (
-    "long",
-    "published",
-    "alarm",
-    "coverage",
-    "distance",
-    "validity",
-    "own_priors",
-    "dissipation",
-    "horizons",
-    "out_of_expertise",
-    "prior_width",
-    "during_training",
-    "grid",
-)
+# Tables of an experiment are called after it and one of these.
+ENDINGS = ("long", *(one.name for one in PRODUCTS if one.table and one.name))
 FREE = ("label", "sha256", "results", "path", "rate_provenance", "experiment", "title", "set_titles", "uri")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from expertaug.config import jobs, stage_settings
+from expertaug.config import jobs, recording_settings, stage_settings
 from expertaug.config.layers import layers, origin_of
 from expertaug.config.load import validate
 from expertaug.config.names import unknown_one
@@ -53,9 +53,9 @@ def _jobs(config: Mapping, experiment: str, method: str) -> Iterator[tuple[str, 
             yield f"simulate {name}", stage_settings.simulate(config, experiment, name), {}
     elif one["data"]["source"] == "files":
         own = {"files": ("data", "files")}
-        yield "cut_measurements", stage_settings.cut_measurements(config, experiment), own
+        yield "cut_measurements", recording_settings.cut_measurements(config, experiment), own
     else:
-        split = stage_settings.split_chunks(config, experiment).model_dump(mode="json", exclude_unset=True)
+        split = recording_settings.split_chunks(config, experiment).model_dump(mode="json", exclude_unset=True)
         yield "split_chunks", split, {"": ("data", "split")}
     for group in jobs.seed_groups(config, experiment):
         title = f"{method} {group}"

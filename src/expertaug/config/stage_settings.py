@@ -10,74 +10,14 @@ from collections.abc import Mapping
 
 from expertaug.config import options
 from expertaug.config.jobs import checked, dissipating, label, seed_groups, sets, snapshots
-from expertaug.config.methods import FITTED, build_of, experiment_of, foreign, modules, objective_of
-from expertaug.config.recording_settings import (
-    calibrate,
-    cut_horizon,
-    cut_measured_horizon,
-    cut_measurements,
-    extract_frames,
-    import_markers,
-    measure_angles,
-    overlaid,
-    overlay,
-    render_video,
-    review_recording,
-    split_chunks,
-    track_markers,
-    unpack_markers,
-)
+from expertaug.config.methods import FITTED, build_of, experiment_of, foreign, objective_of
 from expertaug.config.shown_settings import (
     READING,
     all_methods,
-    compare,
-    grid,
-    overview,
-    plot,
     reading,
-    study,
-    tabulate,
-    windows,
 )
 from expertaug.config.training_blocks import solver_of, with_own_options
 from expertaug.versions import FLOW, Version
-
-__all__ = [
-    "augment",
-    "calibrate",
-    "compare",
-    "cut_horizon",
-    "cut_measured_horizon",
-    "cut_measurements",
-    "dissipation",
-    "during_training",
-    "evaluate",
-    "extract_frames",
-    "finetune",
-    "flow",
-    "grid",
-    "import_markers",
-    "init_tracking",
-    "measure_angles",
-    "modules",
-    "overlaid",
-    "overlay",
-    "overview",
-    "own_prior",
-    "plot",
-    "reading",
-    "render_video",
-    "review_recording",
-    "simulate",
-    "split_chunks",
-    "study",
-    "tabulate",
-    "track_markers",
-    "train",
-    "unpack_markers",
-    "validity",
-    "windows",
-]
 
 # Rows of the preset's table (expertaug.presets) that each stage of learning obeys.
 _TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection", "hvae_z_e")

@@ -44,7 +44,7 @@ class Evaluate(_WithPrior):
     name = "evaluate"
     code = "expertaug.evaluation.evaluate"
     job = "expertaug.config.stage_models:Evaluate"
-    slice = "evaluate"
+    slice = "expertaug.config.stage_settings:evaluate"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,7 +84,7 @@ class DuringTraining(_WithPrior):
     name = "during-training"
     code = "expertaug.evaluation.during_training"
     job = "expertaug.config.stage_models:Follow"
-    slice = "during_training"
+    slice = "expertaug.config.stage_settings:during_training"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -106,7 +106,7 @@ class Tabulate(Stage):
     name = "tabulate"
     code = "expertaug.evaluation.tabulate"
     job = "expertaug.evaluation.settings:TabulateJob"
-    slice = "tabulate"
+    slice = "expertaug.config.shown_settings:tabulate"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -127,7 +127,7 @@ class Plot(Stage):
     name = "plot"
     code = "expertaug.evaluation.plot"
     job = "expertaug.evaluation.settings:PlotJob"
-    slice = "plot"
+    slice = "expertaug.config.shown_settings:plot"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -151,7 +151,7 @@ class Study(Stage):
     name = "study"
     code = "expertaug.evaluation.studies"
     job = "expertaug.evaluation.settings:StudyJob"
-    slice = "study"
+    slice = "expertaug.config.shown_settings:study"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -170,7 +170,7 @@ class _WindowStudy(Stage):
     """A study of single windows."""
 
     job = "expertaug.evaluation.settings:WindowStudyJob"
-    slice = "windows"
+    slice = "expertaug.config.shown_settings:windows"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -209,7 +209,7 @@ class Validity(Stage):
     name = "validity"
     code = "expertaug.evaluation.validity"
     job = "expertaug.config.stage_models:Validity"
-    slice = "validity"
+    slice = "expertaug.config.stage_settings:validity"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -251,7 +251,7 @@ class Grid(Stage):
     name = "grid"
     code = "expertaug.evaluation.grid"
     job = "expertaug.evaluation.settings:GridJob"
-    slice = "grid"
+    slice = "expertaug.config.shown_settings:grid"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -271,7 +271,7 @@ class Dissipation(Stage):
     name = "dissipation"
     code = "expertaug.evaluation.dissipation"
     job = "expertaug.config.stage_models:Dissipation"
-    slice = "dissipation"
+    slice = "expertaug.config.stage_settings:dissipation"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -293,7 +293,7 @@ class Compare(Stage):
     name = "compare"
     code = "expertaug.evaluation.published"
     job = "expertaug.evaluation.settings:CompareJob"
-    slice = "compare"
+    slice = "expertaug.config.shown_settings:compare"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -314,7 +314,7 @@ class Overview(Stage):
     name = "overview"
     code = "expertaug.evaluation.dots"
     job = "expertaug.evaluation.settings:OverviewJob"
-    slice = "overview"
+    slice = "expertaug.config.shown_settings:overview"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

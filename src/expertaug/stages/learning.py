@@ -22,7 +22,7 @@ class Simulate(Stage):
     name = "simulate"
     code = "expertaug.systems.simulate"
     job = "expertaug.systems.settings:SimulateJob"
-    slice = "simulate"
+    slice = "expertaug.config.stage_settings:simulate"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +57,7 @@ class Train(_Training):
     name = "train"
     code = "expertaug.learning.train"
     job = "expertaug.learning.settings:TrainJob"
-    slice = "train"
+    slice = "expertaug.config.stage_settings:train"
     add_arguments = staticmethod(_add_training)
 
     @classmethod
@@ -79,7 +79,7 @@ class Alternate(_Training):
     name = "alternate"
     code = "expertaug.inference.alternate"
     job = "expertaug.inference.settings:AlternateJob"
-    slice = "train"
+    slice = "expertaug.config.stage_settings:train"
     add_arguments = staticmethod(_add_training)
 
     @staticmethod
@@ -95,7 +95,7 @@ class OwnPrior(Stage):
     name = "own-prior"
     code = "expertaug.inference.prior_stage"
     job = "expertaug.inference.settings:OwnPriorJob"
-    slice = "own_prior"
+    slice = "expertaug.config.stage_settings:own_prior"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -121,7 +121,7 @@ class Augment(_Training):
     name = "augment"
     code = "expertaug.learning.augment"
     job = "expertaug.learning.settings:AugmentJob"
-    slice = "augment"
+    slice = "expertaug.config.stage_settings:augment"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -141,7 +141,7 @@ class Finetune(_Training):
     name = "finetune"
     code = "expertaug.learning.finetune"
     job = "expertaug.learning.settings:FinetuneJob"
-    slice = "finetune"
+    slice = "expertaug.config.stage_settings:finetune"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -165,7 +165,7 @@ class Flow(_Training):
     name = "flow"
     code = "expertaug.inference.flow_training"
     job = "expertaug.inference.settings:FlowJob"
-    slice = "flow"
+    slice = "expertaug.config.stage_settings:flow"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

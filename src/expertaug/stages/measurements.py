@@ -19,7 +19,7 @@ class CutMeasurements(Stage):
     name = "cut-measurements"
     code = "expertaug.measurements.stage"
     job = "expertaug.measurements.settings:CutMeasurementsJob"
-    slice = "cut_measurements"
+    slice = "expertaug.config.recording_settings:cut_measurements"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +40,7 @@ class CutMeasuredHorizon(Stage):
     name = "cut-measured-horizon"
     code = "expertaug.measurements.horizons"
     job = "expertaug.measurements.settings:CutMeasuredHorizonJob"
-    slice = "cut_measured_horizon"
+    slice = "expertaug.config.recording_settings:cut_measured_horizon"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -42,7 +42,7 @@ class RenderVideo(Stage):
     name = "render-video"
     code = "expertaug_recordings.rendering.render"
     job = "expertaug_recordings.settings:RenderVideoJob"
-    slice = "render_video"
+    slice = "expertaug.config.recording_settings:render_video"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +62,7 @@ class ExtractFrames(Stage):
     name = "extract-frames"
     code = "expertaug_recordings.video.frame_store"
     job = "expertaug_recordings.settings:ExtractFramesJob"
-    slice = "extract_frames"
+    slice = "expertaug.config.recording_settings:extract_frames"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -83,7 +83,7 @@ class TrackMarkers(Stage):
     name = "track-markers"
     code = "expertaug_recordings.markers.track"
     job = "expertaug_recordings.settings:TrackMarkersJob"
-    slice = "track_markers"
+    slice = "expertaug.config.recording_settings:track_markers"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -104,7 +104,7 @@ class UnpackMarkers(Stage):
     name = "unpack-markers"
     code = "expertaug_recordings.ibm"
     job = "expertaug_recordings.settings:UnpackMarkersJob"
-    slice = "unpack_markers"
+    slice = "expertaug.config.recording_settings:unpack_markers"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -124,7 +124,7 @@ class ImportMarkers(Stage):
     name = "import-markers"
     code = "expertaug_recordings.ibm"
     job = "expertaug_recordings.settings:ImportMarkersJob"
-    slice = "import_markers"
+    slice = "expertaug.config.recording_settings:import_markers"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -145,7 +145,7 @@ class MeasureAngles(Stage):
     name = "measure-angles"
     code = "expertaug_recordings.angles.measure"
     job = "expertaug_recordings.settings:MeasureAnglesJob"
-    slice = "measure_angles"
+    slice = "expertaug.config.recording_settings:measure_angles"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -209,7 +209,7 @@ class Overlay(Stage):
     name = "overlay"
     code = "expertaug_recordings.reports.overlay"
     job = "expertaug_recordings.settings:OverlayJob"
-    slice = "overlay"
+    slice = "expertaug.config.recording_settings:overlay"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -239,7 +239,7 @@ class ReviewRecording(Stage):
     name = "review-recording"
     code = "expertaug_recordings.reports.review"
     job = "expertaug_recordings.settings:ReviewRecordingJob"
-    slice = "review_recording"
+    slice = "expertaug.config.recording_settings:review_recording"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -309,7 +309,7 @@ class SplitChunks(Stage):
     name = "split-chunks"
     code = "expertaug_recordings.chunks"
     job = "expertaug_recordings.settings:SplitChunksJob"
-    slice = "split_chunks"
+    slice = "expertaug.config.recording_settings:split_chunks"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -330,7 +330,7 @@ class CutHorizon(Stage):
     name = "cut-horizon"
     code = "expertaug_recordings.chunks"
     job = "expertaug_recordings.settings:CutHorizonJob"
-    slice = "cut_horizon"
+    slice = "expertaug.config.recording_settings:cut_horizon"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -369,7 +369,7 @@ class Calibrate(Stage):
     name = "calibrate"
     code = "expertaug_recordings.angles.calibration"
     job = "expertaug_recordings.settings:CalibrateJob"
-    slice = "calibrate"
+    slice = "expertaug.config.recording_settings:calibrate"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -20,6 +20,12 @@ WHERE = "--settings"
 UNTYPED = "expertaug.config.stage_models"  # classes there check what a function takes as a mapping
 
 
+def _named(name: str) -> Any:
+    """What ``package.module:name`` names."""
+    module, _, inside = name.partition(":")
+    return getattr(importlib.import_module(module), inside)
+
+
 def to_json(settings: Any) -> str:
     """Settings as the text that a job is given: what stands in it says whether the job is redone."""
     if not isinstance(settings, Mapping):
@@ -37,8 +43,8 @@ class Stage:
         name: of the subcommand.
         code: the module whose public function does its work: with what it imports, what the workflow watches.
         job: the class of its settings, ``package.module:Class``; empty for a stage that has none.
-        slice: the function of :mod:`expertaug.config.stage_settings` that takes the completed configuration and names,
-            and gives the settings of one job and nothing more: a changed key redoes only the jobs whose slice has it.
+        slice: the function, ``package.module:name``, that takes the completed configuration and names, and gives the
+            settings of one job and nothing more: a changed key redoes only the jobs whose slice has it.
     """
 
     name: ClassVar[str]
@@ -69,8 +75,7 @@ class Stage:
     @classmethod
     def kind_of(cls, a: argparse.Namespace, settings: Mapping[str, object]) -> type[Settings]:
         """What these settings are read into."""
-        module, _, name = cls.job_of(a, settings).partition(":")
-        return getattr(importlib.import_module(module), name)
+        return _named(cls.job_of(a, settings))
 
     @classmethod
     def read(cls, a: argparse.Namespace) -> Any:
@@ -105,9 +110,7 @@ class Stage:
             config: completed.
             names: of the experiment, the version, the group of seeds, the set …, as the stage's slice takes them.
         """
-        from expertaug.config import stage_settings
-
-        return to_json(getattr(stage_settings, cls.slice)(config, *names))
+        return to_json(_named(cls.slice)(config, *names))
 
     @classmethod
     def sources(cls, extra: Iterable[str] = ()) -> list[str]:

@@ -18,7 +18,7 @@ class InitTracking(Stage):
     name = "init-tracking"
     code = "expertaug.tracking.store"
     job = "expertaug.tracking.settings:InitTrackingJob"
-    slice = "init_tracking"
+    slice = "expertaug.config.stage_settings:init_tracking"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
