@@ -293,8 +293,8 @@ class ExportRecording(Stage):
     @staticmethod
     def run(a: argparse.Namespace, job: None) -> None:
         from expertaug.files import write_text
-        from expertaug_recordings.reports.exports import FILES, export_recording
         from expertaug_recordings.intake import refusal
+        from expertaug_recordings.reports.exports import FILES, export_recording
 
         if (reason := refusal(a.angles)) is None:
             export_recording(a.markers, a.angles, a.output)
