@@ -225,7 +225,7 @@ rule study_windows_of_experiment:
         mem_mb=1000,
     params:
         versions=lambda w: versions(w.window_study),
-        settings=lambda w: settings("windows", w.experiment),
+        settings=lambda w: settings(w.window_study, w.experiment),
     message:
         "study {wildcards.window_study} of {wildcards.experiment}"
     shell:
