@@ -23,6 +23,7 @@ from expertaug.config import (
 from expertaug.config import load as config
 from expertaug.errors import InputError, InputErrors, lines
 from expertaug.learning.settings import TrainSettings
+from expertaug.stages import STAGES
 from expertaug.wording import number_in
 from expertaug_recordings.settings import (
     CalibrateJob,
@@ -45,7 +46,7 @@ def base() -> dict:
 
 def refused(base: dict, text: str) -> str:
     with pytest.raises(InputError) as caught:
-        config.validate(config.merge(base, yaml.safe_load(text)))
+        config.validate(config.merge(base, yaml.safe_load(text)), STAGES)
     message = str(caught.value)
     assert "\n" not in message
     return message

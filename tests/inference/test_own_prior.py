@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 import torch
-from expertaug.commands.prior_file import read_ranges, with_ranges
 from test_least_squares import NOISE, OBSERVED, expert_alone, pendulum
 
 from expertaug import systems
@@ -13,6 +12,7 @@ from expertaug.evaluation.own_priors import own_priors
 from expertaug.evaluation.settings import OwnPriorsJob
 from expertaug.inference.own_prior import box, own_prior, own_prior_without_windows, searching
 from expertaug.models.settings import RefinementSettings
+from expertaug.stages.prior_file import read_ranges, with_ranges
 from tiny import SETTINGS
 from typed_jobs import own_prior as stage
 
