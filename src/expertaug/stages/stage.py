@@ -9,7 +9,6 @@ import os
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from expertaug import source_files
 from expertaug.errors import InputErrors
 from expertaug.stages.options import read_settings
 
@@ -122,9 +121,13 @@ class Stage:
         Raises:
             InputError: a module does not exist.
         """
+        from expertaug import source_files
+
         return [os.path.relpath(file) for file in source_files.files([cls.code, *extra])]
 
     @classmethod
     def versions(cls, extra: Iterable[str] = ()) -> list[str]:
         """Installed versions of the packages that compute its numbers."""
+        from expertaug import source_files
+
         return source_files.versions([cls.code, *extra])
