@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from expertaug import systems
-from expertaug.models.recipe import HybridModel
+from expertaug.models.hybrid import HybridModel
 from expertaug.systems.solvers.solver import Solver
 from training_step import median_time
 

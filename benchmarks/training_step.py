@@ -31,7 +31,7 @@ from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import task_of
 from expertaug.models.card import ModelCard
 from expertaug.models.device import device_of
-from expertaug.models.recipe import HybridModel, Part
+from expertaug.models.hybrid import HybridModel, Part
 from expertaug.presets import resolve
 from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample

@@ -27,7 +27,7 @@ _EXPORTS = {
     "DoublePendulum": "expertaug.systems.double_pendulum:DoublePendulum",
     "DrivenPendulum": "expertaug.systems.driven_pendulum:DrivenPendulum",
     "Forecast": "expertaug.api.forecasts:Forecast",
-    "HybridModel": "expertaug.models.recipe:HybridModel",
+    "HybridModel": "expertaug.models.hybrid:HybridModel",
     "HybridVAE": "expertaug.learning.hvae:HybridVAE",
     "InputError": "expertaug.errors:InputError",
     "MLPInteraction": "expertaug.models.interactions.mlp:MLPInteraction",

@@ -33,11 +33,11 @@ from expertaug.models.encoders.recurrent import RecurrentEncoder as RecurrentEnc
 from expertaug.models.encoders.two_step import MLPTwoStep as MLPTwoStep
 from expertaug.models.encoders.two_step_fields import ConvTwoStep as ConvTwoStep
 from expertaug.models.encoders.window import WindowEncoder as WindowEncoder
+from expertaug.models.hybrid import HybridModel as HybridModel
 from expertaug.models.interactions.convolutional import ConvInteraction as ConvInteraction
 from expertaug.models.interactions.damping import DampingInteraction as DampingInteraction
 from expertaug.models.interactions.mlp import MLPInteraction as MLPInteraction
 from expertaug.models.interactions.polynomial import PolynomialInteraction as PolynomialInteraction
-from expertaug.models.recipe import HybridModel as HybridModel
 from expertaug.systems.base import Parameter as Parameter
 from expertaug.systems.base import System as System
 from expertaug.systems.bouncing_ball import BouncingBall as BouncingBall

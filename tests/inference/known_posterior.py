@@ -6,7 +6,7 @@ from torch import Tensor
 from expertaug.learning.settings import TrainOptions
 from expertaug.learning.train import prepare
 from expertaug.models.describe import describe
-from expertaug.models.recipe import HybridModel
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.store import StoredModel
 from expertaug.presets import resolve
 from expertaug.systems import Parameter, System

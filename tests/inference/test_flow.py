@@ -19,7 +19,7 @@ from expertaug.learning.settings import TrainOptions
 from expertaug.learning.train import prepare as prepare_training
 from expertaug.models import store as models
 from expertaug.models.describe import describe
-from expertaug.models.recipe import HybridModel
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.store import StoredModel
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import SimulateJob

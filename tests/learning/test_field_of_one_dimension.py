@@ -11,7 +11,7 @@ from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.log_evaluations import log_evaluations
 from expertaug.models import store
 from expertaug.models.describe import describe
-from expertaug.models.recipe import HybridModel
+from expertaug.models.hybrid import HybridModel
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver

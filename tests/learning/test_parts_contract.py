@@ -13,8 +13,8 @@ from expertaug.learning.contract import check_parts
 from expertaug.learning.hvae import HybridVAE
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.task import Task
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.posterior import Delta, Posterior
-from expertaug.models.recipe import HybridModel
 from expertaug.presets import resolve
 from expertaug.systems.solvers.solver import Solver
 

@@ -9,9 +9,9 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.encoders.convolutional import ConvEncoder
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.convolutional import IN_CACHE, ConvInteraction
 from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, wrap
-from expertaug.models.recipe import HybridModel
 from expertaug.systems.solvers.solver import Solver
 
 SYSTEM = {"name": "reaction_diffusion"}

@@ -10,10 +10,10 @@ from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.encoders.views import Windows
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.mean import MeanModel
 from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
-from expertaug.models.recipe import HybridModel
 from expertaug.systems.solvers.solver import Solver
 
 CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}

@@ -13,9 +13,9 @@ from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.describe import describe
 from expertaug.models.encoders.window import WindowEncoder
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.mlp import MLPInteraction
 from expertaug.models.posterior import Gaussian
-from expertaug.models.recipe import HybridModel
 from expertaug.systems.solvers.solver import Solver
 
 TIMES = torch.arange(5) * 0.1

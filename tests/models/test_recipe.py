@@ -10,8 +10,8 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.describe import describe, recipe_of, system_of
 from expertaug.models.encoders.window import WindowEncoder
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.mlp import MLPInteraction
-from expertaug.models.recipe import HybridModel
 
 SYSTEM = systems.load({"name": "rlc", "source_rad_s": 3.0})
 TIMES = [0.0, 0.1, 0.2]

@@ -5,7 +5,7 @@ import torch
 
 import plain_parts as parts
 from expertaug import systems
-from expertaug.models.recipe import HybridModel
+from expertaug.models.hybrid import HybridModel
 from expertaug.systems.solvers.solver import Solver
 
 TIMES = torch.arange(6, dtype=torch.float64) * 0.2

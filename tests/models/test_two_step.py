@@ -56,7 +56,7 @@ def test_a_block_computes_what_each_seed_does_alone(case):
 
 @CASES
 def test_unstacked_models_compute_the_same(case):
-    from expertaug.models.recipe import HybridModel
+    from expertaug.models.hybrid import HybridModel
 
     y = data_for(case, 1)
     times = torch.arange(11, dtype=torch.float64) * case["step"]

@@ -7,7 +7,7 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.models.recipe import HybridModel
+from expertaug.models.hybrid import HybridModel
 from expertaug.systems import simulate
 from expertaug.systems.reaction_diffusion import SIZE, WIDTH, laplacian
 from expertaug.systems.settings import SimulatedData

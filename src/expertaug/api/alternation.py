@@ -16,8 +16,8 @@ from expertaug.learning.settings import UntrainedOptions
 from expertaug.learning.train import expert_alone
 from expertaug.models import describe
 from expertaug.models.card import RecipeRecord
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.kinds import INTERACTION
-from expertaug.models.recipe import HybridModel
 from expertaug.systems import System
 from expertaug.trajectories import Trajectories
 

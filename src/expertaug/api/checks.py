@@ -12,7 +12,7 @@ from expertaug.api import arrays
 from expertaug.api.arrays import Noise, Ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
-from expertaug.models.recipe import HybridModel
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.presets import resolve
 from expertaug.settings import Settings

@@ -25,7 +25,7 @@ from expertaug.learning.objectives import Aphynity, Objective
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import FinetuneJob, TrainOptions, TrainSettings
 from expertaug.models import describe
-from expertaug.models.recipe import HybridModel
+from expertaug.models.hybrid import HybridModel
 from expertaug.presets import Choices, resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories

@@ -13,8 +13,7 @@ from expertaug.learning.adam import Adam
 from expertaug.learning.objectives import Objective
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
-from expertaug.models.hybrid import HybridNet
-from expertaug.models.recipe import HybridModel
+from expertaug.models.hybrid import HybridModel, HybridNet
 from expertaug.systems.inputs import check_trainable, inputs_of, joined, solve, states_of
 
 SEEDS, SAMPLES = (0, 1), 4

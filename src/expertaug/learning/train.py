@@ -31,8 +31,8 @@ from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.device import device_of
 from expertaug.models.gaps import ranges_of
+from expertaug.models.hybrid import HybridModel
 from expertaug.models.mean import MeanModel
-from expertaug.models.recipe import HybridModel
 from expertaug.presets import Choices
 from expertaug.registry import short_name
 from expertaug.systems.inputs import check_given, check_trainable

@@ -9,8 +9,8 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
+from expertaug.models.hybrid import HybridModel, build_decoder
 from expertaug.models.kinds import PARTS
-from expertaug.models.recipe import HybridModel, build_decoder
 from expertaug.registry import Part, short_name
 from expertaug.systems import System
 
