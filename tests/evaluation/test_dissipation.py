@@ -21,7 +21,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.dissipation import dissipated_power, dissipation, measured_loss
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
-from expertaug.models.estimates import Estimates
+from expertaug.models.posterior import Estimates
 from expertaug.systems.double_pendulum import DoublePendulum, accelerations
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import CONSERVING

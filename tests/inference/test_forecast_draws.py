@@ -23,8 +23,7 @@ from expertaug.inference.posterior_draws import joint_draws
 from expertaug.inference.settings import FlowJob
 from expertaug.learning.noise import Noise
 from expertaug.models.decoder import Decoder
-from expertaug.models.estimates import Estimates
-from expertaug.models.posterior import Delta, Gaussian, Posterior
+from expertaug.models.posterior import Delta, Estimates, Gaussian, Posterior
 from expertaug.systems.solvers.solver import Solver
 from typed_jobs import job
 

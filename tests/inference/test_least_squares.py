@@ -21,8 +21,7 @@ from expertaug.learning.settings import UntrainedOptions
 from expertaug.models import describe, store
 from expertaug.models.card import RecipeRecord
 from expertaug.models.decoder import Decoder
-from expertaug.models.estimates import Estimates
-from expertaug.models.posterior import unconstrain
+from expertaug.models.posterior import Estimates, unconstrain
 from expertaug.systems.simulate import trajectories
 from expertaug.systems.solvers.solver import Solver
 from typed_jobs import train_job

@@ -11,8 +11,7 @@ from torch import Tensor
 
 from expertaug.api.arrays import Array
 from expertaug.errors import InputError
-from expertaug.models.estimates import Estimates
-from expertaug.models.posterior import Gaussian, log_slope
+from expertaug.models.posterior import Estimates, Gaussian, log_slope
 
 
 @dataclass(frozen=True, eq=False)

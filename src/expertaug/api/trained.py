@@ -23,7 +23,7 @@ from expertaug.inference.least_squares import refined_by
 from expertaug.learning.misfit import misfit_of, recorded
 from expertaug.models import seeds as seed_selection
 from expertaug.models import store
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Predictor
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems import System

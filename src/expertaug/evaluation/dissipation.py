@@ -23,7 +23,7 @@ from expertaug.learning.sets import StackedSet
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.device import device_of
-from expertaug.models.estimates import Estimates
+from expertaug.models.posterior import Estimates
 from expertaug.systems import System
 from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import Trajectories

@@ -9,8 +9,7 @@ from torch import Tensor
 
 from expertaug.learning.apart import solved_apart
 from expertaug.learning.bound import bounded, within
-from expertaug.models.estimates import Estimates
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Estimates, Predictor
 from expertaug.systems.solvers.solver import Solver
 
 

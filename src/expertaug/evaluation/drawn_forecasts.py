@@ -24,10 +24,9 @@ from expertaug.learning.misfit import squared_errors
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.models import store
-from expertaug.models.estimates import Estimates
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.measurement_noise import NoiseLike, is_some, noise_of, shaped
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of

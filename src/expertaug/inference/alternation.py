@@ -32,7 +32,7 @@ from expertaug.learning.noise import Noise
 from expertaug.learning.settings import one_cycle
 from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import Task
-from expertaug.models.estimates import Estimates
+from expertaug.models.posterior import Estimates
 from expertaug.systems.inputs import inputs_of, states_of
 
 logger = logging.getLogger(__name__)

@@ -16,9 +16,8 @@ from expertaug.learning.augmentation import ranges_of
 from expertaug.learning.bound import Stopping, stored_bound
 from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder
-from expertaug.models.estimates import Estimates
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.stacking import stack
 from expertaug.systems import System
 from expertaug.systems.inputs import states_of
@@ -39,7 +38,7 @@ class Head(nn.Module):
 
 class FlowEstimator(Predictor, nn.Module):
     """q(z_e, z_a, y0 | window) beside the model from whose draws it learned: an
-    :class:`~expertaug.models.estimates.Estimator` with samples.
+    :class:`~expertaug.models.posterior.Estimator` with samples.
 
     What a state's initial speeds or an exact first point leave open is not inferred: y0 is part of it only where data
     are noisy, and only in the components that a forecast starts from.

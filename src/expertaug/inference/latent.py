@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from expertaug.models.card import LatentRecord, ModelCard
-from expertaug.models.principal import scores_of
+from expertaug.models.posterior import scores_of
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from expertaug.inference.latent import Latent
 from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import assumed_noise
 from expertaug.models.decoder import Decoder
-from expertaug.models.estimates import Estimates, Estimator
 from expertaug.models.measurement_noise import GivenNoise, is_some, noise_of
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Estimates, Estimator, Predictor
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges

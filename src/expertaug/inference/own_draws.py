@@ -20,7 +20,7 @@ from expertaug.learning.task import Task
 from expertaug.models.card import ModelCard
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.measurement_noise import noise_of
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Predictor
 from expertaug.models.stacking import stack
 from expertaug.models.store import StoredModel
 from expertaug.systems.inputs import inputs_of, states_of

@@ -12,9 +12,7 @@ from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.least_squares import LeastSquares
 from expertaug.learning.noise import Noise
 from expertaug.models.decoder import Decoder
-from expertaug.models.estimates import Estimates
-from expertaug.models.posterior import Gaussian, constrain
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Estimates, Gaussian, Predictor, constrain
 from expertaug.systems import System
 
 COUNT = 119  # so that intervals of 50 % and 90 % end at draws

@@ -8,8 +8,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.inference.levenberg_marquardt import Minimum, minimise
 from expertaug.inference.window_problem import MEMORY, WindowProblem
-from expertaug.models.estimates import Estimates
-from expertaug.models.posterior import Gaussian, Posterior, log_slope, unconstrain
+from expertaug.models.posterior import Estimates, Gaussian, Posterior, log_slope, unconstrain
 
 WIDEST = 3.0  # of Laplace's approximation in any direction of the coordinates: far from the fit it says nothing
 

@@ -14,9 +14,9 @@ from expertaug.inference.levenberg_marquardt import LONGEST
 from expertaug.learning.bound import FACTOR, solved
 from expertaug.learning.squared_error import differences
 from expertaug.models.decoder import Decoder, TruthDecoder
-from expertaug.models.estimates import Estimates
 from expertaug.models.gaps import ends_of
 from expertaug.models.measurement_noise import NoiseLike, of_observed, shaped
+from expertaug.models.posterior import Estimates
 from expertaug.models.settings import RefinementSettings
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of

@@ -21,7 +21,7 @@ from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer
 from expertaug.models.card import LatentRecord, ModelCard
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.principal import principal_axes
+from expertaug.models.posterior import principal_axes
 from expertaug.models.settings import AXES
 from expertaug.models.store import StoredModel
 

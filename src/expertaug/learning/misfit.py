@@ -10,7 +10,7 @@ from torch import Tensor
 from expertaug.learning.apart import solved_apart
 from expertaug.learning.bound import Stopping, bounded, stored_bound
 from expertaug.learning.squared_error import differences
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of

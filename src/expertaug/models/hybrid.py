@@ -13,13 +13,11 @@ from torch import Tensor, nn
 from expertaug import registry
 from expertaug.errors import InputError
 from expertaug.models.decoder import Decoder
-from expertaug.models.estimates import Estimates
 from expertaug.models.gaps import Gaps
 from expertaug.models.kinds import PARTS
 from expertaug.models.likelihood import GaussianLikelihood
 from expertaug.models.plain import encoder_of, interaction_of
-from expertaug.models.posterior import Posterior
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Estimates, Posterior, Predictor
 from expertaug.models.stacking import Network, stack
 from expertaug.systems import System
 from expertaug.systems.inputs import observed, states_of
@@ -27,7 +25,7 @@ from expertaug.systems.solvers.solver import Solver
 
 
 class HybridNet(Predictor, nn.Module):
-    """An amortised :class:`~expertaug.models.estimates.Estimator` and the decoder that is trained with it.
+    """An amortised :class:`~expertaug.models.posterior.Estimator` and the decoder that is trained with it.
 
     Arguments:
         encoder: observed window → posterior.

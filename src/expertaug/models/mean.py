@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.estimates import Estimates
-from expertaug.models.prediction import Predictor
+from expertaug.models.posterior import Estimates, Predictor
 from expertaug.systems import System
 from expertaug.systems.inputs import states_of
 from expertaug.systems.solvers.solver import Solver

@@ -1,17 +1,22 @@
-"""What an encoder returns: q(z_e, z_a | x, y)."""
+"""What an observed window tells: q(z_e, z_a | x, y), estimates by it, and the forecast that follows from them.
+
+Principal axes of the z_a of many windows as well."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import torch
 from torch import Tensor, nn
 from torch.distributions import Distribution, constraints
 
-from expertaug.systems import Parameter
+from expertaug.systems import Parameter, System
 from expertaug.systems.base import constant_like
+from expertaug.systems.inputs import states_of
+from expertaug.systems.solvers.solver import Solver
 
 # normal(k) gives (…, B, k) standard normal numbers: whoever samples says where randomness comes from.
 Normal = Callable[[int], Tensor]
@@ -157,3 +162,148 @@ class Posterior:
     def mean(self) -> tuple[Tensor, Tensor]:
         """The means of z_e and z_a, which evaluation uses."""
         return self.z_e.mean, self.z_a.mean
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Where a forecast starts and with which parameters.
+
+    Attributes:
+        y0: the known first point, (…, B, *state).
+        z_e: expert parameters (…, B, P), in their units; None where nothing is estimated.
+        z_a: latent of the interaction model, (…, B, Q); None where nothing is estimated.
+        posterior: the distribution that z_e and z_a are the means of, where the estimator has one.
+        chi2: how well they fit each window, (…, B), where the estimator has compared them with it.
+        draws: of the posterior of z_e, z_a and y0, each (…, B, K, ·), where the estimator's forecast is their mean.
+        root: a matrix (…, B, D, D) whose square is the covariance of a fit's D coordinates (Laplace's approximation).
+    """
+
+    y0: Tensor
+    z_e: Tensor | None
+    z_a: Tensor | None
+    posterior: Posterior | None = None
+    chi2: Tensor | None = None
+    draws: tuple[Tensor, Tensor, Tensor] | None = None
+    root: Tensor | None = None
+
+    def part(self, samples: slice | Tensor) -> Estimates:
+        """Estimates (S, B, …) of some samples, by a slice or their places; ``chi2`` and the posterior with them."""
+        return self._each(lambda value: value[:, samples])
+
+    def to(self, like: Tensor) -> Estimates:
+        """The same in another tensor's type and on its device."""
+        return self._each(lambda value: value.to(like))
+
+    def expand(self, seeds: int) -> Estimates:
+        """Those of one seed (1, B, …) for each of S seeds that share them: (S, B, …)."""
+        return self._each(lambda value: value.expand(seeds, *value.shape[1:]))
+
+    @staticmethod
+    def joined(parts: Sequence[Estimates]) -> Estimates:
+        """Estimates (S, B, …) of parts of a set of samples, one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        each = [iter(_tensors(part)) for part in parts]
+        return parts[0]._each(lambda _: torch.cat([next(one) for one in each], dim=1))
+
+    def _each(self, change: Callable[[Tensor], Tensor]) -> Estimates:
+        """The same with every tensor changed, in the order of :func:`_tensors`."""
+
+        def changed(value: Tensor | None) -> Tensor | None:
+            return None if value is None else change(value)
+
+        found = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2", "root")}
+        posterior = self.posterior
+        if posterior is not None:
+            posterior = replace(posterior, z_e=_changed(posterior.z_e, change), z_a=_changed(posterior.z_a, change))
+            posterior = replace(posterior, z_a_used=changed(posterior.z_a_used), filtered=None)
+        draws = None if self.draws is None else tuple(change(value) for value in self.draws)
+        return replace(self, **found, posterior=posterior, draws=draws)
+
+
+def _changed(one: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:
+    if isinstance(one, Gaussian):
+        return Gaussian(change(one.loc), change(one.log_std), one.parameters)
+    return Delta(change(one.loc), one.scale)
+
+
+def _tensors(one: Estimates) -> list[Tensor]:
+    found: list[Tensor] = []
+    one._each(lambda value: (found.append(value), value)[1])
+    return found
+
+
+class Estimator(Protocol):
+    """Anything that reads (y0, z_e, z_a) off observed windows: an encoder, least squares, a flow."""
+
+    def estimate(self, windows: Tensor) -> Estimates:
+        """Observed windows (T1, …, B, *state) → estimates."""
+        ...
+
+
+class Predictor:
+    """What has ``estimate`` (an :class:`~expertaug.models.posterior.Estimator`) and ``forecast`` (a decoder's)."""
+
+    system: System
+
+    @property
+    def knows_z_e(self) -> bool:
+        """Whether an estimate of z_e is one of the expert's parameters, which can be compared with their truth: as the
+        decoder says, where there is one."""
+        decoder = getattr(self, "decoder", None)
+        return decoder is not None and decoder.knows_z_e
+
+    def predicted(
+        self,
+        found: Estimates,
+        observed: Tensor,
+        t: Tensor,
+        solver: Solver,
+        start: str = "y0",
+        u: Tensor | None = None,
+    ) -> Tensor:
+        """The forecast that follows from estimates.
+
+        Arguments:
+            found: of the observed windows.
+            observed: (T1, …, B, *observed), known inputs as further components of the state.
+            t: (T,) in s, T ≥ T1.
+            start: y0, or y_t1: integrate onwards from the last observed point and return the observation before it.
+            u: known inputs (T, …, B, U) at all times; None for a system without.
+
+        Returns:
+            states (T, …, B, *state).
+        """
+        if start == "y0" or found.z_e is None or torch.isnan(observed).any():  # what was not measured has no rates
+            return self.forecast(found.y0, found.z_e, found.z_a, t, solver, u)  # type: ignore[attr-defined]
+        observed, last = states_of(self.system, observed), len(observed) - 1
+        later = None if u is None else u[last:]
+        onwards = self.forecast(observed[last], found.z_e, found.z_a, t[last:], solver, later)  # type: ignore[attr-defined]
+        return torch.cat((observed[:last], onwards))
+
+    def predict(
+        self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0", u: Tensor | None = None
+    ) -> tuple[Tensor, Tensor | None]:
+        """The forecast of the estimates from windows, and the estimate of z_e (…, B, P) where :attr:`knows_z_e`; as
+        :meth:`predicted`."""
+        found = self.estimate(observed)  # type: ignore[attr-defined]
+        return self.predicted(found, observed, t, solver, start, u), found.z_e if self.knows_z_e else None
+
+
+DEAD = 1e-5  # of the whole: a principal component with a smaller standard deviation does not vary
+
+
+def principal_axes(latents: Tensor, components: int) -> Tensor:
+    """The first axes (C, Q) of z_a (N, Q), each as long as its standard deviation; zero where nothing varies."""
+    spread = (latents - latents.mean(0, keepdim=True)).double()
+    squares, columns = torch.linalg.eigh(spread.mT @ spread / max(len(latents) - 1, 1))
+    std = squares.flip(0)[:components].clamp_min(0.0).sqrt()
+    alive = std > DEAD * squares.clamp_min(0.0).sum().sqrt()
+    return columns.mT.flip(0)[:components] * torch.where(alive, std, 0.0).unsqueeze(-1)
+
+
+def scores_of(deviations: Tensor, axes: Tensor) -> Tensor:
+    """Scores (…, N, C), in standard deviations, of deviations from the mean (…, N, Q) along axes (…, C, Q)."""
+    squares = axes.square().sum(-1)
+    inverse = torch.where(squares > 0, 1 / squares.clamp_min(1e-30), 0.0).unsqueeze(-1) * axes
+    return deviations @ inverse.transpose(-1, -2)
