@@ -21,7 +21,7 @@ from expertaug.evaluation.log_evaluations import log_evaluations
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.tabulate import tabulate
 from expertaug.models import store
-from expertaug.models.mean import MeanModel
+from expertaug.models.decoder import MeanModel
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate

@@ -8,10 +8,9 @@ from cards import card
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
-from expertaug.models.decoder import Decoder
+from expertaug.models.decoder import Decoder, MeanModel
 from expertaug.models.encoders.views import Windows
 from expertaug.models.hybrid import HybridModel
-from expertaug.models.mean import MeanModel
 from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
 from expertaug.systems.solvers.solver import Solver

@@ -1,4 +1,6 @@
-"""The decoder dy/dt = F_e(y; z_e) + F_a(y; z_a): what forecasts from estimates, whoever made them."""
+"""Decoders: what forecasts from estimates, whoever made them.
+
+dy/dt = F_e(y; z_e) + F_a(y; z_a), the equation that made simulated data, and the mean of the training signals."""
 
 from __future__ import annotations
 
@@ -10,8 +12,9 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
+from expertaug.models.posterior import Estimates, Predictor
 from expertaug.systems import System
-from expertaug.systems.inputs import solve
+from expertaug.systems.inputs import solve, states_of
 from expertaug.systems.solvers.solver import Solver
 
 
@@ -163,3 +166,29 @@ class TruthDecoder(Decoder):
             return rate - (system.expert(s, y, z_e, *more) - system.nonlinear(s, y, z_e, *more))
 
         return solve(system, field, system.initial_state(y0, z_e), t, solver, z_e, u, flow)
+
+
+class MeanModel(Predictor, nn.Module):
+    """A decoder that needs no estimates: for every time the training set's mean state.
+
+    Arguments:
+        mean: (T, *state).
+    """
+
+    def __init__(self, system: System, mean: Tensor) -> None:
+        super().__init__()
+        self.system = system
+        self.register_buffer("mean", mean)
+
+    def estimate(self, windows: Tensor) -> Estimates:
+        """Observed windows (T1, …, B, *observed) → their first points, and no parameters."""
+        return Estimates(states_of(self.system, windows[0]).nan_to_num(), None, None)
+
+    def forecast(self, y0: Tensor, z_e: None, z_a: None, t: Tensor, solver: Solver, u: Tensor | None = None) -> Tensor:
+        """(…, B, *state) → (T, …, B, *state); the same for every sample, and beyond the training's times that
+        of the last of them."""
+        last = len(self.mean) - 1
+        known = self.mean[torch.arange(len(t)).clamp_max(last)]
+        lead = y0.dim() - self.mean.dim() + 1
+        mean = known.reshape(len(t), *[1] * lead, *self.mean.shape[1:])
+        return mean.expand(len(t), *y0.shape)

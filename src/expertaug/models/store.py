@@ -13,9 +13,8 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.models import describe
 from expertaug.models.card import ModelCard
-from expertaug.models.decoder import Decoder, TruthDecoder
+from expertaug.models.decoder import Decoder, MeanModel, TruthDecoder
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.mean import MeanModel
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
 from expertaug.systems.settings import ADAMS, EVENTS, SolverSettings
