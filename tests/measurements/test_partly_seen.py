@@ -16,7 +16,7 @@ from expertaug.learning.misfit import squared_errors
 from expertaug.learning.squared_error import mean_squared_error, squares
 from expertaug.measurements.cut import measured, sets_of
 from expertaug.models.gaps import Gaps, fill, ranges_of
-from expertaug.models.measurement_noise import noise_of, of_observed
+from expertaug.models.observation_noise import noise_of, of_observed
 from expertaug.systems.pendulum import DampedPendulum
 
 SYSTEM = DampedPendulum()

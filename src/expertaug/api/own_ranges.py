@@ -14,7 +14,7 @@ from expertaug.errors import InputError
 from expertaug.inference import own_prior as growing
 from expertaug.inference.own_prior import OwnPrior
 from expertaug.inference.prior_stage import SAMPLES
-from expertaug.models.measurement_noise import GivenNoise
+from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems import System

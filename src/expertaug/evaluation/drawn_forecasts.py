@@ -25,7 +25,7 @@ from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.measurement_noise import NoiseLike, is_some, noise_of, shaped
+from expertaug.models.observation_noise import NoiseLike, is_some, noise_of, shaped
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System

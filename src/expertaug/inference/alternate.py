@@ -29,7 +29,7 @@ from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of, fill
-from expertaug.models.measurement_noise import is_some, noise_of
+from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.settings import given_ranges
 from expertaug.systems import System

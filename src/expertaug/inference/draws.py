@@ -19,7 +19,7 @@ from expertaug.learning.noise import Noise
 from expertaug.learning.task import Task
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of
-from expertaug.models.measurement_noise import NoiseLike, is_some, shaped
+from expertaug.models.observation_noise import NoiseLike, is_some, shaped
 from expertaug.systems.inputs import joined, states_of
 
 logger = logging.getLogger(__name__)

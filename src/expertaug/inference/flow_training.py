@@ -26,7 +26,7 @@ from expertaug.learning.task import Task, task_of
 from expertaug.learning.trainer import Trainer
 from expertaug.models.card import ModelCard
 from expertaug.models.device import device_of
-from expertaug.models.measurement_noise import noise_of
+from expertaug.models.observation_noise import noise_of
 from expertaug.models.store import StoredModel, forecast_solver
 from expertaug.presets import Choices
 from expertaug.settings import given_ranges

@@ -12,7 +12,7 @@ from expertaug.inference.latent import Latent
 from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import assumed_noise
 from expertaug.models.decoder import Decoder
-from expertaug.models.measurement_noise import GivenNoise, is_some, noise_of
+from expertaug.models.observation_noise import GivenNoise, is_some, noise_of
 from expertaug.models.posterior import Estimates, Estimator, Predictor
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
@@ -66,7 +66,7 @@ def estimator_of(
     Arguments:
         stored: hybrid, a flow's, or a decoder without estimates of its own (kinds alternating and least_squares).
         settings: see :class:`RefinementSettings`.
-        noise: standard deviation of the data's noise (:func:`expertaug.models.measurement_noise.noise_of`).
+        noise: standard deviation of the data's noise (:func:`expertaug.models.observation_noise.noise_of`).
         prior: range of each expert parameter in which starts lie; None: only the model's own estimates are starts.
 
     Raises:

@@ -19,7 +19,7 @@ from expertaug.learning.noise import Noise
 from expertaug.learning.task import Task
 from expertaug.models.card import ModelCard
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.measurement_noise import noise_of
+from expertaug.models.observation_noise import noise_of
 from expertaug.models.posterior import Predictor
 from expertaug.models.stacking import stack
 from expertaug.models.store import StoredModel

@@ -12,7 +12,7 @@ from expertaug.errors import InputError
 from expertaug.inference.draws import LOST
 from expertaug.inference.least_squares import LeastSquares, estimator_of
 from expertaug.inference.own_draws import own_draws
-from expertaug.models.measurement_noise import GivenNoise
+from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems import Parameter, System

@@ -20,7 +20,7 @@ from expertaug.inference.settings import ValiditySettings
 from expertaug.inference.validity import error_of_interaction
 from expertaug.inference.window_fit import WindowFit
 from expertaug.learning.gradients import clip_each_seed
-from expertaug.models.measurement_noise import GivenNoise
+from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems.inputs import inputs_of, states_of

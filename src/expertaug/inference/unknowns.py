@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from expertaug.inference.window_problem import SMALLEST, free_components, given_components
 from expertaug.models.gaps import ends_of
-from expertaug.models.measurement_noise import NoiseLike, is_some
+from expertaug.models.observation_noise import NoiseLike, is_some
 from expertaug.models.posterior import principal_axes, scores_of
 from expertaug.systems import System
 from expertaug.systems.base import constant_like

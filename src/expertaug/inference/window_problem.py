@@ -15,7 +15,7 @@ from expertaug.learning.bound import FACTOR, solved
 from expertaug.learning.squared_error import differences
 from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.gaps import ends_of
-from expertaug.models.measurement_noise import NoiseLike, of_observed, shaped
+from expertaug.models.observation_noise import NoiseLike, of_observed, shaped
 from expertaug.models.posterior import Estimates
 from expertaug.models.settings import RefinementSettings
 from expertaug.systems import System

@@ -13,7 +13,7 @@ from expertaug.learning.settings import AugmentJob
 from expertaug.learning.task import task_of
 from expertaug.models import store
 from expertaug.models.device import device_of
-from expertaug.models.measurement_noise import GivenNoise, NoiseLike, noise_of
+from expertaug.models.observation_noise import GivenNoise, NoiseLike, noise_of
 from expertaug.presets import Choices
 from expertaug.settings import given_ranges
 from expertaug.trajectories import Trajectories

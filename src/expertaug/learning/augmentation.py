@@ -16,7 +16,7 @@ from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.measurement_noise import NoiseLike, shaped
+from expertaug.models.observation_noise import NoiseLike, shaped
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
