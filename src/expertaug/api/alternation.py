@@ -17,7 +17,7 @@ from expertaug.learning.train import expert_alone
 from expertaug.models import describe
 from expertaug.models.card import RecipeRecord
 from expertaug.models.hybrid import HybridModel
-from expertaug.models.kinds import INTERACTION
+from expertaug.models.settings import INTERACTION
 from expertaug.systems import System
 from expertaug.trajectories import Trajectories
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from expertaug.models import kinds as of_models
+from expertaug.models import settings as of_models
 from expertaug.registry import Part, find, full_name
 
 OBJECTIVE = Part(

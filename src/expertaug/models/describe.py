@@ -10,7 +10,7 @@ from expertaug.errors import InputError
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
 from expertaug.models.hybrid import HybridModel, build_decoder
-from expertaug.models.kinds import PARTS
+from expertaug.models.settings import PARTS
 from expertaug.registry import Part, short_name
 from expertaug.systems import System
 

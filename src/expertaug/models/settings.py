@@ -1,4 +1,6 @@
-"""Arguments of the package's own encoders and interaction models, and how windows are fitted; no torch is loaded."""
+"""Kinds of encoders and interaction models, by name alone, and their arguments; how windows are fitted.
+
+No torch is loaded."""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from expertaug.registry import Part
 from expertaug.settings import (
     LEFT_OUT,
     Count,
@@ -317,3 +320,32 @@ class Refinement(Settings):
     prior: Prior | None = key(
         ..., "range of each expert parameter in which the fits start; null = none, own = they are found (own-prior)"
     )
+
+
+ENCODER = Part(
+    "encoder",
+    {
+        "recurrent": "expertaug.models.encoders.recurrent:RecurrentEncoder",
+        "window": "expertaug.models.encoders.window:WindowEncoder",
+        "two_step": "expertaug.models.encoders.two_step:MLPTwoStep",
+        "conv_two_step": "expertaug.models.encoders.two_step_fields:ConvTwoStep",
+        "conv": "expertaug.models.encoders.convolutional:ConvEncoder",
+        "moments": "expertaug.models.encoders.moments:MomentEncoder",
+    },
+    base="torch.nn:Module",
+    needed="forward",
+    given=("system", "times"),
+)
+INTERACTION = Part(
+    "interaction",
+    {
+        "mlp": "expertaug.models.interactions.mlp:MLPInteraction",
+        "conv": "expertaug.models.interactions.convolutional:ConvInteraction",
+        "polynomial": "expertaug.models.interactions.polynomial:PolynomialInteraction",
+        "damping": "expertaug.models.interactions.damping:DampingInteraction",
+    },
+    base="torch.nn:Module",
+    needed="forward",
+    given=("system", "latent", "times"),
+)
+PARTS = {part.name: part for part in (ENCODER, INTERACTION)}
