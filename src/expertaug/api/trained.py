@@ -21,10 +21,10 @@ from expertaug.errors import InputError
 from expertaug.evaluation.score import score, spread
 from expertaug.inference.least_squares import refined_by
 from expertaug.learning.misfit import misfit_of, recorded
-from expertaug.models import seeds as seed_selection
 from expertaug.models import store
 from expertaug.models.posterior import Predictor
 from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import joined, states_of
@@ -107,8 +107,8 @@ class TrainedModel:
         chosen = [places] if single else list(places)
         if not chosen:
             raise IndexError(f"no seeds at {place}: the group has {len(self)}")
-        card = seed_selection.of_card(self.stored.card, chosen)
-        model = seed_selection.select(self.stored.model, chosen, len(self))
+        card = self.stored.card.of_seeds(chosen)
+        model = select(self.stored.model, chosen, len(self))
         history = self.history.loc[self.history["seed"].isin(card.seeds)]
         misfits = None if self.misfits is None else [self.misfits[k] for k in chosen]
         stored = StoredModel(model, card, self.stored.classes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -149,3 +150,21 @@ class ModelCard(RecipeRecord):
         """The same card with some keys otherwise; None takes one away."""
         kept = {name: getattr(self, name) for name in self.model_fields_set} | changes
         return ModelCard.of(**{name: value for name, value in kept.items() if value is not None})
+
+    def of_seeds(self, places: Sequence[int]) -> ModelCard:
+        """What the card says of the group's seeds at some places, from 0: one value a seed becomes theirs."""
+        chosen: dict[str, Any] = {}
+        for name in ("seeds", "best_score", "best_epoch", "best_step"):
+            if (values := getattr(self, name)) is not None:
+                chosen[name] = [values[k] for k in places]
+
+        def theirs(block: Mapping[str, Any]) -> dict[str, Any]:
+            each = {k: v for k, v in block.items() if isinstance(v, list) and len(v) == len(self.seeds)}
+            return {**block, **{name: [values[k] for k in places] for name, values in each.items()}}
+
+        if self.carried is not None:
+            chosen["carried"] = theirs(self.carried)
+        for name in ("latent", "misfit"):
+            if (record := getattr(self, name)) is not None:
+                chosen[name] = theirs(record.model_dump())
+        return self.but(**chosen)

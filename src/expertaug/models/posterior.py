@@ -1,6 +1,7 @@
 """What an observed window tells: q(z_e, z_a | x, y), estimates by it, and the forecast that follows from them.
 
-Principal axes of the z_a of many windows as well."""
+Principal axes of the z_a of many windows as well.
+"""
 
 from __future__ import annotations
 
@@ -203,7 +204,7 @@ class Estimates:
         """Estimates (S, B, …) of parts of a set of samples, one after the other."""
         if len(parts) == 1:
             return parts[0]
-        each = [iter(_tensors(part)) for part in parts]
+        each = [iter(_tensors_of(part)) for part in parts]
         return parts[0]._each(lambda _: torch.cat([next(one) for one in each], dim=1))
 
     def _each(self, change: Callable[[Tensor], Tensor]) -> Estimates:
@@ -215,19 +216,21 @@ class Estimates:
         found = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2", "root")}
         posterior = self.posterior
         if posterior is not None:
-            posterior = replace(posterior, z_e=_changed(posterior.z_e, change), z_a=_changed(posterior.z_a, change))
+            posterior = replace(
+                posterior, z_e=_transformed(posterior.z_e, change), z_a=_transformed(posterior.z_a, change)
+            )
             posterior = replace(posterior, z_a_used=changed(posterior.z_a_used), filtered=None)
         draws = None if self.draws is None else tuple(change(value) for value in self.draws)
         return replace(self, **found, posterior=posterior, draws=draws)
 
 
-def _changed(one: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:
+def _transformed(one: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:
     if isinstance(one, Gaussian):
         return Gaussian(change(one.loc), change(one.log_std), one.parameters)
     return Delta(change(one.loc), one.scale)
 
 
-def _tensors(one: Estimates) -> list[Tensor]:
+def _tensors_of(one: Estimates) -> list[Tensor]:
     found: list[Tensor] = []
     one._each(lambda value: (found.append(value), value)[1])
     return found

@@ -1,6 +1,7 @@
 """Kinds of encoders and interaction models, by name alone, and their arguments; how windows are fitted.
 
-No torch is loaded."""
+No torch is loaded.
+"""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ their own class body (a subclass may do other things, so it does not inherit tha
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -52,6 +53,31 @@ def stack(models: Sequence[Network]) -> Network:
         if isinstance(module, SeedWise):
             module.seeds = len(models)
     return stacked
+
+
+def select(model: Network, places: Sequence[int], count: int) -> Network:
+    """A model of the seeds at some places of a group; the group's own stays as it is.
+
+    Arguments:
+        model: stacked over ``count`` seeds, the leading axis of its parameters and buffers; a model without parameters
+            is the same for all seeds.
+        places: from 0.
+    """
+    chosen = copy.deepcopy(model)
+    if not any(True for _ in model.parameters()):
+        return chosen
+    index = torch.tensor(list(places), dtype=torch.long)
+    for module in chosen.modules():
+        for name, value in module._parameters.items():
+            if value is not None:
+                kept = value.detach()[index.to(value.device)].clone()
+                module._parameters[name] = nn.Parameter(kept, requires_grad=value.requires_grad)
+        for name, value in module._buffers.items():
+            if value is not None:
+                module._buffers[name] = value[index.to(value.device)].clone()
+        if getattr(module, "seeds", None) == count:  # a wrapped module counts them
+            vars(module)["seeds"] = len(index)
+    return chosen
 
 
 def _tensors(model: nn.Module) -> dict[str, Tensor]:
