@@ -19,7 +19,7 @@ from expertaug.cli import keep_freed_memory
 from expertaug.evaluation.score import spread
 from expertaug.inference import store
 from expertaug.learning.bound import Stopping, stored_bound
-from expertaug.models.device import device_of
+from expertaug.models.store import device_of
 from expertaug.systems.inputs import joined
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories

@@ -30,8 +30,8 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import task_of
 from expertaug.models.card import ModelCard
-from expertaug.models.device import device_of
 from expertaug.models.hybrid import HybridModel, Part
+from expertaug.models.store import device_of
 from expertaug.presets import resolve
 from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample

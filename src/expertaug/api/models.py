@@ -12,7 +12,7 @@ from expertaug.api.arrays import Array
 from expertaug.api.forecasts import Forecast
 from expertaug.api.trained import TrainedModel
 from expertaug.inference.store import load as load_any
-from expertaug.models.device import device_of
+from expertaug.models.store import device_of
 from expertaug.trajectories import Trajectories
 
 

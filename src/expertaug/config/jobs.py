@@ -22,7 +22,7 @@ def cards(config: Mapping) -> int:
     """
     if config["device"] != "auto" or not any(path.exists() for path in DRIVERS):
         return int(config["device"] == "cuda")
-    from expertaug.models.device import device_of
+    from expertaug.models.store import device_of
 
     return int(device_of("auto").type == "cuda")
 

@@ -73,7 +73,7 @@ class _Experiment:
 
     def check(self, device: bool) -> Iterator[str]:
         """What was checked, line by line; what is wrong is kept."""
-        from expertaug.models.device import device_of
+        from expertaug.models.store import device_of
 
         if device:
             self._try("device", lambda: device_of(self.config["device"]))

@@ -22,8 +22,8 @@ from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.learning.sets import StackedSet
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
-from expertaug.models.device import device_of
 from expertaug.models.posterior import Estimates
+from expertaug.models.store import device_of
 from expertaug.systems import System
 from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import Trajectories

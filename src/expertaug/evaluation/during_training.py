@@ -14,7 +14,7 @@ from expertaug.learning import snapshots as states
 from expertaug.learning.checkpoint import locked
 from expertaug.learning.during_training import BASE, stages
 from expertaug.learning.settings import AugmentJob, FinetuneJob
-from expertaug.models.device import device_of
+from expertaug.models.store import device_of
 from expertaug.tracking.log import Run
 from expertaug.tracking.metrics_csv import COLUMNS
 from expertaug.tracking.run_log import RunLog

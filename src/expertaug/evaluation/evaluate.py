@@ -18,7 +18,7 @@ from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
 from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.inference.store import load
-from expertaug.models.device import device_of
+from expertaug.models.store import device_of
 from expertaug.tracking.log import Run, read_log
 from expertaug.tracking.metrics_csv import COLUMNS
 from expertaug.tracking.run_log import RunLog

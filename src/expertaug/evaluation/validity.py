@@ -21,8 +21,8 @@ from expertaug.inference.refit import Refit, refit
 from expertaug.inference.settings import ValiditySettings
 from expertaug.inference.validity import Validity, along
 from expertaug.learning.sets import StackedSet
-from expertaug.models.device import device_of
 from expertaug.models.settings import Refinement
+from expertaug.models.store import device_of
 from expertaug.settings import given_ranges
 from expertaug.trajectories import Trajectories
 

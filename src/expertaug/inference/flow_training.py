@@ -25,9 +25,8 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task, task_of
 from expertaug.learning.trainer import Trainer
 from expertaug.models.card import ModelCard
-from expertaug.models.device import device_of
 from expertaug.models.observation_noise import noise_of
-from expertaug.models.store import StoredModel, forecast_solver
+from expertaug.models.store import StoredModel, device_of, forecast_solver
 from expertaug.presets import Choices
 from expertaug.settings import given_ranges
 from expertaug.systems import System

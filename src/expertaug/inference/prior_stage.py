@@ -18,7 +18,7 @@ from expertaug.inference.own_prior import own_prior as grown
 from expertaug.inference.settings import FirstPriorJob, OwnPriorJob
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.train import constants_of, described_by, expert_alone
-from expertaug.models.device import device_of
+from expertaug.models.store import device_of
 from expertaug.trajectories import Trajectories
 
 SAMPLES = 200  # windows of each set that are fitted, at most, evenly spread

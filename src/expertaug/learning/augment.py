@@ -12,8 +12,8 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import AugmentJob
 from expertaug.learning.task import task_of
 from expertaug.models import store
-from expertaug.models.device import device_of
 from expertaug.models.observation_noise import GivenNoise, NoiseLike, noise_of
+from expertaug.models.store import device_of
 from expertaug.presets import Choices
 from expertaug.settings import given_ranges
 from expertaug.trajectories import Trajectories

@@ -17,8 +17,8 @@ from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import FinetuneJob, TrainSettings
 from expertaug.learning.task import Task, task_of
 from expertaug.models import store
-from expertaug.models.device import device_of
 from expertaug.models.hybrid import HybridNet
+from expertaug.models.store import device_of
 from expertaug.presets import Choices
 from expertaug.settings import given_ranges
 from expertaug.tracking.settings import Tracking

@@ -29,9 +29,9 @@ from expertaug.learning.task import task_of
 from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder, MeanModel, TruthDecoder
-from expertaug.models.device import device_of
 from expertaug.models.gaps import ranges_of
 from expertaug.models.hybrid import HybridModel
+from expertaug.models.store import device_of
 from expertaug.presets import Choices
 from expertaug.registry import short_name
 from expertaug.systems.inputs import check_given, check_trainable

@@ -193,3 +193,17 @@ def _units(system: System) -> dict[str, list[list[str]]]:
         if named := getattr(system, name):
             found[name] = [[p.name, p.unit] for p in named]
     return found
+
+
+def device_of(name: str) -> torch.device:
+    """auto, cpu or cuda; on the CPU one thread, since two busy jobs of one thread beat two of two.
+
+    Raises:
+        InputError: cuda is asked for and torch finds none.
+    """
+    torch.set_num_threads(1)
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    if name.startswith("cuda") and not torch.cuda.is_available():
+        raise InputError("device", f"'{name}', and torch finds none here", "give auto or cpu")
+    return torch.device(name)
