@@ -44,7 +44,7 @@ WAYS = {
 }
 
 
-class PlainInteraction(nn.Module):
+class UserInteraction(nn.Module):
     """F_a the ordinary way: z_a as constant channels, padding before every layer."""
 
     def __init__(self, system: systems.System, latent: int) -> None:
@@ -74,7 +74,7 @@ def steps(seeds: list[int], data: StackedSet, batch_size: int, interaction: dict
     )
     made = store.make(system, card)
     if interaction is None:
-        made.decoder.interaction = PlainInteraction(system, made.encoder.latent)
+        made.decoder.interaction = UserInteraction(system, made.encoder.latent)
     made.encoder.fit(data.y[:, 0])
     objective, task = (
         Aphynity(seeds, resolve("corrected")),

@@ -15,10 +15,10 @@ from expertaug.errors import InputError
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import Gaps
 from expertaug.models.observation_noise import GaussianLikelihood
-from expertaug.models.plain import encoder_of, interaction_of
 from expertaug.models.posterior import Estimates, Posterior, Predictor
 from expertaug.models.settings import PARTS
 from expertaug.models.stacking import Network, stack
+from expertaug.models.user_modules import encoder_of, interaction_of
 from expertaug.systems import System
 from expertaug.systems.inputs import observed, states_of
 from expertaug.systems.solvers.solver import Solver

@@ -37,15 +37,15 @@ Form = tuple[tuple[type[Distribution], object], ...]
 
 def encoder_of(module: nn.Module, system: System) -> nn.Module:
     """The module itself where it is stackable, else wrapped."""
-    return module if is_stackable(module) else PlainEncoder(module, system)
+    return module if is_stackable(module) else UserEncoder(module, system)
 
 
 def interaction_of(module: nn.Module, system: System) -> nn.Module:
     """The module itself where it is stackable, else wrapped."""
-    return module if is_stackable(module) else PlainInteraction(module, system)
+    return module if is_stackable(module) else UserInteraction(module, system)
 
 
-class _Plain(SeedWise):
+class _UserModule(SeedWise):
     """What both share: where the seeds' axis is, and ``fit``."""
 
     def __init__(self, module: nn.Module, system: System, where: str) -> None:
@@ -63,7 +63,7 @@ class _Plain(SeedWise):
         return place if tensor.dim() > alone else None
 
 
-class PlainEncoder(_Plain):
+class UserEncoder(_UserModule):
     """An encoder from outside, as one for a group of seeds."""
 
     def __init__(self, module: nn.Module, system: System) -> None:
@@ -151,7 +151,7 @@ def _put_together(kind: type[Distribution], parameters: object, loc: Tensor, sec
     return Delta(loc) if second is None else Delta(loc, second)
 
 
-class PlainInteraction(_Plain):
+class UserInteraction(_UserModule):
     """An interaction model from outside, as one for a group of seeds."""
 
     def __init__(self, module: nn.Module, system: System) -> None:
