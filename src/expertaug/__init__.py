@@ -20,7 +20,7 @@ _EXPORTS = {
     "BouncingBall": "expertaug.systems.bouncing_ball:BouncingBall",
     "ConvEncoder": "expertaug.models.encoders.convolutional:ConvEncoder",
     "ConvInteraction": "expertaug.models.interactions.convolutional:ConvInteraction",
-    "ConvTwoStep": "expertaug.models.encoders.two_step_fields:ConvTwoStep",
+    "ConvTwoStep": "expertaug.models.encoders.two_step:ConvTwoStep",
     "DampedPendulum": "expertaug.systems.pendulum:DampedPendulum",
     "DampingInteraction": "expertaug.models.interactions.damping:DampingInteraction",
     "DiagonalFlow": "expertaug.systems.solvers.linear_propagator:DiagonalFlow",

@@ -30,8 +30,8 @@ from expertaug.learning.objectives import Objective as Objective
 from expertaug.models.encoders.convolutional import ConvEncoder as ConvEncoder
 from expertaug.models.encoders.moments import MomentEncoder as MomentEncoder
 from expertaug.models.encoders.recurrent import RecurrentEncoder as RecurrentEncoder
+from expertaug.models.encoders.two_step import ConvTwoStep as ConvTwoStep
 from expertaug.models.encoders.two_step import MLPTwoStep as MLPTwoStep
-from expertaug.models.encoders.two_step_fields import ConvTwoStep as ConvTwoStep
 from expertaug.models.encoders.window import WindowEncoder as WindowEncoder
 from expertaug.models.hybrid import HybridModel as HybridModel
 from expertaug.models.interactions.convolutional import ConvInteraction as ConvInteraction

@@ -5,7 +5,7 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.models.encoders.two_step_fields import ConvTwoStep
+from expertaug.models.encoders.two_step import ConvTwoStep
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.networks.unet import UNet
 from expertaug.models.stacking import stack

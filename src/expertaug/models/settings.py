@@ -329,7 +329,7 @@ ENCODER = Part(
         "recurrent": "expertaug.models.encoders.recurrent:RecurrentEncoder",
         "window": "expertaug.models.encoders.window:WindowEncoder",
         "two_step": "expertaug.models.encoders.two_step:MLPTwoStep",
-        "conv_two_step": "expertaug.models.encoders.two_step_fields:ConvTwoStep",
+        "conv_two_step": "expertaug.models.encoders.two_step:ConvTwoStep",
         "conv": "expertaug.models.encoders.convolutional:ConvEncoder",
         "moments": "expertaug.models.encoders.moments:MomentEncoder",
     },
