@@ -27,8 +27,8 @@ from expertaug.errors import SolveError as SolveError
 from expertaug.learning.hvae import HybridVAE as HybridVAE
 from expertaug.learning.objectives import Aphynity as Aphynity
 from expertaug.learning.objectives import Objective as Objective
-from expertaug.models.encoders.convolutional import ConvEncoder as ConvEncoder
-from expertaug.models.encoders.moments import MomentEncoder as MomentEncoder
+from expertaug.models.encoders.fields import ConvEncoder as ConvEncoder
+from expertaug.models.encoders.fields import MomentEncoder as MomentEncoder
 from expertaug.models.encoders.recurrent import RecurrentEncoder as RecurrentEncoder
 from expertaug.models.encoders.two_step import ConvTwoStep as ConvTwoStep
 from expertaug.models.encoders.two_step import MLPTwoStep as MLPTwoStep

@@ -8,7 +8,7 @@ from cards import card
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
-from expertaug.models.encoders.convolutional import ConvEncoder
+from expertaug.models.encoders.fields import ConvEncoder
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.convolutional import IN_CACHE, ConvInteraction
 from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, wrap

@@ -7,7 +7,7 @@ import torch
 from cards import card
 from expertaug import systems
 from expertaug.models import store
-from expertaug.models.encoders.moments import Moments
+from expertaug.models.encoders.fields import Moments
 from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver

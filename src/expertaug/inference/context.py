@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
-from expertaug.models.encoders.moments import Moments
+from expertaug.models.encoders.fields import Moments
 from expertaug.models.encoders.views import Windows
 from expertaug.models.gaps import ends_of, fill
 from expertaug.systems import System

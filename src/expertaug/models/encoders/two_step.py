@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.encoders.moments import Moments
+from expertaug.models.encoders.fields import Moments
 from expertaug.models.encoders.views import States, Windows
 from expertaug.models.networks.convolutional import Conv, StandardiseChannels, differences, grid_rank, layer_averages
 from expertaug.models.networks.layers import MLP, Linear, Standardise, feature_count
@@ -257,7 +257,7 @@ def frames(observed: Tensor, rank: int) -> Tensor:
 class FrameCNN(nn.Module):
     """Frames and their Laplacians (…, B, frames, *grid) → (…, B, outputs): g_a or g_p2.
 
-    Every layer is averaged over the grid, as :class:`expertaug.models.encoders.convolutional.ConvEncoder` does.
+    Every layer is averaged over the grid, as :class:`expertaug.models.encoders.fields.ConvEncoder` does.
     """
 
     def __init__(
