@@ -9,7 +9,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.decoder import Decoder, MeanModel
-from expertaug.models.encoders.views import Windows
+from expertaug.models.encoders.window import ComponentView
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
@@ -121,7 +121,9 @@ def test_the_order_in_which_windows_are_written_does_not_matter():
     system, times = systems.load({"name": "rlc"}), torch.arange(5) * 0.1
     windows = {"U": [0.0, 0.4], "I": [0.1, 0.2]}
     observed = torch.randn(5, 3, 2)
-    written, turned = (Windows(system, times, dict(items)) for items in (windows.items(), reversed(windows.items())))
+    written, turned = (
+        ComponentView(system, times, dict(items)) for items in (windows.items(), reversed(windows.items()))
+    )
     assert torch.equal(written(observed), turned(observed))
 
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.models.encoders.fields import Moments
-from expertaug.models.encoders.views import Windows
+from expertaug.models.encoders.window import ComponentView
 from expertaug.models.gaps import ends_of, fill
 from expertaug.systems import System
 from expertaug.systems.inputs import observed as as_observed
@@ -43,7 +43,7 @@ class Context(nn.Module):
             self.moments = Moments(system, len(times), encoder.get("powers") or (1, 3))
             self.inputs = self.moments.outputs
         elif encoder.get("windows"):
-            self.windows = Windows(system, times, encoder["windows"], encoder.get("angles", ()))
+            self.windows = ComponentView(system, times, encoder["windows"], encoder.get("angles", ()))
             self.inputs = self.windows.inputs
         else:
             self.inputs = len(times) * system.observe(torch.zeros(1, *system.state_shape)).shape[-1]

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from expertaug.errors import InputError
 from expertaug.models.encoders.fields import Moments
-from expertaug.models.encoders.views import States, Windows
+from expertaug.models.encoders.window import ComponentView, StateView
 from expertaug.models.networks.convolutional import Conv, StandardiseChannels, differences, grid_rank, layer_averages
 from expertaug.models.networks.layers import MLP, Linear, Standardise, feature_count
 from expertaug.models.networks.unet import UNet
@@ -85,8 +85,8 @@ class MLPTwoStep(TwoStep):
     Arguments:
         latent: size of z_a.
         latent_layers, filter_layers, expert_layers: hidden layers of g_a, g_p1 and g_p2.
-        windows, angles: what the encoder sees, as :class:`expertaug.models.encoders.views.Windows` has it; null for all
-            states.
+        windows, angles: what the encoder sees, as :class:`~expertaug.models.encoders.window.ComponentView` has it; null
+            for all states.
         skip: whether a linear map of the inputs is added to g_p2's output.
         activation: of all three.
     """
@@ -107,12 +107,12 @@ class MLPTwoStep(TwoStep):
         activation: str = "selu",
     ) -> None:
         parameters = len(system.expert_parameters)
-        view: States | Windows
+        view: StateView | ComponentView
         if windows is None:
-            view = States(system, times)
+            view = StateView(system, times)
             step_filter: nn.Module = StepFilter(system, times, latent, filter_layers, activation)
         else:
-            view = Windows(system, times, windows, angles)
+            view = ComponentView(system, times, windows, angles)
             step_filter = WindowFilter(view, latent, filter_layers, activation)
         super().__init__(
             system,
@@ -128,7 +128,7 @@ class ViewMLP(nn.Module):
     """MLP of a view's standardised features, (…, B, *seen) → (…, B, outputs): g_a or g_p2."""
 
     def __init__(
-        self, view: States | Windows, layers: Sequence[int], outputs: int, activation: str, skip: bool = False
+        self, view: StateView | ComponentView, layers: Sequence[int], outputs: int, activation: str, skip: bool = False
     ) -> None:
         super().__init__()
         self.features = view.features
@@ -147,7 +147,7 @@ class ViewMLP(nn.Module):
 class WindowFilter(nn.Module):
     """g_p1 over windows: (…, B, values) + MLP(their features, z_a)."""
 
-    def __init__(self, view: Windows, latent: int, layers: Sequence[int], activation: str) -> None:
+    def __init__(self, view: ComponentView, latent: int, layers: Sequence[int], activation: str) -> None:
         super().__init__()
         self.features = view.features
         self.scale = Standardise(view.inputs)
