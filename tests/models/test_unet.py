@@ -7,7 +7,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.encoders.two_step import ConvTwoStep
 from expertaug.models.hybrid import HybridModel
-from expertaug.models.networks.unet import UNet
+from expertaug.models.networks.convolutional import UNet
 from expertaug.models.stacking import stack
 
 SYSTEM = {"name": "reaction_diffusion"}

@@ -17,9 +17,15 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.encoders.fields import Moments
 from expertaug.models.encoders.window import ComponentView, StateView
-from expertaug.models.networks.convolutional import Conv, StandardiseChannels, differences, grid_rank, layer_averages
+from expertaug.models.networks.convolutional import (
+    Conv,
+    StandardiseChannels,
+    UNet,
+    differences,
+    grid_rank,
+    layer_averages,
+)
 from expertaug.models.networks.layers import MLP, Linear, Standardise, feature_count
-from expertaug.models.networks.unet import UNet
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.systems import System
 
