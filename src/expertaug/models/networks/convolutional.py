@@ -150,7 +150,7 @@ class StandardiseChannels(nn.Module):
 class UNet(nn.Module):
     """Periodic U-Net (Ronneberger et al. 2015): every level halves the grid, every hidden layer has a bias by z_a.
 
-    It computes one seed or a group of seeds alike, as :mod:`expertaug.models.networks.convolutional` does.
+    It computes one seed or a group of seeds alike, as the other layers do.
 
     Arguments:
         fields: channels of input and output.
