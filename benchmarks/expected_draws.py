@@ -30,7 +30,7 @@ from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.own_draws import own_draws
 from expertaug.inference.roc import auroc
 from expertaug.inference.store import load
-from expertaug.learning.bound import stored_bound
+from expertaug.learning.divergence import stored_bound
 from expertaug.learning.misfit import squared_errors
 from expertaug.learning.sets import StackedSet
 from expertaug.trajectories import Trajectories

@@ -6,7 +6,7 @@ import sys
 import pytest
 import torch
 
-from expertaug.learning.adam import Adam
+from expertaug.learning.optimiser import Adam
 
 
 @pytest.mark.parametrize("options", [{"lr": 1e-2}, {"lr": 1e-3, "betas": (0.8, 0.9)}], ids=str)
@@ -30,7 +30,7 @@ def test_steps_are_torchs_to_the_bit(options):
 def test_the_compiler_is_not_imported():
     code = """if True:
         import sys, torch
-        from expertaug.learning.adam import Adam
+        from expertaug.learning.optimiser import Adam
         p = torch.ones(2, requires_grad=True)
         optimiser = Adam([p])
         p.sum().backward()

@@ -7,7 +7,7 @@ import torch
 
 from expertaug.errors import SolveError
 from expertaug.inference.predictive import forecasts
-from expertaug.learning.apart import solved_apart
+from expertaug.learning.divergence import solved_apart
 from expertaug.models.decoder import Decoder
 from expertaug.systems.base import Parameter, System
 from expertaug.systems.solvers.solver import Solver

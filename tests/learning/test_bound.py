@@ -13,7 +13,7 @@ from cards import card
 from expertaug import systems
 from expertaug.errors import SolveError
 from expertaug.learning import augmentation
-from expertaug.learning.bound import bound_of, bounded, solved, within
+from expertaug.learning.divergence import bound_of, bounded, solved, within
 from expertaug.learning.objectives import Aphynity, finite_forecast
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.squared_error import mean_squared_error

@@ -21,7 +21,7 @@ FLOW |= {"hidden": [4], "latent": 1, "samples": 4}
 MLP, RECURRENT = {"kind": "mlp", "layers": [4]}, {"kind": "recurrent", "hidden": 4, "layers": [4]}
 DRIVEN = MLP | {"inputs": True, "time": True}
 # Did no forecast run away, and is each gradient finite: before the update, after all that it is made of.
-ASKED = {"learning/gradients.py"}
+ASKED = {"learning/optimiser.py"}
 # Where a forecast ran away the step is done again, and asks which.
 ASKED_AGAIN = {"learning/objectives.py", "learning/squared_error.py"}
 
@@ -134,7 +134,7 @@ def test_the_values_are_those_of_the_cpu(card, name, objective):
 
 @pytest.mark.parametrize("objective", ["aphynity", "hvae"])
 def test_a_step_is_done_again_where_a_forecast_ran_away(waits, objective, monkeypatch):
-    monkeypatch.setattr("expertaug.learning.bound.FACTOR", 0.9)
+    monkeypatch.setattr("expertaug.learning.divergence.FACTOR", 0.9)
     found = fitted("pendulum", objective)[0].history["value"]
     assert any(max(one.values()) > 1 for one in waits[1:])
     assert found.equals(fitted("pendulum", objective, device="cpu")[0].history["value"])
@@ -154,7 +154,7 @@ def test_a_flow(waits):
     waits.clear()
     flow = ea.fit_posterior(model, *sets, prior=ranges, noise=0.01, **FLOW)
     assert on_card(flow)
-    assert asked(waits) == {"learning/gradients.py"}
+    assert asked(waits) == {"learning/optimiser.py"}
     found = ea.predictive(flow, sets[1].y[:, :6], sets[1].t, draws=4).mean
     assert found.shape == (2, 4, 11, 2)
     there = ea.fit_posterior(fitted("pendulum", device="cpu")[0], *sets, prior=ranges, noise=0.01, **FLOW)

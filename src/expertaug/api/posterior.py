@@ -20,7 +20,7 @@ from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.posterior_draws import Drawn
 from expertaug.inference.predictive import predictive as of_windows
 from expertaug.inference.settings import FlowJob, FlowSettings
-from expertaug.learning.bound import stored_bound
+from expertaug.learning.divergence import stored_bound
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 

@@ -179,7 +179,7 @@ class _Experiment:
         """The task of a training, and samples (T, N, *observed) where the data are simulated."""
         import torch
 
-        from expertaug.learning.bound import bound_of
+        from expertaug.learning.divergence import bound_of
         from expertaug.learning.task import task_of
         from expertaug.learning.train import observed_points
         from expertaug.models.card import ModelCard

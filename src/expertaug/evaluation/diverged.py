@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from expertaug.learning.apart import solved_apart
-from expertaug.learning.bound import bounded, within
-from expertaug.models.posterior import Estimates, Predictor
+from expertaug.learning.divergence import bounded
+from expertaug.learning.divergence import solved_apart
+from expertaug.learning.divergence import within
+from expertaug.models.posterior import Estimates
+from expertaug.models.posterior import Predictor
 from expertaug.systems.solvers.solver import Solver
 
 

@@ -19,7 +19,7 @@ from expertaug.inference.posterior_draws import joint_draws, z_e_draws
 from expertaug.inference.predictive import forecasts
 from expertaug.inference.predictive_scores import crps, energy_score
 from expertaug.inference.ranks import ranks
-from expertaug.learning.bound import stored_bound
+from expertaug.learning.divergence import stored_bound
 from expertaug.learning.misfit import squared_errors
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet

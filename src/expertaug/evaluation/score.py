@@ -14,7 +14,7 @@ from expertaug.evaluation.diverged import forecast
 from expertaug.evaluation.drawn_forecasts import DRAWN, DrawnScores, ExpectedError, drawing_of
 from expertaug.evaluation.metrics import Outcome, values_of
 from expertaug.inference.posterior_draws import z_e_draws
-from expertaug.learning.bound import largest, stored_bound
+from expertaug.learning.divergence import largest, stored_bound
 from expertaug.learning.misfit import misfit_of, squared_errors
 from expertaug.learning.noise import Noise
 from expertaug.models import store

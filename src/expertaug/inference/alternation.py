@@ -23,12 +23,11 @@ from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, m
 from expertaug.inference.settings import AlternatingSettings
 from expertaug.inference.smallness import expert_rates, expert_tangents, interaction_at, squares
 from expertaug.inference.window_fit import WindowFit
-from expertaug.learning.adam import Adam
-from expertaug.learning.bound import bounded, solved
+from expertaug.learning.divergence import bounded, solved
 from expertaug.learning.fitting import moments
-from expertaug.learning.gradients import clip_each_seed
 from expertaug.learning.mixture import mixture
 from expertaug.learning.noise import Noise
+from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.settings import one_cycle
 from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import Task

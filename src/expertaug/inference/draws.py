@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from expertaug.inference.unknowns import Unknowns
 from expertaug.learning.augmentation import CHUNK, NUMBERS
-from expertaug.learning.bound import bounded, solved, within
+from expertaug.learning.divergence import bounded, solved, within
 from expertaug.learning.noise import Noise
 from expertaug.learning.task import Task
 from expertaug.models.decoder import Decoder
@@ -114,7 +114,7 @@ class Simulator:
     def draw(self, count: int, *key: int) -> Draws:
         """``count`` draws of each seed, which depend on the seed and the key alone.
 
-        A draw that runs away (:mod:`expertaug.learning.bound`) is replaced by the one after it: θ is then drawn given
+        A draw that runs away (:mod:`~expertaug.learning.divergence`) is replaced by the one after: θ is then drawn given
         that it does not.
         """
         random = Noise(self.seeds, *key, FLOW, device=self.starts.device)

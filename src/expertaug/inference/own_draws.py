@@ -14,7 +14,7 @@ from expertaug.inference.least_squares import LeastSquares
 from expertaug.inference.settings import FlowSettings
 from expertaug.inference.unknowns import Unknowns
 from expertaug.learning.augmentation import latent, ranges_of
-from expertaug.learning.bound import Stopping, stored_bound
+from expertaug.learning.divergence import Stopping, stored_bound
 from expertaug.learning.noise import Noise
 from expertaug.learning.task import Task
 from expertaug.models.card import ModelCard

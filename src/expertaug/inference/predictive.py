@@ -9,8 +9,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from expertaug.learning.apart import solved_apart
-from expertaug.learning.bound import Stopping, bounded
+from expertaug.learning.divergence import Stopping, bounded, solved_apart
 from expertaug.models.decoder import Decoder
 from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver

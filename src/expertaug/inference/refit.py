@@ -19,7 +19,7 @@ from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, t
 from expertaug.inference.settings import ValiditySettings
 from expertaug.inference.validity import error_of_interaction
 from expertaug.inference.window_fit import WindowFit
-from expertaug.learning.gradients import clip_each_seed
+from expertaug.learning.optimiser import clip_each_seed
 from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel

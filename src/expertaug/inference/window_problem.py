@@ -11,7 +11,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.inference.latent import Latent
 from expertaug.inference.levenberg_marquardt import LONGEST
-from expertaug.learning.bound import FACTOR, solved
+from expertaug.learning.divergence import FACTOR, solved
 from expertaug.learning.squared_error import differences
 from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.gaps import ends_of

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.learning.bound import bounded, solved, within
+from expertaug.learning.divergence import bounded, solved, within
 from expertaug.learning.noise import Noise
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
@@ -85,8 +85,8 @@ def generate(
     Returns:
         y (T, S, N, *state), NaN where the sample that it came from has a gap, z_e (S, N, P), all supervised, z_a
         (S, N, Q), with the known inputs of the data.  z_e is drawn again for a sample that runs away
-        (:mod:`expertaug.learning.bound`); where that does not help either, another sample of its seed stands in its
-        place, and a warning tells how many these are.
+        (:mod:`expertaug.learning.divergence`); where that does not help either, another sample of its seed stands in
+        its place, and a warning tells how many these are.
     """
     low, high = prior_range(model, prior)
     random = Noise(seeds, draw, 1, device=data.y.device)

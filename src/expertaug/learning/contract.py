@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
-from expertaug.learning.adam import Adam
 from expertaug.learning.objectives import Objective
+from expertaug.learning.optimiser import Adam
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridModel, HybridNet

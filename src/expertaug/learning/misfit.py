@@ -7,8 +7,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from expertaug.learning.apart import solved_apart
-from expertaug.learning.bound import Stopping, bounded, stored_bound
+from expertaug.learning.divergence import Stopping, bounded, solved_apart, stored_bound
 from expertaug.learning.squared_error import differences
 from expertaug.models.posterior import Predictor
 from expertaug.models.store import StoredModel

@@ -8,7 +8,7 @@ from math import prod
 import torch
 from torch import Tensor
 
-from expertaug.learning.bound import solved, within
+from expertaug.learning.divergence import solved, within
 from expertaug.learning.mixture import mixture
 from expertaug.learning.sets import Batch
 from expertaug.learning.squared_error import mean_squared_error

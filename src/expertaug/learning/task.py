@@ -8,7 +8,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from expertaug.learning.bound import stored_bound
+from expertaug.learning.divergence import stored_bound
 from expertaug.models.card import ModelCard
 from expertaug.presets import Choices
 from expertaug.systems.settings import SolverSettings
@@ -29,7 +29,7 @@ class Task:
         supervision_weight: of the z_e term.
         z_a_scale: (S, 1, Q), spread of z_a over the training windows, for the supervision of z_a.
         z_a_supervision_weight: of the z_a term; 0: there is none.
-        bound: (K,), how far a forecast's components may go (:mod:`expertaug.learning.bound`); None for no bound.
+        bound: (K,), how far a forecast's components may go (:mod:`expertaug.learning.divergence`); None for no bound.
         doubts: where a loss leaves what it takes for granted, each one truth value on the device, instead of waiting
             for it; None: it waits, and acts on it.
     """

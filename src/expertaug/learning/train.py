@@ -12,7 +12,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.files import read_json
 from expertaug.learning import fitting, job
-from expertaug.learning.bound import bound_of
+from expertaug.learning.divergence import bound_of
 from expertaug.learning.fitting import Training
 from expertaug.learning.kinds import OBJECTIVE, objective_of
 from expertaug.learning.sets import StackedSet

@@ -14,12 +14,11 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import SolveError
-from expertaug.learning.adam import Adam
-from expertaug.learning.bound import bounded, solved, within
 from expertaug.learning.checkpoint import Checkpoint
 from expertaug.learning.contract import check_loss
-from expertaug.learning.gradients import clip_each_seed
+from expertaug.learning.divergence import bounded, solved, within
 from expertaug.learning.objectives import Objective
+from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.squared_error import mean_squared_error
