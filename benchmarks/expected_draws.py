@@ -31,7 +31,7 @@ from expertaug.inference.own_draws import own_draws
 from expertaug.inference.roc import auroc
 from expertaug.inference.store import load
 from expertaug.learning.divergence import stored_bound
-from expertaug.learning.misfit import squared_errors
+from expertaug.learning.residuals import squared_errors
 from expertaug.learning.sets import StackedSet
 from expertaug.trajectories import Trajectories
 

@@ -15,8 +15,8 @@ from expertaug.errors import SolveError
 from expertaug.learning import augmentation
 from expertaug.learning.divergence import bound_of, bounded, solved, within
 from expertaug.learning.objectives import Aphynity, finite_forecast
+from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.sets import StackedSet
-from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import task_of
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.models import store

@@ -23,7 +23,7 @@ DRIVEN = MLP | {"inputs": True, "time": True}
 # Did no forecast run away, and is each gradient finite: before the update, after all that it is made of.
 ASKED = {"learning/optimiser.py"}
 # Where a forecast ran away the step is done again, and asks which.
-ASKED_AGAIN = {"learning/objectives.py", "learning/squared_error.py"}
+ASKED_AGAIN = {"learning/objectives.py", "learning/residuals.py"}
 
 
 def window(*names):

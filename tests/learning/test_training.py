@@ -12,8 +12,8 @@ from expertaug.learning import objectives
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.fitting import Trainer
 from expertaug.learning.objectives import finite_forecast
+from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.sets import StackedSet
-from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import task_of
 from expertaug.learning.trainer import TrainSettings
 from expertaug.models import store

@@ -12,8 +12,7 @@ from cards import card
 from expertaug.evaluation.metrics import parameter_errors
 from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_problem import assumed_noise
-from expertaug.learning.misfit import squared_errors
-from expertaug.learning.squared_error import mean_squared_error, squares
+from expertaug.learning.residuals import mean_squared_error, squared_errors, squares
 from expertaug.measurements.cut import measured, sets_of
 from expertaug.models.gaps import Gaps, fill, ranges_of
 from expertaug.models.observation_noise import noise_of, of_observed

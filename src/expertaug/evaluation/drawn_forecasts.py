@@ -20,8 +20,8 @@ from expertaug.inference.predictive import forecasts
 from expertaug.inference.predictive_scores import crps, energy_score
 from expertaug.inference.ranks import ranks
 from expertaug.learning.divergence import stored_bound
-from expertaug.learning.misfit import squared_errors
 from expertaug.learning.noise import Noise
+from expertaug.learning.residuals import squared_errors
 from expertaug.learning.sets import StackedSet
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet

@@ -202,7 +202,7 @@ def log_mse(system: System, prediction: Tensor, truth: Tensor) -> dict[str, Tens
     Returns:
         name → (S,).
     """
-    from expertaug.learning.misfit import squared_errors
+    from expertaug.learning.residuals import squared_errors
 
     summed = log_of_mean(squared_errors(system, prediction, truth))
     return {LOG_MSE["sum"].name: summed, LOG_MSE["dim"].name: per_dimension(summed, system)}

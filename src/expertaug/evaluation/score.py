@@ -15,8 +15,8 @@ from expertaug.evaluation.drawn_forecasts import DRAWN, DrawnScores, ExpectedErr
 from expertaug.evaluation.metrics import Outcome, values_of
 from expertaug.inference.posterior_draws import z_e_draws
 from expertaug.learning.divergence import largest, stored_bound
-from expertaug.learning.misfit import misfit_of, squared_errors
 from expertaug.learning.noise import Noise
+from expertaug.learning.residuals import misfit_of, squared_errors
 from expertaug.models import store
 from expertaug.systems.inputs import check_given, joined
 from expertaug.trajectories import Trajectories

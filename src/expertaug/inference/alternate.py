@@ -21,7 +21,7 @@ from expertaug.inference.window_fit import WindowFit
 from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning import job
 from expertaug.learning.fitting import Record
-from expertaug.learning.misfit import recorded
+from expertaug.learning.residuals import recorded
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import task_of
 from expertaug.learning.train import inputs_of, of_data, taken_in

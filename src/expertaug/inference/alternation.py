@@ -28,8 +28,8 @@ from expertaug.learning.fitting import moments
 from expertaug.learning.mixture import mixture
 from expertaug.learning.noise import Noise
 from expertaug.learning.optimiser import Adam, clip_each_seed
+from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.settings import one_cycle
-from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import Task
 from expertaug.models.posterior import Estimates
 from expertaug.systems.inputs import inputs_of, states_of

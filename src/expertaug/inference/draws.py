@@ -114,7 +114,7 @@ class Simulator:
     def draw(self, count: int, *key: int) -> Draws:
         """``count`` draws of each seed, which depend on the seed and the key alone.
 
-        A draw that runs away (:mod:`~expertaug.learning.divergence`) is replaced by the one after: θ is then drawn given
+        A draw that runs away (:mod:`~expertaug.learning.divergence`) is replaced by the next: θ is then drawn given
         that it does not.
         """
         random = Noise(self.seeds, *key, FLOW, device=self.starts.device)

@@ -12,7 +12,7 @@ from expertaug.errors import InputError
 from expertaug.inference.latent import Latent
 from expertaug.inference.levenberg_marquardt import LONGEST
 from expertaug.learning.divergence import FACTOR, solved
-from expertaug.learning.squared_error import differences
+from expertaug.learning.residuals import differences
 from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import NoiseLike, of_observed, shaped

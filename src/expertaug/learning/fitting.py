@@ -13,8 +13,8 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.learning.kinds import objective_of
-from expertaug.learning.misfit import recorded
 from expertaug.learning.objectives import Objective
+from expertaug.learning.residuals import recorded
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import FinetuneJob, TrainOptions
 from expertaug.learning.task import Task

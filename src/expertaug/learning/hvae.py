@@ -12,8 +12,8 @@ from expertaug.errors import InputError
 from expertaug.learning.augmentation import prior_range
 from expertaug.learning.noise import Noise
 from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, supervised_terms
+from expertaug.learning.residuals import sample_mean, squares
 from expertaug.learning.sets import Batch
-from expertaug.learning.squared_error import sample_mean, squares
 from expertaug.learning.task import Task
 from expertaug.models.encoders.two_step import TwoStep
 from expertaug.models.hybrid import HybridNet

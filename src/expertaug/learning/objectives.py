@@ -10,8 +10,8 @@ from torch import Tensor
 
 from expertaug.learning.divergence import solved, within
 from expertaug.learning.mixture import mixture
+from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.sets import Batch
-from expertaug.learning.squared_error import mean_squared_error
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import Posterior
