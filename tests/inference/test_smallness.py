@@ -3,14 +3,14 @@
 import torch
 
 from expertaug.inference.smallness import expert_tangents, squares
-from expertaug.learning.mixture import mixture
+from expertaug.learning.objectives import decorrelate
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.rlc import RLC
 
 
 def test_a_mixture_takes_each_component_from_another_window():
     states = torch.arange(2 * 1 * 5).view(2, 1, 5, 1) + torch.tensor([0.0, 100.0])
-    mixed = mixture(states)
+    mixed = decorrelate(states)
     assert (mixed[..., 1] - mixed[..., 0] != 100).all()
     for k in range(2):
         assert torch.equal(mixed[..., k].flatten().sort().values, states[..., k].flatten().sort().values)
@@ -19,7 +19,7 @@ def test_a_mixture_takes_each_component_from_another_window():
 def test_a_mixture_has_independent_components_where_a_common_source_drives_all_windows():
     t = torch.arange(24) / 24 * 2 * torch.pi
     common = torch.stack((torch.sin(t), torch.sin(t)), -1).view(24, 1, 1, 2).expand(-1, -1, 48, -1)
-    mixed = mixture(common)
+    mixed = decorrelate(common)
     assert (common[..., 0] * common[..., 1]).mean() > 0.4
     assert (mixed[..., 0] * mixed[..., 1]).mean().abs() < 0.01
     assert (mixed[..., 0] * torch.sin(t).view(24, 1, 1)).mean().abs() < 0.01

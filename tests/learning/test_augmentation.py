@@ -10,8 +10,7 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
-from expertaug.learning.mixture import mixture
-from expertaug.learning.objectives import Aphynity
+from expertaug.learning.objectives import Aphynity, decorrelate
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import task_of
@@ -223,7 +222,7 @@ class TestPresetRows:
         path = model.forecast(batch.y[0], z_e, z_a, torch.arange(11) * 0.1, Solver("rk4"))
         squares = torch.stack([model.interaction(y, context) for y in path]).square().mean((0, 2, 3))
         torch.testing.assert_close(loss()[2]["penalty"], squares.sqrt().detach(), rtol=1e-3, atol=1e-6)
-        apart = torch.stack([model.interaction(y, context) for y in mixture(path)]).square().mean((0, 2, 3))
+        apart = torch.stack([model.interaction(y, context) for y in decorrelate(path)]).square().mean((0, 2, 3))
         torch.testing.assert_close(loss(penalty="rms_mixed")[2]["penalty"], apart.sqrt().detach(), rtol=1e-3, atol=1e-6)
         assert not torch.allclose(apart, squares, rtol=1e-2)
 

@@ -25,8 +25,8 @@ from expertaug.inference.smallness import expert_rates, expert_tangents, interac
 from expertaug.inference.window_fit import WindowFit
 from expertaug.learning.divergence import bounded, solved
 from expertaug.learning.fitting import moments
-from expertaug.learning.mixture import mixture
 from expertaug.learning.noise import Noise
+from expertaug.learning.objectives import decorrelate
 from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.settings import one_cycle
@@ -152,7 +152,7 @@ class Alternation:
         """Mean squares (S,) of F_a and of its share of the expert, at forecasts (T1, S, B, *state) of parameters x."""
         z_e, z_a, _ = self.fit.parts(x, states[0])
         times, latents = self.fit.t[::EVERY], z_a[:, :LATENTS]
-        mixed = mixture(states[::EVERY, :, :STATES].nan_to_num(0.0, 0.0, 0.0))
+        mixed = decorrelate(states[::EVERY, :, :STATES].nan_to_num(0.0, 0.0, 0.0))
         u = None if u is None else u[::EVERY, :, :STATES]
         tangents = expert_tangents(self.fit.system, times, mixed, z_e.mean(1, keepdim=True), self.fit.scale, u)
         rates = interaction_at(self.model, mixed, z_e[:, :LATENTS], latents, times, u)

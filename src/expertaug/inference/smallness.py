@@ -3,7 +3,7 @@
 Of all F_a that explain the data the smallest is wanted (APHYNITY, Yin et al. 2021): it leaves to the expert what the
 expert can do.  Along the data's own trajectories that is not so: in a swing that dies away angle and speed are
 correlated, and the smallest F_a with a damping there has a share of the restoring force as well.  Here F_a is measured
-where the components of the state are independent (:func:`expertaug.learning.mixture.mixture`).
+where the components of the state are independent (:func:`expertaug.learning.objectives.decorrelate`).
 """
 
 from __future__ import annotations

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from expertaug.learning.divergence import solved, within
-from expertaug.learning.mixture import mixture
 from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
@@ -188,7 +187,7 @@ class Aphynity(Objective):
     """APHYNITY (Yin et al. 2021; paper, section 2): minimise ‖F_a‖ subject to fitting the data.
 
     The Lagrangian is λ · L + ‖F_a‖, with L the mean squared error of the trajectory over the loss window and ‖F_a‖ the
-    root mean square of F_a along the predicted trajectory, or at its states mixed (:mod:`expertaug.learning.mixture`);
+    root mean square of F_a along the predicted trajectory, or at its states decorrelated (:func:`decorrelate`);
     after every ``every`` passes λ grows by tau2 · L (Yin's update).  Variants are the rows multiplier, penalty,
     loss_normalisation, loss_window and supervision of :mod:`expertaug.presets`.
 
@@ -264,7 +263,7 @@ class Aphynity(Objective):
         if choice == "norm_data":
             states = torch.where(torch.isnan(truth), prediction, truth)
         elif choice == "rms_mixed":
-            states = mixture(prediction.detach())
+            states = decorrelate(prediction.detach())
         squares = model.interaction_squares(states, z_e, z_a, task.t[: task.horizon], u)
         if choice == "norm_data":
             penalty = torch.sqrt(squares * prod(model.system.state_shape) + 1e-12).flatten(1).mean(1)
@@ -282,3 +281,26 @@ class Aphynity(Objective):
 
     def carried(self) -> dict:
         return {"lambda0": self.multiplier.tolist()}
+
+
+def decorrelate(states: Tensor) -> Tensor:
+    """Decorrelated states: a product of the marginal distributions of the components of trajectories.
+
+    The size of F_a along the data's own trajectories rewards what the expert should say: in a swing that dies away
+    angle and speed are correlated, and the smallest F_a with a damping there has a share of the restoring force as
+    well.  Where the components are independent it has none.
+
+    Arguments:
+        states: (T, S, N, *state).
+
+    Returns:
+        the same shape, each component taken from another window and another time: what drives all windows alike makes
+        the components of one time dependent.
+    """
+    axis, (times, _, count) = 3 - states.dim(), states.shape[:3]
+    window = torch.arange(count)
+    mixed = []
+    for k, part in enumerate(states.split(1, dim=axis)):
+        moved = (torch.arange(times).unsqueeze(1) + (k + 1) * window) % times
+        mixed.append(part.movedim(2, 1)[moved, (window - k) % count].movedim(1, 2))
+    return torch.cat(mixed, dim=axis)
