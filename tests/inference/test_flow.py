@@ -14,7 +14,7 @@ from expertaug.inference.flow_training import prepare
 from expertaug.inference.predictive import predictive
 from expertaug.inference.settings import FlowJob
 from expertaug.inference.unknowns import Unknowns
-from expertaug.learning.noise import Noise
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.settings import TrainOptions
 from expertaug.learning.train import prepare as prepare_training
 from expertaug.models import store as models
@@ -231,7 +231,7 @@ def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch
     made = prepare(
         models.load(pendulum / "both.safetensors"), Trajectories.load(pendulum / "train.npz"), job(FlowJob, told)
     )
-    first = made.trainer.pool.simulator.simulated(20, Noise([0, 1], 7)).y0[..., 0]
+    first = made.trainer.pool.simulator.simulated(20, RandomStreams([0, 1], 7)).y0[..., 0]
     assert bool((first > 4.9).all()) == bool(anew) and (anew or bool((first < 4.9).all()))
 
 

@@ -21,7 +21,7 @@ from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.own_draws import own_draws
 from expertaug.inference.posterior_draws import joint_draws
 from expertaug.inference.settings import FlowJob
-from expertaug.learning.noise import Noise
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Delta, Estimates, Gaussian, Posterior
 from expertaug.systems.solvers.solver import Solver
@@ -62,7 +62,7 @@ def test_the_joint_draws_keep_what_the_fit_knows_of_start_and_parameter_together
     stored, data = fitted
     y = torch.from_numpy(data.y[:, :OBSERVED]).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
     found = stored.model.estimate(y)
-    z_e, z_a, y0 = joint_draws(stored.model, found, y, 400, Noise([0, 1], 9))
+    z_e, z_a, y0 = joint_draws(stored.model, found, y, 400, RandomStreams([0, 1], 9))
     assert z_e.shape == (400, 2, 80, 1) and z_a.shape == (400, 2, 80, 0) and y0.shape == (400, 2, 80, 2)
     assert not torch.equal(z_e[:, 0], z_e[:, 1])
     spread = found.posterior.z_e.log_std.exp().squeeze(-1)  # in the unbounded space; nearly the same above 1 rad/s
@@ -79,7 +79,8 @@ def test_a_point_has_no_draws(fitted):
     found = stored.model.estimate(torch.ones(OBSERVED, 2, 4, 2))
     q = Posterior(Delta(point), Delta(point[..., :0]))
     assert (
-        joint_draws(stored.model.decoder, replace(found, posterior=q), torch.ones(3, 2, 4, 2), 5, Noise([0], 1)) is None
+        joint_draws(stored.model.decoder, replace(found, posterior=q), torch.ones(3, 2, 4, 2), 5, RandomStreams([0], 1))
+        is None
     )
 
 
@@ -89,7 +90,7 @@ def test_an_encoders_gaussian_is_drawn_from_as_it_is():
     q = Posterior(z_e, Gaussian(torch.zeros(2, 4, 3), torch.zeros(2, 4, 3)))
     y = torch.ones(OBSERVED, 2, 4, 2)
     drawn = joint_draws(
-        Decoder(systems.load({"name": "pendulum"})), Estimates(y[0], *q.mean, q), y, 500, Noise([0, 1], 1)
+        Decoder(systems.load({"name": "pendulum"})), Estimates(y[0], *q.mean, q), y, 500, RandomStreams([0, 1], 1)
     )
     assert [d.shape for d in drawn] == [(500, 2, 4, 1), (500, 2, 4, 3), (500, 2, 4, 2)]
     assert ((drawn[0].median(0).values - z_e.mean) / z_e.mean).abs().max() < 0.05 and (drawn[0] > 0).all()
@@ -152,6 +153,6 @@ def test_a_first_point_that_is_not_inferred_is_the_observed_one():
     stored = replace(stored, model=estimator_of(stored, None, NOISE, PRIOR))
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
     found = stored.model.estimate(y[:OBSERVED])
-    states = drawing(stored, start="y_t1").states(stored.model, found, y, None, Noise([0, 1], 1))
+    states = drawing(stored, start="y_t1").states(stored.model, found, y, None, RandomStreams([0, 1], 1))
     assert states.shape == (39, len(T) - OBSERVED, 2, 6, 2)
     assert (states[:, 0] - y[OBSERVED]).abs().max() < 0.5

@@ -10,7 +10,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
 from expertaug.learning.hvae import HybridVAE, raw_prior
-from expertaug.learning.noise import Noise
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.task import task_of
@@ -57,7 +57,7 @@ class TestLoss:
     @pytest.fixture
     def direct(self, case):
         model, batch, task = case
-        noise, y = Noise([0, 1], 0, 2), batch.y[:11]
+        noise, y = RandomStreams([0, 1], 0, 2), batch.y[:11]
         posterior = model.encoder(y, lambda k: noise.normal(40, k))
         z_e = posterior.z_e.draw(lambda k: noise.normal(40, k))
         z_plus = 0.5 + 3.0 * noise.uniform(40, 1)
@@ -137,7 +137,7 @@ class TestLoss:
         model, batch, task = case
         labelled = Batch(batch.y, batch.z_e, torch.zeros(2, 40).index_fill_(1, torch.arange(10), 1.0))
         plain, term = objective().loss(*case)[0], objective().loss(model, labelled, task)
-        noise = Noise([0, 1], 0, 2)
+        noise = RandomStreams([0, 1], 0, 2)
         posterior = model.encoder(batch.y[:11], lambda k: noise.normal(40, k))
         expected = -(posterior.z_e.log_prob(batch.z_e) + torch.tensor(0.5).log())[:, :10].mean(1)
         torch.testing.assert_close(term[1]["z_e"], expected.detach())
@@ -187,9 +187,9 @@ def test_one_step_of_a_seed_is_the_same_alone_and_in_a_block(data, tmp_path, set
 
 
 def test_every_seed_and_step_draws_its_own():
-    first, other = Noise([3, 4], 0, 2).normal(50, 2), Noise([3, 4], 1, 2).normal(50, 2)
+    first, other = RandomStreams([3, 4], 0, 2).normal(50, 2), RandomStreams([3, 4], 1, 2).normal(50, 2)
     assert not torch.equal(first[0], first[1]) and not torch.equal(first, other)
-    assert torch.equal(first[1], Noise([4], 0, 2).normal(50, 2)[0])
+    assert torch.equal(first[1], RandomStreams([4], 0, 2).normal(50, 2)[0])
 
 
 def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, killed):
@@ -222,7 +222,7 @@ def test_z_a_of_augmented_samples_is_drawn(data, tmp_path, settings):
                            augmented_z_a=z_a)[0] for z_a in ("posterior", "prior")}  # fmt: skip
     t = torch.tensor(stored.card.t[:11])
     y = real.y.expand(-1, 2, -1, -1)
-    noise = Noise([0, 1], 0, 1).normal(40, 1)
+    noise = RandomStreams([0, 1], 0, 1).normal(40, 1)
     for name, z_a in (("posterior", stored.model.encode(y[:11]).z_a.draw(lambda k: noise)), ("prior", noise)):
         expected = stored.model.forecast(y[0], plus[name].z_e, z_a, t, Solver("rk4"))
         torch.testing.assert_close(plus[name].y, expected.detach(), rtol=1e-4, atol=1e-5)

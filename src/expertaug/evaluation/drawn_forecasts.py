@@ -20,7 +20,7 @@ from expertaug.inference.predictive import forecasts
 from expertaug.inference.predictive_scores import crps, energy_score
 from expertaug.inference.ranks import ranks
 from expertaug.learning.divergence import stored_bound
-from expertaug.learning.noise import Noise
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors
 from expertaug.learning.sets import StackedSet
 from expertaug.models import store
@@ -100,7 +100,7 @@ class Drawing:
     draws_solver: Solver
 
     def states(
-        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise
+        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: RandomStreams
     ) -> Tensor | None:
         """Forecasts (K, T', S, B, *state) from draws, from the point ``begin`` on; None of a version without any.
 
@@ -125,7 +125,7 @@ class Drawing:
         return states[:, self.begin - first :]
 
     def scores(
-        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise
+        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: RandomStreams
     ) -> DrawnScores | None:
         """Scores of the windows y (T, S, B, *observed), a part of them at a time; arguments as of :meth:`states`."""
         each = self.count * len(self.t) * y[0, 0, 0].numel() * y.element_size()
@@ -156,7 +156,9 @@ class Drawing:
             each[2].append(_mean_where(np.broadcast_to(told, held.shape), held, (2, 3)).T)
         return DrawnScores(*(np.stack(one) for one in each))
 
-    def band(self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: Noise) -> Tensor | None:
+    def band(
+        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: RandomStreams
+    ) -> Tensor | None:
         """The ends of the 90 % band of each state, without noise, (2, T', S, B, *state)."""
         states = self.states(model, found, y, bound, random)
         if states is None:
@@ -205,7 +207,7 @@ class ExpectedError:
 
     def __init__(self, model: Predictor, drawing: Drawing) -> None:
         self.model, self.drawing = model, drawing
-        self.random = Noise(drawing.seeds, KEY, device=drawing.t.device)
+        self.random = RandomStreams(drawing.seeds, KEY, device=drawing.t.device)
         self.found: dict[str, list[Tensor]] = {}
 
     def add(self, made: Forecast, y: Tensor, windows: Tensor, bound: Tensor | None, u: Tensor | None) -> None:
@@ -262,7 +264,7 @@ def of_own_windows(
         return {}
     found = stored.model.estimate(y[: drawing.observed])
     draws = z_e_draws(found)
-    bound, random = stored_bound(stored.card, device), Noise(stored.seeds, DRAWN, device=device)
+    bound, random = stored_bound(stored.card, device), RandomStreams(stored.seeds, DRAWN, device=device)
     scores = drawing.scores(stored.model, found, y, bound, random)
     each = None if draws is None else draws.cpu()
     return ranks_of(OWN, z_e.cpu().numpy(), each) | ({} if scores is None else scores.arrays(OWN))

@@ -15,7 +15,7 @@ from expertaug.evaluation.drawn_forecasts import DRAWN, DrawnScores, ExpectedErr
 from expertaug.evaluation.metrics import Outcome, values_of
 from expertaug.inference.posterior_draws import z_e_draws
 from expertaug.learning.divergence import largest, stored_bound
-from expertaug.learning.noise import Noise
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import misfit_of, squared_errors
 from expertaug.models import store
 from expertaug.systems.inputs import check_given, joined
@@ -95,7 +95,7 @@ def score(
     few = min(drawing.count, options.get("expected_draws", drawing.count))
     expected = ExpectedError(stored.model, replace(drawing, count=few))
     chosen = np.linspace(0, len(truth) - 1, min(options.get("drawn_samples", 0), len(truth))).astype(int)
-    scores, bands, random = [], [], Noise(stored.seeds, DRAWN, device=device)
+    scores, bands, random = [], [], RandomStreams(stored.seeds, DRAWN, device=device)
     seen = truth.seen
     for first in range(0, len(truth), size):
         y = torch.from_numpy(seen[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)

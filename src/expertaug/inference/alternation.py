@@ -25,9 +25,9 @@ from expertaug.inference.smallness import expert_rates, expert_tangents, interac
 from expertaug.inference.window_fit import WindowFit
 from expertaug.learning.divergence import bounded, solved
 from expertaug.learning.fitting import moments
-from expertaug.learning.noise import Noise
 from expertaug.learning.objectives import decorrelate
 from expertaug.learning.optimiser import Adam, clip_each_seed
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.settings import one_cycle
 from expertaug.learning.task import Task
@@ -107,7 +107,7 @@ class Alternation:
             x = self.first_fit.best_of_grid(windows)[:, :, 0]
             residuals = partial(_residuals, self.first_fit, windows)
             self.x[:, first : first + self.batch] = minimise(residuals, x, FIRST_STEPS, self.fit.longest).x
-        self.x[..., p : p + q] = SPREAD * Noise(self.seeds, 0).normal(self.count, q).double()
+        self.x[..., p : p + q] = SPREAD * RandomStreams(self.seeds, 0).normal(self.count, q).double()
         index = torch.arange(self.batch).expand(len(self.seeds), -1)
         windows, x = self._windows(index), self._of(self.x, index)
         z_e, system = self.fit.parts(x, self.fit.first(windows))[0], self.fit.system

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from expertaug.inference.unknowns import Unknowns
 from expertaug.learning.augmentation import CHUNK, NUMBERS
 from expertaug.learning.divergence import bounded, solved, within
-from expertaug.learning.noise import Noise
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.task import Task
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of
@@ -117,7 +117,7 @@ class Simulator:
         A draw that runs away (:mod:`~expertaug.learning.divergence`) is replaced by the next: θ is then drawn given
         that it does not.
         """
-        random = Noise(self.seeds, *key, FLOW, device=self.starts.device)
+        random = RandomStreams(self.seeds, *key, FLOW, device=self.starts.device)
         size = max(min(CHUNK, NUMBERS // self.starts[0].numel()), 1)
         parts, lost = [], 0
         for start in range(0, count, size):
@@ -131,7 +131,7 @@ class Simulator:
         x, theta = (torch.cat([getattr(part, name) for part in parts], dim=1) for name in ("x", "theta"))
         return Draws(x, theta)
 
-    def simulated(self, count: int, random: Noise) -> Simulated:
+    def simulated(self, count: int, random: RandomStreams) -> Simulated:
         """Trajectories over the task's times, what they were made with, and which of them stayed within the bound."""
         system, kept = self.decoder.system, (1 - self.jitter**2) ** 0.5
         z_e = self.low + (self.high - self.low) * random.uniform(count, len(self.low))
@@ -158,14 +158,14 @@ class Simulator:
             y = y.masked_fill(self.gaps[:, self._index(count, random)], torch.nan)
         return Simulated(joined(y, u), z_e, scores, y0, good)
 
-    def _part(self, count: int, random: Noise) -> tuple[Draws, Tensor]:
+    def _part(self, count: int, random: RandomStreams) -> tuple[Draws, Tensor]:
         """Draws, and how many (S,) of them ran away."""
         y, z_e, scores, y0, good = self.simulated(count, random)
         first = states_of(self.decoder.system, y[0])
         draws = Draws(self.context(y), self.unknowns.pack(z_e, scores, y0, first))
         return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
 
-    def _anywhere(self, y0: Tensor, random: Noise) -> Tensor:
+    def _anywhere(self, y0: Tensor, random: RandomStreams) -> Tensor:
         """First points (S, M, K) with values of their ranges where they were not measured."""
         middle, width = ends_of(self.ranges or {}, y0)
         return torch.where(torch.isnan(y0), middle + width * (2 * random.uniform(*y0.shape[1:]) - 1), y0)
@@ -181,7 +181,7 @@ class Simulator:
         std = (torch.where(known, filled - mean, 0.0).square().sum(0) / (count - 1).clamp_min(1)).sqrt()
         return torch.where(count > 1, mean, middle), torch.where(count > 1, std, width / 3**0.5)
 
-    def _index(self, count: int, random: Noise) -> Tensor:
+    def _index(self, count: int, random: RandomStreams) -> Tensor:
         """(S, count) places of training windows."""
         return (random.uniform(count) * len(self.starts)).long().clamp_max(len(self.starts) - 1)
 

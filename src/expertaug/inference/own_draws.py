@@ -15,7 +15,7 @@ from expertaug.inference.settings import FlowSettings
 from expertaug.inference.unknowns import Unknowns
 from expertaug.learning.augmentation import latent, ranges_of
 from expertaug.learning.divergence import Stopping, stored_bound
-from expertaug.learning.noise import Noise
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.task import Task
 from expertaug.models.card import ModelCard
 from expertaug.models.hybrid import HybridNet
@@ -42,7 +42,7 @@ def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Tensor, z
         z_a_from: as of :func:`expertaug.learning.augmentation.latent`.
     """
     seeds = card.seeds
-    random = Noise(seeds, LATENTS, FLOW, device=windows.device)
+    random = RandomStreams(seeds, LATENTS, FLOW, device=windows.device)
     if isinstance(model, FlowEstimator):
         model = model.base
     if not isinstance(model, HybridNet):
@@ -105,6 +105,6 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
         task=Task(t, card.observed, len(t), solver, bound=bound),  # type: ignore[arg-type]
         seeds=seeds,
     )
-    found = simulator.simulated(count, Noise(seeds, OWN, FLOW, device=device))
+    found = simulator.simulated(count, RandomStreams(seeds, OWN, FLOW, device=device))
     good = found.good.all(0)
     return found.y[:, :, good], found.z_e[:, good]

@@ -10,7 +10,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.least_squares import LeastSquares
-from expertaug.learning.noise import Noise
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates, Gaussian, Predictor, constrain
 from expertaug.systems import System
@@ -39,7 +39,7 @@ def z_e_draws(found: Estimates, count: int = COUNT) -> Tensor | None:
 
 @torch.no_grad()
 def joint_draws(
-    model: Predictor, found: Estimates, windows: Tensor, count: int, random: Noise
+    model: Predictor, found: Estimates, windows: Tensor, count: int, random: RandomStreams
 ) -> tuple[Tensor, Tensor, Tensor] | None:
     """Independent draws of (z_e, z_a, y0) for each window: of a flow, of Laplace's approximation of a fit, or of an
     encoder's Gaussian (whose first point is the observed one); None where the estimator has a point alone.
@@ -101,7 +101,9 @@ class Drawn:
             InputError: the model estimates a point alone.
         """
         found = self.model.estimate(windows)  # type: ignore[attr-defined]
-        drawn = joint_draws(self.model, found, windows, count, Noise(self.seeds, 0 if seed is None else seed, DRAWS))
+        drawn = joint_draws(
+            self.model, found, windows, count, RandomStreams(self.seeds, 0 if seed is None else seed, DRAWS)
+        )
         if drawn is None:
             remedy = "give one of expertaug.fit_posterior, or a refined one"
             raise InputError("model", "estimates a point and has no draws", remedy)

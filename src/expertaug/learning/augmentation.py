@@ -12,7 +12,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.learning.divergence import bounded, solved, within
-from expertaug.learning.noise import Noise
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.sets import StackedSet
 from expertaug.learning.task import Task
 from expertaug.models.hybrid import HybridNet
@@ -89,7 +89,7 @@ def generate(
         its place, and a warning tells how many these are.
     """
     low, high = prior_range(model, prior)
-    random = Noise(seeds, draw, 1, device=data.y.device)
+    random = RandomStreams(seeds, draw, 1, device=data.y.device)
     hard = worst_of(model, data, task, seeds, (low, high), noise, draw) if worst else None
     lost = torch.zeros(len(seeds), dtype=torch.long)
     parts, size = [], max(min(CHUNK, NUMBERS // data.y[0, 0, 0].numel()), 1)
@@ -156,7 +156,7 @@ def worst_of(
         ends: low and high (P,) of p⁺.
         others: as of :func:`generate`.
     """
-    random, (low, high) = Noise(seeds, draw, 5, device=data.y.device), ends
+    random, (low, high) = RandomStreams(seeds, draw, 5, device=data.y.device), ends
     batch = data.at(torch.arange(TRIED, device=data.y.device) % len(data)).whole(len(seeds))
     windows, u = batch.windows(task.observed), batch.inputs(task.observed)
     z_a = latent(model.encode(windows), "posterior", partial(random.normal, TRIED))
@@ -184,7 +184,7 @@ def _simulate(
     low: Tensor,
     high: Tensor,
     task: Task,
-    random: Noise,
+    random: RandomStreams,
     u: Tensor | None,
     hard: Tensor | None = None,
     worst: float = 0.0,

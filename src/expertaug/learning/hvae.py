@@ -10,8 +10,8 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.learning.augmentation import prior_range
-from expertaug.learning.noise import Noise
 from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, supervised_terms
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import sample_mean, squares
 from expertaug.learning.sets import Batch
 from expertaug.learning.task import Task
@@ -77,7 +77,7 @@ class HybridVAE(Objective):
         encoder, y, size = model.encoder, batch.y, batch.y.shape[2]
         if not isinstance(encoder, TwoStep):
             raise InputError("model.encoder.kind", type(encoder).__name__, "the hybrid-VAE needs a two-step encoder")
-        noise = Noise(self.seeds, self.step, STREAM, device=y.device)
+        noise = RandomStreams(self.seeds, self.step, STREAM, device=y.device)
         self.step += 1
         normal = partial(noise.normal, size)
         low, high = (end.to(y, non_blocking=True) for end in prior_range(model, self.prior))

@@ -1,4 +1,4 @@
-"""Random numbers for a group of seeds: what a seed draws does not depend on the seeds beside it."""
+"""Random streams of a group of seeds: what a seed draws does not depend on the seeds beside it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 
-class Noise:
+class RandomStreams:
     """One generator a seed, made from the seed and the integers ``key``.
 
     Arguments:
