@@ -32,7 +32,7 @@ from expertaug.inference.roc import auroc
 from expertaug.inference.store import load
 from expertaug.learning.divergence import stored_bound
 from expertaug.learning.residuals import squared_errors
-from expertaug.learning.sets import StackedSet
+from expertaug.learning.training_data import StackedSet
 from expertaug.trajectories import Trajectories
 
 

@@ -18,8 +18,7 @@ from pathlib import Path
 import torch
 
 from expertaug.learning import augmentation
-from expertaug.learning.sets import StackedSet
-from expertaug.learning.task import task_of
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.trajectories import Trajectories
 

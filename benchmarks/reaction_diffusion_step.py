@@ -20,9 +20,8 @@ from torch.nn.functional import conv2d
 
 from expertaug import systems
 from expertaug.learning.objectives import Aphynity
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import TrainSettings
-from expertaug.learning.task import task_of
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.models.card import ModelCard
 from expertaug.models.interactions.convolutional import ConvInteraction

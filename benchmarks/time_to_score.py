@@ -20,9 +20,8 @@ import torch
 from expertaug import systems
 from expertaug.config.load import load, validate
 from expertaug.learning.objectives import Aphynity
-from expertaug.learning.sets import StackedSet
-from expertaug.learning.task import task_of
 from expertaug.learning.trainer import Trainer, TrainSettings
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.models.card import ModelCard
 from expertaug.presets import Choices

@@ -26,9 +26,8 @@ from torchdiffeq import odeint
 
 from expertaug import systems
 from expertaug.learning.objectives import Aphynity
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import TrainSettings
-from expertaug.learning.task import task_of
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models.card import ModelCard
 from expertaug.models.hybrid import HybridModel, Part
 from expertaug.models.store import device_of

@@ -11,9 +11,8 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
 from expertaug.learning.objectives import Aphynity, decorrelate
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import TrainSettings
-from expertaug.learning.task import task_of
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.presets import ROWS, Choices, resolve
 from expertaug.systems.solvers.solver import Solver

@@ -16,9 +16,8 @@ from expertaug.learning import augmentation
 from expertaug.learning.divergence import bound_of, bounded, solved, within
 from expertaug.learning.objectives import Aphynity, finite_forecast
 from expertaug.learning.residuals import mean_squared_error
-from expertaug.learning.sets import StackedSet
-from expertaug.learning.task import task_of
 from expertaug.learning.trainer import Trainer, TrainSettings
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.presets import Choices
 from expertaug.systems.solvers.solver import Solver

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 import expertaug as ea
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.trainer import Trainer
+from expertaug.learning.training_data import StackedSet
 from expertaug.models.decoder import Decoder
 from pretended_card import DEVICE, Card, OnCard, WrongDevice
 

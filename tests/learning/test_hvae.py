@@ -11,9 +11,8 @@ from expertaug.errors import InputError
 from expertaug.learning import augmentation
 from expertaug.learning.hvae import HybridVAE, raw_prior
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.settings import TrainSettings
-from expertaug.learning.task import task_of
+from expertaug.learning.training_data import Batch, StackedSet, task_of
 from expertaug.models import store
 from expertaug.models.posterior import Gaussian, unconstrain
 from expertaug.presets import resolve

@@ -12,7 +12,7 @@ from expertaug.errors import InputError
 from expertaug.learning.contract import check_parts
 from expertaug.learning.hvae import HybridVAE
 from expertaug.learning.objectives import Aphynity
-from expertaug.learning.task import Task
+from expertaug.learning.training_data import Task
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.posterior import Delta, Posterior
 from expertaug.presets import resolve

@@ -13,9 +13,8 @@ from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.fitting import Trainer
 from expertaug.learning.objectives import finite_forecast
 from expertaug.learning.residuals import mean_squared_error
-from expertaug.learning.sets import StackedSet
-from expertaug.learning.task import task_of
 from expertaug.learning.trainer import TrainSettings
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.trajectories import Trajectories
 from typed_jobs import train

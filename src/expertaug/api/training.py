@@ -22,8 +22,8 @@ from expertaug.learning.augment import Augmented
 from expertaug.learning.fitting import Record, Training
 from expertaug.learning.kinds import OBJECTIVE
 from expertaug.learning.objectives import Aphynity, Objective
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import FinetuneJob, TrainOptions, TrainSettings
+from expertaug.learning.training_data import StackedSet
 from expertaug.models import describe
 from expertaug.models.hybrid import HybridModel
 from expertaug.presets import Choices, resolve

@@ -180,8 +180,8 @@ class _Experiment:
         import torch
 
         from expertaug.learning.divergence import bound_of
-        from expertaug.learning.task import task_of
         from expertaug.learning.train import observed_points
+        from expertaug.learning.training_data import task_of
         from expertaug.models.card import ModelCard
         from expertaug.systems.inputs import joined
 

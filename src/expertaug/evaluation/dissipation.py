@@ -19,7 +19,7 @@ from expertaug.evaluation.score import spread
 from expertaug.evaluation.summary import experiment_title, order_sets, set_title
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.least_squares import refined_by, refinement_of
-from expertaug.learning.sets import StackedSet
+from expertaug.learning.training_data import StackedSet
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates

@@ -22,7 +22,7 @@ from expertaug.inference.ranks import ranks
 from expertaug.learning.divergence import stored_bound
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors
-from expertaug.learning.sets import StackedSet
+from expertaug.learning.training_data import StackedSet
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.observation_noise import NoiseLike, is_some, noise_of, shaped

@@ -20,7 +20,7 @@ from expertaug.inference import store
 from expertaug.inference.refit import Refit, refit
 from expertaug.inference.settings import ValiditySettings
 from expertaug.inference.validity import Validity, along
-from expertaug.learning.sets import StackedSet
+from expertaug.learning.training_data import StackedSet
 from expertaug.models.settings import Refinement
 from expertaug.models.store import device_of
 from expertaug.settings import given_ranges

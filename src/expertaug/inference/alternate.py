@@ -22,9 +22,8 @@ from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning import job
 from expertaug.learning.fitting import Record
 from expertaug.learning.residuals import recorded
-from expertaug.learning.sets import StackedSet
-from expertaug.learning.task import task_of
 from expertaug.learning.train import inputs_of, of_data, taken_in
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder

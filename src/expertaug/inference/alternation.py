@@ -30,7 +30,7 @@ from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.settings import one_cycle
-from expertaug.learning.task import Task
+from expertaug.learning.training_data import Task
 from expertaug.models.posterior import Estimates
 from expertaug.systems.inputs import inputs_of, states_of
 

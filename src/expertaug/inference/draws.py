@@ -16,7 +16,7 @@ from expertaug.inference.unknowns import Unknowns
 from expertaug.learning.augmentation import CHUNK, NUMBERS
 from expertaug.learning.divergence import bounded, solved, within
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.task import Task
+from expertaug.learning.training_data import Task
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import NoiseLike, is_some, shaped

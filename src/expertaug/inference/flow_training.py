@@ -21,9 +21,8 @@ from expertaug.learning.augmentation import ranges_of
 from expertaug.learning.divergence import Stopping
 from expertaug.learning.fitting import Training
 from expertaug.learning.objectives import Objective
-from expertaug.learning.sets import StackedSet
-from expertaug.learning.task import Task, task_of
 from expertaug.learning.trainer import Trainer
+from expertaug.learning.training_data import StackedSet, Task, task_of
 from expertaug.models.card import ModelCard
 from expertaug.models.observation_noise import noise_of
 from expertaug.models.store import StoredModel, device_of, forecast_solver

@@ -16,7 +16,7 @@ from expertaug.inference.unknowns import Unknowns
 from expertaug.learning.augmentation import latent, ranges_of
 from expertaug.learning.divergence import Stopping, stored_bound
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.task import Task
+from expertaug.learning.training_data import Task
 from expertaug.models.card import ModelCard
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.observation_noise import noise_of

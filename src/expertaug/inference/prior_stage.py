@@ -16,8 +16,8 @@ from expertaug.inference import store
 from expertaug.inference.own_prior import OwnPrior, box, own_prior_without_windows, searching
 from expertaug.inference.own_prior import own_prior as grown
 from expertaug.inference.settings import FirstPriorJob, OwnPriorJob
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.train import constants_of, described_by, expert_alone
+from expertaug.learning.training_data import StackedSet
 from expertaug.models.store import device_of
 from expertaug.trajectories import Trajectories
 

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from expertaug.errors import InputError
 from expertaug.learning import augmentation
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import AugmentJob
-from expertaug.learning.task import task_of
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.models.observation_noise import GivenNoise, NoiseLike, noise_of
 from expertaug.models.store import device_of

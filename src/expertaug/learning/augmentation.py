@@ -13,8 +13,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.learning.divergence import bounded, solved, within
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.sets import StackedSet
-from expertaug.learning.task import Task
+from expertaug.learning.training_data import StackedSet, Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.observation_noise import NoiseLike, shaped
 from expertaug.models.posterior import Gaussian, Normal, Posterior

@@ -13,9 +13,8 @@ from expertaug.errors import InputError
 from expertaug.learning import augmentation, fitting, job
 from expertaug.learning.augment import Augmented
 from expertaug.learning.fitting import Training
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import FinetuneJob, TrainSettings
-from expertaug.learning.task import Task, task_of
+from expertaug.learning.training_data import StackedSet, Task, task_of
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.store import device_of

@@ -15,10 +15,9 @@ from expertaug.errors import InputError
 from expertaug.learning.kinds import objective_of
 from expertaug.learning.objectives import Objective
 from expertaug.learning.residuals import recorded
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import FinetuneJob, TrainOptions
-from expertaug.learning.task import Task
 from expertaug.learning.trainer import Trainer
+from expertaug.learning.training_data import StackedSet, Task
 from expertaug.models.card import LatentRecord, ModelCard
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import principal_axes

@@ -13,8 +13,7 @@ from expertaug.learning.augmentation import prior_range
 from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, supervised_terms
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import sample_mean, squares
-from expertaug.learning.sets import Batch
-from expertaug.learning.task import Task
+from expertaug.learning.training_data import Batch, Task
 from expertaug.models.encoders.two_step import TwoStep
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import unconstrain

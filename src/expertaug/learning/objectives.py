@@ -10,8 +10,7 @@ from torch import Tensor
 
 from expertaug.learning.divergence import solved, within
 from expertaug.learning.residuals import mean_squared_error
-from expertaug.learning.sets import Batch
-from expertaug.learning.task import Task
+from expertaug.learning.training_data import Batch, Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import Posterior
 from expertaug.presets import Choices

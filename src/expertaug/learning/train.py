@@ -15,7 +15,6 @@ from expertaug.learning import fitting, job
 from expertaug.learning.divergence import bound_of
 from expertaug.learning.fitting import Training
 from expertaug.learning.kinds import OBJECTIVE, objective_of
-from expertaug.learning.sets import StackedSet
 from expertaug.learning.settings import (
     DEFAULT_OBJECTIVE,
     DataOptions,
@@ -25,7 +24,7 @@ from expertaug.learning.settings import (
     UntrainedJob,
     UntrainedOptions,
 )
-from expertaug.learning.task import task_of
+from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder, MeanModel, TruthDecoder

@@ -20,9 +20,8 @@ from expertaug.learning.divergence import bounded, solved, within
 from expertaug.learning.objectives import Objective
 from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.residuals import mean_squared_error
-from expertaug.learning.sets import Batch, StackedSet
 from expertaug.learning.settings import TrainSettings
-from expertaug.learning.task import Task
+from expertaug.learning.training_data import Batch, StackedSet, Task
 from expertaug.models.hybrid import HybridNet
 from expertaug.tracking.run_log import RunLog
 
