@@ -18,8 +18,7 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.evaluation.score import spread
 from expertaug.inference import store
-from expertaug.learning.divergence import Stopping
-from expertaug.learning.divergence import stored_bound
+from expertaug.learning.divergence import Stopping, stored_bound
 from expertaug.models.store import device_of
 from expertaug.systems.inputs import joined
 from expertaug.systems.solvers.solver import Solver

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import torch
 
-from expertaug.learning import augmentation
+from expertaug.learning import augment as augmentation
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.trajectories import Trajectories

@@ -16,7 +16,7 @@ from expertaug.config.jobs import seed_groups
 from expertaug.config.load import load, validate, with_defaults
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.forecast_file import Forecasts
-from expertaug.learning.augmentation import load as load_augmented
+from expertaug.learning.augment import load as load_augmented
 from expertaug.presets import resolve
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate

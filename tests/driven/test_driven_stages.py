@@ -13,7 +13,7 @@ from expertaug.config import jobs, own, stage_settings
 from expertaug.config import load as config
 from expertaug.errors import InputErrors
 from expertaug.evaluation.evaluate import evaluate
-from expertaug.learning.augmentation import load as load_augmented
+from expertaug.learning.augment import load as load_augmented
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from typed_jobs import augment, finetune, train

@@ -9,7 +9,7 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.learning import augmentation
+from expertaug.learning import augment as augmentation
 from expertaug.learning.objectives import Aphynity, decorrelate
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.training_data import StackedSet, task_of

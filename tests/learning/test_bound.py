@@ -12,7 +12,7 @@ import torch
 from cards import card
 from expertaug import systems
 from expertaug.errors import SolveError
-from expertaug.learning import augmentation
+from expertaug.learning import augment as augmentation
 from expertaug.learning.divergence import bound_of, bounded, solved, within
 from expertaug.learning.objectives import Aphynity, finite_forecast
 from expertaug.learning.residuals import mean_squared_error

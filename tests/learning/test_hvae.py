@@ -8,7 +8,7 @@ import torch
 from cards import card
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.learning import augmentation
+from expertaug.learning import augment as augmentation
 from expertaug.learning.hvae import HybridVAE, raw_prior
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.settings import TrainSettings

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from expertaug.errors import InputError
-from expertaug.learning import augmentation
+from expertaug.learning import augment as augmentation
 from expertaug.models import store
 from typed_jobs import augment, finetune, train
 

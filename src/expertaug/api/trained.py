@@ -20,8 +20,7 @@ from expertaug.api.trust import judged
 from expertaug.errors import InputError
 from expertaug.evaluation.score import score, spread
 from expertaug.inference.least_squares import refined_by
-from expertaug.learning.residuals import misfit_of
-from expertaug.learning.residuals import recorded
+from expertaug.learning.residuals import misfit_of, recorded
 from expertaug.models import store
 from expertaug.models.posterior import Predictor
 from expertaug.models.settings import Refinement, RefinementSettings

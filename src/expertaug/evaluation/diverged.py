@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from expertaug.learning.divergence import bounded
-from expertaug.learning.divergence import solved_apart
-from expertaug.learning.divergence import within
-from expertaug.models.posterior import Estimates
-from expertaug.models.posterior import Predictor
+from expertaug.learning.divergence import bounded, solved_apart, within
+from expertaug.models.posterior import Estimates, Predictor
 from expertaug.systems.solvers.solver import Solver
 
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.inference.unknowns import Unknowns
-from expertaug.learning.augmentation import CHUNK, NUMBERS
+from expertaug.learning.augment import CHUNK, NUMBERS
 from expertaug.learning.divergence import bounded, solved, within
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.training_data import Task

@@ -12,7 +12,7 @@ from expertaug.inference.density import Density
 from expertaug.inference.predictive import mean_forecast
 from expertaug.inference.settings import FlowSettings
 from expertaug.inference.unknowns import Unknowns, box
-from expertaug.learning.augmentation import ranges_of
+from expertaug.learning.augment import ranges_of
 from expertaug.learning.divergence import Stopping, stored_bound
 from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder

@@ -17,7 +17,7 @@ from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.own_draws import latents_of
 from expertaug.inference.settings import FlowJob, FlowSettings
 from expertaug.learning import job
-from expertaug.learning.augmentation import ranges_of
+from expertaug.learning.augment import ranges_of
 from expertaug.learning.divergence import Stopping
 from expertaug.learning.fitting import Training
 from expertaug.learning.objectives import Objective

@@ -13,7 +13,7 @@ from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.least_squares import LeastSquares
 from expertaug.inference.settings import FlowSettings
 from expertaug.inference.unknowns import Unknowns
-from expertaug.learning.augmentation import latent, ranges_of
+from expertaug.learning.augment import latent, ranges_of
 from expertaug.learning.divergence import Stopping, stored_bound
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.training_data import Task
@@ -39,7 +39,7 @@ def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Tensor, z
     Arguments:
         model: stacked over the seeds.
         windows: observed windows of the training, (T1, 1, N, *observed).
-        z_a_from: as of :func:`expertaug.learning.augmentation.latent`.
+        z_a_from: as of :func:`expertaug.learning.augment.latent`.
     """
     seeds = card.seeds
     random = RandomStreams(seeds, LATENTS, FLOW, device=windows.device)

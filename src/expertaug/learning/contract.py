@@ -11,10 +11,8 @@ from torch import Tensor
 from expertaug.errors import InputError, SolveError
 from expertaug.learning.objectives import Objective
 from expertaug.learning.optimiser import Adam
-from expertaug.learning.training_data import Batch
-from expertaug.learning.training_data import Task
-from expertaug.models.hybrid import HybridModel
-from expertaug.models.hybrid import HybridNet
+from expertaug.learning.training_data import Batch, Task
+from expertaug.models.hybrid import HybridModel, HybridNet
 from expertaug.systems.inputs import check_trainable, inputs_of, joined, solve, states_of
 
 SEEDS, SAMPLES = (0, 1), 4

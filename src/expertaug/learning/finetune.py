@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 
 from expertaug.errors import InputError
-from expertaug.learning import augmentation, fitting, job
+from expertaug.learning import augment, fitting, job
 from expertaug.learning.augment import Augmented
 from expertaug.learning.fitting import Training
 from expertaug.learning.settings import FinetuneJob, TrainSettings
@@ -55,7 +55,7 @@ def finetune(
         raise InputError("--augmented", "missing", "give the augmented samples, or prior in the settings for a control")
     device = device_of(settings.device)
     stored = store.load(model, device, settings.classes or ())
-    plus = None if augmented is None else Augmented(*augmentation.load(augmented, device))
+    plus = None if augmented is None else Augmented(*augment.load(augmented, device))
     sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
     train, validation = map(Trajectories.load, sets)
     training = prepare(stored, plus, train, validation, settings)
@@ -82,7 +82,7 @@ def prepare(
     options = complete(stored, plus, options)
     device, choices, base = stored.device, options.choices, stored.card
     hybrid, before = _frozen(stored.model, choices)
-    scale = augmentation.prior_scale(hybrid, given_ranges(options.prior)).to(device)
+    scale = augment.prior_scale(hybrid, given_ranges(options.prior)).to(device)
     real, check = StackedSet.of(train, device), StackedSet.of(validation, device)
     spread: torch.Tensor | float = 1.0
     if options.training.z_a_supervision_weight and plus is not None:
@@ -157,7 +157,7 @@ def _sets(
     header, short = plus.header, task.shortened(points)
 
     def of_pass(epoch: int) -> StackedSet:
-        drawn = augmentation.generate(
+        drawn = augment.generate(
             stored.model, train, short, stored.seeds, header["prior"], header["noise"], 2 + epoch, **header["options"]
         )
         return real | drawn

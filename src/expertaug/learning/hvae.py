@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.learning.augmentation import prior_range
+from expertaug.learning.augment import prior_range
 from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, supervised_terms
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import sample_mean, squares
