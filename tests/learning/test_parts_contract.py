@@ -9,7 +9,7 @@ from torch import nn
 import plain_parts as parts
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.learning.contract import check_parts
+from expertaug.learning.check_parts import check_parts
 from expertaug.learning.hvae import HybridVAE
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.training_data import Task

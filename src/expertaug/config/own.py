@@ -146,7 +146,7 @@ class _Experiment:
     def _method(self, method: str, data: Trajectories | None) -> bool:
         """Make a method's system and model as its training does, and try them; whether all is well."""
         from expertaug.learning import kinds
-        from expertaug.learning.contract import check_parts
+        from expertaug.learning.check_parts import check_parts
         from expertaug.learning.fitting import make_objective
         from expertaug.learning.train import described_by
         from expertaug.models import describe

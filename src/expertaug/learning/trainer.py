@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import SolveError
+from expertaug.learning.check_parts import check_loss
 from expertaug.learning.checkpoint import Checkpoint
-from expertaug.learning.contract import check_loss
 from expertaug.learning.divergence import bounded, solved, within
 from expertaug.learning.objectives import Objective
 from expertaug.learning.optimiser import Adam, clip_each_seed
