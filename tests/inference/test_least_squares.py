@@ -10,7 +10,7 @@ import torch
 
 from cards import card
 from expertaug import systems
-from expertaug.api.arrays import RefinementOptions
+from expertaug.api.arguments import RefinementOptions
 from expertaug.errors import InputError
 from expertaug.inference.least_squares import estimator_of, refined_by
 from expertaug.inference.levenberg_marquardt import minimise

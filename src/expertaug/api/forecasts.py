@@ -9,7 +9,7 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from expertaug.api.arrays import Array
+from expertaug.api.arguments import Array
 from expertaug.errors import InputError
 from expertaug.models.posterior import Estimates, Gaussian, log_slope
 

@@ -1,26 +1,44 @@
-"""Inference in memory: least squares with the expert alone, a prior that finds its own width, validity of F_a."""
+"""Inference in memory: fits of each window, with the expert alone or to learn F_a, ranges of p⁺, validity of F_a."""
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Unpack
+from typing import TypedDict, TypeVar, Unpack
 
 import numpy as np
+from torch import Tensor
 
 from expertaug import systems
-from expertaug.api import arrays
-from expertaug.api.arrays import Array, Noise, Ranges, RefinementOptions
-from expertaug.api.checks import fit_options, refinement_of
-from expertaug.api.own_ranges import BUDGET, found_by, of_expert_alone
+from expertaug.api import arguments
+from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions, check_sets, seeds_of
 from expertaug.api.trained import TrainedModel
+from expertaug.errors import InputError
+from expertaug.inference import own_prior as growing
+from expertaug.inference.alternate import prepare
 from expertaug.inference.own_prior import OwnPrior
+from expertaug.inference.prior_stage import SAMPLES
+from expertaug.inference.settings import AlternateOptions, AlternatingSettings
 from expertaug.inference.validity import Validity, along
 from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.learning.train import expert_alone
+from expertaug.models import describe
 from expertaug.models.card import RecipeRecord
-from expertaug.models.settings import RefinementSettings
+from expertaug.models.hybrid import HybridModel
+from expertaug.models.kinds import INTERACTION
+from expertaug.models.observation_noise import GivenNoise
+from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.models.store import StoredModel
+from expertaug.presets import resolve
+from expertaug.settings import Settings
 from expertaug.systems import System
+from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories
+
+logger = logging.getLogger(__name__)
+BUDGET = 2.0  # by which p⁺ is widened at most: the configuration's default too
+Options = TypeVar("Options", bound=Settings)
 
 
 def least_squares(
@@ -61,12 +79,85 @@ def least_squares(
     settings = fit_options(UntrainedOptions, *named, fitting, training=training, seeds=[0])
     stored = expert_alone(system, train, settings, described)
     if prior is None:
-        found = of_expert_alone(stored, train, fitting.noise, fitting.settings)
+        found = grow_ranges_of_expert(stored, train, fitting.noise, fitting.settings)
         fitting = fitting.model_copy(update={"prior": found})
         stored = replace(stored, card=stored.card.but(refinement=fitting))
     model = TrainedModel(stored, single=True, refinement=stored.card.refinement)
     _ = model.predictor  # says what is wrong with the options
     return model
+
+
+class AlternatingOptions(TypedDict, total=False):
+    """How to train; see :class:`expertaug.inference.settings.AlternatingSettings` for meaning and defaults."""
+
+    latent: int
+    steps: int
+    batch_size: int
+    learning_rate: float
+    warmup: float
+    clip_norm: float | None
+    penalty: float
+    share: float
+    threshold: float
+    train_samples: int | None
+    validate_every: int
+    validation_samples: int | None
+    horizon_s: float
+    solver: Mapping
+
+
+def alternate(
+    system: System,
+    interaction: Mapping | Callable,
+    train: Trajectories,
+    validation: Trajectories,
+    *,
+    observed_s: float,
+    prior: Ranges | None = None,
+    noise: Noise = 0.0,
+    start: Ranges | None = None,
+    seeds: Iterable[int] = (0,),
+    refinement: Mapping | None = None,
+    label: str = "Alternating",
+    **options: Unpack[AlternatingOptions],
+) -> TrainedModel:
+    """Learn an interaction model from least-squares fits of each training window, without an encoder.
+
+    Arguments:
+        system: gives F_e.
+        interaction: F_a, as :class:`HybridModel` takes it.
+        train, validation: sets of the same times; the second selects each seed's best state.
+        observed_s: end of the observed window t1 in s, which is included.
+        prior: ranges [low, high] by expert parameter, in its unit, in which the fits start; None: they are found, as by
+            :func:`expertaug.least_squares`.
+        noise: standard deviation of the data's noise; the first point is estimated too where there is any.
+        start: ranges [low, high] of first values of components that nobody measured, in their units.
+        seeds: of initialisation and data order; they are trained as one batched computation.
+        refinement: how windows are fitted (:class:`expertaug.inference.settings.RefinementSettings`).
+        options: see :class:`AlternatingOptions`.
+
+    Returns:
+        the best state of every seed; its estimates are fits of each window.
+
+    Raises:
+        InputError: an argument that cannot be used.
+        SolveError: no seed can be trained.
+    """
+    recipe = HybridModel(system, {}, interaction)  # without an encoder
+    check_sets(system, train, validation)
+    part = describe.settings_of(INTERACTION, interaction)
+    described = RecipeRecord.of(system=systems.describe(system), model={"interaction": part})
+    fitting, training = refinement_of(system, refinement, noise, prior), AlternatingSettings.from_mapping(options)
+    named = (system, "alternating", label, observed_s, start)
+    chosen = seeds_of(seeds)
+    if prior is None:
+        of_expert = fit_options(UntrainedOptions, *named, fitting, seeds=chosen)
+        alone = expert_alone(system, train, of_expert, described)
+        found = grow_ranges_of_expert(alone, train, fitting.noise, fitting.settings)
+        fitting = fitting.model_copy(update={"prior": found})
+    settings = fit_options(AlternateOptions, *named, fitting, training=training, seeds=chosen)
+    stored = prepare(system, train, validation, settings, described, describe.own_classes(recipe)).run()
+    return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.card.refinement)
 
 
 def own_prior(
@@ -101,9 +192,16 @@ def own_prior(
         InputError: windows of another shape, or least squares without a prior.
     """
     names = [p.name for p in model.system.expert_parameters]
-    first = None if prior is None else arrays.ranges(prior, names, "prior")
-    return found_by(
-        model.stored, train, unlabelled, arrays.noise(noise), first, budget, RefinementSettings.from_mapping(options), u
+    first = None if prior is None else arguments.ranges(prior, names, "prior")
+    return grow_ranges(
+        model.stored,
+        train,
+        unlabelled,
+        arguments.noise(noise),
+        first,
+        budget,
+        RefinementSettings.from_mapping(options),
+        u,
     )
 
 
@@ -143,3 +241,101 @@ def validity(
         name: along(name, flat(found.z_e[name]), flat(found.chi2), flat(known.z_e[name]), flat(known.chi2))
         for name in found.z_e
     }
+
+
+def fit_options(
+    kind: type[Options],
+    system: System,
+    method: str,
+    label: str,
+    observed_s: float,
+    start: Ranges | None,
+    refinement: Refinement,
+    **rest: object,
+) -> Options:
+    """Options of a method whose estimates are least-squares fits of each window; ``rest`` are its training and seeds.
+
+    Raises:
+        InputError: a range cannot be used.
+    """
+    return kind.of(
+        experiment=systems.describe(system)["name"],
+        method=method,
+        label=label,
+        preset="corrected",
+        choices=resolve("corrected"),
+        t1_s=float(observed_s),
+        start={} if start is None else arguments.ranges(start, start, "start"),
+        refinement=refinement,
+        **rest,
+    )
+
+
+def refinement_of(system: System, options: Mapping | None, noise: Noise, prior: Ranges | None) -> Refinement:
+    """How windows are fitted; a ``prior`` of None is for the caller to find.
+
+    Raises:
+        InputError: an option or a range cannot be used.
+    """
+    names = [p.name for p in system.expert_parameters]
+    return Refinement.of(
+        settings=RefinementSettings.from_mapping(options),
+        noise=arguments.noise(noise),
+        prior=None if prior is None else arguments.ranges(prior, names, "prior"),
+    )
+
+
+def grow_ranges(
+    stored: StoredModel,
+    train: Trajectories,
+    unlabelled: Array | None,
+    noise: GivenNoise,
+    first: Ranges | None,
+    budget: float,
+    options: RefinementSettings,
+    u: Array | None = None,
+) -> OwnPrior:
+    """As :func:`expertaug.own_prior`, of at most 200 windows of each set, evenly spread."""
+    observed = stored.card.observed
+    index = np.linspace(0, len(train) - 1, min(SAMPLES, len(train))).astype(int)
+    part, system, gaps = train.subset(index), stored.model.system, stored.card.start is not None
+    known = _windows(arguments.tensor(part.seen, "train", gaps), part.u, system, part.t, "train.u")
+    with arguments.one_thread():
+        if unlabelled is None:
+            return growing.own_prior_without_windows(stored, known, noise, float(budget), first, options)
+        y = arguments.tensor(unlabelled, "unlabelled", gaps)
+        if y.shape[1:] != train.y[:, :observed].shape[1:]:
+            wanted = f"(N, {observed}, {', '.join(map(str, train.y.shape[2:]))})"
+            raise InputError("unlabelled", f"has shape {tuple(y.shape)}", f"give {wanted}")
+        windows = _windows(y, u, system, train.t[:observed], "u")
+        windows = windows[:, np.linspace(0, len(y) - 1, min(SAMPLES, len(y))).astype(int)]
+        return growing.own_prior(stored, known[:observed], windows, noise, first, options)
+
+
+def _windows(y: Tensor, u: object, system: System, t: np.ndarray, name: str) -> Tensor:
+    """States (N, T, *state) with the known inputs (N, T, U) as further components, (T, N, *observed)."""
+    known = arguments.inputs(u, system, len(y), t, name)
+    return joined(y.movedim(1, 0), None if known is None else known.movedim(1, 0))
+
+
+def given_or_grown_ranges(model: TrainedModel, train: Trajectories, prior: Ranges | None, noise: GivenNoise) -> dict:
+    """The ranges that a user gave, checked; without any those that widen the training's as far as the model goes."""
+    if prior is not None:
+        return arguments.ranges(prior, [p.name for p in model.system.expert_parameters], "prior")
+    arguments.trajectories(train, "train")
+    if model.stored.card.kind == "mean":
+        raise InputError("model", "a mean of the training set", "give a model with an expert")
+    first = growing.box(model.system)  # beside the model's own estimates, which may be wrong
+    found = grow_ranges(model.stored, train, None, noise, first, BUDGET, RefinementSettings())  # type: ignore[arg-type]
+    logger.info("p⁺: %s", found.says)
+    return dict(found.ranges)
+
+
+def grow_ranges_of_expert(
+    stored: StoredModel, train: Trajectories, noise: GivenNoise, options: RefinementSettings
+) -> dict:
+    """The same before anything is trained, by fits of the expert alone."""
+    first, how = growing.box(stored.model.system), growing.searching(options)
+    found = grow_ranges(stored, train, None, noise, first, BUDGET, how)  # type: ignore[arg-type]
+    logger.info("p⁺: %s", found.says)
+    return dict(found.ranges)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.api.arrays import Array
+from expertaug.api.arguments import Array
 from expertaug.errors import InputError
 from expertaug.evaluation import metrics
 from expertaug.systems import System

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from expertaug import plotting
-from expertaug.api import arrays
-from expertaug.api.arrays import Ranges
+from expertaug.api import arguments
+from expertaug.api.arguments import Ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
 from expertaug.evaluation import parameters as parameter_figures
@@ -131,7 +131,7 @@ def _empty(model: TrainedModel, t: np.ndarray) -> dict[str, Any]:
 
 
 def _forecasts(model: TrainedModel, data: Trajectories) -> Forecasts:
-    arrays.trajectories(data, "data")
+    arguments.trajectories(data, "data")
     y = np.asarray(model.forecast(data.seen[:, : model.observed], data.t, u=data.u).y)
     filled = {"index": np.arange(len(data)), "truth": data.seen, "prediction": y[None] if model.single else y}
     sets: dict[str, Any] = {k: {"data": v} for k, v in (filled | {"truths": data.z_e}).items()}

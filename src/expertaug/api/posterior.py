@@ -9,9 +9,9 @@ from typing import TypedDict, Unpack
 import numpy as np
 import torch
 
-from expertaug.api import arrays
-from expertaug.api.arrays import Array, Noise, Ranges
-from expertaug.api.own_ranges import given_or_found
+from expertaug.api import arguments
+from expertaug.api.arguments import Array, Noise, Ranges
+from expertaug.api.inference import given_or_grown_ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.api.training import run_training
 from expertaug.errors import InputError
@@ -103,10 +103,10 @@ def fit_posterior(
         choices=card.choices,
         seeds=model.seeds,
         flow=FlowSettings.from_mapping(options),
-        prior=given_or_found(model, train, prior, arrays.noise(noise)),
-        noise=arrays.noise(noise),
+        prior=given_or_grown_ranges(model, train, prior, arguments.noise(noise)),
+        noise=arguments.noise(noise),
     )
-    with arrays.one_thread():
+    with arguments.one_thread():
         found = run_training(flow_training.prepare(model.stored, train, settings, "model", validation))
     return TrainedModel(found.stored, found.history, model.single)
 
@@ -141,7 +141,7 @@ def predictive(
     if not levels or any(not 0 < level < 1 for level in levels):
         raise InputError("levels", f"found {list(levels)}", "give numbers between 0 and 1, as 0.05")
     observed, times, known = model._window(window, t, u)
-    with torch.no_grad(), arrays.one_thread():
+    with torch.no_grad(), arguments.one_thread():
         points = torch.from_numpy(times).float().to(observed.device)
         sampler = model.predictor
         if not isinstance(sampler, FlowEstimator):
@@ -151,5 +151,5 @@ def predictive(
     z_e = found.z_e
     if model.single or pooled:
         mean, quantiles, z_e = mean[0], quantiles[:, 0], z_e[:, 0]
-    named = {p.name: arrays.like(z_e[..., k], window) for k, p in enumerate(model.system.expert_parameters)}
-    return Band(times, arrays.like(mean, window), tuple(levels), arrays.like(quantiles, window), named)
+    named = {p.name: arguments.like(z_e[..., k], window) for k, p in enumerate(model.system.expert_parameters)}
+    return Band(times, arguments.like(mean, window), tuple(levels), arguments.like(quantiles, window), named)

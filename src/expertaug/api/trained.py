@@ -1,8 +1,9 @@
-"""A trained model: forecasts, estimates, metrics, files."""
+"""Trained models: forecasts, estimates, metrics, files; which windows they explain as well as validation windows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import logging
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,25 +14,32 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from expertaug.api import arrays
-from expertaug.api.arrays import Array, Noise, Ranges, RefinementOptions
+from expertaug.api import arguments
+from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast, standard_deviation
-from expertaug.api.trust import judged
 from expertaug.errors import InputError
 from expertaug.evaluation.score import score, spread
+from expertaug.inference.alarm import threshold
 from expertaug.inference.least_squares import refined_by
+from expertaug.inference.store import load as load_any
 from expertaug.learning.residuals import misfit_of, recorded
 from expertaug.models import store
 from expertaug.models.posterior import Predictor
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.stacking import select
-from expertaug.models.store import StoredModel
+from expertaug.models.store import StoredModel, device_of
 from expertaug.systems import System
 from expertaug.systems.inputs import joined, states_of
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
 STARTS = ("y0", "y_t1")
+FEWEST = 19  # validation windows of which one in twenty can be told
+DOUBT = (
+    "%d of %d windows are explained worse than 95 %% of the validation windows (trusted is False): the model may not "
+    "hold there"
+)
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +68,7 @@ class TrainedModel:
         """What estimates and forecasts."""
         if self.refinement is None:
             return self.stored.model  # type: ignore[return-value]
-        with arrays.one_thread():
+        with arguments.one_thread():
             return refined_by(self.stored, self.refinement)
 
     @property
@@ -94,7 +102,7 @@ class TrainedModel:
         return self.stored.card.label
 
     def __repr__(self) -> str:
-        window = arrays.brief(self.t[: self.observed])
+        window = arguments.brief(self.t[: self.observed])
         return f"TrainedModel({self.label}, {type(self.system).__name__}, seeds {self.seeds}, observes {window})"
 
     def __len__(self) -> int:
@@ -150,7 +158,7 @@ class TrainedModel:
         observed, t, known = self._window(window, t, u)
         if start not in STARTS:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
-        with torch.no_grad(), arrays.one_thread():
+        with torch.no_grad(), arguments.one_thread():
             points = torch.from_numpy(t).float().to(observed.device)
             found = self.predictor.estimate(observed)  # type: ignore[attr-defined]
             states = self.predictor.predicted(found, observed, points, solver or self.solver, start, known)
@@ -158,13 +166,15 @@ class TrainedModel:
         units = {p.name: p.unit for p in self.system.state} | {
             f"z_e {p.name}": p.unit for p in self.system.expert_parameters
         }
-        y = arrays.like(y[0] if self.single else y, window)
+        y = arguments.like(y[0] if self.single else y, window)
         named, std = self._named(found.z_e, window), self._named(standard_deviation(found), window)
         chi2, misfit = found.chi2, None
         if start == "y0":  # else the forecast begins with the window itself
             misfit = misfit_of(self.system, states, states_of(self.system, observed))
         trusted = None if misfit is None else self._trusted(misfit)
-        each = [None if v is None else arrays.like(v[0] if self.single else v, window) for v in (chi2, misfit, trusted)]
+        each = [
+            None if v is None else arguments.like(v[0] if self.single else v, window) for v in (chi2, misfit, trusted)
+        ]
         return Forecast(t, y, named, units, self.seeds, std, *each)
 
     def estimate(self, window: Array, t: Array | Sequence[float], *, u: Array | None = None) -> dict[str, Array]:
@@ -177,7 +187,7 @@ class TrainedModel:
             by name, (N,) each, in the system's units; nothing for a model that estimates none.
         """
         observed, *_ = self._window(window, t, u)
-        with torch.no_grad(), arrays.one_thread():
+        with torch.no_grad(), arguments.one_thread():
             found = self.predictor.estimate(observed)  # type: ignore[attr-defined]
         return self._named(found.z_e, window)
 
@@ -204,7 +214,7 @@ class TrainedModel:
         Raises:
             InputError: the set is of another system or of other times.
         """
-        data = spread(arrays.trajectories(data, "data"), max_samples)
+        data = spread(arguments.trajectories(data, "data"), max_samples)
         window, *_ = self._window(data.seen[:, : self.observed], data.t, data.u)
         if data.z_e.shape[1] != len(self.system.expert_parameters):
             names = ", ".join(p.name for p in self.system.expert_parameters)
@@ -212,7 +222,7 @@ class TrainedModel:
         if start not in STARTS:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
         options = {"from_s": from_s, "solver": dict(vars(solver or self.solver))}
-        with arrays.one_thread():
+        with arguments.one_thread():
             scored = score(replace(self.stored, model=self.predictor), data, options, start, window.device)
         return pd.DataFrame(scored.rows({}, self.seeds)).loc[:, ["seed", "metric", "value"]]
 
@@ -231,9 +241,9 @@ class TrainedModel:
             InputError: an option that cannot be used, or a model without an expert.
         """
         names = [p.name for p in self.system.expert_parameters]
-        ranges = None if prior is None else arrays.ranges(prior, names, "prior")
+        ranges = None if prior is None else arguments.ranges(prior, names, "prior")
         how = RefinementSettings.from_mapping(options)
-        given = Refinement.of(settings=how, noise=arrays.noise(noise), prior=ranges)
+        given = Refinement.of(settings=how, noise=arguments.noise(noise), prior=ranges)
         found = replace(self, refinement=given, misfits=None)
         _ = found.predictor  # says what is wrong with the options
         return found
@@ -246,9 +256,9 @@ class TrainedModel:
         Arguments:
             validation: windows like the training's, on which nothing was fitted; 19 or more.
         """
-        seen = arrays.trajectories(validation, "validation").seen[:, : self.observed]
+        seen = arguments.trajectories(validation, "validation").seen[:, : self.observed]
         window, *_ = self._window(seen, validation.t, validation.u)
-        with arrays.one_thread():
+        with arguments.one_thread():
             kept = recorded(replace(self.stored, model=self.predictor), window[:, :1])
         return replace(self, misfits=kept["validation"])
 
@@ -258,7 +268,7 @@ class TrainedModel:
         if kept is None and self.refinement == self.stored.card.refinement:
             known = self.stored.card.misfit
             kept = None if known is None else known.validation
-        return judged(misfit, kept)
+        return judge(misfit, kept)
 
     def save(self, path: str | Path) -> None:
         """Write a model file, which :func:`load` and the command line read; of a refined model the model itself.
@@ -270,18 +280,18 @@ class TrainedModel:
 
     def _window(self, window: object, t: object, u: object = None) -> tuple[Tensor, np.ndarray, Tensor | None]:
         """Windows (T1, S, N, *observed) on the model's device, all times, and known inputs (T, S, N, U)."""
-        y, t = arrays.tensor(window, "window", self.stored.card.start is not None), arrays.times(t)
+        y, t = arguments.tensor(window, "window", self.stored.card.start is not None), arguments.times(t)
         state, points = self.system.state_shape, self.observed
         if y.dim() != 2 + len(state) or y.shape[2:] != state or not len(y):
             names = ", ".join(p.name for p in self.system.state)
             wanted = f"(N, {points}, {', '.join(map(str, state))})"
             raise InputError("window", f"has shape {tuple(y.shape)}", f"give {wanted}: the state is {names}")
         remedy = "give the window at these times, the first of t"
-        arrays.same_times(t[: y.shape[1]], self.t[:points], "window", remedy)
+        arguments.same_times(t[: y.shape[1]], self.t[:points], "window", remedy)
         if self.stored.card.kind == "mean" and len(t) > points:
-            arrays.same_times(t, self.t, "t", "the mean of the training set has no others")
-        known = arrays.inputs(u, self.system, len(y), t)
-        y, known = (None if x is None else arrays.grouped(x.to(self._device), len(self)) for x in (y, known))
+            arguments.same_times(t, self.t, "t", "the mean of the training set has no others")
+        known = arguments.inputs(u, self.system, len(y), t)
+        y, known = (None if x is None else arguments.grouped(x.to(self._device), len(self)) for x in (y, known))
         return joined(y, None if known is None else known[:points]), t, known  # type: ignore[arg-type]
 
     @property
@@ -293,4 +303,48 @@ class TrainedModel:
         if z_e is None or not self.stored.model.knows_z_e:
             return {}
         z_e = z_e[0] if self.single else z_e
-        return {p.name: arrays.like(z_e[..., k], given) for k, p in enumerate(self.system.expert_parameters)}
+        return {p.name: arguments.like(z_e[..., k], given) for k, p in enumerate(self.system.expert_parameters)}
+
+
+def load(path: str | Path, *, classes: Collection[str | Callable] = (), device: str = "cpu") -> TrainedModel:
+    """Read a model file, of this package's functions or of a workflow's run.
+
+    Arguments:
+        classes: where the model is made of classes of your own: these, or their names ``package.module:Class``.  A file
+            that names others is refused: nothing is imported that you do not name.
+        device: auto, cpu or cuda.
+
+    Raises:
+        InputError: the file is missing, damaged or no model file, or needs a class that ``classes`` does not name.
+    """
+    with arguments.one_thread():
+        stored = load_any(path, device_of(device), classes)
+    return TrainedModel(stored, refinement=stored.card.refinement)
+
+
+def forecast(model: TrainedModel, window: Array, t: Array | Sequence[float], **options: object) -> Forecast:
+    """:meth:`TrainedModel.forecast`."""
+    return model.forecast(window, t, **options)  # type: ignore[arg-type]
+
+
+def evaluate(model: TrainedModel | Mapping[str, TrainedModel], data: Trajectories, **options: object) -> pd.DataFrame:
+    """:meth:`TrainedModel.evaluate`, of one model or of several by label (a column ``label`` is then added)."""
+    if isinstance(model, TrainedModel):
+        return model.evaluate(data, **options)  # type: ignore[arg-type]
+    each = {label: one.evaluate(data, **options) for label, one in model.items()}  # type: ignore[arg-type]
+    return pd.concat(each, names=["label"]).reset_index(level="label").reset_index(drop=True)
+
+
+def judge(misfit: Tensor, kept: Sequence[Sequence[float]] | None) -> Tensor | None:
+    """Whether misfits (S, N) are no larger than 95 % of the kept ones, a list a seed; None where these are not known.
+
+    A window that at least half of the seeds do not explain is told in a warning.
+    """
+    if kept is None or min(map(len, kept)) < FEWEST:
+        return None
+    limits = misfit.new_tensor([threshold(np.array(one)) for one in kept])
+    trusted = misfit <= limits.unsqueeze(1)
+    doubtful = int((trusted.double().mean(0) <= 0.5).sum())
+    if doubtful:
+        logger.warning(DOUBT, doubtful, trusted.shape[1])
+    return trusted

@@ -9,10 +9,9 @@ from typing import Literal, TypeAlias, TypedDict, Unpack
 import numpy as np
 import pandas as pd
 
-from expertaug.api import arrays
-from expertaug.api.arrays import Noise, Ranges
-from expertaug.api.checks import check_sets, check_trained, seeds_of
-from expertaug.api.own_ranges import given_or_found
+from expertaug.api import arguments
+from expertaug.api.arguments import Noise, Ranges, check_sets, seeds_of
+from expertaug.api.inference import given_or_grown_ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
 from expertaug.learning import augment as augment_stage
@@ -139,10 +138,10 @@ def fit(
     """
     if not isinstance(model, HybridModel):
         raise InputError("model", f"is {type(model).__name__}", "give expertaug.HybridModel(system, encoder, …)")
-    check_sets(model, train, validation)
+    check_sets(model.system, train, validation)
     chosen = resolve(preset, choices)
     if not isinstance(observed_s, (int, float)) or not train.t[1] <= observed_s + 1e-9 <= train.t[-1] + 2e-9:
-        raise InputError("observed_s", f"found {observed_s!r}", f"the data's times are {arrays.brief(train.t)}")
+        raise InputError("observed_s", f"found {observed_s!r}", f"the data's times are {arguments.brief(train.t)}")
     names = [p.name for p in model.system.expert_parameters]
     loss = describe.settings_of(OBJECTIVE, objective)
     described = describe.describe(model)
@@ -157,14 +156,14 @@ def fit(
         preset=preset,
         training=TrainSettings.from_mapping({**options, **further}),
         t1_s=float(observed_s),
-        start={} if start is None else arrays.ranges(start, start, "start"),
+        start={} if start is None else arguments.ranges(start, start, "start"),
         choices=chosen,
         seeds=seeds_of(seeds),
         device=device,
-        **({} if prior is None else {"prior": arrays.ranges(prior, names, "prior")}),
+        **({} if prior is None else {"prior": arguments.ranges(prior, names, "prior")}),
     )
     classes = describe.own_classes(model) | describe.class_of(OBJECTIVE, objective)
-    with arrays.one_thread():
+    with arguments.one_thread():
         made = train_stage.prepare(model, train, validation, how, described, loss["kind"], classes, forecast_solver)
         return run_training(made)
 
@@ -196,10 +195,10 @@ def augment(
         SolveError: samples are not finite for any z_e drawn.
     """
     check_trained(model, train, validation)
-    ranges = given_or_found(model, train, prior, arrays.noise(noise))
+    ranges = given_or_grown_ranges(model, train, prior, arguments.noise(noise))
     rows = _choices(model, preset, choices)[1]
-    with arrays.one_thread():
-        drawn = augment_stage.draw(model.stored, train, validation, ranges, arrays.noise(noise), rows, float(worst))
+    with arguments.one_thread():
+        drawn = augment_stage.draw(model.stored, train, validation, ranges, arguments.noise(noise), rows, float(worst))
     return AugmentedSets(model.t[: len(drawn.train.y)], drawn)
 
 
@@ -253,10 +252,10 @@ def finetune(
         training=TrainSettings.from_mapping(options),
         choices=chosen,
         seeds=model.seeds,
-        **({"prior": given_or_found(model, train, prior, arrays.noise(noise))} if control else {}),
+        **({"prior": given_or_grown_ranges(model, train, prior, arguments.noise(noise))} if control else {}),
     )
     drawn = None if augmented is None else augmented.drawn
-    with arrays.one_thread():
+    with arguments.one_thread():
         tuned = run_training(finetune_stage.prepare(model.stored, drawn, train, validation, how))
     return TrainedModel(tuned.stored, tuned.history, model.single)
 
@@ -279,3 +278,12 @@ def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -
     own = {} if preset else card.choices.to_json()
     name = preset or card.preset
     return name, resolve(name, {**own, **(choices or {})})
+
+
+def check_trained(model: TrainedModel, train: Trajectories, validation: Trajectories) -> None:
+    if not isinstance(model, TrainedModel):
+        raise InputError("model", f"is {type(model).__name__}", "give what expertaug.fit returns")
+    if model.stored.card.kind != "hybrid":
+        raise InputError("model", f"a {model.stored.card.kind} model", "only hybrid models can be augmented")
+    check_sets(model.system, train, validation)
+    arguments.same_times(train.t, model.t, "train", "give the sets of its training")

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from expertaug.api.arrays import same_times
+from expertaug.api.arguments import same_times
 from expertaug.api.forecasts import labelled
-from expertaug.api.models import load
-from expertaug.api.trained import TrainedModel
+from expertaug.api.trained import TrainedModel, load
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.systems import Parameter

@@ -1,4 +1,4 @@
-"""Arrays of the user's: NumPy or torch in, the same out, batch first."""
+"""What a user gives: arrays (NumPy or torch in, the same out, batch first), ranges, noise, sets, seeds; checked."""
 
 from __future__ import annotations
 
@@ -199,3 +199,36 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def seeds_of(given: Iterable[int]) -> list[int]:
+    """Seeds that a user gave.
+
+    Raises:
+        InputError: no different whole numbers from 0 on.
+    """
+    try:
+        seeds = [int(seed) for seed in given]
+    except (TypeError, ValueError) as error:
+        raise InputError("seeds", f"found {given!r}", "give whole numbers, as range(3)") from error
+    if not seeds or min(seeds) < 0 or max(seeds) >= 2**63 or len(set(seeds)) < len(seeds):
+        raise InputError("seeds", f"found {seeds}", "give different whole numbers from 0 on")
+    return seeds
+
+
+def check_sets(system: System, train: Trajectories, validation: Trajectories) -> None:
+    """Both sets must be of the system and of one another's times.
+
+    Raises:
+        InputError: they are not.
+    """
+    for name, data in (("train", train), ("validation", validation)):
+        trajectories(data, name)
+        state, parameters = system.state_shape, system.expert_parameters
+        if data.y.shape[2:] != state or data.z_e.shape[1] != len(parameters):
+            found = f"y has shape {data.y.shape}, z_e {data.z_e.shape}"
+            wanted = f"y (N, T, {', '.join(map(str, state))}), z_e (N, {len(parameters)})"
+            raise InputError(name, found, f"{type(system).__name__} has {wanted}")
+        inputs(data.u, system, len(data), data.t, f"{name}.u")
+    if len(train.t) != len(validation.t) or not np.array_equal(train.t, validation.t):
+        raise InputError("validation", f"has the times {brief(validation.t)}", "give those of train")
