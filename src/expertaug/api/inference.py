@@ -26,9 +26,8 @@ from expertaug.learning.train import expert_alone
 from expertaug.models import describe
 from expertaug.models.card import RecipeRecord
 from expertaug.models.hybrid import HybridModel
-from expertaug.models.kinds import INTERACTION
 from expertaug.models.observation_noise import GivenNoise
-from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.models.settings import INTERACTION, Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.presets import resolve
 from expertaug.settings import Settings
