@@ -25,10 +25,9 @@ from expertaug.evaluation.diverged import forecast
 from expertaug.evaluation.drawn_forecasts import ExpectedError, drawing_of
 from expertaug.evaluation.samples import EXPECTED
 from expertaug.evaluation.score import score
-from expertaug.inference.alarm import failing
+from expertaug.inference.diagnostics.alarm import auroc, failing
 from expertaug.inference.least_squares import estimator_of
-from expertaug.inference.own_draws import own_draws
-from expertaug.inference.roc import auroc
+from expertaug.inference.simulations import own_draws
 from expertaug.inference.store import load
 from expertaug.learning.divergence import stored_bound
 from expertaug.learning.residuals import squared_errors

@@ -15,7 +15,7 @@ import numpy as np
 
 import expertaug as ea
 from expertaug.evaluation.score import spread
-from expertaug.inference.coverage import TABLE_LEVELS
+from expertaug.inference.diagnostics.calibration import TABLE_LEVELS
 from expertaug.trajectories import Trajectories
 
 DRAWS = 119  # of each seed

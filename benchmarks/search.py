@@ -24,7 +24,7 @@ from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, log_mse_of, parameter_errors
-from expertaug.inference.alternate import alternate
+from expertaug.inference.alternating import alternate
 from expertaug.inference.least_squares import refined_by
 from expertaug.inference.settings import AlternateJob
 from expertaug.learning.augment import augment

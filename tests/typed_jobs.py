@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from expertaug.inference import alternate as alternating
-from expertaug.inference import flow_training, prior_stage
+from expertaug.inference import adaptive_prior, alternating, flow_training
 from expertaug.inference.settings import AlternateJob, FirstPriorJob, FlowJob, OwnPriorJob
 from expertaug.learning import augment as augmenting
 from expertaug.learning import finetune as tuning
@@ -50,4 +49,4 @@ def flow(model, data, output, work, settings, tracking):
 
 def own_prior(model, data, output, settings, calibration=None):
     kind = FirstPriorJob if model is None else OwnPriorJob
-    return prior_stage.own_prior(model, data, output, job(kind, settings), calibration)
+    return adaptive_prior.find_prior(model, data, output, job(kind, settings), calibration)

@@ -12,7 +12,7 @@ from small_pendulum import OPTIONS
 
 import expertaug as ea
 from expertaug.cli import main
-from expertaug.inference.latent import Latent
+from expertaug.inference.coordinates import Latent
 
 T = np.linspace(0, 4, 41)
 PRIOR = {"omega0": [0.5, 3.5]}

@@ -9,7 +9,7 @@ from driven_sets import ENCODER, INTERACTION, OPTIONS, WIDER
 
 import expertaug as ea
 from expertaug.evaluation.drawn_forecasts import of_own_windows
-from expertaug.inference.refit import refit
+from expertaug.inference.diagnostics.validity import refit
 from expertaug.learning.training_data import StackedSet
 from expertaug.models.gaps import Gaps, fill
 from expertaug.systems.inputs import inputs_of, states_of

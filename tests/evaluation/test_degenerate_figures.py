@@ -20,8 +20,7 @@ from expertaug.evaluation.coverage import coverage
 from expertaug.evaluation.distance import distance
 from expertaug.evaluation.settings import GridJob, OverviewJob, PlotJob, StudyJob, WindowStudyJob
 from expertaug.evaluation.studies import study
-from expertaug.inference.refit import Refit
-from expertaug.inference.validity import Validity
+from expertaug.inference.diagnostics.validity import Refit, Validity
 
 VALUES = {"zero": 0.0, "missing": np.nan, "infinite": np.inf}
 

@@ -9,10 +9,8 @@ from test_figures import assert_nothing_is_cut
 
 from expertaug.errors import InputError
 from expertaug.evaluation.diagnostic_figures import draw_alarm, draw_calibration
-from expertaug.inference.alarm import assess
-from expertaug.inference.calibration import Calibration
-from expertaug.inference.coverage import interval_coverage
-from expertaug.inference.roc import roc
+from expertaug.inference.diagnostics.alarm import assess, roc
+from expertaug.inference.diagnostics.calibration import Calibration, interval_coverage
 
 DRAWS, N = 99, 120
 

@@ -7,9 +7,17 @@ import pytest
 import torch
 
 from expertaug.errors import InputError
-from expertaug.inference.alarm import assess, caught, ensemble_spread, failing, forecast_distance, threshold
-from expertaug.inference.risk import risk_coverage
-from expertaug.inference.roc import auroc, roc
+from expertaug.inference.diagnostics.alarm import (
+    assess,
+    auroc,
+    caught,
+    ensemble_spread,
+    failing,
+    forecast_distance,
+    risk_coverage,
+    roc,
+    threshold,
+)
 
 
 def scored(n: int, apart: float, seed: int = 0, decimals: int | None = None):

@@ -8,7 +8,7 @@ import torch
 import tiny
 from expertaug import systems
 from expertaug.errors import InputError, SolveError
-from expertaug.inference import alternate as stage
+from expertaug.inference import alternating as stage
 from expertaug.inference.least_squares import refined_by
 from expertaug.inference.settings import AlternateJob
 from expertaug.learning.train import described_by

@@ -8,8 +8,14 @@ from gaussian import posterior
 from scipy.stats import binomtest
 
 from expertaug.errors import InputError
-from expertaug.inference.coverage import area_to_curve, expected_coverage, interval_coverage
-from expertaug.inference.ranks import density_ranks, ranks, tarp_ranks
+from expertaug.inference.diagnostics.calibration import (
+    area_to_curve,
+    density_ranks,
+    expected_coverage,
+    interval_coverage,
+    ranks,
+    tarp_ranks,
+)
 
 
 def test_every_rank_once_covers_each_level_exactly():

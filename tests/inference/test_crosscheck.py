@@ -7,9 +7,8 @@ import pytest
 import torch
 from gaussian import posterior
 
-from expertaug.inference.coverage import area_to_curve
-from expertaug.inference.ranks import density_ranks, ranks, tarp_ranks
-from expertaug.inference.uniformity import uniformity
+from expertaug.inference.diagnostics.calibration import area_to_curve, density_ranks, ranks, tarp_ranks
+from expertaug.inference.diagnostics.uniformity import uniformity
 
 sbi_diagnostics = pytest.importorskip("sbi.diagnostics", reason="sbi is not installed")
 N, DRAWS = 400, 200

@@ -8,12 +8,12 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation.diverged import forecast
 from expertaug.inference import store
-from expertaug.inference.context import Context
-from expertaug.inference.draws import HELD_OUT, Pool
+from expertaug.inference.coordinates import Unknowns
+from expertaug.inference.flow import Context
 from expertaug.inference.flow_training import prepare
-from expertaug.inference.predictive import predictive
+from expertaug.inference.posterior_predictive import predictive
 from expertaug.inference.settings import FlowJob
-from expertaug.inference.unknowns import Unknowns
+from expertaug.inference.simulations import HELD_OUT, Pool
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.settings import TrainOptions
 from expertaug.learning.train import prepare as prepare_training

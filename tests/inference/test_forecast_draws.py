@@ -15,12 +15,12 @@ from test_least_squares import NOISE, OBSERVED, PRIOR, T, expert_alone, pendulum
 from expertaug import systems
 from expertaug.evaluation.drawn_forecasts import Drawing, DrawnScores, of_own_windows
 from expertaug.evaluation.score import score
-from expertaug.inference import own_draws as own_windows_of
+from expertaug.inference import simulations as own_windows_of
 from expertaug.inference.flow_training import prepare
 from expertaug.inference.least_squares import estimator_of
-from expertaug.inference.own_draws import own_draws
-from expertaug.inference.posterior_draws import joint_draws
+from expertaug.inference.posterior_predictive import joint_draws
 from expertaug.inference.settings import FlowJob
+from expertaug.inference.simulations import own_draws
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Delta, Estimates, Gaussian, Posterior

@@ -10,7 +10,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation.own_priors import own_priors
 from expertaug.evaluation.settings import OwnPriorsJob
-from expertaug.inference.own_prior import box, own_prior, own_prior_without_windows, searching
+from expertaug.inference.adaptive_prior import adapt_prior, typical_ranges, widen_prior, with_more_starts
 from expertaug.models.settings import RefinementSettings
 from expertaug.stages.prior_file import read_ranges, with_ranges
 from tiny import SETTINGS
@@ -30,7 +30,7 @@ def train():
 
 def test_it_grows_to_where_the_windows_are_and_no_further(train):
     far = pendulum((0.5, 1.5), n=60)
-    found = own_prior(expert_alone("pendulum", train), first_points(train), first_points(far), NOISE, SEEN)
+    found = adapt_prior(expert_alone("pendulum", train), first_points(train), first_points(far), NOISE, SEEN)
     low, high = found.ranges["omega0"]
     assert 0.3 < low < far.z_e.min() * 1.05 and 3.0 < high < 3.6
     assert 1.4 < found.training["omega0"][0] < found.training["omega0"][1] < 3.2
@@ -38,42 +38,45 @@ def test_it_grows_to_where_the_windows_are_and_no_further(train):
 
 
 def test_windows_of_the_training_leave_the_ranges_as_they_are(train):
-    found = own_prior(expert_alone("pendulum", train), first_points(train), first_points(train), NOISE, SEEN)
+    found = adapt_prior(expert_alone("pendulum", train), first_points(train), first_points(train), NOISE, SEEN)
     assert found.ranges == found.training and found.explained > 0.95
 
 
 def test_it_says_when_the_expert_itself_does_not_fit(train):
     damped = pendulum((1.5, 3.1), damping=(0.4, 0.6), n=40)
-    found = own_prior(expert_alone("pendulum", train), first_points(train), first_points(damped), NOISE, SEEN)
+    found = adapt_prior(expert_alone("pendulum", train), first_points(train), first_points(damped), NOISE, SEEN)
     assert found.explained < 0.5 and "does not fit" in found.says
 
 
 def test_without_windows_the_ranges_end_at_the_budget(train):
     whole = torch.from_numpy(train.y).movedim(1, 0)
     stored = expert_alone("pendulum", train)
-    found = own_prior_without_windows(stored, whole, NOISE, 2.0, SEEN)
+    found = widen_prior(stored, whole, NOISE, 2.0, SEEN)
     low, high = found.ranges["omega0"]
     assert low == pytest.approx(found.training["omega0"][0] / 2) and found.rounds == 2
     assert high == pytest.approx(found.training["omega0"][1] * 2) and not found.windows
     assert "no windows were given" in found.says and found.explained > 0.7
     with pytest.raises(InputError, match="budget: found 1"):
-        own_prior_without_windows(stored, whole, NOISE, 1.0, SEEN)
+        widen_prior(stored, whole, NOISE, 1.0, SEEN)
 
 
 def test_nothing_is_widened_where_own_windows_cannot_be_fitted(train):
     """One start for the fits: beyond a factor of two they end in minima of other swings."""
     whole = torch.from_numpy(train.y).movedim(1, 0)
     few = {"starts": 1, "tries": 1, "steps": 1}
-    found = own_prior_without_windows(expert_alone("pendulum", train), whole, NOISE, 100.0, SEEN, few | {"steps": 30})
+    found = widen_prior(expert_alone("pendulum", train), whole, NOISE, 100.0, SEEN, few | {"steps": 30})
     assert found.ranges["omega0"][1] < 50
 
 
 def test_a_search_from_nothing_starts_around_the_typical_size():
     system = systems.load({"name": "double_pendulum", "expert": "point_mass"})
-    found = box(system)
-    assert found["omega1"] == (-100.0, 100.0) and box(systems.load({"name": "rlc"}))["L"] == (0.2, 20.0)
+    found = typical_ranges(system)
+    assert found["omega1"] == (-100.0, 100.0) and typical_ranges(systems.load({"name": "rlc"}))["L"] == (0.2, 20.0)
     few = RefinementSettings(starts=3, tries=2)
-    assert searching(few) == RefinementSettings(starts=256, tries=2) and searching(RefinementSettings()).starts == 256
+    assert (
+        with_more_starts(few) == RefinementSettings(starts=256, tries=2)
+        and with_more_starts(RefinementSettings()).starts == 256
+    )
 
 
 def test_the_stage_writes_ranges_that_other_stages_read(data, tmp_path):
@@ -102,6 +105,6 @@ def test_the_stage_writes_ranges_that_other_stages_read(data, tmp_path):
 def test_mistakes_are_one_line(train):
     stored, y = expert_alone("pendulum", train), first_points(train)
     with pytest.raises(InputError, match="give ranges"):
-        own_prior(stored, y, y, NOISE)
+        adapt_prior(stored, y, y, NOISE)
     with pytest.raises(InputError, match="the training's are"):
-        own_prior(stored, y, y[1:], NOISE, SEEN)
+        adapt_prior(stored, y, y[1:], NOISE, SEEN)

@@ -10,7 +10,7 @@ import torch
 from scipy.stats import norm
 
 from expertaug.errors import InputError
-from expertaug.inference.predictive_scores import crps, energy_score, log_mse_of_mean
+from expertaug.inference.diagnostics.scores import crps, energy_score, log_mse_of_mean
 
 
 def test_crps_of_a_gaussian_is_the_closed_form():

@@ -9,9 +9,8 @@ from gaussian import posterior
 from scipy.stats import binom
 
 from expertaug.errors import InputError
-from expertaug.inference.calibration import calibration
-from expertaug.inference.ranks import density_ranks, ranks, tarp_ranks
-from expertaug.inference.uniformity import uniformity
+from expertaug.inference.diagnostics.calibration import calibration, density_ranks, ranks, tarp_ranks
+from expertaug.inference.diagnostics.uniformity import uniformity
 
 DRAWS = np.array([[[1.0, 5.0]], [[2.0, 6.0]], [[3.0, 7.0]]])  # (3, 1, 2)
 

@@ -11,7 +11,7 @@ from torch import nn
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation import validity
-from expertaug.inference.refit import refit
+from expertaug.inference.diagnostics.validity import refit
 from expertaug.inference.settings import ValiditySettings
 from expertaug.models.decoder import Decoder
 from expertaug.models.store import StoredModel

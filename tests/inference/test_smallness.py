@@ -2,7 +2,7 @@
 
 import torch
 
-from expertaug.inference.smallness import expert_tangents, squares
+from expertaug.inference.alternating import expert_tangents, squares
 from expertaug.learning.objectives import decorrelate
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.rlc import RLC

@@ -9,7 +9,7 @@ from torch import nn
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.inference.validity import along, error_of_interaction
+from expertaug.inference.diagnostics.validity import along, error_of_interaction
 from expertaug.models.decoder import Decoder
 from expertaug.systems.simulate import trajectories
 

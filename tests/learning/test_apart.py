@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from expertaug.errors import SolveError
-from expertaug.inference.predictive import forecasts
+from expertaug.inference.posterior_predictive import forecasts
 from expertaug.learning.divergence import solved_apart
 from expertaug.models.decoder import Decoder
 from expertaug.systems.base import Parameter, System

@@ -4,17 +4,20 @@ docs/diagnostics.md).
 Arrays are NumPy or torch: scores and errors (N,), one number a window; a higher score is more suspicious.
 """
 
-from expertaug.inference.alarm import (
+from expertaug.inference.diagnostics.alarm import (
+    Area,
     Assessment,
+    RiskCoverage,
     assess,
+    auroc,
     caught,
     ensemble_spread,
     failing,
     forecast_distance,
+    risk_coverage,
+    roc,
     threshold,
 )
-from expertaug.inference.risk import RiskCoverage, risk_coverage
-from expertaug.inference.roc import Area, auroc, roc
 
 __all__ = [
     "Area",

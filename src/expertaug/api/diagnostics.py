@@ -4,11 +4,19 @@ Arrays are NumPy or torch.  Draws come first, then windows, as seeds do in a gro
 truth (N, …).
 """
 
-from expertaug.inference.calibration import Calibration, calibration
-from expertaug.inference.coverage import Coverage, area_to_curve, expected_coverage, interval_coverage
-from expertaug.inference.predictive_scores import crps, energy_score, log_mse_of_mean
-from expertaug.inference.ranks import density_ranks, ranks, tarp_ranks
-from expertaug.inference.uniformity import Uniformity, uniformity
+from expertaug.inference.diagnostics.calibration import (
+    Calibration,
+    Coverage,
+    area_to_curve,
+    calibration,
+    density_ranks,
+    expected_coverage,
+    interval_coverage,
+    ranks,
+    tarp_ranks,
+)
+from expertaug.inference.diagnostics.scores import crps, energy_score, log_mse_of_mean
+from expertaug.inference.diagnostics.uniformity import Uniformity, uniformity
 
 __all__ = [
     "Calibration",

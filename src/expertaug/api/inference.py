@@ -15,12 +15,17 @@ from expertaug.api import arguments
 from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions, check_sets, seeds_of
 from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
-from expertaug.inference import own_prior as growing
-from expertaug.inference.alternate import prepare
-from expertaug.inference.own_prior import OwnPrior
-from expertaug.inference.prior_stage import SAMPLES
+from expertaug.inference.adaptive_prior import (
+    SAMPLES,
+    AdaptivePrior,
+    adapt_prior,
+    typical_ranges,
+    widen_prior,
+    with_more_starts,
+)
+from expertaug.inference.alternating import prepare
+from expertaug.inference.diagnostics.validity import Validity, along
 from expertaug.inference.settings import AlternateOptions, AlternatingSettings
-from expertaug.inference.validity import Validity, along
 from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.learning.train import expert_alone
 from expertaug.models import describe
@@ -169,7 +174,7 @@ def own_prior(
     prior: Ranges | None = None,
     budget: float = BUDGET,
     **options: Unpack[RefinementOptions],
-) -> OwnPrior:
+) -> AdaptivePrior:
     """Ranges for the augmentation prior p⁺, grown from the training windows' own until the model explains new windows.
 
     Nothing but the observed windows of where the model is to work is needed; without any the ranges are widened by a
@@ -293,7 +298,7 @@ def grow_ranges(
     budget: float,
     options: RefinementSettings,
     u: Array | None = None,
-) -> OwnPrior:
+) -> AdaptivePrior:
     """As :func:`expertaug.own_prior`, of at most 200 windows of each set, evenly spread."""
     observed = stored.card.observed
     index = np.linspace(0, len(train) - 1, min(SAMPLES, len(train))).astype(int)
@@ -301,14 +306,14 @@ def grow_ranges(
     known = _windows(arguments.tensor(part.seen, "train", gaps), part.u, system, part.t, "train.u")
     with arguments.one_thread():
         if unlabelled is None:
-            return growing.own_prior_without_windows(stored, known, noise, float(budget), first, options)
+            return widen_prior(stored, known, noise, float(budget), first, options)
         y = arguments.tensor(unlabelled, "unlabelled", gaps)
         if y.shape[1:] != train.y[:, :observed].shape[1:]:
             wanted = f"(N, {observed}, {', '.join(map(str, train.y.shape[2:]))})"
             raise InputError("unlabelled", f"has shape {tuple(y.shape)}", f"give {wanted}")
         windows = _windows(y, u, system, train.t[:observed], "u")
         windows = windows[:, np.linspace(0, len(y) - 1, min(SAMPLES, len(y))).astype(int)]
-        return growing.own_prior(stored, known[:observed], windows, noise, first, options)
+        return adapt_prior(stored, known[:observed], windows, noise, first, options)
 
 
 def _windows(y: Tensor, u: object, system: System, t: np.ndarray, name: str) -> Tensor:
@@ -324,7 +329,7 @@ def given_or_grown_ranges(model: TrainedModel, train: Trajectories, prior: Range
     arguments.trajectories(train, "train")
     if model.stored.card.kind == "mean":
         raise InputError("model", "a mean of the training set", "give a model with an expert")
-    first = growing.box(model.system)  # beside the model's own estimates, which may be wrong
+    first = typical_ranges(model.system)  # beside the model's own estimates, which may be wrong
     found = grow_ranges(model.stored, train, None, noise, first, BUDGET, RefinementSettings())  # type: ignore[arg-type]
     logger.info("p⁺: %s", found.says)
     return dict(found.ranges)
@@ -334,7 +339,7 @@ def grow_ranges_of_expert(
     stored: StoredModel, train: Trajectories, noise: GivenNoise, options: RefinementSettings
 ) -> dict:
     """The same before anything is trained, by fits of the expert alone."""
-    first, how = growing.box(stored.model.system), growing.searching(options)
+    first, how = typical_ranges(stored.model.system), with_more_starts(options)
     found = grow_ranges(stored, train, None, noise, first, BUDGET, how)  # type: ignore[arg-type]
     logger.info("p⁺: %s", found.says)
     return dict(found.ranges)

@@ -17,8 +17,8 @@ from expertaug.api.training import run_training
 from expertaug.errors import InputError
 from expertaug.inference import flow_training
 from expertaug.inference.flow import FlowEstimator
-from expertaug.inference.posterior_draws import Drawn
-from expertaug.inference.predictive import predictive as of_windows
+from expertaug.inference.posterior_predictive import Drawn
+from expertaug.inference.posterior_predictive import predictive as of_windows
 from expertaug.inference.settings import FlowJob, FlowSettings
 from expertaug.learning.divergence import stored_bound
 from expertaug.systems.solvers.solver import Solver

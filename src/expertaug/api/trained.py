@@ -19,7 +19,7 @@ from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast, standard_deviation
 from expertaug.errors import InputError
 from expertaug.evaluation.score import score, spread
-from expertaug.inference.alarm import threshold
+from expertaug.inference.diagnostics.alarm import threshold
 from expertaug.inference.least_squares import refined_by
 from expertaug.inference.store import load as load_any
 from expertaug.learning.residuals import misfit_of, recorded

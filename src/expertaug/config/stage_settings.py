@@ -221,7 +221,7 @@ def _drawn(config: Mapping, experiment: str, variant: str) -> dict:
 
 
 def _prior(augmentation: Mapping) -> dict | str:
-    """Ranges of p⁺, or that they are to be found (:mod:`expertaug.inference.prior_stage`)."""
+    """Ranges of p⁺, or that they are to be found (:mod:`expertaug.inference.adaptive_prior`)."""
     return augmentation["prior"] or "own"
 
 

@@ -15,7 +15,7 @@ from expertaug.evaluation.diagnostic_figures import draw_alarm
 from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
-from expertaug.inference.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
+from expertaug.inference.diagnostics.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
 from expertaug.versions import REFINED
 from expertaug.versions import Version as MethodVersion
 

@@ -17,8 +17,7 @@ from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import Drawn, experiment_of, read_windows
 from expertaug.evaluation.windows import Version as VersionWindows
-from expertaug.inference.calibration import Calibration
-from expertaug.inference.coverage import TABLE_LEVELS, area_to_curve, interval_coverage
+from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, Calibration, area_to_curve, interval_coverage
 from expertaug.versions import Version
 
 EMPTY = "No version has intervals of parameters that are known (those of forecasts: see the experiment's table)."

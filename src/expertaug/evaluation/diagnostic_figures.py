@@ -13,11 +13,9 @@ from matplotlib.patches import Patch
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.inference.alarm import Assessment
-from expertaug.inference.calibration import Calibration
-from expertaug.inference.coverage import area_to_curve, interval_coverage
-from expertaug.inference.roc import roc
-from expertaug.inference.uniformity import Uniformity, uniformity
+from expertaug.inference.diagnostics.alarm import Assessment, roc
+from expertaug.inference.diagnostics.calibration import Calibration, area_to_curve, interval_coverage
+from expertaug.inference.diagnostics.uniformity import Uniformity, uniformity
 
 # Told apart by hue and by dash: lines of calibrated posteriors lie on one another.
 LOOKS = tuple(

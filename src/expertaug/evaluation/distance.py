@@ -16,7 +16,7 @@ from expertaug.evaluation.alarms import KNOWN
 from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
-from expertaug.inference.alarm import attainable, threshold
+from expertaug.inference.diagnostics.alarm import attainable, threshold
 from expertaug.versions import compared
 
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one

@@ -13,12 +13,10 @@ from torch import Tensor
 
 from expertaug.evaluation.diverged import Forecast, forecast
 from expertaug.evaluation.samples import CRPS, EXPECTED, INSIDE, MOVED, OWN, ranks_of
-from expertaug.inference.coverage import TABLE_LEVELS, inside
-from expertaug.inference.own_draws import own_draws
-from expertaug.inference.posterior_draws import joint_draws, z_e_draws
-from expertaug.inference.predictive import forecasts
-from expertaug.inference.predictive_scores import crps, energy_score
-from expertaug.inference.ranks import ranks
+from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, inside, ranks
+from expertaug.inference.diagnostics.scores import crps, energy_score
+from expertaug.inference.posterior_predictive import forecasts, joint_draws, z_e_draws
+from expertaug.inference.simulations import own_draws
 from expertaug.learning.divergence import stored_bound
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors

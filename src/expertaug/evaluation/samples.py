@@ -13,7 +13,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.intervals import Interval, Resampled, interval, units_of
 from expertaug.evaluation.metrics import SampleErrors, metric_of
 from expertaug.files import read_npz
-from expertaug.inference.calibration import calibration
+from expertaug.inference.diagnostics.calibration import calibration
 from expertaug.trajectories import Trajectories
 
 if TYPE_CHECKING:  # tables are made without torch

@@ -13,7 +13,7 @@ from torch import Tensor
 from expertaug.evaluation.diverged import forecast
 from expertaug.evaluation.drawn_forecasts import DRAWN, DrawnScores, ExpectedError, drawing_of
 from expertaug.evaluation.metrics import Outcome, values_of
-from expertaug.inference.posterior_draws import z_e_draws
+from expertaug.inference.posterior_predictive import z_e_draws
 from expertaug.learning.divergence import largest, stored_bound
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import misfit_of, squared_errors

@@ -17,9 +17,8 @@ from expertaug.evaluation.score import spread
 from expertaug.evaluation.summary import experiment_title
 from expertaug.evaluation.table import DASH, Study, Table, escape
 from expertaug.inference import store
-from expertaug.inference.refit import Refit, refit
+from expertaug.inference.diagnostics.validity import Refit, Validity, along, refit
 from expertaug.inference.settings import ValiditySettings
-from expertaug.inference.validity import Validity, along
 from expertaug.learning.training_data import StackedSet
 from expertaug.models.settings import Refinement
 from expertaug.models.store import device_of

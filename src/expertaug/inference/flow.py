@@ -1,30 +1,166 @@
-"""Posteriors by conditional normalising flows, as estimators of a group of seeds."""
+"""Posteriors by conditional normalising flows: what one sees of a window, its density, and the estimator.
+
+The density is a neural spline flow (Durkan et al. 2019) by zuko.
+"""
 
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping, Sequence
 
 import torch
+import zuko
 from torch import Tensor, nn
 
-from expertaug.inference.context import Context
-from expertaug.inference.density import Density
-from expertaug.inference.predictive import mean_forecast
+from expertaug.inference.coordinates import Unknowns, box
+from expertaug.inference.posterior_predictive import mean_forecast
 from expertaug.inference.settings import FlowSettings
-from expertaug.inference.unknowns import Unknowns, box
 from expertaug.learning.augment import ranges_of
 from expertaug.learning.divergence import Stopping, stored_bound
+from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder
+from expertaug.models.encoders.fields import Moments
+from expertaug.models.encoders.window import ComponentView
+from expertaug.models.gaps import ends_of, fill
 from expertaug.models.hybrid import HybridNet
+from expertaug.models.networks.layers import MLP, Linear, Standardise
 from expertaug.models.posterior import Estimates, Predictor
-from expertaug.models.stacking import stack
+from expertaug.models.stacking import SeedWise, stack
 from expertaug.systems import System
+from expertaug.systems.inputs import observed as as_observed
 from expertaug.systems.inputs import states_of
 from expertaug.systems.solvers.solver import Solver
 
+NARROWEST = 9.0  # standard deviations of a posterior are at least exp(−9) of the prior's
+FARTHEST = 10.0  # standard deviations of the draws: a number of a window that no draw is like says no more than that
 CHUNK = 2**11  # draws made at a time: 2**17 take eight times the memory and no less time (benchmarks/flow_draws.py)
 KERNELS = 3  # widths of the bootstrap's kernel by which drawn z_a may lie beyond the training windows'
+
+
+class Context(nn.Module):
+    """The observed window as the base model's encoder is allowed to see it: its windows of components where it has
+    some, else every observed quantity and known input; of fields their moments.  Where values may not have been
+    measured, straight lines stand for them, and which ones they are is seen as well.
+
+    Arguments:
+        times: of the observed window in s, (T1,).
+        encoder: the base model's settings of its encoder.
+        ranges: of the components of first points, where values may not have been measured (NaN).
+
+    Attributes:
+        inputs: how many numbers :meth:`forward` gives.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        times: Tensor,
+        encoder: Mapping,
+        ranges: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        super().__init__()
+        system = as_observed(system)
+        self.system, self.moments, self.windows = system, None, None
+        self.times, self.middle = times, None if ranges is None else ends_of(ranges)[0]
+        if len(system.state_shape) > 1:
+            self.moments = Moments(system, len(times), encoder.get("powers") or (1, 3))
+            self.inputs = self.moments.outputs
+        elif encoder.get("windows"):
+            self.windows = ComponentView(system, times, encoder["windows"], encoder.get("angles", ()))
+            self.inputs = self.windows.inputs
+        else:
+            self.inputs = len(times) * system.observe(torch.zeros(1, *system.state_shape)).shape[-1]
+        if ranges is not None:
+            self.inputs += len(times) * len(ranges)
+
+    def fit(self, observed: Tensor) -> None:
+        """Learn the moments' scales from windows (T1, N, *observed)."""
+        if self.moments is not None:
+            self.moments.fit(observed.movedim(0, 1))
+
+    def forward(self, observed: Tensor) -> Tensor:
+        """(T1, …, B, *observed) → (…, B, inputs)."""
+        if self.middle is None:
+            return self._seen(observed)
+        gaps = torch.isnan(observed[..., : len(self.middle)]).to(observed)
+        filled = fill(observed, self.times, self.middle.to(observed))
+        return torch.cat((self._seen(filled), gaps.movedim(0, -2).flatten(-2)), dim=-1)
+
+    def _seen(self, observed: Tensor) -> Tensor:
+        if self.moments is not None:
+            return self.moments(observed.movedim(0, -2 - self.moments.rank))
+        if self.windows is not None:
+            return self.windows.features(self.windows(observed))
+        return self.system.observe(observed).movedim(0, -2).flatten(-2)
+
+
+class Density(nn.Module):
+    """q(θ | x): a Gaussian whose location and scale a network gives, bent by splines that see a summary of x as well.
+
+    The Gaussian goes first because posteriors are orders of magnitude narrower than their prior, on which a spline's
+    bins lie.  A linear map of x is added to its location.
+
+    Arguments:
+        inputs: numbers of x.
+        unknowns: numbers of θ, each with a prior about as wide as a standard normal one.
+    """
+
+    def __init__(self, inputs: int, unknowns: int, settings: FlowSettings) -> None:
+        super().__init__()
+        self.unknowns = unknowns
+        self.scale = Standardise(inputs)
+        self.trunk = MLP(inputs, settings.layers, settings.summary, "silu")
+        self.gaussian = MLP(settings.summary, (), 2 * unknowns)
+        self.skip = Linear(inputs, unknowns, bias=False)
+        nn.init.zeros_(self.skip.weight)
+        self.splines = SeedWise(Splines(unknowns, settings), "flow")
+
+    def fit(self, x: Tensor) -> None:
+        """Standardise by contexts x (N, inputs)."""
+        self.scale.fit(x)
+
+    def log_prob(self, x: Tensor, theta: Tensor) -> Tensor:
+        """(S, B) at θ (S, B, D), for contexts x (S, B, inputs)."""
+        summary, loc, log_std = self._summary(x)
+        bent = (theta - loc) * torch.exp(-log_std)
+        (found,) = self.splines.each("log_prob", [bent, summary], [0, 0], lambda value: (value,))
+        return found - log_std.sum(-1)
+
+    def sample(self, x: Tensor, normal: Tensor) -> Tensor:
+        """θ (K, S, B, D) from standard normal numbers of the same shape, for contexts x (S, B, inputs)."""
+        summary, loc, log_std = self._summary(x)
+        (bent,) = self.splines.each("sample", [normal, summary], [1, 0], lambda value: (value,))  # (S, K, B, D)
+        return loc + log_std.exp() * bent.transpose(0, 1)
+
+    def _summary(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Summary, location and logarithm of the scale; the latter bounded smoothly."""
+        x = self.scale(x).clamp(-FARTHEST, FARTHEST)
+        hidden = self.trunk.activation(self.trunk(x))
+        loc, raw = self.gaussian(hidden).chunk(2, dim=-1)
+        return hidden, loc + self.skip(x), NARROWEST * torch.tanh(raw / NARROWEST)
+
+
+class Splines(nn.Module):
+    """zuko's flow of one seed, with what :class:`SeedWise` calls."""
+
+    def __init__(self, unknowns: int, settings: FlowSettings) -> None:
+        super().__init__()
+        self.flow = zuko.flows.NSF(
+            unknowns,
+            settings.summary,
+            transforms=settings.transforms,
+            hidden_features=settings.hidden,
+            bins=settings.bins,
+        )
+
+    def log_prob(self, u: Tensor, context: Tensor) -> Tensor:
+        """(B,) at u (B, D) for contexts (B, C)."""
+        return self.flow(context).log_prob(u)
+
+    def sample(self, normal: Tensor, context: Tensor) -> Tensor:
+        """Samples (K, B, D) from standard normal numbers."""
+        return self.flow.transform(context.expand(len(normal), *context.shape)).inv(normal)
 
 
 class Head(nn.Module):
@@ -104,6 +240,13 @@ class FlowEstimator(Predictor, nn.Module):
             parts.append(unknowns.unpack(theta, known[:, part]))
         z_e, z_a, y0 = (torch.cat(found, dim=2) for found in zip(*parts, strict=True))
         return z_e, z_a, y0
+
+    def joint_draws(
+        self, found: Estimates, windows: Tensor, count: int, random: RandomStreams
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """As :func:`expertaug.inference.posterior_predictive.joint_draws`."""
+        normal = random.normal(count, windows.shape[2], self.head.unknowns.count).transpose(0, 1)
+        return self.draws(windows, normal.to(windows))
 
     def estimate(self, windows: Tensor) -> Estimates:
         """Observed windows (T1, S, B, *observed) → the posterior's means, with the draws that they are the means of."""

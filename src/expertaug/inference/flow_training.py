@@ -12,10 +12,9 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.inference import flow as flows
 from expertaug.inference import store
-from expertaug.inference.draws import HELD_OUT, Draws, Pool, Simulator
 from expertaug.inference.flow import FlowEstimator
-from expertaug.inference.own_draws import latents_of
 from expertaug.inference.settings import FlowJob, FlowSettings
+from expertaug.inference.simulations import HELD_OUT, Draws, Pool, Simulator, latents_of
 from expertaug.learning import job
 from expertaug.learning.augment import ranges_of
 from expertaug.learning.divergence import Stopping

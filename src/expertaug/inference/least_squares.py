@@ -1,24 +1,343 @@
-"""Estimators by least squares on each window: with the expert alone, or refining what a trained model estimates."""
+"""Least squares of (z_e, z_a, y0) on observed windows through a decoder, and the estimators made of it.
+
+A window's problem (:class:`WindowProblem`) is solved from several starts by Levenberg and Marquardt's method
+(:class:`WindowFit`): with the expert alone, or refining what a trained model estimates (:class:`LeastSquares`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.inference.latent import Latent
-from expertaug.inference.window_fit import WindowFit
-from expertaug.inference.window_problem import assumed_noise
-from expertaug.models.decoder import Decoder
-from expertaug.models.observation_noise import GivenNoise, is_some, noise_of
-from expertaug.models.posterior import Estimates, Estimator, Predictor
+from expertaug.inference.coordinates import SMALLEST, Latent, free_components, given_components, seen_components
+from expertaug.inference.levenberg_marquardt import LONGEST, Minimum, minimise
+from expertaug.learning.divergence import FACTOR, solved
+from expertaug.learning.random_streams import RandomStreams
+from expertaug.learning.residuals import differences
+from expertaug.models.decoder import Decoder, TruthDecoder
+from expertaug.models.gaps import ends_of
+from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, of_observed, shaped
+from expertaug.models.posterior import Estimates, Estimator, Gaussian, Posterior, Predictor, log_slope, unconstrain
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
 from expertaug.systems import System
+from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solvers.solver import Solver
+
+FARTHEST = 10.0  # step of a first point, in standard deviations of the noise
+FREE = 30.0  # step of a true equation's z_a, in its standard deviations over the training windows
+MEMORY = 2**26  # bytes of the states that are compared at a time
+WIDEST = 3.0  # of Laplace's approximation in any direction of the coordinates: far from the fit it says nothing
+
+
+class WindowProblem:
+    """What a window says of (z_e, z_a, y0): squares of residuals, whose sum is least at the estimate.
+
+    Its parameters are ln(z_e / scale) where z_e is positive, z_e / scale elsewhere, z_a (of a long one its first
+    principal components) in standard deviations of the training windows, and, where the first point is noisy, its
+    components in standard deviations of the noise.
+
+    Arguments:
+        decoder: stacked over S seeds, or without parameters.
+        t: times of the observed window in s, (T1,).
+        settings: how to fit.
+        noise: standard deviation of the observation, > 0, one or one for each component.
+        free_start: whether the first point is noisy.
+        prior: range of each expert parameter in which starts lie; None: only the given first estimates are starts.
+        latent: where z_a lies.
+        solver: on a fixed grid; another is replaced where it fails.
+        ranges: of the components of first points, where windows may have values that were not measured (NaN): the first
+            point is then a parameter in any case, in units of half a range where it was not measured.
+
+    Raises:
+        InputError: a range or a window of what the system does not have, or no start at all.
+    """
+
+    def __init__(
+        self,
+        decoder: Decoder,
+        t: Tensor,
+        settings: RefinementSettings,
+        noise: NoiseLike,
+        free_start: bool,
+        prior: Mapping[str, tuple[float, float]] | None,
+        latent: Latent,
+        solver: Solver,
+        ranges: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        system = decoder.system
+        self.decoder = copy.deepcopy(decoder).cpu().double().requires_grad_(False).eval()
+        self.system, self.settings, self.latent, self.solver = system, settings, latent, solver
+        self.noise = shaped(noise, torch.zeros(0, dtype=torch.float64), system)
+        self.observed_noise = of_observed(noise, system)
+        self.ranges = None if ranges is None else ends_of(ranges)
+        self.t = t.double()
+        self.scale = torch.tensor([p.scale for p in system.expert_parameters], dtype=torch.float64)
+        self.positive = torch.tensor([p.positive for p in system.expert_parameters], dtype=torch.bool)
+        self.start = given_components(system) if free_start else torch.zeros(len(system.state), dtype=torch.bool)
+        if ranges is not None:
+            self.start = free_components(system)
+        self.counts = _counts(system, self.t, settings.windows if "windows" in settings.model_fields_set else {})
+        self.sizes = (len(self.scale), latent.size, int(self.start.sum()))
+        # A first point may be several standard deviations off, and its residuals are nearly linear in it.
+        longest = torch.full((sum(self.sizes),), LONGEST, dtype=torch.float64)
+        if isinstance(decoder, TruthDecoder):  # its z_a means the same far from the training windows
+            longest[len(self.scale) : len(self.scale) + latent.size] = FREE
+        longest[len(longest) - self.sizes[2] :] = FARTHEST
+        self.longest = longest
+        self.grid = None if prior is None or not settings.starts else self._grid(prior)
+
+    @property
+    def tries(self) -> int:
+        """Points of the grid from which a window is fitted, at most."""
+        return 0 if self.grid is None else min(self.settings.tries, len(self.grid))
+
+    @property
+    def observations(self) -> int:
+        """Observed numbers that a window is compared at."""
+        seen = seen_components(self.system)[:, None] & self.counts
+        each = seen if self.start.any() else seen[:, 1:]  # a known first point has no residual
+        cells = 1
+        for size in self.system.state_shape[1:]:
+            cells *= size
+        return int(each.sum()) * cells
+
+    def residuals(self, x: Tensor, windows: Tensor) -> Tensor:
+        """x (C, S, B, K), windows (T1, S, B, *observed) → (C, S, B, M): residuals in units of the noise, then z_a's."""
+        copies, seeds, count = x.shape[:3]
+        wide = x.movedim(0, 1).flatten(1, 2)  # (S, C·B, K): the seeds' parameters stay beside the seeds
+        observed = windows.repeat(1, 1, copies, *[1] * (windows.dim() - 3))
+        data = self.differences(self.states(wide, observed), observed)
+        return torch.cat((data, self.pull(wide)), -1).view(seeds, copies, count, -1).movedim(1, 0)
+
+    def first(self, windows: Tensor) -> Tensor:
+        """The observed first points (S, N, *state) of windows (T1, S, N, *observed)."""
+        return states_of(self.system, windows[0])
+
+    def states(self, x: Tensor, windows: Tensor) -> Tensor:
+        """Forecasts (T1, S, N, *state) with parameters (S, N, K), from the first points and with the known inputs of
+        windows (T1, S, N, *observed)."""
+        z_e, z_a, start = self.parts(x, self.first(windows))
+        u = inputs_of(self.system, windows)
+        return solved(self.decoder, start, z_e, z_a, self.t, self.solver, u)  # type: ignore[arg-type]
+
+    def differences(self, states: Tensor, observed: Tensor) -> Tensor:
+        """States (T1, S, N, *state) and windows (T1, S, N, *observed) → what lies between them in units of the noise,
+        (S, N, M)."""
+        observed = states_of(self.system, observed)
+        counts = self.counts.T.view(len(self.t), 1, 1, -1, *[1] * (len(self.system.state_shape) - 1))
+        states = torch.where(counts.to(states.device), states, observed)
+        difference, _ = differences(self.system, states, observed)
+        difference = difference / self.observed_noise
+        if not self.start.any():
+            difference = difference[1:]
+        return difference.movedim(0, 2).flatten(2)
+
+    def missing(self, windows: Tensor) -> Tensor:
+        """How many of the numbers that windows (T1, S, B, *observed) are compared at were not measured, (S, B)."""
+        windows = states_of(self.system, windows)
+        counts = self.counts.T.view(len(self.t), 1, 1, -1, *[1] * (len(self.system.state_shape) - 1))
+        gaps = torch.isnan(self.system.observe(torch.where(counts, windows, torch.zeros_like(windows))))
+        gaps = gaps if self.start.any() else gaps[1:]
+        return gaps.movedim(0, 2).flatten(2).sum(-1)
+
+    def _first(self, y0: Tensor) -> tuple[Tensor, Tensor | float]:
+        """What first points (…, *state) are sought around, and in which units."""
+        if self.ranges is None:
+            return y0, self.noise
+        unknown, (middle, width) = torch.isnan(y0), self.ranges
+        return torch.where(unknown, middle, y0), torch.where(unknown, width, torch.as_tensor(self.noise).to(y0))
+
+    def pull(self, x: Tensor) -> Tensor:
+        """Residuals of z_a's prior at parameters (S, N, K): (S, N, Q)."""
+        return x[..., self.sizes[0] : self.sizes[0] + self.sizes[1]] / self.settings.latent_width
+
+    def parts(self, x: Tensor, y0: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Parameters (S, N, K) and observed first points (S, N, *state) → z_e, z_a, first points."""
+        raw, latent, start = x.split(self.sizes, dim=-1)
+        z_e = self.scale * torch.where(self.positive, raw.exp(), raw)
+        z_a = self.latent.z_a(latent)
+        if self.start.any() or self.ranges is not None:
+            y0, unit = self._first(y0)
+            y0 = y0.clone()
+            y0[..., self.start] += self._of_start(unit) * start
+        return z_e, z_a.expand(*x.shape[:2], -1), y0
+
+    def coordinates(self, first: Estimates, y0: Tensor) -> Tensor:
+        """The parameters (S, B, K) of first estimates: what cannot be one, zero or no number, is moved near."""
+        assert first.z_e is not None and first.z_a is not None
+        size = first.z_e.double() / self.scale
+        raw = torch.where(self.positive, size.clamp_min(1e-3).log(), size)
+        latent = self.latent.coordinates(first.z_a.double())
+        start = raw[..., :0]
+        if self.start.any():
+            around, unit = self._first(y0)
+            start = (first.y0.double() - around)[..., self.start] / self._of_start(unit)
+        return torch.cat((raw, latent, start), -1).nan_to_num(0.0, 0.0, 0.0)
+
+    def _of_start(self, unit: Tensor | float) -> Tensor | float:
+        """Of units of all components those of the components that are parameters."""
+        return unit[..., self.start] if isinstance(unit, Tensor) else unit
+
+    def _grid(self, prior: Mapping[str, tuple[float, float]]) -> Tensor:
+        """Starts (C, K) that fill the prior's box evenly, z_a as in training, the first point as observed, or where it
+        was not, anywhere in its range."""
+        names = [p.name for p in self.system.expert_parameters]
+        if sorted(prior) != sorted(names):
+            raise InputError("refinement", f"a prior of {sorted(prior)}", f"give a range for each of {names}")
+        low, high = (torch.tensor([float(prior[n][end]) for n in names], dtype=torch.float64) for end in (0, 1))
+        p, q, start = self.sizes
+        sought = start if self.ranges is not None else 0
+        sobol = torch.quasirandom.SobolEngine(p + q + sought, scramble=True, seed=0)
+        unit = sobol.draw(self.settings.starts, dtype=torch.float64)
+        value = (low + (high - low) * unit[:, :p]) / self.scale
+        raw = torch.where(self.positive, value.clamp_min(1e-3).log(), value)
+        latent = torch.special.ndtri(unit[:, p : p + q].clamp(0.02, 0.98))
+        first = 2 * unit[:, p + q :] - 1 if sought else raw.new_zeros(len(raw), start)
+        return torch.cat((raw, latent, first), 1)
+
+    def best_of_grid(self, windows: Tensor) -> Tensor:
+        """The starts that fit each window best, (S, B, tries, K)."""
+        assert self.grid is not None
+        seeds, count = windows.shape[1:3]
+        costs, each = [], max(1, MEMORY // max(windows.numel() * 8, 1))
+        for part in self.grid.split(each):
+            x = part[:, None, None].expand(-1, seeds, count, -1)
+            costs.append(self.residuals(x, windows).square().sum(-1).nan_to_num(torch.inf))
+        best = torch.cat(costs).topk(self.tries, dim=0, largest=False).indices
+        return self.grid[best.movedim(0, -1)]
+
+
+def assumed_noise(settings: RefinementSettings, noise: NoiseLike, bound: Sequence[float]) -> NoiseLike:
+    """Standard deviation of the observation: the settings', the data's ``noise``, or, where there is none, a small part
+    of the largest value that the stored ``bound`` (K,) is made of."""
+    given = settings.noise if "noise" in settings.model_fields_set else noise
+    if given is None or isinstance(given, int | float):
+        return given or SMALLEST * max(bound) / FACTOR
+    return [one or SMALLEST * end / FACTOR for one, end in zip(given, bound, strict=True)]
+
+
+def _counts(system: System, t: Tensor, windows: Mapping[str, tuple[float, float]]) -> Tensor:
+    """At which times each component counts, (K, T1); the first point always does."""
+    names = [p.name for p in system.state]
+    counts = torch.ones(len(names), len(t), dtype=torch.bool)
+    for name, (start, end) in windows.items():
+        if name not in names:
+            raise InputError("refinement.windows", f"names {name}", f"the state is {', '.join(names)}")
+        counts[names.index(name)] = (t >= start - 1e-9) & (t <= end + 1e-9)
+    counts[:, 0] = True
+    return counts
+
+
+class WindowFit(WindowProblem):
+    """Estimates of (z_e, z_a, y0) for each window, by the least squared residuals of its observed points."""
+
+    @torch.no_grad()
+    def __call__(self, windows: Tensor, first: Estimates | None = None) -> Estimates:
+        """Fit windows (T1, S, B, *observed), also from the first estimates (…, S, B) where there are some.
+
+        The fits run on the CPU, in double precision, wherever the windows lie.
+        """
+        here = windows.cpu()
+        first = None if first is None else first.to(here)
+        free = sum(self.sizes)
+        if self.grid is None and first is None:
+            raise InputError("refinement.starts", "found 0", "least squares needs a range of starts, or a model's")
+        each = windows[:, :, :1].numel() * 8 * (free + 1)
+        size = max(1, MEMORY // max(each, 1))
+        parts = [
+            self._fit(here[:, :, k : k + size].double(), None if first is None else first.part(slice(k, k + size)))
+            for k in range(0, windows.shape[2], size)
+        ]
+        return Estimates.joined(parts).to(windows)
+
+    def _fit(self, windows: Tensor, first: Estimates | None) -> Estimates:
+        starts = None if first is not None else self.best_of_grid(windows)
+        x = self.coordinates(first, self.first(windows)) if starts is None else starts[:, :, 0]
+        found = self._minimum(x, windows)
+        wanting = ~self._sufficient(found, windows)
+        seeds = torch.arange(len(wanting)).unsqueeze(-1)
+        for k in range(0 if first is not None else 1, self.tries):
+            if not wanting.any():
+                break
+            # Each seed's own windows first, so many as the seed with most has: the others try for nothing.
+            place = wanting.int().argsort(dim=1, descending=True, stable=True)[:, : int(wanting.sum(1).max())]
+            part = windows[:, seeds, place]
+            if starts is None:
+                starts = found.x.new_zeros(*wanting.shape, self.tries, found.x.shape[-1])
+                starts[seeds, place] = self.best_of_grid(part)
+            further = self._minimum(starts[seeds, place, k], part)
+            before = found.cost[seeds, place]
+            better = wanting[seeds, place] & (further.cost < before)
+            for value, other in zip(vars(found).values(), vars(further).values(), strict=True):
+                chosen = better.view(*better.shape, *[1] * (value.dim() - 2))
+                value[seeds, place] = torch.where(chosen, other, value[seeds, place])
+            again = (further.cost - before).abs() <= self.settings.agreement * torch.minimum(before, further.cost)
+            wanting[seeds, place] &= ~(again | self._sufficient(further, part))
+        return self._estimates(found.x, found.cost, found.curvature, windows)
+
+    def _minimum(self, x: Tensor, windows: Tensor) -> Minimum:
+        """The minima that are reached from starts (S, B, K)."""
+
+        def residuals(candidates: Tensor, columns: Tensor) -> Tensor:
+            return self.residuals(candidates, windows[:, :, columns])
+
+        return minimise(residuals, x, self.settings.steps, self.longest)
+
+    def _sufficient(self, found: Minimum, windows: Tensor) -> Tensor:
+        """Whether minima (S, B) explain their windows within the noise."""
+        squares = found.cost - self._pulled(found.x)
+        return torch.special.gammainc(self._freedom(windows) / 2, squares / 2) <= self.settings.sufficient
+
+    def _freedom(self, windows: Tensor) -> Tensor:
+        return (self.observations - self.missing(windows) - self.sizes[0] - self.sizes[2]).clamp_min(1)
+
+    def _pulled(self, x: Tensor) -> Tensor:
+        """What z_a's prior adds to the sum of squares at parameters (S, B, K)."""
+        return self.pull(x).square().sum(-1)
+
+    def _estimates(self, x: Tensor, cost: Tensor, curvature: Tensor, windows: Tensor) -> Estimates:
+        """What the best parameters (S, B, K) are, with Laplace's approximation of their posterior."""
+        p, q, _ = self.sizes
+        z_e, z_a, start = self.parts(x, self.first(windows))
+        size = torch.eye(x.shape[-1], dtype=x.dtype)
+        covariance = torch.linalg.pinv(
+            curvature + 1e-12 * curvature.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * size
+        )
+        std = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
+        squares, axes = torch.linalg.eigh(0.5 * (covariance + covariance.mT))
+        root = axes * squares.clamp(0.0, WIDEST**2).sqrt().unsqueeze(-2)
+        slope = self.scale * torch.where(self.positive, x[..., :p].exp(), torch.ones_like(x[..., :p]))
+        parameters = self.system.expert_parameters
+        raw = unconstrain(z_e, parameters)
+        log_std = (std[..., :p] * slope).clamp_min(1e-30).log() - log_slope(raw, parameters)
+        spread = self.latent.spread(std[..., p : p + q]).clamp_min(1e-30).log()
+        misfit = (cost - self._pulled(x)) / self._freedom(windows)
+        posterior = Posterior(Gaussian(raw, log_std, parameters), Gaussian(z_a, spread))
+        return Estimates(start, z_e, z_a, posterior, misfit, root=root)
+
+    @torch.no_grad()
+    def draws(self, found: Estimates, first: Tensor, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """z_e (K, S, B, P), z_a (K, S, B, Q) and y0 (K, S, B, *state) of Laplace's approximation.
+
+        Arguments:
+            found: of this fit.
+            first: observed first points (S, B, *state).
+            normal: standard normal numbers (S, K, B, D), D the number of coordinates.
+        """
+        seeds, count = normal.shape[:2]
+        here, y0 = found.to(first.cpu().double()), first.cpu().double()
+        assert here.root is not None
+        x = self.coordinates(here, y0).unsqueeze(1) + torch.einsum("sbij,skbj->skbi", here.root, normal.cpu().double())
+        y0 = y0.unsqueeze(1).expand(-1, count, *y0.shape[1:]).flatten(1, 2)
+        parts = self.parts(x.flatten(1, 2), y0)
+        z_e, z_a, start = (part.unflatten(1, (count, -1)).transpose(0, 1).to(first) for part in parts)
+        return z_e, z_a.expand(-1, seeds, *z_a.shape[2:]), start
 
 
 class LeastSquares(Predictor, nn.Module):
@@ -47,6 +366,13 @@ class LeastSquares(Predictor, nn.Module):
         if self.alone and torch.allclose(windows, shared, 0.0, 0.0, equal_nan=True):  # the same for every seed
             return self.fit(windows[:, :1]).expand(windows.shape[1])
         return self.fit(windows, None if self.first is None else self.first.estimate(windows))
+
+    def joint_draws(
+        self, found: Estimates, windows: Tensor, count: int, random: RandomStreams
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """As :func:`expertaug.inference.posterior_predictive.joint_draws`, by Laplace's approximation."""
+        normal = random.normal(count, windows.shape[2], sum(self.fit.sizes))
+        return self.fit.draws(found, self.fit.first(windows), normal)
 
     def forecast(
         self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None

@@ -77,14 +77,14 @@ class Alternate(_Training):
     """learn an interaction model from fits of each window"""
 
     name = "alternate"
-    code = "expertaug.inference.alternate"
+    code = "expertaug.inference.alternating"
     job = "expertaug.inference.settings:AlternateJob"
     slice = "expertaug.config.stage_settings:train"
     add_arguments = staticmethod(_add_training)
 
     @staticmethod
     def run(a: argparse.Namespace, job: AlternateJob) -> None:
-        from expertaug.inference.alternate import alternate
+        from expertaug.inference.alternating import alternate
 
         alternate(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
 
@@ -93,7 +93,7 @@ class OwnPrior(Stage):
     """find the ranges of p⁺ from the windows that it is to cover, or until a budget"""
 
     name = "own-prior"
-    code = "expertaug.inference.prior_stage"
+    code = "expertaug.inference.adaptive_prior"
     job = "expertaug.inference.settings:OwnPriorJob"
     slice = "expertaug.config.stage_settings:own_prior"
 
@@ -110,9 +110,9 @@ class OwnPrior(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: OwnPriorJob) -> None:
-        from expertaug.inference.prior_stage import own_prior
+        from expertaug.inference.adaptive_prior import find_prior
 
-        print(own_prior(a.model, a.data, a.output, job, a.calibration).says)
+        print(find_prior(a.model, a.data, a.output, job, a.calibration).says)
 
 
 class Augment(_Training):

@@ -1,20 +1,22 @@
-"""What a flow infers, in the unbounded space where it does so: θ = (z_e, z_a, y0) and back."""
+"""Coordinates of (z_e, z_a, y0) in which an estimator seeks or infers them, and back."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
-from expertaug.inference.window_problem import SMALLEST, free_components, given_components
+from expertaug.models.card import LatentRecord, ModelCard
 from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import NoiseLike, is_some
 from expertaug.models.posterior import principal_axes, scores_of
 from expertaug.systems import System
 from expertaug.systems.base import constant_like
 
+SMALLEST = 1e-3  # of the largest value of the training set: the noise that is assumed where data have none
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of a uniform number
 
 
@@ -130,3 +132,80 @@ class Unknowns(nn.Module):
         width = ((self.high - self.low) * LOGISTIC).log()
         slope = (nn.functional.logsigmoid(raw) + nn.functional.logsigmoid(-raw) + width).sum(-1)
         return slope + (self._first(first)[1].log().sum(-1) if self.given else 0.0)
+
+
+@dataclass(frozen=True)
+class Latent:
+    """Where the z_a of the training windows lie, and in which coordinates a fit seeks one.
+
+    Attributes:
+        mean, std: (S, Q) each.
+        axes: principal axes (S, C, Q), where z_a has too many components to seek each: the others stay at their mean.
+    """
+
+    mean: Tensor
+    std: Tensor
+    axes: Tensor | None = None
+
+    @classmethod
+    def of(cls, card: ModelCard, components: int) -> Latent:
+        """Of a model file, with at most so many coordinates; the expert alone has none."""
+        known = card.latent or LatentRecord(mean=[[]], std=[[]])
+        mean, std = (torch.tensor(value, dtype=torch.float64) for value in (known.mean, known.std))
+        axes = None
+        if known.axes is not None and mean.shape[-1] > components:
+            axes = torch.tensor(known.axes, dtype=torch.float64)[:, :components]
+        return cls(mean, std.clamp_min(1e-6), axes)
+
+    @property
+    def size(self) -> int:
+        """Coordinates of z_a."""
+        return self.mean.shape[-1] if self.axes is None else self.axes.shape[-2]
+
+    def z_a(self, coordinates: Tensor) -> Tensor:
+        """z_a (S, N, Q) of coordinates (S, N, size), in standard deviations."""
+        moved = self.std.unsqueeze(1) * coordinates if self.axes is None else coordinates @ self.axes
+        return self.mean.unsqueeze(1) + moved
+
+    def coordinates(self, z_a: Tensor) -> Tensor:
+        """Of z_a (S, N, Q): (S, N, size)."""
+        away = z_a - self.mean.unsqueeze(1)
+        return away / self.std.unsqueeze(1) if self.axes is None else scores_of(away, self.axes)
+
+    def spread(self, std: Tensor) -> Tensor:
+        """Standard deviation (S, N, Q) of z_a from that of coordinates (S, N, size), to first order."""
+        if self.axes is None:
+            return std * self.std.unsqueeze(1)
+        return (std.square() @ self.axes.square()).sqrt()
+
+
+def seen_components(system: System) -> Tensor:
+    """Which components of a state are observed, (K,)."""
+    state = torch.linspace(0.1, 0.2, len(system.state), dtype=torch.float64)
+    state = state.view(-1, *[1] * (len(system.state_shape) - 1)).expand(system.state_shape)
+    return _felt(system.observe, state)
+
+
+def given_components(system: System) -> Tensor:
+    """Which components (K,) of the first point are observed and not replaced by z_e; none of a field's."""
+    return seen_components(system) & free_components(system)
+
+
+def free_components(system: System) -> Tensor:
+    """Which components (K,) of the first point z_e does not replace; none of a field's."""
+    if len(system.state_shape) > 1:
+        return torch.zeros(len(system.state), dtype=torch.bool)
+    z_e = torch.tensor([p.scale for p in system.expert_parameters], dtype=torch.float64)
+    state = torch.linspace(0.1, 0.2, len(system.state), dtype=torch.float64)
+    return _felt(lambda y: system.initial_state(y, z_e), state)
+
+
+def _felt(function: object, state: Tensor) -> Tensor:
+    """Which components of a state a function depends on."""
+    assert callable(function)
+    base, felt = function(state), []
+    for k in range(len(state)):
+        moved = state.clone()
+        moved[k] += 0.01
+        felt.append(not torch.equal(function(moved), base))
+    return torch.tensor(felt, dtype=torch.bool)

@@ -1,21 +1,33 @@
-"""An augmentation prior that finds its own width: from unlabelled windows of where a model is to work, or without."""
+"""An augmentation prior that finds its own width, and the stage own-prior, which writes its ranges.
+
+They grow from unlabelled windows of where a model is to work, or without such windows as far as a budget goes.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.inference.draws import LOST
+from expertaug.files import write_text
+from expertaug.inference import store
 from expertaug.inference.least_squares import LeastSquares, estimator_of
-from expertaug.inference.own_draws import own_draws
+from expertaug.inference.settings import FirstPriorJob, OwnPriorJob
+from expertaug.inference.simulations import LOST, own_draws
+from expertaug.learning.train import constants_of, described_by, expert_alone
+from expertaug.learning.training_data import StackedSet
 from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
-from expertaug.models.store import StoredModel
+from expertaug.models.store import StoredModel, device_of
 from expertaug.systems import Parameter, System
+from expertaug.trajectories import Trajectories
 
 Range = tuple[float, float]
 WIDEN = 1.5  # a search goes so far beyond what is known: by this factor, or this share of the width
@@ -28,10 +40,11 @@ TRIED = 100  # own windows in each range that is tried without windows
 EXPLAINED = 0.5  # of them must be explained
 STARTS = 256  # in such a range
 DECADE = 10.0  # factor around a parameter's typical size
+SAMPLES = 200  # windows of each set that are fitted, at most, evenly spread
 
 
 @dataclass(frozen=True)
-class OwnPrior:
+class AdaptivePrior:
     """Ranges of p⁺ and how far they can be trusted.
 
     Attributes:
@@ -64,14 +77,14 @@ class OwnPrior:
         return f"the model explains {share} with {grown}"
 
 
-def own_prior(
+def adapt_prior(
     stored: StoredModel,
     train: Tensor,
     windows: Tensor,
     noise: GivenNoise,
     first: Mapping[str, Sequence[float]] | None = None,
     settings: Mapping | RefinementSettings | None = None,
-) -> OwnPrior:
+) -> AdaptivePrior:
     """Grow the ranges of z_e from the training windows' until the model explains the given windows, or no more of them.
 
     Every round fits the windows with starts in ranges that are wider than those known so far; the estimates of windows
@@ -114,24 +127,24 @@ def own_prior(
     for p in parameters:
         new, old = ranges[p.name] if explained else training[p.name], training[p.name]
         found[p.name] = _with_margin(p, new) if _beyond(new, old) > NEAR else old
-    return OwnPrior(found, training, explained, limit, rounds)
+    return AdaptivePrior(found, training, explained, limit, rounds)
 
 
-def own_prior_without_windows(
+def widen_prior(
     stored: StoredModel,
     train: Tensor,
     noise: GivenNoise,
     budget: float,
     first: Mapping[str, Sequence[float]] | None = None,
     settings: Mapping | RefinementSettings | None = None,
-) -> OwnPrior:
+) -> AdaptivePrior:
     """Widen the ranges of z_e from the training windows' by a factor, as far as the model can be followed.
 
     Every round goes on by a factor, until the budget is spent or the windows that the model itself makes in the ranges
     run away, or are not explained by fits that start there: what cannot be inferred is of no use.
 
     Arguments:
-        stored, noise, first, settings: as of :func:`own_prior`.
+        stored, noise, first, settings: as of :func:`adapt_prior`.
         train: trajectories of the training, (T, N, *observed).
         budget: factor, > 1, by which the ranges go beyond the training's: a positive parameter's ends are divided and
             multiplied by it, another's width is.
@@ -158,16 +171,16 @@ def own_prior_without_windows(
         if share < EXPLAINED:
             break
         ranges, explained = wide, share
-    return OwnPrior(ranges, training, explained, limit, rounds, windows=False)
+    return AdaptivePrior(ranges, training, explained, limit, rounds, windows=False)
 
 
-def searching(settings: RefinementSettings) -> RefinementSettings:
-    """Settings of fits that start in a :func:`box`: more starts."""
+def with_more_starts(settings: RefinementSettings) -> RefinementSettings:
+    """Settings of fits that start in a :func:`typical_ranges`: more starts."""
     given = settings.starts if "starts" in settings.model_fields_set else 0
     return settings.model_copy(update={"starts": max(given, STARTS)})
 
 
-def box(system: System) -> dict[str, Range]:
+def typical_ranges(system: System) -> dict[str, Range]:
     """Where fits start when nothing is known of z_e but its typical size: a decade to both sides."""
     found = {}
     for p in system.expert_parameters:
@@ -234,3 +247,44 @@ def _with_margin(parameter: Parameter, found: Range) -> Range:
     step = MARGIN * (high - low)
     lower = low - step
     return (max(lower, low / (1 + MARGIN)) if parameter.positive else lower, high + step)
+
+
+def find_prior(
+    model: Path | None, data: Path, output: Path, settings: OwnPriorJob, calibration: Path | None = None
+) -> AdaptivePrior:
+    """Stage: find the ranges of p⁺ and write them.
+
+    Arguments:
+        model: file of a trained model; None: the expert alone, before anything is trained.
+        data: folder of the sets; of those that ``windows`` names only the observed part is used.
+        output: JSON {ranges, training, explained, limit, rounds, windows, says}.
+        settings: of the job; for the expert alone a :class:`FirstPriorJob`.
+        calibration: JSON whose ``constants`` complete the system's settings.
+    """
+    train = Trajectories.load(Path(data) / "train.npz")
+    if isinstance(settings, FirstPriorJob):
+        described = described_by(settings, None if calibration is None else constants_of(calibration))
+        system = systems.load(described.system)
+        stored, first = expert_alone(system, train, settings.expert, described), typical_ranges(system)
+    else:
+        assert model is not None, "a job of the expert alone says what it is"
+        stored = store.load(model, device_of(settings.device), settings.classes or ())
+        first = typical_ranges(stored.model.system)  # beside the model's own estimates, which may be wrong
+    noise, known = settings.noise, _trajectories(train)
+    how = settings.refinement if model is not None else with_more_starts(settings.refinement)
+    if settings.windows:
+        observed = stored.card.observed
+        sets = [_trajectories(Trajectories.load(Path(data) / f"{name}.npz")) for name in settings.windows]
+        found = adapt_prior(
+            stored, known[:observed], torch.cat([one[:observed] for one in sets], dim=1), noise, first, how
+        )
+    else:
+        found = widen_prior(stored, known, noise, settings.budget, first, how)
+    write_text(Path(output), json.dumps({**asdict(found), "says": found.says}, indent=2) + "\n")
+    return found
+
+
+def _trajectories(data: Trajectories) -> Tensor:
+    """At most so many trajectories, (T, N, *observed)."""
+    index = np.linspace(0, len(data) - 1, min(SAMPLES, len(data))).astype(int)
+    return StackedSet.of(data.subset(index), torch.device("cpu")).windows(len(data.t))[:, 0]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.inference.sample_arrays import Array, draws_and_truth
+from expertaug.inference.diagnostics.arrays import Array, draws_and_truth
 
 
 def crps(samples: Array, truth: Array) -> np.ndarray:

@@ -1,38 +1,58 @@
 """Learning F_a without an encoder: each window's own estimates and gradient steps on F_a, in turns.
 
 A nonlinear mixed-effects model fitted by alternation (hard expectation maximisation; with the estimates at their
-minimum, the gradient is that of variable projection).  Of all F_a that explain the data the smallest is wanted, as
-APHYNITY does (Yin et al. 2021): :mod:`expertaug.inference.smallness` tells how that is measured.
+minimum, the gradient is that of variable projection).
+
+Of all F_a that explain the data the smallest is wanted (APHYNITY, Yin et al. 2021): it leaves to the expert what the
+expert can do.  Along the data's own trajectories that is not so: in a swing that dies away angle and speed are
+correlated, and the smallest F_a with a damping there has a share of the restoring force as well.  Here F_a is measured
+where the components of the state are independent (:func:`expertaug.learning.objectives.decorrelate`).
 """
 
 from __future__ import annotations
 
+import copy
 import logging
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.errors import SolveError
+from expertaug.errors import InputError, SolveError
+from expertaug.inference.coordinates import Latent
+from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_by
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
-from expertaug.inference.settings import AlternatingSettings
-from expertaug.inference.smallness import expert_rates, expert_tangents, interaction_at, squares
-from expertaug.inference.window_fit import WindowFit
+from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
+from expertaug.learning import job
 from expertaug.learning.divergence import bounded, solved
-from expertaug.learning.fitting import moments
+from expertaug.learning.fitting import Record, moments
 from expertaug.learning.objectives import decorrelate
 from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.residuals import mean_squared_error
+from expertaug.learning.residuals import mean_squared_error, recorded
 from expertaug.learning.settings import one_cycle
-from expertaug.learning.training_data import Task
+from expertaug.learning.train import inputs_of as set_files
+from expertaug.learning.train import of_data, taken_in
+from expertaug.learning.training_data import StackedSet, Task, task_of
+from expertaug.models import describe, store
+from expertaug.models.card import ModelCard, RecipeRecord
+from expertaug.models.decoder import Decoder
+from expertaug.models.gaps import ends_of, fill
+from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Estimates
-from expertaug.systems.inputs import inputs_of, states_of
+from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.settings import given_ranges
+from expertaug.systems import System
+from expertaug.systems.inputs import check_given, check_trainable, further, inputs_of, states_of
+from expertaug.tracking.settings import Tracking
+from expertaug.trajectories import Trajectories
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0
@@ -41,6 +61,10 @@ SPREAD = 0.3  # standard deviation of the first z_a: F_a learns what they are go
 WORST = 0.1  # share of the training windows that are started anew at each validation
 # F_a is measured at so many windows' points, each so many points from the next, for z_a of so many windows.
 STATES, EVERY, LATENTS = 64, 4, 16
+STEP = 1e-4  # of an expert parameter, in its scale, for a derivative in double precision
+RIDGE = 1e-6
+WIDTH = 1.0  # standard deviation of z_a's prior in training
+STEPS = 10  # of Levenberg and Marquardt, at most, where windows are started anew and in a validation
 
 
 class Alternation:
@@ -287,3 +311,196 @@ def _chosen(which: Tensor, one: Tensor, other: Tensor, axis: int) -> Tensor:
     shape = [1] * one.dim()
     shape[axis] = len(which)
     return torch.where(which.view(shape), one, other)
+
+
+@torch.no_grad()
+def expert_tangents(
+    system: System, t: Tensor, states: Tensor, z_e: Tensor, scale: Tensor, u: Tensor | None = None
+) -> Tensor:
+    """How F_e changes with each expert parameter, per scale of it: (P, T, S, N, *state).
+
+    Arguments:
+        t: times of the states, (T,).
+        states: (T, S, N, *state).
+        z_e: (S, 1, P), where the derivative is taken.
+        scale: of the parameters, (P,).
+        u: known inputs (T, S, N, U) of a system that has some.
+    """
+    wide = z_e.expand(-1, states.shape[2], -1)
+
+    def rates(z: Tensor) -> Tensor:
+        return expert_rates(system, t, states, z, u)
+
+    moves = STEP * torch.diag(scale)
+    return torch.stack([(rates(wide + move) - rates(wide - move)) / (2 * STEP) for move in moves])
+
+
+def expert_rates(system: System, t: Tensor, states: Tensor, z_e: Tensor, u: Tensor | None = None) -> Tensor:
+    """F_e at times t (T,) and states (T, S, N, *state), with known inputs u (T, S, N, U) where there are some."""
+    known = [None] * len(t) if u is None else u
+    rates = [system.expert(s, y, z_e, *further(system, y, z_e, k)) for s, y, k in zip(t, states, known, strict=True)]
+    return torch.stack(rates)
+
+
+def interaction_at(
+    decoder: Decoder, states: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, u: Tensor | None = None
+) -> Tensor:
+    """F_a at every state (T, S, N, *state) for each of M pairs of z_e (S, M, P) and z_a (S, M, Q):
+    (M, T, S, N, *state).  The states are at times t (T,), with known inputs u (T, S, N, U) where there are some."""
+    times, seeds, count = states.shape[:3]
+    points = states.movedim(1, 0).flatten(1, 2)  # (S, T·N, *state)
+    pairs = z_a.shape[1]
+    context = decoder.interaction.context(z_a, z_e).repeat_interleave(times * count, dim=1)
+    when = t.repeat_interleave(count).repeat(pairs)
+    given = () if u is None else (u.movedim(1, 0).flatten(1, 2).repeat(1, pairs, 1),)
+    rates = decoder.interaction_rate(points.repeat(1, pairs, *[1] * (points.dim() - 2)), context, when, *given)
+    return rates.view(seeds, pairs, times, count, *states.shape[3:]).movedim(0, 2)
+
+
+def squares(rates: Tensor, tangents: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean squares (S,) of F_a (M, T, S, N, *state) and of its projection on tangents (P, T, S, N, *state)."""
+    numbers = rates[0, :, 0].numel()
+    f = rates.movedim(2, 0).flatten(2)  # (S, M, T·N·state)
+    g = tangents.movedim(2, 0).flatten(2)  # (S, P, …)
+    gram = g @ g.transpose(1, 2)
+    ridge = RIDGE * gram.diagonal(dim1=1, dim2=2).sum(-1)[:, None, None].clamp_min(1e-30)
+    inner = f @ g.transpose(1, 2)  # (S, M, P)
+    held = torch.linalg.solve(gram + ridge * torch.eye(gram.shape[-1]).to(gram), inner.transpose(1, 2))
+    share = (held.transpose(1, 2) * inner).sum(-1).mean(-1) / numbers
+    return f.square().mean((1, 2)), share
+
+
+def alternate(
+    data: Path,
+    output: Path,
+    work: Path,
+    settings: AlternateJob,
+    tracking: Tracking | None,
+    calibration: Path | None = None,
+) -> None:
+    """Stage: train a method of kind alternating on ``data/train.npz`` and select on ``data/validation.npz``.
+
+    Arguments and errors are those of :func:`expertaug.learning.train.train`.
+    """
+    inputs = set_files(data)
+    system, described, *sets = taken_in(inputs, settings, calibration)
+    training = prepare(system, *sets, settings, described)
+    job.run(training, output, work, inputs, settings, tracking, "expertaug.inference.alternating")
+
+
+@dataclass(frozen=True)
+class AlternatingTraining:
+    """A training that is ready to run, and what will be known about the model that it gives.
+
+    Attributes:
+        trainer: with decoder, windows and settings.
+        card: of the model, apart from the record of its training.
+        refinement: how windows are fitted.
+        checked: observed windows (T1, 1, N, *state) of the validation set: their misfits are kept, for alarms.
+        classes: see :class:`StoredModel`.
+    """
+
+    trainer: Alternation
+    card: ModelCard
+    refinement: Refinement
+    checked: Tensor
+    classes: Mapping[str, Callable] = field(default_factory=dict)
+
+    def run(self, log: Any = None, checkpoint: Any = None) -> store.StoredModel:
+        """Train to the end; the best state of each seed, by validation.
+
+        Arguments:
+            log: a RunLog, or None: nothing is written.
+            checkpoint: a Checkpoint, or None: nothing is written.
+
+        Raises:
+            SolveError: no seed can be trained.
+        """
+        trainer, memory = self.trainer, Record()
+        trainer.run(log or memory, checkpoint or memory)
+        trainer.model.load_state_dict(trainer.best)
+        mean, std = trainer.best_latent.tolist()
+        record = {
+            "wall_s": trainer.seconds,
+            "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],
+            "best_step": trainer.best_step.tolist(),
+            "failed": sorted(trainer.failed),
+            "latent": {"mean": mean, "std": std},
+        }
+        model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
+        stored = store.StoredModel(model, self.card.but(**record), self.classes)
+        estimator = refined_by(stored, self.refinement)
+        record["misfit"] = recorded(replace(stored, model=estimator), self.checked)
+        return replace(stored, card=self.card.but(**record))
+
+
+def prepare(
+    system: System,
+    train: Trajectories,
+    validation: Trajectories,
+    options: AlternateOptions,
+    described: RecipeRecord,
+    classes: Mapping[str, Callable] | None = None,
+) -> AlternatingTraining:
+    """Make the training in memory.
+
+    Arguments:
+        train, validation: sets of the same times.
+        options: how to train, and how windows are fitted.
+        described: what a file says of system and model (:func:`expertaug.learning.train.described_by`).
+        classes: see :class:`StoredModel`.
+
+    Raises:
+        InputError: the sets differ in their times, there is no interaction model, or an option is unknown.
+    """
+    if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
+        raise InputError("validation set", "has other times than the training set", "give both the same times")
+    if described.model.interaction is None:
+        raise InputError("model.interaction", "missing", "the training is of an interaction model")
+    check_trainable(system)
+    training, seeds = options.training, options.seeds
+    card = ModelCard.of(
+        kind="alternating",
+        **of_data(train, system, options),
+        system=described.system,
+        model={"interaction": described.model.interaction},
+        expert=True,
+        interaction=True,
+        stage="train",
+        latent_size=training.latent,
+        refinement=options.refinement,
+        forecast_solver=store.forecast_solver(training.solver, system),
+    )
+    decoder = describe.decoder_of(system, card, classes)
+    device, ranges = torch.device("cpu"), card.start
+    task = task_of(training, card, device)
+    train_set = StackedSet.of(train, device).subset(training.train_samples)
+    validation_set = StackedSet.of(validation, device).subset(training.validation_samples)
+    for name, part in (("training set", train_set), ("validation set", validation_set)):
+        check_given(system, part.u, name)
+    seen_y = train_set.y[: card.observed, 0]
+    if ranges is not None:
+        seen_y = fill(seen_y, torch.tensor(card.t[: len(seen_y)]), ends_of(ranges)[0].to(seen_y))
+    decoder.fit(seen_y)
+    given = {"steps": STEPS, "latent_width": WIDTH}
+    refinement, prior = options.refinement.settings, given_ranges(options.refinement.prior)
+    noise = noise_of(options.refinement.noise, system, card)
+    whole = RefinementSettings.from_mapping({"starts": refinement.starts, "tries": refinement.tries, **given})
+    free = refinement.free_start if "free_start" in refinement.model_fields_set else is_some(noise)
+    t = torch.tensor(card.t, dtype=torch.float64)
+    assumed = assumed_noise(refinement, noise, card.bound)
+
+    def fit(decoder: Decoder, times: Tensor, settings: RefinementSettings, size: int) -> WindowFit:
+        mean, std = (f(size, training.latent, dtype=torch.float64) for f in (torch.zeros, torch.ones))
+        return WindowFit(decoder, times, settings, assumed, bool(free), prior, Latent(mean, std), task.solver, ranges)
+
+    used, seen = t[: task.horizon], t[: card.observed]
+    fits = (
+        fit(decoder, used, whole, len(seeds)),
+        fit(Decoder(system), used, whole, 1),
+        fit(decoder, seen, refinement.model_copy(update=given), len(seeds)),
+    )
+    name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
+    sets = train_set.windows(task.horizon), validation_set.windows(len(t))
+    trainer = Alternation(*fits, *sets, task, seeds, training, name)
+    return AlternatingTraining(trainer, card, options.refinement, validation_set.windows(len(seen)), classes or {})

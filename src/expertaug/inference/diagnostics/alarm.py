@@ -1,8 +1,10 @@
-"""An alarm: which windows' forecasts are not to be trusted, from a score a window and a threshold from validation data.
+"""Alarms: which windows' forecasts are not to be trusted, from a score a window and a threshold from validation data.
 
 Any score will do that is higher where the model explains a window badly: misfit of the observed window, χ² after
 refinement, how far refinement moves the forecast (:func:`forecast_distance`), spread of an ensemble
-(:func:`ensemble_spread`), minus the log density of what the encoder sees.
+(:func:`ensemble_spread`), minus the log density of what the encoder sees.  What it is worth say the ROC curve and the
+area under it (with an interval), and the risk that is left when the most suspicious windows are refused (El-Yaniv &
+Wiener 2010).
 """
 
 from __future__ import annotations
@@ -10,15 +12,152 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm, rankdata
 
 from expertaug.errors import InputError
-from expertaug.inference.coverage import binomial_interval
-from expertaug.inference.risk import RiskCoverage, risk_coverage
-from expertaug.inference.roc import Area, auroc, labelled
-from expertaug.inference.sample_arrays import Array, per_window, plain
+from expertaug.inference.diagnostics.arrays import Array, per_window, plain
+from expertaug.inference.diagnostics.calibration import binomial_interval
 
 FALSE_ALARMS = 0.05
 FAILING = 0.99
+
+
+@dataclass(frozen=True)
+class Area:
+    """The area under a ROC curve: the probability that a failing window has the higher score, ties counting half.
+
+    Attributes:
+        value: 0.5 for a score that says nothing; NaN where no window fails, or all do.
+        lower, upper: its 95 % interval; NaN where fewer than two windows fail, or all but fewer than two do.
+        failing, others: numbers of windows.
+    """
+
+    value: float
+    lower: float
+    upper: float
+    failing: int
+    others: int
+
+
+def auroc(scores: Array, failing: Array, confidence: float = 0.95) -> Area:
+    """Area under the ROC curve, with DeLong, DeLong & Clarke-Pearson's (1988) variance on the logit scale.
+
+    Where the score separates all windows that variance is 0; the interval is then the exact one of as many independent
+    pairs as there are of the rarer kind, which is wide where they are few.
+
+    Arguments:
+        scores: (N,), higher means more suspicious; infinite ones are ordered like others.
+        failing: (N,), whether the window's forecast fails.
+        confidence: of the interval.
+
+    Raises:
+        InputError: the shapes disagree, or a score is NaN.
+    """
+    score, bad = labelled(scores, failing)
+    m, n = int(bad.sum()), int((~bad).sum())
+    if not m or not n:
+        return Area(np.nan, np.nan, np.nan, m, n)
+    # Of each failing window the share of others below it, and the reverse: their means are the area.
+    whole = rankdata(score)
+    below = (whole[bad] - rankdata(score[bad])) / n
+    above = 1 - (whole[~bad] - rankdata(score[~bad])) / m
+    value = float(below.mean())
+    if min(m, n) < 2:
+        return Area(value, np.nan, np.nan, m, n)
+    variance = below.var(ddof=1) / m + above.var(ddof=1) / n
+    if variance == 0 and value in (0.0, 1.0):
+        least = ((1 - confidence) / 2) ** (1 / min(m, n))
+        lower, upper = (least, 1.0) if value == 1.0 else (0.0, 1 - least)
+    elif variance == 0:  # all scores are equal
+        lower = upper = value
+    else:
+        half = norm.ppf(0.5 + confidence / 2) * np.sqrt(variance) / (value * (1 - value))
+        logit = np.log(value / (1 - value))
+        lower, upper = (1 / (1 + np.exp(-(logit + side))) for side in (-half, half))
+    return Area(value, float(lower), float(upper), m, n)
+
+
+def roc(scores: Array, failing: Array) -> tuple[np.ndarray, np.ndarray]:
+    """The ROC curve: shares of the other windows and of the failing ones at or above each score, from (0, 0) to (1, 1).
+
+    Arguments:
+        scores, failing: as for :func:`auroc`.
+
+    Returns:
+        false alarms and caught, (M,) both, M − 1 the number of different scores.
+
+    Raises:
+        InputError: as :func:`auroc`, or no window fails, or all do.
+    """
+    score, bad = labelled(scores, failing)
+    if bad.all() or not bad.any():
+        raise InputError("failing", f"{bad.sum()} of {len(bad)} windows", "a ROC curve needs failing ones and others")
+    steps = np.unique(score)[::-1]
+    found = []
+    for part in (score[~bad], score[bad]):
+        at_least = len(part) - np.searchsorted(np.sort(part), steps, side="left")
+        found.append(np.concatenate([[0.0], at_least / len(part)]))
+    return found[0], found[1]
+
+
+def labelled(scores: Array, failing: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Scores (N,) and, as booleans (N,), which windows fail.
+
+    Raises:
+        InputError: the shapes disagree, a score is NaN, or ``failing`` is no yes or no.
+    """
+    score, bad = plain(scores, "scores", infinite=True), plain(failing, "failing")
+    per_window(score, bad, "scores and failing")
+    if not np.isin(bad, (0.0, 1.0)).all():
+        raise InputError("failing", f"has the value {bad[~np.isin(bad, (0.0, 1.0))][0]:g}", "give true or false")
+    return score, bad.astype(bool)
+
+
+@dataclass(frozen=True)
+class RiskCoverage:
+    """Mean error of the windows kept.
+
+    Attributes:
+        kept: shares of the windows, 1/N … 1, (N,).
+        risk: mean error of those with the lowest scores, (N,); the last is the mean of all.
+        best: the same for a score that orders windows by their error, (N,).
+    """
+
+    kept: np.ndarray
+    risk: np.ndarray
+    best: np.ndarray
+
+    @property
+    def area(self) -> float:
+        """Mean risk over all shares kept: AURC."""
+        return float(self.risk.mean())
+
+    @property
+    def best_area(self) -> float:
+        """The area that no score can fall below."""
+        return float(self.best.mean())
+
+
+def risk_coverage(scores: Array, errors: Array) -> RiskCoverage:
+    """Mean error of the windows kept as the most suspicious are refused.
+
+    Windows of equal score are refused in no order: each counts with the mean error of all of them.
+
+    Arguments:
+        scores: (N,), higher means more suspicious; they may be infinite.
+        errors: (N,), as the squared error of the forecast, which may be infinite.
+
+    Raises:
+        InputError: the shapes disagree, or a value is NaN.
+    """
+    score, error = (plain(v, name, infinite=True) for v, name in ((scores, "scores"), (errors, "errors")))
+    per_window(score, error, "scores and errors")
+    _, group, size = np.unique(score, return_inverse=True, return_counts=True)
+    alike = np.zeros(len(size))
+    np.add.at(alike, group, error)
+    count = np.arange(1, len(error) + 1)
+    kept_error = (alike / size)[np.sort(group)]
+    return RiskCoverage(count / len(error), np.cumsum(kept_error) / count, np.cumsum(np.sort(error)) / count)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from scipy.special import gammaln
 from scipy.stats import binom
 
 from expertaug.errors import InputError
-from expertaug.inference import ranks as rank_arrays
-from expertaug.inference.sample_arrays import Array
+from expertaug.inference.diagnostics.arrays import Array
+from expertaug.inference.diagnostics.calibration import check_ranks
 
 POINTS = 200  # at most, at which the distribution is compared
 STEPS = 40  # of the bisection for the pointwise level
@@ -55,7 +55,7 @@ def uniformity(ranks: Array, draws: int, confidence: float = 0.95) -> Uniformity
     Windows are taken as independent: give those of one seed at a time.
 
     Arguments:
-        ranks: (N, …), as the functions of :mod:`expertaug.inference.ranks` return them.
+        ranks: (N, …), as the functions of :mod:`expertaug.inference.diagnostics.calibration` return them.
         draws: K, the number of draws a window.
         confidence: of the band, simultaneously at all points (but for each component by itself).
 
@@ -64,7 +64,7 @@ def uniformity(ranks: Array, draws: int, confidence: float = 0.95) -> Uniformity
     """
     if not 0 < confidence < 1:
         raise InputError("confidence", f"found {confidence!r}", "give a number between 0 and 1, as 0.95")
-    found = rank_arrays.check(ranks, draws)
+    found = check_ranks(ranks, draws)
     n = len(found)
     last = _last_ranks(draws)
     level = (last + 1) / (draws + 1)
