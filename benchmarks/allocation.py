@@ -32,9 +32,8 @@ def measured(kept: bool, draws: int) -> tuple[float, float, float]:
         raise SystemExit("this C library has no mallopt")
     torch.manual_seed(0)
     system = DampedPendulum()
-    decoder = stack(
-        [Decoder(system, MLPInteraction(system, 1, [64, 64], "selu", components=["omega"])) for _ in range(SEEDS)]
-    )
+    learned = {"layers": [64, 64], "activation": "selu", "components": ["omega"]}
+    decoder = stack([Decoder(system, MLPInteraction(system, 1, **learned)) for _ in range(SEEDS)])
     shape, solver, t = (SEEDS, draws * WINDOWS), Solver("dopri5", 1e-6, 1e-6), torch.linspace(0.0, 20.0, 201)
     y0, z_e, z_a = 0.5 * torch.randn(*shape, 2), 0.5 + 2 * torch.rand(*shape, 1), torch.randn(*shape, 1)
     before = resource.getrusage(resource.RUSAGE_SELF)

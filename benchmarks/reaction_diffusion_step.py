@@ -142,7 +142,7 @@ def layer_ways(seeds: int, batch_size: int) -> dict[str, Callable[[], None]]:
 
 def double_ways(samples: int) -> dict[str, Callable[[], None]]:
     """F_a in double precision: the default's two convolutions."""
-    model = ConvInteraction(systems.load(SYSTEM), 1, [16], [3, 1]).double().requires_grad_(False)
+    model = ConvInteraction(systems.load(SYSTEM), 1, channels=[16], kernels=[3, 1]).double().requires_grad_(False)
     y = torch.rand(samples, 2, 32, 32, dtype=torch.float64)
     context = model.context(torch.rand(samples, 1, dtype=torch.float64), torch.rand(samples, 2, dtype=torch.float64))
     first, last = model.state_layer.weight, model.rest[0]

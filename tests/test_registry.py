@@ -92,7 +92,7 @@ def test_every_kind_of_the_package_can_be_asked():
 @pytest.mark.parametrize(
     ("part", "kind", "expected"),
     [
-        ("encoder", "cnn", r"here: 'cnn' is no encoder; known: recurrent"),
+        ("encoder", "cnn", r"here: 'cnn' is no encoder; known: window, recurrent"),
         ("encoder", ["a:b"], r"here: \['a:b'\] is no encoder"),
         ("encoder", "no.such:X", r"here: no module 'no\.such'"),
         ("encoder", "torch.nothing:X", r"here: no module 'torch\.nothing'"),

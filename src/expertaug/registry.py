@@ -42,7 +42,7 @@ def full_name(part: Part, kind: str, where: str) -> str:
         InputError: the kind is neither known nor of that form.
     """
     known = part.kinds
-    if isinstance(kind, str) and ":" in kind:
+    if isinstance(kind, str) and ":" in (kind := short_name(part, kind)):
         return kind
     if not isinstance(kind, str) or kind not in known:
         raise InputError(where, f"{kind!r} is no {part.name}", f"known: {', '.join(known)}, or package.module:Class")
@@ -50,8 +50,13 @@ def full_name(part: Part, kind: str, where: str) -> str:
 
 
 def short_name(part: Part, name: str) -> str:
-    """The kind that stands for a class of the package's own; any other name as it is."""
-    return next((kind for kind, full in part.kinds.items() if full == name), name)
+    """The kind that stands for a class of the package's own; any other name as it is.
+
+    The class counts, not its module: files of earlier versions have some where they stood then.
+    """
+    module, _, wanted = name.partition(":")
+    own = module.startswith("expertaug.")
+    return next((kind for kind, full in part.kinds.items() if own and full.partition(":")[2] == wanted), name)
 
 
 def find(part: Part, kind: str, where: str) -> type:

@@ -126,11 +126,11 @@ def test_bfloat16_agrees_to_its_precision():
 
 def test_bad_settings_are_named():
     system, times = systems.load(SYSTEM), torch.arange(4) * 0.1
-    with pytest.raises(InputError, match=r"interaction\.kernels: \[3, 3\]; 3 odd sizes"):
+    with pytest.raises(InputError, match=r"interaction\.kernels: found \[3, 3\]; give 3 odd sizes"):
         ConvInteraction(system, 3, kernels=(3, 3))
-    with pytest.raises(InputError, match=r"interaction\.precision: 'half'; one of float32, bfloat16"):
+    with pytest.raises(InputError, match=r"interaction\.precision: found 'half'; known: float32, bfloat16"):
         ConvInteraction(system, 3, precision="half")
-    with pytest.raises(InputError, match=r"encoder\.strides: \[1\]; 3 of them"):
+    with pytest.raises(InputError, match=r"encoder\.strides: found \[1\]; give 3 of them"):
         ConvEncoder(system, times, strides=(1,))
 
 

@@ -8,7 +8,7 @@ import torch
 import plain_parts as parts
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.models.describe import describe, recipe_of, system_of
+from expertaug.models.describe import describe, is_built_in, recipe_of, system_of
 from expertaug.models.encoders.window import WindowEncoder
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.mlp import MLPInteraction
@@ -74,11 +74,11 @@ def test_a_class_of_a_function_or_notebook_can_be_built_and_is_described_by_its_
     ("encoder", "expected"),
     [
         ({"kind": "window"}, r"model\.encoder: window: missing a required argument: 'windows'"),
-        ({"kind": "window", "windows": WINDOWS, "activation": "zzz"}, r"activation: 'zzz'; one of relu"),
-        ({"kind": "window", "windows": WINDOWS, "layers": "16"}, r"layers: a width of '\d'; widths are whole numbers"),
-        ({"kind": "window", "windows": WINDOWS, "layers": [-1]}, r"layers: a width of -1; widths"),
-        ({"kind": "window", "windows": WINDOWS, "latent": "a"}, r"layers: a width of 'a'"),
-        ({"kind": "window", "windows": {"U": ["~", 5]}}, r"windows\.U: \[~, 5\] s; the encoder sees 0 to 0\.2 s"),
+        ({"kind": "window", "windows": WINDOWS, "activation": "zzz"}, r"encoder\.activation: found 'zzz'; known: relu"),
+        ({"kind": "window", "windows": WINDOWS, "layers": "16"}, r"encoder\.layers: found '16'; give a list"),
+        ({"kind": "window", "windows": WINDOWS, "layers": [-1]}, r"layers\[0\]: found -1; give 1 or more"),
+        ({"kind": "window", "windows": WINDOWS, "latent": "a"}, r"encoder\.latent: found 'a'; give a whole number"),
+        ({"kind": "window", "windows": {"U": [0, 5]}}, r"windows\.U: \[0\.0, 5\.0\] s; the encoder sees 0 to 0\.2 s"),
         ({"kind": "conv"}, r"model\.encoder\.kind: RLC has states of shape \(2,\); choose one for plain states"),
         (partial(parts.LinearEncoder, 3), r"model\.encoder: arguments without a name"),
         (3, r"model\.encoder: found int; give a class"),
@@ -98,3 +98,11 @@ def test_encoders_of_plain_states_refuse_fields(kind):
         HybridModel(fields, {"kind": kind} | options).build(TIMES, [0])
     with pytest.raises(InputError, match=r"model\.interaction\.kind: ReactionDiffusion has states of shape"):
         HybridModel(fields, {"kind": "moments"}, {"kind": "mlp"}).build(TIMES, [0])
+
+
+def test_a_file_of_an_earlier_version_names_a_class_where_it_stood_then():
+    moved = {"kind": "expertaug.models.encoders.convolutional:ConvEncoder", "channels": [2], "strides": [1]}
+    recipe = HybridModel(systems.load({"name": "reaction_diffusion"}), moved)
+    assert is_built_in(moved["kind"])
+    assert not is_built_in("mine.encoders.convolutional:ConvEncoder")
+    assert recipe.build_one(TIMES).encoder.latent == 10

@@ -128,7 +128,7 @@ def trusted(given: Collection[str | Callable]) -> tuple[set[str], dict[str, Call
 
 def is_built_in(kind: str) -> bool:
     """Whether a kind is a short one, or names one of the package's own parts."""
-    return ":" not in kind or any(kind in part.kinds.values() for part in PARTS.values())
+    return any(":" not in short_name(part, kind) for part in PARTS.values())
 
 
 def _is_built_in_system(name: str) -> bool:

@@ -57,7 +57,7 @@ class HybridNet(Predictor, nn.Module):
     def fit(self, observed: Tensor) -> None:
         """Let the parts that learn scales from the training set's observed window (T1, N, *observed) do so."""
         observed = self.filled(observed)
-        self.encoder.fit(observed)
+        self.encoder.fit(observed)  # type: ignore[operator]
         self.decoder.fit(states_of(self.system, observed))
 
     def filled(self, observed: Tensor) -> Tensor:

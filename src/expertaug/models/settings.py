@@ -5,10 +5,12 @@ No torch is loaded.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
+from pydantic.fields import FieldInfo
 
 from expertaug.registry import Part
 from expertaug.settings import (
@@ -27,6 +29,7 @@ from expertaug.settings import (
 )
 from expertaug.systems.settings import SYSTEMS, SolverSettings
 
+Module = TypeVar("Module")
 WIDEST = 2**16
 AXES = 32  # principal components of an encoder's z_a that a model file keeps, for fits of windows
 Width = Annotated[int, Field(ge=1, le=WIDEST)]
@@ -42,15 +45,45 @@ ACTIVATION = "activation function of the network"
 
 
 class PartSettings(Settings):
-    """Arguments of a class that a model is made of.
+    """Arguments of a class that a model is made of; :func:`configured_by` gives them to the class.
 
     Attributes:
+        CLASS: ``module:Class`` in the folder of its part.
         COMPONENTS: keys that name components of the state.
         FIELDS: whether it is for states that are fields on a grid.
     """
 
+    CLASS: ClassVar[str]
     COMPONENTS: ClassVar[tuple[str, ...]] = ()
     FIELDS: ClassVar[bool] = False
+
+    @classmethod
+    def arguments(cls) -> dict[str, FieldInfo]:
+        """What a constructor takes of them: all but the kind."""
+        return {name: field for name, field in cls.model_fields.items() if name != "kind"}
+
+
+def configured_by(settings: type[PartSettings]) -> Callable[[type[Module]], type[Module]]:
+    """A class whose constructor hands ``**options`` to ``settings``: its signature and the end of its docstring, its
+    arguments, are made from these."""
+
+    def configured(cls: type[Module]) -> type[Module]:
+        signature = inspect.signature(cls.__init__)
+        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        own += [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=_default(field))
+            for name, field in settings.arguments().items()
+        ]
+        cls.__init__.__signature__ = signature.replace(parameters=own)  # type: ignore[attr-defined]
+        told = [f"    {name}: {field.description}." for name, field in settings.arguments().items()]
+        cls.__doc__ = "\n".join((inspect.cleandoc(cls.__doc__ or ""), *told))
+        return cls
+
+    return configured
+
+
+def _default(field: FieldInfo) -> object:
+    return inspect.Parameter.empty if field.is_required() else field.get_default()
 
 
 class EncoderSettings(PartSettings):
@@ -62,6 +95,7 @@ class EncoderSettings(PartSettings):
 class WindowSettings(EncoderSettings):
     """A fully connected network of windows of chosen components."""
 
+    CLASS = "window:WindowEncoder"
     COMPONENTS = ("windows", "angles")
 
     kind: Literal["window"] = key("window", "a fully connected network on windows of chosen components")
@@ -81,6 +115,8 @@ class WindowSettings(EncoderSettings):
 class RecurrentSettings(EncoderSettings):
     """A recurrent network over the observed states."""
 
+    CLASS = "recurrent:RecurrentEncoder"
+
     kind: Literal["recurrent"] = key("recurrent", "a GRU over the observed states; its last state is z_a")
     hidden: Width = key(128, "size of the recurrent state, which is z_a")
     layers: Widths = key((150, 150, 150), "widths of the hidden layers that estimate z_e")
@@ -89,6 +125,7 @@ class RecurrentSettings(EncoderSettings):
 class TwoStepSettings(EncoderSettings):
     """The hybrid-VAE's encoder: z_a first, then z_e of what the expert alone could have made."""
 
+    CLASS = "two_step:MLPTwoStep"
     COMPONENTS = ("windows", "angles")
 
     kind: Literal["two_step"] = key(
@@ -126,6 +163,8 @@ class _Convolutions(EncoderSettings):
 class ConvSettings(_Convolutions):
     """A convolutional network of the observed fields."""
 
+    CLASS = "fields:ConvEncoder"
+
     kind: Literal["conv"] = key("conv", "a convolutional network on the observed fields")
     channels: Hidden = key((32, 32, 64), "channels of the convolutional layers, 3 × 3 each")
     strides: Strides = key((1, 2, 2), "strides of these layers")
@@ -135,6 +174,8 @@ class ConvSettings(_Convolutions):
 
 class ConvTwoStepSettings(_Convolutions):
     """The hybrid-VAE's encoder for fields."""
+
+    CLASS = "two_step:ConvTwoStep"
 
     kind: Literal["conv_two_step"] = key("conv_two_step", "the hybrid-VAE's encoder for fields")
     latent: Width = key(10, LATENT)
@@ -148,6 +189,7 @@ class ConvTwoStepSettings(_Convolutions):
 class MomentSettings(EncoderSettings):
     """A fully connected network of moments of the observed fields."""
 
+    CLASS = "fields:MomentEncoder"
     FIELDS = True
 
     kind: Literal["moments"] = key("moments", "a fully connected network on moments of the observed fields")
@@ -169,6 +211,8 @@ class InteractionSettings(PartSettings):
 class MLPSettings(InteractionSettings):
     """A fully connected network of the state and z_a."""
 
+    CLASS = "mlp:MLPInteraction"
+
     kind: Literal["mlp"] = key("mlp", "a fully connected network on the state and z_a")
     layers: Hidden = key((50, 50, 50), "widths of the hidden layers")
     activation: Activation = key("relu", ACTIVATION)
@@ -182,6 +226,7 @@ class MLPSettings(InteractionSettings):
 class ConvInteractionSettings(InteractionSettings):
     """A convolutional network of the fields and z_a."""
 
+    CLASS = "convolutional:ConvInteraction"
     FIELDS = True
 
     kind: Literal["conv"] = key("conv", "a convolutional network on the fields and z_a")
@@ -203,6 +248,8 @@ class ConvInteractionSettings(InteractionSettings):
 class PolynomialSettings(InteractionSettings):
     """A polynomial of the state."""
 
+    CLASS = "polynomial:PolynomialInteraction"
+
     kind: Literal["polynomial"] = key("polynomial", "a polynomial in the state, with coefficients that z_a may set")
     degree: int = key(3, "degree of the polynomial", ge=0, le=12)
     latent_degree: int = key(0, "degree up to which z_a sets the coefficients", ge=-1, le=12)
@@ -214,6 +261,8 @@ class PolynomialSettings(InteractionSettings):
 class DampingSettings(InteractionSettings):
     """A linear damping whose rate grows with z_a."""
 
+    CLASS = "damping:DampingInteraction"
+
     kind: Literal["damping"] = key("damping", "a linear damping with a positive rate that grows with z_a")
     components: Names | None = key(None, "components that are damped, each in proportion to itself; null = all")
 
@@ -222,12 +271,20 @@ def _by_kind(*kinds: type[PartSettings]) -> dict[str, type[PartSettings]]:
     return {kind.model_fields["kind"].default: kind for kind in kinds}
 
 
+def _part(name: str, kinds: Mapping[str, type[PartSettings]], given: tuple[str, ...]) -> Part:
+    classes = {kind: f"expertaug.models.{name}s.{settings.CLASS}" for kind, settings in kinds.items()}
+    return Part(name, classes, base="torch.nn:Module", needed="forward", given=given)
+
+
 ENCODERS: Mapping[str, type[PartSettings]] = _by_kind(
     WindowSettings, RecurrentSettings, TwoStepSettings, ConvSettings, ConvTwoStepSettings, MomentSettings
 )
 INTERACTIONS: Mapping[str, type[PartSettings]] = _by_kind(
     MLPSettings, ConvInteractionSettings, PolynomialSettings, DampingSettings
 )
+ENCODER = _part("encoder", ENCODERS, ("system", "times"))
+INTERACTION = _part("interaction", INTERACTIONS, ("system", "latent", "times"))
+PARTS = {part.name: part for part in (ENCODER, INTERACTION)}
 
 
 def _checked(value: dict[str, Any], kinds: Mapping[str, type[Settings]], name: str) -> dict[str, Any]:
@@ -321,32 +378,3 @@ class Refinement(Settings):
     prior: Prior | None = key(
         ..., "range of each expert parameter in which the fits start; null = none, own = they are found (own-prior)"
     )
-
-
-ENCODER = Part(
-    "encoder",
-    {
-        "recurrent": "expertaug.models.encoders.recurrent:RecurrentEncoder",
-        "window": "expertaug.models.encoders.window:WindowEncoder",
-        "two_step": "expertaug.models.encoders.two_step:MLPTwoStep",
-        "conv_two_step": "expertaug.models.encoders.two_step:ConvTwoStep",
-        "conv": "expertaug.models.encoders.fields:ConvEncoder",
-        "moments": "expertaug.models.encoders.fields:MomentEncoder",
-    },
-    base="torch.nn:Module",
-    needed="forward",
-    given=("system", "times"),
-)
-INTERACTION = Part(
-    "interaction",
-    {
-        "mlp": "expertaug.models.interactions.mlp:MLPInteraction",
-        "conv": "expertaug.models.interactions.convolutional:ConvInteraction",
-        "polynomial": "expertaug.models.interactions.polynomial:PolynomialInteraction",
-        "damping": "expertaug.models.interactions.damping:DampingInteraction",
-    },
-    base="torch.nn:Module",
-    needed="forward",
-    given=("system", "latent", "times"),
-)
-PARTS = {part.name: part for part in (ENCODER, INTERACTION)}

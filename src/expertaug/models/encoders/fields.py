@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from expertaug.errors import InputError
 from expertaug.models.networks.convolutional import Conv, StandardiseChannels, differences, grid_rank, layer_averages
 from expertaug.models.networks.layers import MLP, Standardise
 from expertaug.models.posterior import Delta, Posterior, constrain
+from expertaug.models.settings import ConvSettings, MomentSettings, configured_by
 from expertaug.systems import System
 
 
+@configured_by(ConvSettings)
 class ConvEncoder(nn.Module):
     """Deep CNN over the observed frames, stacked as channels (paper, appendix, reaction–diffusion).
 
@@ -24,38 +26,27 @@ class ConvEncoder(nn.Module):
     change when the fields are shifted (by a multiple of the product of the strides).
 
     Arguments:
-        channels, strides: of the layers, kernels of size 3.
-        layers: hidden layers of the MLP on the averages, which z_e and z_a share.
-        latent: size of z_a.
         times: of the observed window; their number is that of the frames.
     """
 
     stackable = True
     head_prefix = "head."
 
-    def __init__(
-        self,
-        system: System,
-        times: Tensor,
-        channels: Sequence[int] = (32, 32, 64),
-        strides: Sequence[int] = (1, 2, 2),
-        layers: Sequence[int] = (128,),
-        latent: int = 10,
-    ) -> None:
+    def __init__(self, system: System, times: Tensor, **options: Any) -> None:
         super().__init__()
-        if len(strides) != len(channels):
-            raise InputError("model.encoder.strides", str(list(strides)), f"{len(channels)} of them, one a layer")
+        own = ConvSettings.of(**options)
         self.system = system
-        self.latent = latent
+        self.latent = own.latent
         self.rank = grid_rank(system, "model.encoder.kind")
         inputs = 2 * len(times) * system.state_shape[0]
         self.scale = StandardiseChannels(inputs, self.rank)
         self.layers = nn.ModuleList(
-            Conv(self.rank, a, b, stride=s) for (a, b), s in zip(pairwise((inputs, *channels)), strides, strict=True)
+            Conv(self.rank, a, b, stride=s)
+            for (a, b), s in zip(pairwise((inputs, *own.channels)), own.strides, strict=True)
         )
-        self.trunk = MLP(sum(channels), layers[:-1], layers[-1])
-        self.head = MLP(layers[-1], (), len(system.expert_parameters))
-        self.latent_head = MLP(layers[-1], (), latent)
+        self.trunk = MLP(sum(own.channels), own.layers[:-1], own.layers[-1])
+        self.head = MLP(own.layers[-1], (), len(system.expert_parameters))
+        self.latent_head = MLP(own.layers[-1], (), own.latent)
 
     def inputs(self, observed: Tensor) -> Tensor:
         """(T1, …, B, fields, *grid) → frames and their Laplacians (…, B, 2 · T1 · fields, *grid)."""
@@ -131,34 +122,25 @@ class Moments(nn.Module):
         return moments.flatten(-2)
 
 
+@configured_by(MomentSettings)
 class MomentEncoder(nn.Module):
     """MLP on the observed frames' :class:`Moments`.
 
     Arguments:
-        powers: as :class:`Moments`.
-        layers, activation: hidden layers, which z_e and z_a share.
-        latent: size of z_a.
         times: of the observed window; their number is that of the frames.
     """
 
     stackable = True
     head_prefix = "head."
 
-    def __init__(
-        self,
-        system: System,
-        times: Tensor,
-        powers: Sequence[int] = (1, 3),
-        layers: Sequence[int] = (128, 128),
-        latent: int = 1,
-        activation: str = "silu",
-    ) -> None:
+    def __init__(self, system: System, times: Tensor, **options: Any) -> None:
         super().__init__()
-        self.system, self.latent = system, latent
-        self.moments = Moments(system, len(times), powers)
-        self.trunk = MLP(self.moments.outputs, layers[:-1], layers[-1], activation)
-        self.head = MLP(layers[-1], (), len(system.expert_parameters))
-        self.latent_head = MLP(layers[-1], (), latent)
+        own = MomentSettings.of(**options)
+        self.system, self.latent = system, own.latent
+        self.moments = Moments(system, len(times), own.powers)
+        self.trunk = MLP(self.moments.outputs, own.layers[:-1], own.layers[-1], own.activation)
+        self.head = MLP(own.layers[-1], (), len(system.expert_parameters))
+        self.latent_head = MLP(own.layers[-1], (), own.latent)
 
     def fit(self, observed: Tensor) -> None:
         """Standardise by the training set's observed window (T1, N, fields, *grid)."""

@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 from torch import Tensor, nn
 
 from expertaug.models.networks.layers import GRU, MLP, feature_count
 from expertaug.models.posterior import Delta, Posterior, constrain
+from expertaug.models.settings import RecurrentSettings, configured_by
 from expertaug.systems import System
 
 
+@configured_by(RecurrentSettings)
 class RecurrentEncoder(nn.Module):
     """GRU over the observed states; z_a is its last hidden state, an MLP maps it to z_e (paper, appendix, pendulum).
 
     Arguments:
-        hidden: units of the GRU and size of z_a.
-        layers: hidden layers of the z_e head.
         times: of the observed window, unused: the GRU sees every point.
     """
 
     stackable = True
     head_prefix = "head."
 
-    def __init__(
-        self, system: System, times: Tensor, hidden: int = 128, layers: Sequence[int] = (150, 150, 150)
-    ) -> None:
+    def __init__(self, system: System, times: Tensor, **options: Any) -> None:
         super().__init__()
+        own = RecurrentSettings.of(**options)
         self.system = system
-        self.latent = hidden
+        self.latent = own.hidden
         inputs = feature_count(system, "model.encoder.kind")
-        self.recurrent = GRU(inputs, hidden)
-        self.head = MLP(hidden, layers, len(system.expert_parameters))
+        self.recurrent = GRU(inputs, own.hidden)
+        self.head = MLP(own.hidden, own.layers, len(system.expert_parameters))
 
     def fit(self, observed: Tensor) -> None:
         """Nothing to learn from the data before training."""

@@ -7,9 +7,10 @@ appendix on the hybrid-VAE).  :class:`MLPTwoStep` is for vectors, :class:`ConvTw
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -27,6 +28,7 @@ from expertaug.models.networks.convolutional import (
 )
 from expertaug.models.networks.layers import MLP, Linear, Standardise, feature_count
 from expertaug.models.posterior import Gaussian, Normal, Posterior
+from expertaug.models.settings import ConvTwoStepSettings, TwoStepSettings, configured_by
 from expertaug.systems import System
 
 LOG_STD, SPREAD = -3.0, 4.0  # standard deviations begin near e⁻³ and stay within e⁻⁷ and e
@@ -81,6 +83,7 @@ class TwoStep(nn.Module):
         return Posterior(self.infer(filtered), z_a, used, filtered)
 
 
+@configured_by(TwoStepSettings)
 class MLPTwoStep(TwoStep):
     """Fully connected g_a, g_p1 and g_p2 (paper, app. HVAE, pendulum and RLC).
 
@@ -89,44 +92,28 @@ class MLPTwoStep(TwoStep):
     hardly changes it.
 
     Arguments:
-        latent: size of z_a.
-        latent_layers, filter_layers, expert_layers: hidden layers of g_a, g_p1 and g_p2.
-        windows, angles: what the encoder sees, as :class:`~expertaug.models.encoders.window.ComponentView` has it; null
-            for all states.
-        skip: whether a linear map of the inputs is added to g_p2's output.
-        activation: of all three.
+        times: of the observed window in s, (T1,).
     """
 
     stackable = True
 
-    def __init__(
-        self,
-        system: System,
-        times: Tensor,
-        latent: int = 1,
-        latent_layers: Sequence[int] = (256, 256, 128, 32),
-        filter_layers: Sequence[int] = (128, 128),
-        expert_layers: Sequence[int] = (128, 128, 256, 64, 32),
-        windows: Mapping[str, Sequence[float]] | None = None,
-        angles: Sequence[str] = (),
-        skip: bool = False,
-        activation: str = "selu",
-    ) -> None:
+    def __init__(self, system: System, times: Tensor, **options: Any) -> None:
+        own = TwoStepSettings.of(**options)
         parameters = len(system.expert_parameters)
         view: StateView | ComponentView
-        if windows is None:
+        if own.windows is None:
             view = StateView(system, times)
-            step_filter: nn.Module = StepFilter(system, times, latent, filter_layers, activation)
+            step_filter: nn.Module = StepFilter(system, times, own.latent, own.filter_layers, own.activation)
         else:
-            view = ComponentView(system, times, windows, angles)
-            step_filter = WindowFilter(view, latent, filter_layers, activation)
+            view = ComponentView(system, times, own.windows, own.angles)
+            step_filter = WindowFilter(view, own.latent, own.filter_layers, own.activation)
         super().__init__(
             system,
             view,
-            latent,
-            ViewMLP(view, latent_layers, 2 * latent, activation),
+            own.latent,
+            ViewMLP(view, own.latent_layers, 2 * own.latent, own.activation),
             step_filter,
-            ViewMLP(view, expert_layers, 2 * parameters, activation, skip),
+            ViewMLP(view, own.expert_layers, 2 * parameters, own.activation, own.skip),
         )
 
 
@@ -208,51 +195,39 @@ def _gaussian(outputs: Tensor, parameters: Sequence | None = None) -> Gaussian:
     return Gaussian(loc, LOG_STD + SPREAD * torch.tanh(raw / SPREAD), parameters)
 
 
+@configured_by(ConvTwoStepSettings)
 class ConvTwoStep(TwoStep):
     """CNNs for g_a and g_p2, a conditional U-Net for g_p1 (paper, app. HVAE, reaction–diffusion).
 
     All frames enter as channels of one image: a tenth of the cost of one frame after the other, and g_p1, which has to
     take away what the interaction has done by each frame, knows which frame is which.
 
+    With ``powers`` g_a and g_p2 are MLPs of ``layers`` on the frames'
+    :class:`~expertaug.models.encoders.fields.Moments`.
+
     Arguments:
-        latent: size of z_a.
-        channels, strides: of the layers of g_a and g_p2, kernels of size 3.
-        layers: hidden layers of the MLPs on their averages over the grid.
-        filter_channels: of the U-Net's levels.
-        powers: g_a and g_p2 are MLPs of ``layers`` on the frames' :class:`Moments` with these
-            powers; null for CNNs.
+        times: of the observed window; their number is that of the frames.
     """
 
     stackable = True
 
-    def __init__(
-        self,
-        system: System,
-        times: Tensor,
-        latent: int = 10,
-        channels: Sequence[int] = (32, 32, 64),
-        strides: Sequence[int] = (1, 2, 2),
-        layers: Sequence[int] = (128,),
-        filter_channels: Sequence[int] = (16, 32, 32),
-        powers: Sequence[int] | None = None,
-    ) -> None:
-        if len(strides) != len(channels):
-            raise InputError("model.encoder.strides", str(list(strides)), f"{len(channels)} of them, one a layer")
+    def __init__(self, system: System, times: Tensor, **options: Any) -> None:
+        own = ConvTwoStepSettings.of(**options)
         rank, grid = grid_rank(system, "model.encoder.kind"), system.state_shape[1:]
-        halvings = len(filter_channels) - 1
+        halvings = len(own.filter_channels) - 1
         if any(cells % 2**halvings for cells in grid):
             remedy = f"at most so many levels that the grid {grid} can be halved"
-            raise InputError("model.encoder.filter_channels", str(list(filter_channels)), remedy)
+            raise InputError("model.encoder.filter_channels", str(list(own.filter_channels)), remedy)
         fields = len(times) * system.state_shape[0]
 
         def network(outputs: int) -> nn.Module:
-            if powers is None:
-                return FrameCNN(rank, fields, channels, strides, layers, outputs)
-            return FrameMoments(system, len(times), powers, layers, outputs)
+            if own.powers is None:
+                return FrameCNN(rank, fields, own.channels, own.strides, own.layers, outputs)
+            return FrameMoments(system, len(times), own.powers, own.layers, outputs)
 
-        latent_network, expert_network = network(2 * latent), network(2 * len(system.expert_parameters))
-        filter_network = FrameFilter(rank, fields, latent, filter_channels)
-        super().__init__(system, partial(frames, rank=rank), latent, latent_network, filter_network, expert_network)
+        latent_network, expert_network = network(2 * own.latent), network(2 * len(system.expert_parameters))
+        filter_network = FrameFilter(rank, fields, own.latent, own.filter_channels)
+        super().__init__(system, partial(frames, rank=rank), own.latent, latent_network, filter_network, expert_network)
 
 
 def frames(observed: Tensor, rank: int) -> Tensor:

@@ -7,6 +7,7 @@ state's units still; ``features`` makes network inputs (…, B, inputs) of that.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -14,6 +15,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.networks.layers import MLP, Linear, Standardise, feature_count
 from expertaug.models.posterior import Delta, Posterior, constrain
+from expertaug.models.settings import WindowSettings, configured_by
 from expertaug.systems import System
 from expertaug.systems.base import constant_like
 
@@ -91,6 +93,7 @@ def _select(system: System, name: str, window: Sequence[float], times: Tensor) -
     return names.index(name), sorted({0, *inside})
 
 
+@configured_by(WindowSettings)
 class WindowEncoder(nn.Module):
     """MLP over windows of chosen components (paper, appendix, double pendulum).
 
@@ -98,38 +101,24 @@ class WindowEncoder(nn.Module):
     what the training set hardly varies, and an augmented sample then lies thousands of units away.
 
     Arguments:
-        windows: component name → [first, last] time in s, both included; the first point of every component named
-            belongs to x and is seen as well.
-        angles: components that enter as angles.
-        layers, activation: of the MLP.
-        latent: size of z_a.
-        skip: whether a linear map of the inputs is added to the z_e head's output.
+        times: of the observed window in s, (T1,).
     """
 
     stackable = True
     head_prefix = "head."
 
-    def __init__(
-        self,
-        system: System,
-        times: Tensor,
-        windows: Mapping[str, Sequence[float]],
-        angles: Sequence[str] = (),
-        layers: Sequence[int] = (300, 300, 300),
-        latent: int = 10,
-        activation: str = "relu",
-        skip: bool = False,
-    ) -> None:
+    def __init__(self, system: System, times: Tensor, **options: Any) -> None:
         super().__init__()
+        own = WindowSettings.of(**options)
         self.system = system
-        self.latent = latent
-        self.window = ComponentView(system, times, windows, angles)
+        self.latent = own.latent
+        self.window = ComponentView(system, times, own.windows, own.angles)
         inputs = self.window.inputs
         self.scale = Standardise(inputs)
-        self.trunk = MLP(inputs, layers[:-1], layers[-1], activation)
-        self.head = MLP(layers[-1], (), len(system.expert_parameters))
-        self.latent_head = MLP(layers[-1], (), latent)
-        self.skip = Linear(inputs, len(system.expert_parameters), bias=False) if skip else None
+        self.trunk = MLP(inputs, own.layers[:-1], own.layers[-1], own.activation)
+        self.head = MLP(own.layers[-1], (), len(system.expert_parameters))
+        self.latent_head = MLP(own.layers[-1], (), own.latent)
+        self.skip = Linear(inputs, len(system.expert_parameters), bias=False) if own.skip else None
 
     def inputs(self, observed: Tensor) -> Tensor:
         """(T1, …, B, *state) → (…, B, inputs)."""

@@ -5,57 +5,43 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import nullcontext
 from itertools import pairwise
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from expertaug.errors import InputError
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.convolutional import Conv, by_products, convolve, grid_rank, wrap
 from expertaug.models.networks.layers import Linear
+from expertaug.models.settings import ConvInteractionSettings, configured_by
 from expertaug.systems import System
 
 IN_CACHE = 16  # fields whose patches a core keeps at hand: all at once take three times as long
 PRECISIONS = {"float32": None, "bfloat16": torch.bfloat16}
 
 
+@configured_by(ConvInteractionSettings)
 class ConvInteraction(Interaction):
     """CNN on the state's fields, with z_a as constant channels (paper, appendix, reaction–diffusion).
 
     A constant channel adds the same to every cell of a hidden channel (the grid is periodic), so z_a enters as a bias
     of each sample: :meth:`context` computes it once for a trajectory.
 
+    With ``precision`` bfloat16 the convolutions are computed in that, their sums staying in float32.
+
     Arguments:
         latent: size of z_a.
-        channels: of the hidden layers.
-        kernels: sizes of every layer's kernel, one more than ``channels``; 1 makes a layer local.
-        expert_parameters: as :class:`Interaction`.
-        start: of the last layer's usual first size; near zero the expert is alone at first.
-        precision: float32, or bfloat16 for the convolutions, their sums staying in float32.
     """
 
     stackable = True
 
-    def __init__(
-        self,
-        system: System,
-        latent: int,
-        channels: Sequence[int] = (16, 16),
-        kernels: Sequence[int] = (3, 3, 3),
-        expert_parameters: bool = False,
-        precision: str = "float32",
-        start: float = 1.0,
-    ) -> None:
-        super().__init__(system, latent, expert_parameters)
-        if len(kernels) != len(channels) + 1 or any(k % 2 == 0 for k in kernels):
-            raise InputError(
-                "model.interaction.kernels", str(list(kernels)), f"{len(channels) + 1} odd sizes, one a layer"
-            )
-        if precision not in PRECISIONS:
-            raise InputError("model.interaction.precision", repr(precision), f"one of {', '.join(PRECISIONS)}")
+    def __init__(self, system: System, latent: int, **options: Any) -> None:
+        own = ConvInteractionSettings.of(**options)
+        super().__init__(system, latent, own.expert_parameters)
+        channels, kernels = own.channels, own.kernels
         fields = system.state_shape[0]
         self.rank = grid_rank(system, "model.interaction.kind")
-        self.precision = PRECISIONS[precision]
+        self.precision = PRECISIONS[own.precision]
         self.margin = sum(k // 2 for k in kernels)
         self.state_layer = Conv(self.rank, fields, channels[0], kernels[0], bias=False)
         self.latent_layer = Linear(self.inputs, channels[0])
@@ -63,7 +49,7 @@ class ConvInteraction(Interaction):
             Conv(self.rank, a, b, k) for (a, b), k in zip(pairwise((*channels, fields)), kernels[1:], strict=True)
         )
         for parameter in self.rest[-1].parameters():
-            parameter.data *= start
+            parameter.data *= own.start
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, channels), for :meth:`forward`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -10,12 +10,14 @@ from torch.nn.functional import softplus
 
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import Linear
+from expertaug.models.settings import DampingSettings, configured_by
 from expertaug.systems import System
 from expertaug.systems.base import constant_like
 
 START = -2.0  # of the argument of softplus: a damping of .13 per unit of time
 
 
+@configured_by(DampingSettings)
 class DampingInteraction(Interaction):
     """F_a(y; z_a) = −softplus(w·z_a + b) y on the rates of ``components``: a linear damping.
 
@@ -24,20 +26,13 @@ class DampingInteraction(Interaction):
 
     Arguments:
         latent: size of z_a.
-        expert_parameters: whether the rate depends on z_e too (:class:`Interaction`).
-        components: of the state, by name, each damped in proportion to itself; null for all.
     """
 
     stackable = True
 
-    def __init__(
-        self,
-        system: System,
-        latent: int,
-        expert_parameters: bool = False,
-        components: Sequence[str] | None = None,
-    ) -> None:
-        super().__init__(system, latent, expert_parameters, components, components)
+    def __init__(self, system: System, latent: int, **options: Any) -> None:
+        own = DampingSettings.of(**options)
+        super().__init__(system, latent, own.expert_parameters, own.components, own.components)
         self.rate = Linear(self.inputs, len(self.acts_on))
         self.rate.bias.data += START  # type: ignore[union-attr]
         self._space = len(system.state_shape) - 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -10,57 +10,44 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import MLP, Linear, affine, feature_count
+from expertaug.models.settings import MLPSettings, configured_by
 from expertaug.systems import System
 from expertaug.systems.base import constant_like
 
 
+@configured_by(MLPSettings)
 class MLPInteraction(Interaction):
     """MLP on the state's features and z_a (paper, appendix).
 
-    The part of the first layer that reads z_a is constant along a trajectory: :meth:`context` computes it once.
+    The part of the first layer that reads z_a is constant along a trajectory: :meth:`context` computes it once.  A
+    component that it does not see is zero; known inputs are divided by their scales, the time by the end of the
+    observed window.
 
     Arguments:
         latent: size of z_a.
-        layers, activation: hidden layers.
-        expert_parameters, components, reads: as :class:`Interaction`; a component that it does not see is zero.
-        inputs: whether it sees the system's known inputs, each divided by its scale.
-        time: whether it sees the time, divided by the end of the observed window.
         times: of the observed window in s, (T1,).
-        start: of the last layer's usual first size; near zero the expert is alone at first.
     """
 
     stackable = True
 
-    def __init__(
-        self,
-        system: System,
-        latent: int,
-        layers: Sequence[int] = (50, 50, 50),
-        activation: str = "relu",
-        expert_parameters: bool = False,
-        components: Sequence[str] | None = None,
-        reads: Sequence[str] | None = None,
-        inputs: bool = False,
-        time: bool = False,
-        times: Tensor | None = None,
-        start: float = 1.0,
-    ) -> None:
-        super().__init__(system, latent, expert_parameters, components, reads)
-        if inputs and not system.known:
+    def __init__(self, system: System, latent: int, times: Tensor | None = None, **options: Any) -> None:
+        own = MLPSettings.of(**options)
+        super().__init__(system, latent, own.expert_parameters, own.components, own.reads)
+        if own.inputs and not system.known:
             found = f"{type(system).__name__} has no known inputs"
             raise InputError("model.interaction.inputs", found, "leave it out")
-        self.sees_inputs, self.sees_time = inputs, time
-        self.units = [p.scale for p in system.known] if inputs else []
-        if time:
+        self.sees_inputs, self.sees_time = own.inputs, own.time
+        self.units = [p.scale for p in system.known] if own.inputs else []
+        if own.time:
             self.units.append(1.0 if times is None else max(float(times[-1]), 1e-12))
         self.system = system
         self.mask = [float(k in self.sees) for k in range(len(system.state))]
         features = feature_count(system, "model.interaction.kind") + len(self.units)
-        self.state_layer = Linear(features, layers[0], bias=False)
-        self.latent_layer = Linear(self.inputs, layers[0])
-        self.rest = MLP(layers[0], layers[1:], len(self.acts_on), activation)
+        self.state_layer = Linear(features, own.layers[0], bias=False)
+        self.latent_layer = Linear(self.inputs, own.layers[0])
+        self.rest = MLP(own.layers[0], own.layers[1:], len(self.acts_on), own.activation)
         for parameter in self.rest.layers[-1].parameters():
-            parameter.data *= start
+            parameter.data *= own.start
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), for :meth:`forward`."""

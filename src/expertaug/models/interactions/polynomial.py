@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import combinations_with_replacement
 from math import prod
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import MLP
+from expertaug.models.settings import PolynomialSettings, configured_by
 from expertaug.systems import System
 
 # Standard deviations of the training set from which the terms stay constant: no cubic sends a forecast to infinity.
@@ -18,20 +19,17 @@ FARTHEST = 10.0
 START = 0.01  # of a linear layer's usual first size
 
 
+@configured_by(PolynomialSettings)
 class PolynomialInteraction(Interaction):
     """F_a(y; z_a) = Σ c_i(z_a) φ_i(y), φ_i the polynomials that are orthonormal over the training set's states.
 
     Where the state is made of fields, each cell's rate depends on that cell alone: a local reaction.  Beyond the states
     seen in training a polynomial goes on as it must, where a network goes on straight; orthonormal terms make its
-    coefficients equally well determined, which a forecast far beyond those states needs.
+    coefficients equally well determined, which a forecast far beyond those states needs.  Coefficients of terms up to
+    ``latent_degree`` depend on z_a (0: the constant alone), linearly where there are no hidden layers between.
 
     Arguments:
         latent: size of z_a.
-        degree: of the polynomial.
-        latent_degree: terms up to this degree have coefficients that depend on z_a; 0: the constant alone.
-        layers: hidden layers between z_a and these coefficients; none: they are linear in z_a.
-        expert_parameters: whether these coefficients depend on z_e too (:class:`Interaction`).
-        components, reads: as :class:`Interaction`.
     """
 
     stackable = True
@@ -39,28 +37,19 @@ class PolynomialInteraction(Interaction):
     std: Tensor
     mix: Tensor
 
-    def __init__(
-        self,
-        system: System,
-        latent: int,
-        degree: int = 3,
-        latent_degree: int = 0,
-        layers: Sequence[int] = (),
-        expert_parameters: bool = False,
-        components: Sequence[str] | None = None,
-        reads: Sequence[str] | None = None,
-    ) -> None:
-        super().__init__(system, latent, expert_parameters, components, reads)
+    def __init__(self, system: System, latent: int, **options: Any) -> None:
+        own = PolynomialSettings.of(**options)
+        super().__init__(system, latent, own.expert_parameters, own.components, own.reads)
         self.size, self.cells = system.state_shape[0], prod(system.state_shape[1:])
         self.variables = len(self.sees)
         # Term k is term ``self.factors[k][0]`` times variable ``self.factors[k][1]``; term 0 is 1.
-        terms = [c for d in range(degree + 1) for c in combinations_with_replacement(range(self.variables), d)]
+        terms = [c for d in range(own.degree + 1) for c in combinations_with_replacement(range(self.variables), d)]
         self.factors = [(terms.index(term[:-1]), term[-1]) for term in terms[1:]]
-        self.terms, varying = len(terms), sum(len(term) <= latent_degree for term in terms)
+        self.terms, varying = len(terms), sum(len(term) <= own.latent_degree for term in terms)
         self.register_buffer("mean", torch.zeros(self.variables, 1))
         self.register_buffer("std", torch.ones(self.variables, 1))
         self.register_buffer("mix", torch.eye(self.terms))
-        self.varying = MLP(self.inputs, layers, len(self.acts_on) * varying)
+        self.varying = MLP(self.inputs, own.layers, len(self.acts_on) * varying)
         # Near zero: a random rate would carry the first forecasts beyond the states of the data, and a large weight of
         # z_a lets what the encoder makes of unseen windows weigh too much.
         for parameter in self.varying.layers[-1].parameters():
