@@ -29,7 +29,7 @@ from expertaug.inference.diagnostics.alarm import auroc, failing
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.simulations import own_draws
 from expertaug.inference.store import load
-from expertaug.learning.divergence import stored_bound
+from expertaug.learning.divergence import bound_of_card
 from expertaug.learning.residuals import squared_errors
 from expertaug.learning.training_data import StackedSet
 from expertaug.trajectories import Trajectories
@@ -62,7 +62,7 @@ def main() -> None:
         usual = score(stored, validation, how, start, device).errors.numpy()
         own = {**settings["own"], "noise": settings["noise"]}
         y, _ = own_draws(stored, StackedSet.of(train, device).windows(len(train.t))[:, 0], own, options.windows)
-        drawing, bound = drawing_of(stored, how, train.t, start, device), stored_bound(stored.card, device)
+        drawing, bound = drawing_of(stored, how, train.t, start, device), bound_of_card(stored.card, device)
         made = forecast(stored.model, y[: drawing.observed], drawing.t, drawing.solver, start, bound)
         errors = squared_errors(stored.model.system, made.states[drawing.begin :], y[drawing.begin :]).numpy()
         bad = np.stack([failing(one, of_set) for one, of_set in zip(errors, usual, strict=True)])

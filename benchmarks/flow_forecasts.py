@@ -18,7 +18,7 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.evaluation.score import spread
 from expertaug.inference import store
-from expertaug.learning.divergence import Stopping, stored_bound
+from expertaug.learning.divergence import BoundedSolver, bound_of_card
 from expertaug.models.store import device_of
 from expertaug.systems.inputs import joined
 from expertaug.systems.solvers.solver import Solver
@@ -46,13 +46,13 @@ def main() -> None:
     u = None if u is None else u.expand(-1, seeds, *u.shape[2:])
     windows = joined(y[:observed].expand(-1, seeds, *y.shape[2:]), None if u is None else u[:observed])
     found, t = stored.model.estimate(windows), torch.from_numpy(data.t).float()
-    solver, bound = Solver("dopri5", rtol=1e-6, atol=1e-6), stored_bound(stored.card, device)
+    solver, bound = Solver("dopri5", rtol=1e-6, atol=1e-6), bound_of_card(stored.card, device)
     assert found.draws is not None and bound is not None
     for draws in DRAWS:
         stored.model.forecasts = draws
         some = replace(found, draws=tuple(value[..., :draws, :] for value in found.draws))
         start = time.process_time()
-        states = stored.model.predicted(some, windows, t, Stopping(solver, bound), u=u)
+        states = stored.model.predicted(some, windows, t, BoundedSolver(solver, bound), u=u)
         seconds = time.process_time() - start
         errors = (states - y)[observed:].square().flatten(3).sum(-1).nanmean(0)
         each = (errors.mean(1).log().tolist(), errors.median(1)[0].log().tolist())

@@ -20,7 +20,7 @@ from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.posterior_predictive import Drawn
 from expertaug.inference.posterior_predictive import predictive as of_windows
 from expertaug.inference.settings import FlowJob, FlowSettings
-from expertaug.learning.divergence import stored_bound
+from expertaug.learning.divergence import bound_of_card
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -145,7 +145,7 @@ def predictive(
         points = torch.from_numpy(times).float().to(observed.device)
         sampler = model.predictor
         if not isinstance(sampler, FlowEstimator):
-            sampler = Drawn(sampler, model.seeds, stored_bound(model.stored.card, observed.device))
+            sampler = Drawn(sampler, model.seeds, bound_of_card(model.stored.card, observed.device))
         found = of_windows(sampler, observed, points, solver or model.solver, draws, levels, u=known, pooled=pooled)
     mean, quantiles = found.mean.movedim(0, 2), found.quantiles.movedim(1, 3)
     z_e = found.z_e

@@ -22,7 +22,7 @@ from expertaug.evaluation.score import score, spread
 from expertaug.inference.diagnostics.alarm import threshold
 from expertaug.inference.least_squares import refined_by
 from expertaug.inference.store import load as load_any
-from expertaug.learning.residuals import misfit_of, recorded
+from expertaug.learning.residuals import record_residuals, window_residual
 from expertaug.models import store
 from expertaug.models.posterior import Predictor
 from expertaug.models.settings import Refinement, RefinementSettings
@@ -170,7 +170,7 @@ class TrainedModel:
         named, std = self._named(found.z_e, window), self._named(standard_deviation(found), window)
         chi2, misfit = found.chi2, None
         if start == "y0":  # else the forecast begins with the window itself
-            misfit = misfit_of(self.system, states, states_of(self.system, observed))
+            misfit = window_residual(self.system, states, states_of(self.system, observed))
         trusted = None if misfit is None else self._trusted(misfit)
         each = [
             None if v is None else arguments.like(v[0] if self.single else v, window) for v in (chi2, misfit, trusted)
@@ -259,7 +259,7 @@ class TrainedModel:
         seen = arguments.trajectories(validation, "validation").seen[:, : self.observed]
         window, *_ = self._window(seen, validation.t, validation.u)
         with arguments.one_thread():
-            kept = recorded(replace(self.stored, model=self.predictor), window[:, :1])
+            kept = record_residuals(replace(self.stored, model=self.predictor), window[:, :1])
         return replace(self, misfits=kept["validation"])
 
     def _trusted(self, misfit: Tensor) -> Tensor | None:

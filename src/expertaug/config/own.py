@@ -179,7 +179,7 @@ class _Experiment:
         """The task of a training, and samples (T, N, *observed) where the data are simulated."""
         import torch
 
-        from expertaug.learning.divergence import bound_of
+        from expertaug.learning.divergence import divergence_bound
         from expertaug.learning.train import observed_points
         from expertaug.learning.training_data import task_of
         from expertaug.models.card import ModelCard
@@ -191,7 +191,7 @@ class _Experiment:
         if data is not None:
             u = None if data.u is None else torch.from_numpy(data.u).movedim(0, 1)
             y = joined(torch.from_numpy(data.y).float().movedim(0, 1), u)
-            bound = bound_of(data.y)
+            bound = divergence_bound(data.y)
         said = {"kind": "hybrid", "system": {"name": self.name}, "seeds": settings.seeds, "t": t, "observed": observed}
         card = ModelCard.of(**said, **({} if bound is None else {"bound": bound}))
         return task_of(settings.training, card, torch.device("cpu")), y

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from expertaug.learning.divergence import bounded, solved_apart, within
+from expertaug.learning.divergence import clamp_to_bound, solve_with_sample_fallback, within_bound
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.systems.solvers.solver import Solver
 
@@ -51,7 +51,7 @@ def forecast(
     before = time.process_time()
     found = model.estimate(observed)
     estimate_s = time.process_time() - before
-    states, unsolved = solved_apart(
+    states, unsolved = solve_with_sample_fallback(
         lambda part, stopping: model.predicted(
             found.part(part), observed[:, :, part], t, stopping, start, None if u is None else u[:, :, part]
         ),
@@ -59,7 +59,7 @@ def forecast(
         solver,
         bound,
     )
-    near = within(states, bound)
+    near = within_bound(states, bound)
     # Seeds are solved together: those that a fixed grid shows to run away are at fault, all where it shows none.
     runaways = ~near | (unsolved & near.all(0))
-    return Forecast(bounded(states, bound) if runaways.any() else states, found, runaways, estimate_s)
+    return Forecast(clamp_to_bound(states, bound) if runaways.any() else states, found, runaways, estimate_s)

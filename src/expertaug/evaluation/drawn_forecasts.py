@@ -17,7 +17,7 @@ from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, inside, ra
 from expertaug.inference.diagnostics.scores import crps, energy_score
 from expertaug.inference.posterior_predictive import forecasts, joint_draws, z_e_draws
 from expertaug.inference.simulations import own_draws
-from expertaug.learning.divergence import stored_bound
+from expertaug.learning.divergence import bound_of_card
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors
 from expertaug.learning.training_data import StackedSet
@@ -262,7 +262,7 @@ def of_own_windows(
         return {}
     found = stored.model.estimate(y[: drawing.observed])
     draws = z_e_draws(found)
-    bound, random = stored_bound(stored.card, device), RandomStreams(stored.seeds, DRAWN, device=device)
+    bound, random = bound_of_card(stored.card, device), RandomStreams(stored.seeds, DRAWN, device=device)
     scores = drawing.scores(stored.model, found, y, bound, random)
     each = None if draws is None else draws.cpu()
     return ranks_of(OWN, z_e.cpu().numpy(), each) | ({} if scores is None else scores.arrays(OWN))

@@ -14,9 +14,9 @@ from expertaug.evaluation.diverged import forecast
 from expertaug.evaluation.drawn_forecasts import DRAWN, DrawnScores, ExpectedError, drawing_of
 from expertaug.evaluation.metrics import Outcome, values_of
 from expertaug.inference.posterior_predictive import z_e_draws
-from expertaug.learning.divergence import largest, stored_bound
+from expertaug.learning.divergence import bound_of_card, largest_sizes
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.residuals import misfit_of, squared_errors
+from expertaug.learning.residuals import squared_errors, window_residual
 from expertaug.models import store
 from expertaug.systems.inputs import check_given, joined
 from expertaug.trajectories import Trajectories
@@ -85,7 +85,7 @@ def score(
     system, observed, seeds = stored.model.system, stored.card.observed, len(stored.seeds)
     drawing = drawing_of(stored, options, truth.t, start, device)
     t, begin, solver = drawing.t, drawing.begin, drawing.solver
-    bound = stored_bound(stored.card, device)
+    bound = bound_of_card(stored.card, device)
     if bound is not None:  # what turns at one speed goes as far as the time is long
         bound = bound * max(1.0, float(truth.t[-1]) / stored.card.t[-1])
     index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
@@ -99,7 +99,8 @@ def score(
     seen = truth.seen
     for first in range(0, len(truth), size):
         y = torch.from_numpy(seen[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
-        limit = None if bound is None else torch.maximum(bound, largest(y[:, 0]))  # to follow the truth is not to run
+        # To follow the truth is not to diverge.
+        limit = None if bound is None else torch.maximum(bound, largest_sizes(y[:, 0]))
         u = None
         if truth.u is not None:
             u = torch.from_numpy(truth.u[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
@@ -107,7 +108,7 @@ def score(
         windows = joined(y[:observed].expand(-1, seeds, *y.shape[2:]), None if u is None else u[:observed])
         found = forecast(stored.model, windows, t, solver, start, limit, u)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
-        early.append(misfit_of(system, found.states, y[:observed]).cpu())
+        early.append(window_residual(system, found.states, y[:observed]).cpu())
         whole = joined(y.expand(-1, seeds, *y.shape[2:]), u)
         expected.add(found, whole, windows, limit, u)
         if begin < observed:

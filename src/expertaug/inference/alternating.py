@@ -31,12 +31,12 @@ from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
 from expertaug.learning import job
-from expertaug.learning.divergence import bounded, solved
+from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
 from expertaug.learning.fitting import Record, moments
 from expertaug.learning.objectives import decorrelate
 from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.residuals import mean_squared_error, recorded
+from expertaug.learning.residuals import mean_squared_error, record_residuals
 from expertaug.learning.settings import one_cycle
 from expertaug.learning.train import inputs_of as set_files
 from expertaug.learning.train import of_data, taken_in
@@ -190,8 +190,8 @@ class Alternation:
         self.found = self.validation_fit(self.validation[:observed], self.found)
         system, given = self.fit.system, self._given(self.found)
         u = inputs_of(system, self.validation)
-        states = solved(self.model, *given, self.task.t, self.task.solver, u)  # type: ignore[arg-type]
-        late = bounded(states, self.task.bound)[observed:]
+        states = forecast_or_fallback(self.model, *given, self.task.t, self.task.solver, u)  # type: ignore[arg-type]
+        late = clamp_to_bound(states, self.task.bound)[observed:]
         error = mean_squared_error(system, late, states_of(system, self.validation[observed:]))
         return error.log().nan_to_num(math.inf, math.inf).float()
 
@@ -430,7 +430,7 @@ class AlternatingTraining:
         model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
         stored = store.StoredModel(model, self.card.but(**record), self.classes)
         estimator = refined_by(stored, self.refinement)
-        record["misfit"] = recorded(replace(stored, model=estimator), self.checked)
+        record["misfit"] = record_residuals(replace(stored, model=estimator), self.checked)
         return replace(stored, card=self.card.but(**record))
 
 

@@ -15,8 +15,8 @@ from torch import Tensor, nn
 from expertaug.inference.coordinates import Unknowns, box
 from expertaug.inference.posterior_predictive import mean_forecast
 from expertaug.inference.settings import FlowSettings
-from expertaug.learning.augment import ranges_of
-from expertaug.learning.divergence import Stopping, stored_bound
+from expertaug.learning.augment import prior_ends
+from expertaug.learning.divergence import BoundedSolver, bound_of_card
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder
@@ -273,7 +273,7 @@ class FlowEstimator(Predictor, nn.Module):
         found: Estimates,
         observed: Tensor,
         t: Tensor,
-        solver: Solver | Stopping,
+        solver: Solver | BoundedSolver,
         start: str = "y0",
         u: Tensor | None = None,
     ) -> Tensor:
@@ -281,7 +281,7 @@ class FlowEstimator(Predictor, nn.Module):
         :meth:`Predictor.predicted`."""
         assert found.draws is not None, "estimates of a flow"
         z_e, z_a, y0 = (value.movedim(2, 0)[: self.forecasts] for value in found.draws)
-        bound = solver.bound if isinstance(solver, Stopping) else self.bound
+        bound = solver.bound if isinstance(solver, BoundedSolver) else self.bound
         if start == "y0" or torch.isnan(observed).any():
             return mean_forecast(self.decoder, z_e, z_a, y0, t, solver, bound, u)
         observed, last = states_of(self.system, observed), len(observed) - 1
@@ -299,7 +299,7 @@ def build(base: HybridNet | Decoder, card: ModelCard, latents: Tensor | None = N
         latents: z_a (S, N, Q) of the training windows; None: a file's tensors will say what is known of them.
     """
     of_base, settings, system = card.base, FlowSettings.from_mapping(card.flow), base.system
-    low, high = box(system, *ranges_of(system, card.prior), settings.margin)
+    low, high = box(system, *prior_ends(system, card.prior), settings.margin)
     width = of_base.latent_size if isinstance(base, Decoder) else base.encoder.latent
     components = 0 if base.interaction is None else min(settings.latent, width)
     if latents is None:
@@ -312,5 +312,5 @@ def build(base: HybridNet | Decoder, card: ModelCard, latents: Tensor | None = N
             beyond = KERNELS * settings.jitter
             unknowns = Unknowns(system, low, high, own, components, card.noise, ranges, beyond)
             heads.append(Head(Context(system, times, of_base.model.encoder or {}, ranges), unknowns, settings))
-    base, bound = copy.deepcopy(base).requires_grad_(False), stored_bound(of_base)
+    base, bound = copy.deepcopy(base).requires_grad_(False), bound_of_card(of_base)
     return FlowEstimator(base, stack(heads), settings.samples, settings.forecasts, bound)

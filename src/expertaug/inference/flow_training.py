@@ -16,8 +16,8 @@ from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.settings import FlowJob, FlowSettings
 from expertaug.inference.simulations import HELD_OUT, Draws, Pool, Simulator, latents_of
 from expertaug.learning import job
-from expertaug.learning.augment import ranges_of
-from expertaug.learning.divergence import Stopping
+from expertaug.learning.augment import prior_ends
+from expertaug.learning.divergence import BoundedSolver
 from expertaug.learning.fitting import Training
 from expertaug.learning.objectives import Objective
 from expertaug.learning.trainer import Trainer
@@ -101,7 +101,7 @@ def prepare(
     latents = latents_of(stored.model, base, windows, choices.augmented_z_a)
     estimator = flows.build(stored.model, card, latents).to(device)
     estimator.head.context.fit(windows[:, 0])
-    low, high = ranges_of(stored.model.system, prior)
+    low, high = prior_ends(stored.model.system, prior)
     unknowns = estimator.head.unknowns
     simulator = Simulator(
         decoder=estimator.decoder,
@@ -136,7 +136,7 @@ def _task(base: ModelCard, options: FlowSettings, device: torch.device, system: 
     task = task_of(base.training, base, device).shortened(base.observed)
     given = options.solver or base.forecast_solver
     solver = forecast_solver(base.training.solver, system) if given is None else Solver(**dict(given))
-    return replace(task, solver=solver if task.bound is None else Stopping(solver, task.bound))  # type: ignore
+    return replace(task, solver=solver if task.bound is None else BoundedSolver(solver, task.bound))  # type: ignore
 
 
 class Likelihood(Objective):

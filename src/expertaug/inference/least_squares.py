@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.inference.coordinates import SMALLEST, Latent, free_components, given_components, seen_components
 from expertaug.inference.levenberg_marquardt import LONGEST, Minimum, minimise
-from expertaug.learning.divergence import FACTOR, solved
+from expertaug.learning.divergence import FACTOR, forecast_or_fallback
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import differences
 from expertaug.models.decoder import Decoder, TruthDecoder
@@ -124,7 +124,7 @@ class WindowProblem:
         windows (T1, S, N, *observed)."""
         z_e, z_a, start = self.parts(x, self.first(windows))
         u = inputs_of(self.system, windows)
-        return solved(self.decoder, start, z_e, z_a, self.t, self.solver, u)  # type: ignore[arg-type]
+        return forecast_or_fallback(self.decoder, start, z_e, z_a, self.t, self.solver, u)  # type: ignore[arg-type]
 
     def differences(self, states: Tensor, observed: Tensor) -> Tensor:
         """States (T1, S, N, *state) and windows (T1, S, N, *observed) → what lies between them in units of the noise,

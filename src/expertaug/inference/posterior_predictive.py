@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.learning.divergence import Stopping, bounded, solved_apart
+from expertaug.learning.divergence import BoundedSolver, clamp_to_bound, solve_with_sample_fallback
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates, Gaussian, Predictor, constrain
@@ -120,7 +120,7 @@ def mean_forecast(
     z_a: Tensor,
     y0: Tensor,
     t: Tensor,
-    solver: Solver | Stopping,
+    solver: Solver | BoundedSolver,
     bound: Tensor | None,
     u: Tensor | None = None,
 ) -> Tensor:
@@ -137,7 +137,7 @@ def forecasts(
     z_e: Tensor,
     z_a: Tensor,
     t: Tensor,
-    solver: Solver | Stopping,
+    solver: Solver | BoundedSolver,
     bound: Tensor | None,
     u: Tensor | None = None,
 ) -> Tensor:
@@ -149,14 +149,14 @@ def forecasts(
     """
     draws = len(y0)
 
-    def of(windows: slice, stopping: Stopping) -> Tensor:
+    def of(windows: slice, stopping: BoundedSolver) -> Tensor:
         one = [x[:, :, windows].transpose(0, 1).flatten(1, 2) for x in (y0, z_e, z_a)]  # (S, K·B, …)
         known = None if u is None else u[:, :, windows].repeat(1, 1, draws, 1)
         return decoder.forecast(*one, t, stopping, known).unflatten(2, (draws, -1))  # type: ignore[arg-type]
 
-    y, _ = solved_apart(of, y0.shape[2], solver, bound, axis=3)  # (T, S, K, B, *state)
+    y, _ = solve_with_sample_fallback(of, y0.shape[2], solver, bound, axis=3)  # (T, S, K, B, *state)
     limit = bound if bound is None or bound.dim() == 1 else bound.repeat(draws, 1)
-    return bounded(y.flatten(2, 3), limit).unflatten(2, (draws, -1)).movedim(2, 0)
+    return clamp_to_bound(y.flatten(2, 3), limit).unflatten(2, (draws, -1)).movedim(2, 0)
 
 
 def _pooled(draws: Tensor, axis: int) -> Tensor:

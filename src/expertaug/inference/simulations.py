@@ -20,8 +20,14 @@ from expertaug.inference.coordinates import Unknowns
 from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.least_squares import LeastSquares
 from expertaug.inference.settings import FlowSettings
-from expertaug.learning.augment import CHUNK, NUMBERS, latent, ranges_of
-from expertaug.learning.divergence import Stopping, bounded, solved, stored_bound, within
+from expertaug.learning.augment import CHUNK, NUMBERS, prior_ends, sample_latent
+from expertaug.learning.divergence import (
+    BoundedSolver,
+    bound_of_card,
+    clamp_to_bound,
+    forecast_or_fallback,
+    within_bound,
+)
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.training_data import Task
 from expertaug.models.card import ModelCard
@@ -162,9 +168,9 @@ class Simulator:
             y0 = mean + kept * (y0 - mean) + self.jitter * std * random.normal(count, *system.state_shape)
         if self.resample_x:
             y0 = system.resample_known(y0, partial(random.uniform, count))
-        y = solved(self.decoder, y0, z_e, self.unknowns.latent(scores), self.task.t, self.task.solver, u)
-        good = within(y, self.task.bound)
-        y = bounded(y, self.task.bound)
+        y = forecast_or_fallback(self.decoder, y0, z_e, self.unknowns.latent(scores), self.task.t, self.task.solver, u)
+        good = within_bound(y, self.task.bound)
+        y = clamp_to_bound(y, self.task.bound)
         if is_some(self.noise):
             noise = shaped(self.noise, y, system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
             if not self.unknowns.given:  # a field's first point has noise already, and forecasts start from it
@@ -248,7 +254,7 @@ def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Tensor, z
     Arguments:
         model: stacked over the seeds.
         windows: observed windows of the training, (T1, 1, N, *observed).
-        z_a_from: as of :func:`expertaug.learning.augment.latent`.
+        z_a_from: as of :func:`expertaug.learning.augment.sample_latent`.
     """
     seeds = card.seeds
     random = RandomStreams(seeds, LATENTS, FLOW, device=windows.device)
@@ -261,7 +267,7 @@ def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Tensor, z
     parts = []
     for part in windows.split(1024, dim=2):
         posterior = model.encode(part.expand(-1, len(seeds), *part.shape[2:]))
-        parts.append(latent(posterior, z_a_from, partial(random.normal, part.shape[2])))
+        parts.append(sample_latent(posterior, z_a_from, partial(random.normal, part.shape[2])))
     return torch.cat(parts, dim=1)
 
 
@@ -286,7 +292,7 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
     train = train[:, torch.linspace(0, train.shape[1] - 1, min(WINDOWS, train.shape[1])).long().to(device)]
     windows, states = train[: card.observed].unsqueeze(1), states_of(system, train)
     latents = latents_of(first, card, windows, settings["z_a_from"])
-    low, high = (end.to(device) for end in ranges_of(system, settings["prior"]))
+    low, high = (end.to(device) for end in prior_ends(system, settings["prior"]))
     noise, ranges = noise_of(settings["noise"], system, card), card.start
     if isinstance(first, FlowEstimator):
         unknowns = first.head.unknowns
@@ -295,8 +301,8 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
         own = [Unknowns(system, low.cpu(), high.cpu(), one, width, noise, ranges) for one in latents.cpu()]
         unknowns = stack(own).to(device)
     t = torch.tensor(card.t, dtype=torch.float32)
-    bound = stored_bound(card, device)
-    solver: Solver | Stopping = stored.solver if bound is None else Stopping(stored.solver, bound)
+    bound = bound_of_card(card, device)
+    solver: Solver | BoundedSolver = stored.solver if bound is None else BoundedSolver(stored.solver, bound)
     simulator = Simulator(
         decoder=decoder,
         unknowns=unknowns,

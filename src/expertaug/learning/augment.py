@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.learning.divergence import bounded, solved, within
+from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback, within_bound
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.settings import AugmentJob
 from expertaug.learning.training_data import StackedSet, Task, task_of
@@ -27,6 +27,12 @@ from expertaug.settings import given_ranges
 from expertaug.systems import System
 from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories
+
+logger = logging.getLogger(__name__)
+CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in their states: bounds the memory
+ATTEMPTS = 10
+TRIED = 512  # windows by which the hardest z_e are found
+NEAR = 0.05  # of p⁺'s width: the neighbourhood of a hard z_e
 
 
 @dataclass(frozen=True)
@@ -107,24 +113,12 @@ def draw(
     return Augmented(plus, plus_validation, header)
 
 
-logger = logging.getLogger(__name__)
-CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in their states: bounds the memory
-ATTEMPTS = 10
-TRIED = 512  # windows by which the hardest z_e are found
-NEAR = 0.05  # of p⁺'s width: the neighbourhood of a hard z_e
-
-
-def prior_range(model: HybridNet, prior: Mapping[str, Sequence[float]]) -> tuple[Tensor, Tensor]:
+def prior_ends(system: System, prior: Mapping[str, Sequence[float]]) -> tuple[Tensor, Tensor]:
     """Lower and upper ends (P,) of the uniform augmentation prior p⁺(z_e).
 
     Raises:
         InputError: the ranges are not those of the system's expert parameters.
     """
-    return ranges_of(model.system, prior)
-
-
-def ranges_of(system: System, prior: Mapping[str, Sequence[float]]) -> tuple[Tensor, Tensor]:
-    """As :func:`prior_range`, of a system."""
     names = [p.name for p in system.expert_parameters]
     if sorted(prior) != sorted(names):
         raise InputError("augmentation.prior", f"ranges for {sorted(prior)}", f"give one for each of {names}")
@@ -134,7 +128,7 @@ def ranges_of(system: System, prior: Mapping[str, Sequence[float]]) -> tuple[Ten
 
 def prior_scale(model: HybridNet, prior: Mapping[str, Sequence[float]]) -> Tensor:
     """Standard deviation (P,) of p⁺."""
-    low, high = prior_range(model, prior)
+    low, high = prior_ends(model.system, prior)
     return (high - low) / 12**0.5
 
 
@@ -163,8 +157,8 @@ def generate(
             are several.
         draw: number of the draw (sets, passes).
         resample_x: whether x is drawn anew (:meth:`System.resample_known`) instead of taken from the data.
-        worst: share of the samples whose z_e are drawn where the model's own estimates are bad (:func:`worst_of`)
-            instead of uniformly; with 0 the samples have the same bits as without the option.
+        worst: share of the samples whose z_e are drawn where the model's own estimates are bad
+            (:func:`hardest_parameters`) instead of uniformly; with 0 the samples have the same bits as without it.
         z_a_from: posterior: a sample of q(z_a | x, y); prior: of N(0, I), where the posterior is not a point.
 
     Returns:
@@ -173,9 +167,9 @@ def generate(
         (:mod:`expertaug.learning.divergence`); where that does not help either, another sample of its seed stands in
         its place, and a warning tells how many these are.
     """
-    low, high = prior_range(model, prior)
+    low, high = prior_ends(model.system, prior)
     random = RandomStreams(seeds, draw, 1, device=data.y.device)
-    hard = worst_of(model, data, task, seeds, (low, high), noise, draw) if worst else None
+    hard = hardest_parameters(model, data, task, seeds, (low, high), noise, draw) if worst else None
     lost = torch.zeros(len(seeds), dtype=torch.long)
     parts, size = [], max(min(CHUNK, NUMBERS // data.y[0, 0, 0].numel()), 1)
     for start in range(0, len(data), size):
@@ -183,20 +177,20 @@ def generate(
         batch = data.at(index).whole(len(seeds))
         windows, u = batch.windows(task.observed), batch.inputs(len(task.t))
         y0 = model.start(windows)
-        z_a = latent(model.encode(windows), z_a_from, partial(random.normal, len(index)))
+        z_a = sample_latent(model.encode(windows), z_a_from, partial(random.normal, len(index)))
         if resample_x:
             y0 = model.system.resample_known(y0, partial(random.uniform, len(index)))
         y, z_e = _simulate(model, y0, z_a, low, high, task, random, u, hard, worst)
-        good = within(y, task.bound)
+        good = within_bound(y, task.bound)
         for _ in range(ATTEMPTS):
             if good.all():
                 break
             again, other = _simulate(model, y0, z_a, low, high, task, random, u)
             y = torch.where(good.view(1, *good.shape, *[1] * (y.dim() - 3)), y, again)
             z_e = torch.where(good.unsqueeze(-1), z_e, other)
-            good = within(y, task.bound)
+            good = within_bound(y, task.bound)
         else:
-            y, z_e, z_a, u = _without_runaways(y, z_e, z_a, u, good, task)
+            y, z_e, z_a, u = _replace_diverged(y, z_e, z_a, u, good, task)
             lost += (~good).sum(1).cpu()
         parts.append((_as_measured(y, batch.y), z_e, z_a, u))
     for seed, count in zip(seeds, lost.tolist(), strict=True):
@@ -223,7 +217,7 @@ def _as_measured(y: Tensor, like: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def worst_of(
+def hardest_parameters(
     model: HybridNet,
     data: StackedSet,
     task: Task,
@@ -244,9 +238,9 @@ def worst_of(
     random, (low, high) = RandomStreams(seeds, draw, 5, device=data.y.device), ends
     batch = data.at(torch.arange(TRIED, device=data.y.device) % len(data)).whole(len(seeds))
     windows, u = batch.windows(task.observed), batch.inputs(task.observed)
-    z_a = latent(model.encode(windows), "posterior", partial(random.normal, TRIED))
+    z_a = sample_latent(model.encode(windows), "posterior", partial(random.normal, TRIED))
     y, z_e = _simulate(model, model.start(windows), z_a, low, high, task.shortened(task.observed), random, u)
-    y = bounded(y, task.bound)
+    y = clamp_to_bound(y, task.bound)
     y = y + shaped(noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
     found = model.encode(joined(_as_measured(y, batch.y), u)).z_e.mean
     width = (high - low).clamp_min(1e-12).to(y)
@@ -255,11 +249,11 @@ def worst_of(
     return z_e.gather(1, hardest.unsqueeze(-1).expand(-1, -1, z_e.shape[-1]))
 
 
-def latent(posterior: Posterior, z_a_from: str, normal: Normal) -> Tensor:
+def sample_latent(posterior: Posterior, z_a_from: str, normal: Normal) -> Tensor:
     """z_a (…, B, Q): a sample of a posterior, or of N(0, I) where ``z_a_from`` says prior and it is not a point."""
     if z_a_from == "prior" and isinstance(posterior.z_a, Gaussian):
         return normal(posterior.z_a.loc.shape[-1])
-    return posterior.z_a.draw(normal)
+    return posterior.z_a.draw(normal)  # type: ignore[attr-defined]
 
 
 def _simulate(
@@ -281,17 +275,17 @@ def _simulate(
         near = near + NEAR * (high - low).to(y0) * (random.uniform(y0.shape[1], len(low)) - 0.5)
         chosen = random.uniform(y0.shape[1], 1) < worst
         z_e = torch.where(chosen, near.clamp(low.to(y0), high.to(y0)), z_e)
-    return solved(model, y0, z_e, z_a, task.t, task.solver, u), z_e
+    return forecast_or_fallback(model, y0, z_e, z_a, task.t, task.solver, u), z_e
 
 
-def _without_runaways(
+def _replace_diverged(
     y: Tensor, z_e: Tensor, z_a: Tensor, u: Tensor | None, good: Tensor, task: Task
 ) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
     """Samples y (T, S, N, *state), z_e (S, N, P), z_a (S, N, Q), u (T, S, N, U) with those that are not good (S, N)
     replaced by the good sample of their seed that follows, in a circle; where a seed has none, its trajectories are cut
     off at the bound."""
     u, z_a = None if u is None else u.clone(), z_a.clone()
-    y = bounded(y, task.bound).nan_to_num(0.0, 0.0, 0.0)
+    y = clamp_to_bound(y, task.bound).nan_to_num(0.0, 0.0, 0.0)
     index = torch.arange(good.shape[1], device=y.device)
     for place in good.any(1).nonzero().flatten().tolist():
         fine = good[place].nonzero().flatten()

@@ -19,12 +19,16 @@ from expertaug.systems.solvers.solver import Solver
 FACTOR = 10.0  # times the largest value of the training set
 FLOOR = 1e-3  # of the largest component's bound: a component that is zero in the training set may move a little
 FALLBACK = Solver("rk4")  # a fixed grid goes on where a solver with tolerances gives up
+MOST_STEPS = 20  # from one time to the next; an ordinary batch of circuits, sampled every .1 s, takes half a one
+PIECES = 8
+PATIENCE = 4  # times as many steps for a piece: where all samples need many, few batches are solved twice
+ALONE = 200  # steps of a sample alone; an oscillation of 100 rad/s, sampled every .1 s, takes 30
 
 
-def bound_of(y: np.ndarray, start: Mapping[str, Sequence[float]] | None = None) -> list[float]:
+def divergence_bound(y: np.ndarray, start: Mapping[str, Sequence[float]] | None = None) -> list[float]:
     """The largest plausible size of each component of a state (K values), from a training set (N, T, *state), and from
     the ranges of first points where it has values that were not measured."""
-    found = largest(torch.from_numpy(y).movedim(1, 0)).amax(0).double()
+    found = largest_sizes(torch.from_numpy(y).movedim(1, 0)).amax(0).double()
     if start is not None:
         ends = torch.tensor([[abs(float(end)) for end in ends] for ends in start.values()], dtype=found.dtype)
         found = torch.maximum(found, ends.amax(1))
@@ -32,18 +36,18 @@ def bound_of(y: np.ndarray, start: Mapping[str, Sequence[float]] | None = None) 
     return (FACTOR * torch.where(found > 0, found, 1.0)).tolist()
 
 
-def largest(y: Tensor) -> Tensor:
+def largest_sizes(y: Tensor) -> Tensor:
     """The largest size of each component, the first axis of a state, of every sample: (T, N, *state) → (N, K)."""
     return y.nan_to_num().abs().amax(0).reshape(*y.shape[1:3], -1).amax(-1)
 
 
-def stored_bound(card: ModelCard, device: torch.device | str = "cpu") -> Tensor | None:
+def bound_of_card(card: ModelCard, device: torch.device | str = "cpu") -> Tensor | None:
     """The bound (K,) that a model file has; None in files from before there was one."""
     found = card.bound
     return None if found is None else torch.tensor(found, dtype=torch.float32, device=device)
 
 
-def within(y: Tensor, bound: Tensor | None) -> Tensor:
+def within_bound(y: Tensor, bound: Tensor | None) -> Tensor:
     """Which samples (S, B) of forecasts y (T, S, B, *state) are finite and nowhere beyond a bound (K,) or (B, K)."""
     y = y.detach()
     near = torch.isfinite(y)
@@ -52,7 +56,7 @@ def within(y: Tensor, bound: Tensor | None) -> Tensor:
     return near.movedim(0, 2).flatten(2).all(-1)
 
 
-def bounded(y: Tensor, bound: Tensor | None) -> Tensor:
+def clamp_to_bound(y: Tensor, bound: Tensor | None) -> Tensor:
     """Forecasts y (T, S, B, *state) with what lies beyond the bound (K,) or (B, K), or is no number, moved to it."""
     if bound is None:
         return y
@@ -60,13 +64,13 @@ def bounded(y: Tensor, bound: Tensor | None) -> Tensor:
     return torch.where(torch.isnan(y), limit, y.clamp(-limit, limit))
 
 
-def solved(
+def forecast_or_fallback(
     model: HybridNet | Decoder,
     y0: Tensor,
     z_e: Tensor,
     z_a: Tensor,
     t: Tensor,
-    solver: Solver | Stopping,
+    solver: Solver | BoundedSolver,
     u: Tensor | None = None,
 ) -> Tensor:
     """A forecast (T, S, B, *state) that never raises: a runaway is in its values instead."""
@@ -76,7 +80,7 @@ def solved(
         return model.forecast(y0, z_e, z_a, t, FALLBACK, u)
 
 
-class Stopping:
+class BoundedSolver:
     """A solver that leaves a trajectory where it went beyond the bound: to follow one to infinity takes for ever.
 
     Arguments:
@@ -97,7 +101,7 @@ class Stopping:
         bound = self.bound if self.bound.dim() == 1 else self.bound.repeat(y0.shape[1] // len(self.bound), 1)
 
         def stopped(s: Tensor, y: Tensor, *side: Tensor) -> Tensor:
-            near = within(y.unsqueeze(0), bound)
+            near = within_bound(y.unsqueeze(0), bound)
             return torch.where(near.view(*near.shape, *[1] * (y.dim() - 2)), f(s, y, *side), 0.0)
 
         return self.solver(stopped, y0, *args, **named)
@@ -107,16 +111,10 @@ def _shaped(bound: Tensor, y: Tensor) -> Tensor:
     return bound.to(y).view(*bound.shape, *[1] * (y.dim() - 4))
 
 
-STEPS = 20  # from one time to the next; an ordinary batch of circuits, sampled every .1 s, takes half a one
-PIECES = 8
-PATIENCE = 4  # times as many steps for a piece: where all samples need many, few batches are solved twice
-ALONE = 200  # steps of a sample alone; an oscillation of 100 rad/s, sampled every .1 s, takes 30
-
-
-def solved_apart(
-    predicted: Callable[[slice, Stopping], Tensor],
+def solve_with_sample_fallback(
+    predicted: Callable[[slice, BoundedSolver], Tensor],
     size: int,
-    solver: Solver | Stopping,
+    solver: Solver | BoundedSolver,
     bound: Tensor | None,
     axis: int = 2,
 ) -> tuple[Tensor, Tensor]:
@@ -132,7 +130,7 @@ def solved_apart(
         bound: (K,) or (size, K), where a trajectory is left; None: nowhere.
         axis: of the samples, in the states.
     """
-    if isinstance(solver, Stopping):
+    if isinstance(solver, BoundedSolver):
         solver = solver.solver
     unsolved = torch.zeros(size, dtype=torch.bool)
 
@@ -140,15 +138,15 @@ def solved_apart(
         part, alone = slice(first, last), last - first == 1
         limit = bound if bound is None or bound.dim() == 1 else bound[part]
         try:
-            return [predicted(part, Stopping(solver, limit, ALONE if alone else steps))]
+            return [predicted(part, BoundedSolver(solver, limit, ALONE if alone else steps))]
         except SolveError:
             if alone:
                 unsolved[first] = True
-                return [predicted(part, Stopping(FALLBACK, limit))]
+                return [predicted(part, BoundedSolver(FALLBACK, limit))]
         count = min(PIECES, last - first)
         ends = [first + (last - first) * k // count for k in range(count + 1)]
         return [states for one, other in pairwise(ends) for states in solve(one, other, PATIENCE * steps)]
 
-    found = solve(0, size, STEPS)
+    found = solve(0, size, MOST_STEPS)
     states = found[0] if len(found) == 1 else torch.cat(found, dim=axis)
     return states, unsolved.to(states.device)

@@ -14,7 +14,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.learning.kinds import objective_of
 from expertaug.learning.objectives import Objective
-from expertaug.learning.residuals import recorded
+from expertaug.learning.residuals import record_residuals
 from expertaug.learning.settings import FinetuneJob, TrainOptions
 from expertaug.learning.trainer import Trainer
 from expertaug.learning.training_data import StackedSet, Task
@@ -103,7 +103,7 @@ class Training:
             record["latent"] = latent_of(model, self.windows, len(trainer.seeds))
         stored = StoredModel(model, self.card.but(**record), self.classes)
         if self.checked is not None:
-            record["misfit"] = recorded(stored, self.checked)
+            record["misfit"] = record_residuals(stored, self.checked)
         return replace(stored, card=self.card.but(**record))
 
 

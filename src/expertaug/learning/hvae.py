@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.learning.augment import prior_range
-from expertaug.learning.objectives import Objective, finite_forecast, runaway_share, supervised_terms
+from expertaug.learning.augment import prior_ends
+from expertaug.learning.objectives import Objective, diverged_share, finite_forecast, supervised_terms
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import sample_mean, squares
 from expertaug.learning.training_data import Batch, Task
@@ -79,7 +79,7 @@ class HybridVAE(Objective):
         noise = RandomStreams(self.seeds, self.step, STREAM, device=y.device)
         self.step += 1
         normal = partial(noise.normal, size)
-        low, high = (end.to(y, non_blocking=True) for end in prior_range(model, self.prior))
+        low, high = (end.to(y, non_blocking=True) for end in prior_ends(model.system, self.prior))
         sampled = self.choices.hvae_z_e == "sampled"
 
         window, seen = batch.windows(task.observed), batch.inputs(task.observed)
@@ -117,7 +117,7 @@ class HybridVAE(Objective):
             "r_ppc": r_ppc,
             "r_da1": r_da1,
             "r_da2": r_da2,
-            "runaway_share": runaway_share(divergence, hybrid_good),
+            "runaway_share": diverged_share(divergence, hybrid_good),
             "sigma": model.likelihood.scale.flatten().expand(len(self.seeds)),
         }
         labelled, terms = supervised_terms(posterior, batch, task, self.choices.supervision)
@@ -170,7 +170,7 @@ def raw_prior(model: HybridNet, prior: Mapping) -> tuple[Tensor, Tensor]:
     Raises:
         InputError: p⁺ reaches below zero where a parameter is positive.
     """
-    low, high = prior_range(model, prior)
+    low, high = prior_ends(model.system, prior)
     parameters = model.system.expert_parameters
     for parameter, least in zip(parameters, low.tolist(), strict=True):
         if parameter.positive and least < 0:

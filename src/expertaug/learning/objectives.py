@@ -8,7 +8,7 @@ from math import prod
 import torch
 from torch import Tensor
 
-from expertaug.learning.divergence import solved, within
+from expertaug.learning.divergence import forecast_or_fallback, within_bound
 from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.training_data import Batch, Task
 from expertaug.models.hybrid import HybridNet
@@ -38,13 +38,13 @@ def finite_forecast(
     t = task.t[:points]
 
     def near(prediction: Tensor) -> Tensor:
-        found = within(prediction, task.bound)
+        found = within_bound(prediction, task.bound)
         if limit is None:
             return found
         largest = prediction.detach().abs().movedim(0, 2).flatten(2).amax(-1)
         return found & (largest <= limit.unsqueeze(-1))
 
-    prediction = solved(model, y0, z_e, z_a, t, task.solver, u)
+    prediction = forecast_or_fallback(model, y0, z_e, z_a, t, task.solver, u)
     good = near(prediction)
     if task.doubts is not None:
         task.doubts.append(good.all())
@@ -59,7 +59,7 @@ def finite_forecast(
         return torch.where(kept, z, mean)
 
     z_e, z_a = replaced(z_e), replaced(z_a)
-    prediction = solved(model, y0, z_e, z_a, t, task.solver, u)
+    prediction = forecast_or_fallback(model, y0, z_e, z_a, t, task.solver, u)
     again = near(prediction) | good
     if not again.all():
         parts = [slice(0, z_a.shape[1]), slice(z_a.shape[1], None)]
@@ -67,11 +67,11 @@ def finite_forecast(
         if u is not None:
             each = u.movedim(0, 2)
             u = torch.cat([_from_good(each[:, p], again[:, p]) for p in parts], dim=1).movedim(2, 0)
-        prediction = solved(model, y0, z_e, _from_good(z_a, again[:, parts[0]]), t, task.solver, u)
+        prediction = forecast_or_fallback(model, y0, z_e, _from_good(z_a, again[:, parts[0]]), t, task.solver, u)
     return prediction, good
 
 
-def runaway_share(each_seed: Tensor, good: Tensor | None) -> Tensor:
+def diverged_share(each_seed: Tensor, good: Tensor | None) -> Tensor:
     """Share (S,) of a batch's samples that were left out; ``each_seed`` is any tensor (S,) of the batch."""
     return torch.zeros_like(each_seed.detach()) if good is None else 1 - good.float().mean(1)
 
@@ -257,7 +257,7 @@ class Aphynity(Objective):
         prediction, good = finite_forecast(model, start, z_e, z_a, task, task.horizon, u=u)
         data = mean_squared_error(model.system, prediction[1:], truth[1:], good, batch.complete)
         if model.interaction is None:
-            return data, prediction.new_zeros(prediction.shape[1]), runaway_share(data, good)
+            return data, prediction.new_zeros(prediction.shape[1]), diverged_share(data, good)
         choice, states = self.choices.penalty, prediction
         if choice == "norm_data":
             states = torch.where(torch.isnan(truth), prediction, truth)
@@ -268,7 +268,7 @@ class Aphynity(Objective):
             penalty = torch.sqrt(squares * prod(model.system.state_shape) + 1e-12).flatten(1).mean(1)
         else:
             penalty = torch.sqrt(squares.flatten(1).mean(1) + 1e-12)
-        return data, penalty, runaway_share(data, good)
+        return data, penalty, diverged_share(data, good)
 
     def end_of_pass(self) -> None:
         """Raise the multiplier by tau2 times the passes' mean data term, when it is due."""

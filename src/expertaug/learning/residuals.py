@@ -7,11 +7,14 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from expertaug.learning.divergence import Stopping, bounded, solved_apart, stored_bound
+from expertaug.learning.divergence import BoundedSolver, bound_of_card, clamp_to_bound, solve_with_sample_fallback
 from expertaug.models.posterior import Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
+
+KEPT_WINDOWS = 500  # validation windows whose misfits a model file keeps, evenly spread
+AT_A_TIME = 256  # windows at a time
 
 
 def mean_squared_error(
@@ -71,10 +74,6 @@ def sample_mean(each: Tensor, good: Tensor | None = None) -> Tensor:
     return torch.where(good, each, torch.zeros_like(each)).sum(1) / good.sum(1).clamp_min(1)
 
 
-MOST = 500  # validation windows whose misfits a model file keeps, evenly spread
-PART = 256  # windows at a time
-
-
 def squared_errors(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
     """Squared error of every sample, summed over the observed dimensions and averaged over time: (S, N), float64.
 
@@ -93,39 +92,39 @@ def squared_errors(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
     return error.flatten(3).sum(-1).mean(0)
 
 
-def misfit_of(system: System, states: Tensor, windows: Tensor) -> Tensor:
+def window_residual(system: System, states: Tensor, windows: Tensor) -> Tensor:
     """The misfit (S, N) of forecasts (T, S, N, *state) of windows (T1, S, N, *state): their squared error over the
     observed points after the first."""
     return squared_errors(system, states[1 : len(windows)], windows[1:])
 
 
 @torch.no_grad()
-def misfits(stored: StoredModel, windows: Tensor) -> Tensor:
+def observed_residuals(stored: StoredModel, windows: Tensor) -> Tensor:
     """The misfit (S, N) of windows (T1, 1, N, *observed) by a model's own estimates."""
     model: Predictor = stored.model
     system: System = model.system  # type: ignore[attr-defined]
     t = torch.tensor(stored.card.t[: len(windows)], dtype=torch.float32, device=windows.device)
-    bound, parts = stored_bound(stored.card, windows.device), []
-    for part in windows.split(PART, dim=2):
+    bound, parts = bound_of_card(stored.card, windows.device), []
+    for part in windows.split(AT_A_TIME, dim=2):
         y = part.expand(-1, len(stored.seeds), *part.shape[2:])
         found = model.estimate(y)  # type: ignore[attr-defined]
 
-        def predicted(samples: slice, solver: Stopping, found: object = found, y: Tensor = y) -> Tensor:
+        def predicted(samples: slice, solver: BoundedSolver, found: object = found, y: Tensor = y) -> Tensor:
             known = inputs_of(system, y)
             u = None if known is None else known[:, :, samples]
             return model.predicted(found.part(samples), y[:, :, samples], t, solver, u=u)  # type: ignore[attr-defined]
 
-        states, _ = solved_apart(predicted, y.shape[2], stored.solver, bound)
-        parts.append(misfit_of(system, bounded(states, bound), states_of(system, y)))
+        states, _ = solve_with_sample_fallback(predicted, y.shape[2], stored.solver, bound)
+        parts.append(window_residual(system, clamp_to_bound(states, bound), states_of(system, y)))
     return torch.cat(parts, dim=1)
 
 
-def recorded(stored: StoredModel, windows: Tensor) -> Mapping[str, list[list[float]]]:
+def record_residuals(stored: StoredModel, windows: Tensor) -> Mapping[str, list[list[float]]]:
     """What a model file says of validation windows (T1, 1, N, *observed): their misfits, a list a seed.  A window of
     which nothing was measured after its first point has none."""
     system: System = stored.model.system  # type: ignore[assignment]
     unseen = torch.isnan(system.observe(states_of(system, windows)[1:])).movedim(2, 0).flatten(1).all(1)
     windows = windows[:, :, ~unseen] if unseen.any() else windows
-    index = torch.linspace(0, windows.shape[2] - 1, min(MOST, windows.shape[2])).long()
-    found = misfits(stored, windows[:, :, index.to(windows.device)]).nan_to_num(1e30, 1e30)
+    index = torch.linspace(0, windows.shape[2] - 1, min(KEPT_WINDOWS, windows.shape[2])).long()
+    found = observed_residuals(stored, windows[:, :, index.to(windows.device)]).nan_to_num(1e30, 1e30)
     return {"validation": [[float(f"{value:.6g}") for value in seed] for seed in found.tolist()]}

@@ -12,7 +12,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.files import read_json
 from expertaug.learning import fitting, job
-from expertaug.learning.divergence import bound_of
+from expertaug.learning.divergence import divergence_bound
 from expertaug.learning.fitting import Training
 from expertaug.learning.kinds import OBJECTIVE, objective_of
 from expertaug.learning.settings import (
@@ -250,7 +250,7 @@ def of_data(train: Trajectories, system: systems.System, options: DataOptions) -
         "t": t,
         "observed": observed,
         "observed_s": t[max(observed, 1) - 1],
-        "bound": bound_of(train.y, start),
+        "bound": divergence_bound(train.y, start),
         **({"start": start} if start is not None else {}),
         **({"data_noise": train.noise.tolist()} if train.noise is not None else {}),
         **kept,

@@ -16,7 +16,7 @@ from torch import Tensor
 from expertaug.errors import SolveError
 from expertaug.learning.check_parts import check_loss
 from expertaug.learning.checkpoint import Checkpoint
-from expertaug.learning.divergence import bounded, solved, within
+from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback, within_bound
 from expertaug.learning.objectives import Objective
 from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.residuals import mean_squared_error
@@ -167,9 +167,9 @@ class Trainer:
             window = batch.windows(self.task.observed)
             z_e, z_a = self.model.encode(window).mean
             t, u = self.task.t[: points.stop], batch.inputs(points.stop)
-            prediction = solved(self.model, self.model.start(window), z_e, z_a, t, self.task.solver, u)
-            if not within(prediction, self.task.bound).all():
-                prediction = bounded(prediction, self.task.bound)
+            prediction = forecast_or_fallback(self.model, self.model.start(window), z_e, z_a, t, self.task.solver, u)
+            if not within_bound(prediction, self.task.bound).all():
+                prediction = clamp_to_bound(prediction, self.task.bound)
             error = mean_squared_error(
                 self.model.system, prediction[points.start :], batch.y[points.start : points.stop]
             )

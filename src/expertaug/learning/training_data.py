@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.learning.divergence import stored_bound
+from expertaug.learning.divergence import bound_of_card
 from expertaug.models.card import ModelCard
 from expertaug.presets import Choices
 from expertaug.systems.inputs import joined
@@ -233,5 +233,5 @@ def task_of(
         supervision_weight=1.0 if weight is None else float(weight),
         z_a_scale=z_a_scale,
         z_a_supervision_weight=float(z_a_weight or 0.0),
-        bound=stored_bound(card, device),
+        bound=bound_of_card(card, device),
     )

@@ -13,7 +13,7 @@ from cards import card
 from expertaug import systems
 from expertaug.errors import SolveError
 from expertaug.learning import augment as augmentation
-from expertaug.learning.divergence import bound_of, bounded, solved, within
+from expertaug.learning.divergence import clamp_to_bound, divergence_bound, forecast_or_fallback, within_bound
 from expertaug.learning.objectives import Aphynity, finite_forecast
 from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.trainer import Trainer, TrainSettings
@@ -42,20 +42,22 @@ def batch_of(data, seeds=2):
 def test_ten_times_the_largest_value_of_each_component():
     y = np.zeros((2, 3, 2, 4))
     y[1, 2, 0, 3], y[0, 1, 1, 0] = -7.0, 0.5
-    assert bound_of(y) == [70.0, 5.0]
+    assert divergence_bound(y) == [70.0, 5.0]
     y[:, :, 1] = 0
-    assert bound_of(y[..., 0]) == [10.0, 10.0], "all zero"
-    assert bound_of(y) == [70.0, 0.07], "a component that is zero in the training set may move a little"
+    assert divergence_bound(y[..., 0]) == [10.0, 10.0], "all zero"
+    assert divergence_bound(y) == [70.0, 0.07], "a component that is zero in the training set may move a little"
 
 
 def test_what_lies_beyond_is_moved_to_the_bound_and_the_rest_is_not_touched():
     y = torch.tensor([[1.0, -3.0], [math.nan, 2.0], [-math.inf, 9.0], [0.1, -0.2]]).view(1, 1, 4, 2)
     bound = torch.tensor([2.0, 4.0])
-    assert within(y, bound).tolist() == [[True, False, False, True]]
-    assert within(y, None).tolist() == [[True, False, False, True]]
-    assert bounded(y, bound).view(4, 2).tolist() == [[1.0, -3.0], [2.0, 2.0], [-2.0, 4.0], y[0, 0, 3].tolist()]
+    assert within_bound(y, bound).tolist() == [[True, False, False, True]]
+    assert within_bound(y, None).tolist() == [[True, False, False, True]]
+    assert clamp_to_bound(y, bound).view(4, 2).tolist() == [[1.0, -3.0], [2.0, 2.0], [-2.0, 4.0], y[0, 0, 3].tolist()]
     field = y.view(1, 2, 1, 2, 2)
-    assert bounded(field, bound)[0, 0, 0].tolist() == [[1.0, -2.0], [4.0, 2.0]], "the first axis has the components"
+    assert clamp_to_bound(field, bound)[0, 0, 0].tolist() == [[1.0, -2.0], [4.0, 2.0]], (
+        "the first axis has the components"
+    )
 
 
 def test_the_model_file_has_the_bound_and_finetuning_keeps_it(data, tmp_path, settings, trained):
@@ -149,7 +151,7 @@ def test_a_solver_that_gives_up_is_followed_by_a_fixed_grid(trained, data):
     y, t = batch_of(data).y, torch.arange(21) * 0.1
     z_e, z_a = trained.model.encode(y[:11]).mean
     expected = trained.model.forecast(y[0], z_e, z_a, t, Solver("rk4"))
-    assert torch.equal(solved(trained.model, y[0], z_e, z_a, t, Stiff("dopri5")), expected)
+    assert torch.equal(forecast_or_fallback(trained.model, y[0], z_e, z_a, t, Stiff("dopri5")), expected)
 
 
 def test_draws_that_run_away_are_drawn_again(trained, data):
@@ -159,9 +161,9 @@ def test_draws_that_run_away_are_drawn_again(trained, data):
     plus = augmentation.generate(trained.model, real, task, [0, 1], {"omega0": [1.0, 40.0]}, 0.0, 0)
     free = replace(task, bound=None)
     before = augmentation.generate(trained.model, real, free, [0, 1], {"omega0": [1.0, 40.0]}, 0.0, 0)
-    assert not within(before.y, task.bound).all()
-    assert within(plus.y, task.bound).all()
-    kept = within(before.y, task.bound)
+    assert not within_bound(before.y, task.bound).all()
+    assert within_bound(plus.y, task.bound).all()
+    kept = within_bound(before.y, task.bound)
     assert torch.equal(plus.y[:, kept], before.y[:, kept]), "the others are as they were drawn"
 
 
@@ -170,7 +172,7 @@ def test_a_prior_that_always_runs_away_ends_in_bounded_samples_and_a_warning(tra
     task = task_of(TrainSettings(), trained.card, CPU)
     with caplog.at_level(logging.WARNING):
         plus = augmentation.generate(trained.model, real, task, [0, 1], {"omega0": [1e5, 1e6]}, 0.0, 0)
-    assert within(plus.y, task.bound).all() and len(plus) == 40
+    assert within_bound(plus.y, task.bound).all() and len(plus) == 40
     assert "seed 1: 40 of 40 samples (100.0 %) ran away" in caplog.text
 
 
@@ -180,7 +182,7 @@ def test_samples_that_run_away_for_ever_are_replaced_by_the_next_good_one_of_the
     _, task = double_pendulum()
     task = replace(task, bound=torch.tensor([7.5]))
     inputs = y + 100
-    y, z_e, z_a, u = augmentation._without_runaways(y, y[0].clone(), y[0].clone(), inputs, good, task)
+    y, z_e, z_a, u = augmentation._replace_diverged(y, y[0].clone(), y[0].clone(), inputs, good, task)
     assert torch.equal(z_a, z_e)
     assert torch.equal(u[0, 0], z_e[0] + 100) and torch.equal(inputs, torch.arange(100.0, 110.0).view(1, 2, 5, 1))
     assert y[0, 0, :, 0].tolist() == z_e[0, :, 0].tolist() == [0, 3, 3, 3, 0]

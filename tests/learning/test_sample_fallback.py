@@ -7,7 +7,7 @@ import torch
 
 from expertaug.errors import SolveError
 from expertaug.inference.posterior_predictive import forecasts
-from expertaug.learning.divergence import solved_apart
+from expertaug.learning.divergence import solve_with_sample_fallback
 from expertaug.models.decoder import Decoder
 from expertaug.systems.base import Parameter, System
 from expertaug.systems.solvers.solver import Solver
@@ -42,7 +42,7 @@ def solve(system, y0, w, bound=None, method="dopri5"):
     def predicted(part, solver):
         return decoder.forecast(y0[:, part], w[:, part], w[:, part, :0], T, solver)
 
-    return solved_apart(predicted, y0.shape[1], Solver(method, 1e-6, 1e-6), bound)
+    return solve_with_sample_fallback(predicted, y0.shape[1], Solver(method, 1e-6, 1e-6), bound)
 
 
 def work(*arguments, **options):

@@ -65,7 +65,7 @@ def test_augmented_samples_keep_the_z_a_that_made_them(trained, data, tmp_path, 
 def test_a_replaced_sample_is_replaced_whole():
     y, z_e, z_a = torch.rand(5, 1, 4, 2), torch.rand(1, 4, 1), torch.rand(1, 4, 3)
     good, before = torch.tensor([[True, False, True, True]]), z_a.clone()
-    y_new, z_e_new, z_a_new, _ = augmentation._without_runaways(y.clone(), z_e.clone(), z_a, None, good, Unbounded)
+    y_new, z_e_new, z_a_new, _ = augmentation._replace_diverged(y.clone(), z_e.clone(), z_a, None, good, Unbounded)
     assert torch.equal(z_a, before), "an encoder's own output stays as it is"
     for old, new in ((y.movedim(2, 0), y_new.movedim(2, 0)), (z_e[0], z_e_new[0]), (z_a[0], z_a_new[0])):
         assert torch.equal(new[1], old[2]) and torch.equal(new[[0, 2, 3]], old[[0, 2, 3]])
@@ -282,9 +282,9 @@ def test_worst_case_sampling_draws_more_where_the_estimates_are_bad(trained, dat
     task = task_of(stored.card.training, stored.card, CPU)
     real, ends = (
         StackedSet.of(Trajectories.load(data / "train.npz"), CPU),
-        augmentation.prior_range(stored.model, PRIOR),
+        augmentation.prior_ends(stored.model.system, PRIOR),
     )
-    hard = augmentation.worst_of(stored.model, real, task, stored.seeds, ends, 0.01, 0)
+    hard = augmentation.hardest_parameters(stored.model, real, task, stored.seeds, ends, 0.01, 0)
     assert hard.shape == (2, augmentation.TRIED // 4, 1)
     for place in range(2):
         away = (on.z_e[place] - hard[place].T).abs().amin(1)
