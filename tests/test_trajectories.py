@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import Trajectories, points_until
 
 NAMES = np.array(["r0/0", "r0/80", "r10/4"])
 
@@ -67,3 +67,14 @@ def test_parameters_may_be_unknown_but_never_infinite():
 def test_masks_and_noise_fit_the_states(given, message):
     with pytest.raises(InputError, match=message):
         Trajectories(np.arange(5), np.zeros((3, 5, 2)), np.zeros((3, 1)), **given)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-7, -1e-7, 4e-6])
+def test_a_time_that_went_through_single_precision_is_not_lost(offset):
+    t = (np.arange(100) * 0.1).astype(np.float32).astype(float) + offset
+    for k in range(2, 100):
+        assert points_until(t, round(0.1 * k, 1)) == k + 1
+
+
+def test_a_time_well_beyond_the_end_is_not_counted():
+    assert points_until(np.arange(100) * 0.1 + 0.002, 2.4) == 24

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic, read_npz
 
 OPTIONAL = ("id", "u", "mask", "noise")
+STEP_SHARE = 1e-3  # of a step: times that are nearer are the same
 
 
 @dataclass(frozen=True)
@@ -134,6 +135,9 @@ class Trajectories:
             raise InputError(path, f"not a trajectory file ({error})", remedy) from error
 
 
-def points_until(t: Iterable[float], end: float) -> int:
-    """Number of the times ``t`` up to ``end``, which is included."""
-    return sum(1 for value in t if value <= end + 1e-9)
+def points_until(t: Sequence[float] | np.ndarray, end: float) -> int:
+    """Number of the times ``t`` (T,) up to ``end``, which is included, to a thousandth of the step there: a time that
+    went through single precision is not lost."""
+    times = np.asarray(t, dtype=float)
+    step = float(np.diff(times).min()) if len(times) > 1 else 0.0
+    return int((times <= end + 1e-9 + STEP_SHARE * step).sum())

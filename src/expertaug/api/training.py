@@ -27,7 +27,7 @@ from expertaug.models import describe
 from expertaug.models.hybrid import HybridModel
 from expertaug.presets import Choices, resolve
 from expertaug.systems.solvers.solver import Solver
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import Trajectories, points_until
 
 Preset: TypeAlias = Literal["corrected", "paper", "code"]
 # A class, or functools.partial of one with its options.
@@ -140,7 +140,11 @@ def fit(
         raise InputError("model", f"is {type(model).__name__}", "give expertaug.HybridModel(system, encoder, …)")
     check_sets(model.system, train, validation)
     chosen = resolve(preset, choices)
-    if not isinstance(observed_s, (int, float)) or not train.t[1] <= observed_s + 1e-9 <= train.t[-1] + 2e-9:
+    if (
+        not isinstance(observed_s, (int, float))
+        or points_until(train.t, observed_s) < 2
+        or observed_s > train.t[-1] * (1 + 1e-6)
+    ):
         raise InputError("observed_s", f"found {observed_s!r}", f"the data's times are {arguments.brief(train.t)}")
     names = [p.name for p in model.system.expert_parameters]
     loss = describe.settings_of(OBJECTIVE, objective)
