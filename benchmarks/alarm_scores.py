@@ -18,7 +18,7 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import shown_settings, stage_settings
-from expertaug.config.complete import completed
+from expertaug.config.load import completed
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.settings import WindowStudyJob
@@ -36,7 +36,7 @@ def main() -> None:
     keep_freed_memory()
     torch.set_num_threads(1)
     config = completed(configuration.load(options.files))
-    folder = Path(config["results"]) / options.experiment
+    folder = Path(config.results) / options.experiment
     with tempfile.TemporaryDirectory() as temporary:
         made = []
         for method in options.methods:

@@ -20,7 +20,7 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import stage_settings
-from expertaug.config.complete import completed
+from expertaug.config.load import completed
 from expertaug.evaluation.diverged import forecast
 from expertaug.evaluation.drawn_forecasts import ExpectedError, drawing_of
 from expertaug.evaluation.samples import EXPECTED
@@ -48,7 +48,7 @@ def main() -> None:
     keep_freed_memory()
     torch.set_num_threads(1)
     config, device = completed(configuration.load(options.files)), torch.device("cpu")
-    folder = Path(config["results"]) / options.experiment
+    folder = Path(config.results) / options.experiment
     train, validation = (Trajectories.load(folder / "data" / f"{name}.npz") for name in ("train", "validation"))
     print("version: failing [%], AUROC of", ", ".join(map(str, options.draws)), "draws")
     for version in options.versions:

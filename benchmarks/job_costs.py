@@ -15,7 +15,7 @@ from pathlib import Path
 
 from expertaug.config import load as config
 from expertaug.config import stage_settings as settings
-from expertaug.config.complete import completed
+from expertaug.config.load import completed
 
 RUNS = 3
 EXPERIMENT, METHOD, GROUP = "pendulum", "aphynity", "seeds_0_1"

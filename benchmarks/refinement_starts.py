@@ -23,7 +23,7 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import stage_settings
-from expertaug.config.complete import completed
+from expertaug.config.load import completed
 from expertaug.evaluation.score import score, spread
 from expertaug.inference import store
 from expertaug.inference.least_squares import estimator_of
@@ -43,7 +43,7 @@ def main() -> None:
     keep_freed_memory()
     torch.set_num_threads(1)
     config = completed(configuration.load(options.files))
-    device, folder = torch.device("cpu"), Path(config["results"]) / options.experiment
+    device, folder = torch.device("cpu"), Path(config.results) / options.experiment
     model = sorted((folder / options.method).glob("*/model.safetensors"))[0]
     settings = stage_settings.evaluate(config, options.experiment, f"{options.method}~refined", model.parent.name)
     refinement, evaluation = settings["refinement"], {**settings["evaluation"], "noise": settings["noise"], "draws": 0}

@@ -22,6 +22,7 @@ import torch
 
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
+from expertaug.config.models import Configuration
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, log_mse_of, parameter_errors
 from expertaug.inference.alternating import alternate
@@ -67,11 +68,11 @@ def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
     return scores
 
 
-def run(settings: dict, experiment: str, method: str, augmented: bool, folder: Path) -> Path:
+def run(settings: Configuration, experiment: str, method: str, augmented: bool, folder: Path) -> Path:
     """Train (and fine-tune) a trial unless its files are there; the model's file."""
-    one, group = settings["experiments"][experiment], next(iter(jobs.seed_groups(settings)))
-    data = Path(settings["results"], experiment, "data")
-    if one["data"]["source"] == "simulation":
+    one, group = settings.experiments[experiment], next(iter(jobs.seed_groups(settings)))
+    data = Path(settings.results, experiment, "data")
+    if one.data.source == "simulation":
         for name in ("train", "validation"):
             if not (data / f"{name}.npz").exists():
                 data.mkdir(parents=True, exist_ok=True)
@@ -80,7 +81,7 @@ def run(settings: dict, experiment: str, method: str, augmented: bool, folder: P
                     data / f"{name}.npz",
                     SimulateJob.from_mapping(stage_settings.simulate(settings, experiment, name)),
                 )
-    calibration = data / "calibration.json" if one["data"]["calibrate"] else None
+    calibration = data / "calibration.json" if one.data.calibrate else None
     base = stage_settings.train(settings, experiment, method, group)
     model = folder / _digest(base) / "model.safetensors"
     model.parent.mkdir(parents=True, exist_ok=True)
@@ -133,7 +134,7 @@ def main() -> None:
     parser.add_argument("--from-best", type=int)
     options = parser.parse_args()
     loaded = config.load(options.configfile)
-    folder = Path(config.validate(loaded)["results"], "search")
+    folder = Path(config.validate(loaded).results, "search")
     table = options.table or folder / f"{options.experiment}_{options.method}.csv"
     known = list(csv.DictReader(table.open(encoding="utf-8"))) if table.exists() else []
     if options.from_best:
@@ -155,8 +156,8 @@ def main() -> None:
         except SolveError as error:
             print(f"{variant} {trial}: {error}", file=sys.stderr)
             continue
-        data = Path(settings["results"], options.experiment, "data")
-        line |= row(model, data, settings["experiments"][options.experiment]["evaluation"])
+        data = Path(settings.results, options.experiment, "data")
+        line |= row(model, data, settings.experiments[options.experiment].evaluation.given())
         print(line, flush=True)
         table.parent.mkdir(parents=True, exist_ok=True)
         new = not table.exists()

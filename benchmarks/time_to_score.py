@@ -24,7 +24,6 @@ from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.models.card import ModelCard
-from expertaug.presets import Choices
 from training_step import POINTS, STEP, UsualModel, training_data
 
 
@@ -46,21 +45,21 @@ def baseline(seed: int, train: StackedSet, validation: StackedSet, steps: int) -
 
 def ours(seeds: int, train: StackedSet, validation: StackedSet, epochs: int, target: float) -> tuple[float, float]:
     """CPU seconds until the mean best score passes ``target`` (infinite if it never does) and the last score."""
-    config = validate(load([Path(__file__).parents[1] / "config" / "config.yaml"]))["experiments"]["pendulum"]
+    config = validate(load([Path(__file__).parents[1] / "config" / "config.yaml"])).experiments["pendulum"]
     card = ModelCard.of(
         kind="hybrid",
         system={"name": "pendulum"},
-        model=config["model"],
+        model=config.model.given(),
         t=[k * STEP for k in range(201)],
         observed=POINTS,
         seeds=list(range(seeds)),
     )
     stacked = store.make(systems.load({"name": "pendulum"}), card)
     stacked.fit(train.y[:POINTS, 0])
-    settings = TrainSettings.from_mapping(config["training"] | {"epochs": epochs})
+    settings = TrainSettings.from_mapping(config.training.given() | {"epochs": epochs})
     trainer = Trainer(
         stacked,
-        Aphynity(card.seeds, Choices.from_mapping(config["choices"]), **config["training"]["objective"]),
+        Aphynity(card.seeds, config.choices, **(config.training.objective or {})),
         task_of(settings, card, torch.device("cpu")),
         train.window(POINTS),
         [(validation, range(1, POINTS))],

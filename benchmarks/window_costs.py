@@ -18,7 +18,7 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as configuration
-from expertaug.config.complete import completed
+from expertaug.config.load import completed
 from expertaug.evaluation.score import score, spread
 from expertaug.inference import store
 from expertaug.inference.least_squares import refined_by, refinement_of
@@ -35,7 +35,7 @@ def main() -> None:
     keep_freed_memory()
     torch.set_num_threads(1)
     config = completed(configuration.load(options.files))
-    device, folder = torch.device("cpu"), Path(config["results"]) / options.experiment
+    device, folder = torch.device("cpu"), Path(config.results) / options.experiment
     windows = spread(Trajectories.load(folder / "data" / "validation.npz"), options.windows)
     print("| method | estimate [ms] | log-MSE (validation) |\n|---|---:|---:|")
     for variant in jobs.variants(config, options.experiment):

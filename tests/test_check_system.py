@@ -11,8 +11,9 @@ import torch
 import yaml
 
 from expertaug import cli
-from expertaug.config import grid, own
 from expertaug.config import load as config
+from expertaug.config import own
+from expertaug.config.models import Configuration
 from test_own_system import EXPERIMENT, SYSTEM
 
 TRUTH = "return self._rates(y, z_e, 1 / (1 + z_a[..., 0] * y[..., 0]))"
@@ -207,9 +208,8 @@ def test_what_is_wrong_in_any_experiment_is_told(project, capsys):
     assert re.search(r"experiments\.other, expert_only .*: FlatEncoder", said[0])
 
 
-def complete(file) -> dict:
-    merged = config.load(config.with_defaults([file]))
-    return grid.expand(config.validate(merged), lambda change: config.validate(config.merge(merged, change)))
+def complete(file) -> Configuration:
+    return config.completed(config.load(config.with_defaults([file])))
 
 
 def test_points_of_a_grid_are_checked(project):

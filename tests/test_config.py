@@ -13,14 +13,15 @@ from jsonschema import Draft202012Validator
 
 from expertaug.config import (
     jobs,
-    recording_checks,
     recording_settings,
     reference,
     schema,
     shown_settings,
+    sources,
     stage_settings,
 )
 from expertaug.config import load as config
+from expertaug.config.models import Configuration
 from expertaug.errors import InputError, InputErrors, lines
 from expertaug.learning.settings import TrainSettings
 from expertaug.stages import STAGES
@@ -59,7 +60,7 @@ def test_shipped_files_are_valid(base, name, tmp_path):
         with pytest.raises(InputError, match=r"recordings\.markers\.path: missing; .* set recordings\.markers\.path"):
             config.validate(config.merge(base, over))
         over = config.merge(over, {"recordings": {"markers": {"path": str(tmp_path)}}})
-    assert config.validate(config.merge(base, over))["results"] == f"results/{name}"
+    assert config.validate(config.merge(base, over)).results == f"results/{name}"
 
 
 @pytest.mark.parametrize(
@@ -99,7 +100,10 @@ def test_shipped_files_are_valid(base, name, tmp_path):
             "experiments: {pendulum: {overrides: {aphynity: {training: {epoch: 3}}}}}",
             "experiments.pendulum.overrides.aphynity.training.epoch: unknown key; did you mean 'epochs'?",
         ),
-        ("experiments: {pendulum: {choices: {resample: onec}}}", "choices.resample: 'onec'"),
+        (
+            "experiments: {pendulum: {choices: {resample: onec}}}",
+            "choices.resample: found 'onec'; did you mean",
+        ),
         ("preset: papr", "preset: found 'papr'; did you mean 'paper'?"),
         ("choices: {resample: once}", "choices: unknown key; say it in the experiments"),
         ("run: [pendulm]", "run[0]: 'pendulm' is no experiment; did you mean 'pendulum'?"),
@@ -276,7 +280,7 @@ def test_experiments_that_are_not_run_need_not_be_sound(base):
     with pytest.raises(InputError):
         config.validate(config.merge(base, over))
     found = config.validate(config.merge(base, over | {"run": ["double_pendulum"]}))
-    assert "pendulum" not in found["experiments"] and "rlc" in found["experiments"]
+    assert "pendulum" not in found.experiments and "rlc" in found.experiments
 
 
 def test_a_long_chain_of_experiments_is_one_line(base):
@@ -287,7 +291,7 @@ def test_a_long_chain_of_experiments_is_one_line(base):
 
 def test_results_may_begin_with_the_home_folder(base, monkeypatch, tmp_path):
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert config.validate(config.merge(base, {"results": "~/x/"}))["results"] == f"{tmp_path}/x"
+    assert config.validate(config.merge(base, {"results": "~/x/"})).results == f"{tmp_path}/x"
 
 
 def test_an_experiment_may_have_seeds_of_its_own(base):
@@ -339,18 +343,18 @@ def test_completion_inherits_fills_and_resolves(base):
     x = {"based_on": "pendulum", "data": {"noise": 0}, "choices": {"resample": "once"}}
     over = {"experiments": {"x": x}}
     found = config.validate(config.merge(base, over))
-    x, pendulum = found["experiments"]["x"], found["experiments"]["pendulum"]
-    assert x["data"] == pendulum["data"] | {"noise": 0.0} and isinstance(x["data"]["noise"], float)
-    assert "based_on" not in x
-    assert x["training"]["checkpoint_s"] == 30.0
-    assert x["choices"]["resample"] == "once" and x["choices"]["selection"] == "observed"
-    assert found["tracking"]["uri"] == "sqlite:///results/mlflow/mlflow.db"
-    chosen = config.validate(base)["experiments"]["pendulum"]["choices"]
-    assert chosen["resample"] == "epoch", "the input must not be changed"
+    x, pendulum = found.experiments["x"], found.experiments["pendulum"]
+    assert x.data == pendulum.data.model_copy(update={"noise": 0.0}) and isinstance(x.data.noise, float)
+    assert "based_on" not in x.given()
+    assert x.training.checkpoint_s == 30.0
+    assert x.choices.resample == "once" and x.choices.selection == "observed"
+    assert found.tracking.uri == "sqlite:///results/mlflow/mlflow.db"
+    chosen = config.validate(base).experiments["pendulum"].choices
+    assert chosen.resample == "epoch", "the input must not be changed"
 
 
 def test_completed_configuration_is_valid_again(base):
-    assert config.validate(config.validate(base)) == config.validate(base)
+    assert config.validate(config.validate(base).given()) == config.validate(base)
 
 
 def test_slices_are_settings_of_their_stages(base, tmp_path):
@@ -358,7 +362,7 @@ def test_slices_are_settings_of_their_stages(base, tmp_path):
     for source in ("rendered", "videos", "markers"):
         own = {"rendered": {}, "videos": {"path": str(tmp_path), "from_s": 0.5, "to_s": 2.0}}
         over = {"recordings": {"source": source, source: own.get(source, {"path": str(tmp_path)})}}
-        found = json.loads(json.dumps(config.validate(config.merge(base, over))))  # as a stage reads them
+        found = config.validate(config.merge(base, over))
         RenderVideoJob.from_mapping(recording_settings.render_video(found))
         ExtractFramesJob.from_mapping(recording_settings.extract_frames(found))
         TrackMarkersJob.from_mapping(recording_settings.track_markers(found))
@@ -455,11 +459,11 @@ def test_noise_follows_the_preset(base):
 def test_videos_of_one_name_are_refused(tmp_path):
     for name in ("a.mp4", "b.mkv", "notes.txt"):
         (tmp_path / name).touch()
-    assert list(recording_checks.list_videos(str(tmp_path))) == ["a", "b"]
-    assert list(recording_checks.list_videos(str(tmp_path / "*.mkv"))) == ["b"]
+    assert list(sources.list_videos(str(tmp_path))) == ["a", "b"]
+    assert list(sources.list_videos(str(tmp_path / "*.mkv"))) == ["b"]
     (tmp_path / "A.avi").touch()
     with pytest.raises(InputError, match="two files of one name"):
-        recording_checks.list_videos(str(tmp_path))
+        sources.list_videos(str(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -497,26 +501,26 @@ def test_experiments_and_methods_may_override(base: dict) -> None:
 def test_an_experiment_may_differ_under_a_preset(base: dict) -> None:
     presets = {"code": {"data": {"noise": 0.5}}, "paper": {"training": {"epochs": 7}}}
     over = {"experiments": {"pendulum": {"presets": presets}, "x": {"based_on": "pendulum", "data": {"noise": 0.1}}}}
-    found = {p: config.validate(config.merge(base, over | {"preset": p}))["experiments"] for p in ("code", "paper")}
-    plain = config.validate(base)["experiments"]["pendulum"]
-    assert [found[p]["pendulum"]["data"]["noise"] for p in found] == [0.5, plain["data"]["noise"]]
-    assert [found[p]["x"]["data"]["noise"] for p in found] == [0.5, 0.1], "an inherited preset wins as well"
-    assert found["paper"]["pendulum"]["training"]["epochs"] == 7
-    assert "presets" not in found["code"]["pendulum"]
-    default = config.validate(config.merge(base, over))["experiments"]["pendulum"]
-    assert default["data"] == plain["data"] and default["training"] == plain["training"]
+    found = {p: config.validate(config.merge(base, over | {"preset": p})).experiments for p in ("code", "paper")}
+    plain = config.validate(base).experiments["pendulum"]
+    assert [found[p]["pendulum"].data.noise for p in found] == [0.5, plain.data.noise]
+    assert [found[p]["x"].data.noise for p in found] == [0.5, 0.1], "an inherited preset wins as well"
+    assert found["paper"]["pendulum"].training.epochs == 7
+    assert found["code"]["pendulum"].presets is None
+    default = config.validate(config.merge(base, over)).experiments["pendulum"]
+    assert default.data == plain.data and default.training == plain.training
 
 
 def test_choices_win_over_those_of_an_experiments_presets(base: dict) -> None:
     presets = {"corrected": {"choices": {"resample": "epoch", "supervision": "raw"}}}
     over = {"experiments": {"pendulum": {"presets": presets}}}
-    by_default = config.validate(config.merge(base, over))["experiments"]["pendulum"]["choices"]
-    assert (by_default["resample"], by_default["supervision"]) == ("epoch", "raw")
-    of_code = config.validate(config.merge(base, over | {"preset": "code"}))["experiments"]["pendulum"]["choices"]
-    assert of_code["resample"] == "once"
+    by_default = config.validate(config.merge(base, over)).experiments["pendulum"].choices
+    assert (by_default.resample, by_default.supervision) == ("epoch", "raw")
+    of_code = config.validate(config.merge(base, over | {"preset": "code"})).experiments["pendulum"].choices
+    assert of_code.resample == "once"
     over["experiments"]["pendulum"]["choices"] = {"resample": "once"}
-    chosen = config.validate(config.merge(base, over))["experiments"]["pendulum"]["choices"]
-    assert (chosen["resample"], chosen["supervision"]) == ("once", "raw")
+    chosen = config.validate(config.merge(base, over)).experiments["pendulum"].choices
+    assert (chosen.resample, chosen.supervision) == ("once", "raw")
 
 
 # An experiment without studies, on which the next is built.
@@ -585,12 +589,12 @@ def test_recordings_are_listed_by_name(base: dict, tmp_path: Path) -> None:
     found = {}
     for source in ("rendered", "videos", "markers"):
         over = {"recordings": {"source": source, source: {"path": str(tmp_path)} if source != "rendered" else {}}}
-        found[source] = recording_checks.list_recordings(config.validate(config.merge(base, over)))
+        found[source] = sources.list_recordings(config.validate(config.merge(base, over)))
     assert list(found["rendered"].values()) == list(range(6))
     assert found["videos"] == {"a": str(tmp_path / "a.mp4")}
     assert found["markers"] == {"2": str(tmp_path / "2.csv"), "10": str(tmp_path / "10.csv")}
     simulated = config.validate(config.merge(base, {"run": ["pendulum"]}))
-    assert recording_checks.list_recordings(simulated) == {}
+    assert sources.list_recordings(simulated) == {}
 
 
 def test_horizons_and_dissipation_of_recordings(base):
@@ -654,7 +658,7 @@ class TestCards:
     def test_a_job_asks_for_one_where_it_would_take_it(self, monkeypatch, tmp_path, device, driver, usable, asked):
         monkeypatch.setattr(jobs, "DRIVERS", [tmp_path if driver else tmp_path / "none"])
         monkeypatch.setattr("torch.cuda.is_available", lambda: usable)
-        assert jobs.cards({"device": device}) == asked
+        assert jobs.cards(Configuration.model_construct(device=device)) == asked
 
     def test_every_rule_whose_stage_is_told_the_device_asks_for_a_card(self):
         told = {name for name, value in vars(stage_settings).items() if inspect.isfunction(value)}

@@ -9,7 +9,7 @@ import pytest
 from expertaug import presets, systems
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
-from expertaug.config.complete import completed
+from expertaug.config.load import completed
 
 FOLDER = Path(__file__).parents[1] / "config"
 
@@ -65,7 +65,7 @@ def test_nothing_of_the_default_sizes_is_left_in_the_papers(
 @pytest.mark.parametrize("one", presets.SIMULATED, ids=lambda one: f"{one.experiment}.{one.key}")
 def test_the_table_of_presets_says_what_is_simulated(one, preset):
     complete = config.validate(config.merge(config.load([FOLDER / "config.yaml"]), {"preset": preset}))
-    value = complete["experiments"][one.experiment]
+    value = complete.experiments[one.experiment].given()
     *above, last = one.key.split(".")
     for part in above:
         value = value[part]
@@ -76,6 +76,6 @@ def test_the_table_of_presets_says_what_is_simulated(one, preset):
 @pytest.mark.parametrize("preset", ["corrected", "paper", "code"])
 def test_alternation_on_the_circuit_steps_as_its_other_trainings_do(preset):
     """Sources and rates of the presets differ, and with them the steps that are stable."""
-    one = completed(config.load([FOLDER / "config.yaml"]) | {"preset": preset})["experiments"]["rlc"]
-    told = one["overrides"]["alternating"]["alternation"]["solver"]
-    assert {key: one["training"]["solver"][key] for key in told} == told
+    one = completed(config.load([FOLDER / "config.yaml"]) | {"preset": preset}).experiments["rlc"]
+    alternating = one.overrides["alternating"].alternation.solver.given()
+    assert one.training.solver.given(only=alternating) == alternating

@@ -6,21 +6,29 @@ import pytest
 import yaml
 
 from expertaug.config import demand
+from expertaug.config.models import Configuration, Data, Experiment, Override
+from expertaug.learning.settings import TrainSettings
+from expertaug.systems.settings import SimulatedSet
 
 
 def config(seeds, per_job, epochs, size=100):
-    one = {
-        "seeds": None, "methods": ["mean", "a"], "augmented": ["a"], "controls": [], "flows": [], "refined": ["a"],
-        "augmentations": {}, "data": {"sets": {"train": {"size": size}}},
-        "training": {"epochs": 7}, "finetuning": {"epochs": 2}, "overrides": {"a": {"training": {"epochs": epochs}}},
-    }  # fmt: skip
-    return {"run": ["p_q"], "seeds": seeds, "seeds_per_job": per_job, "experiments": {"p_q": one, "p": one}}
+    one = Experiment.model_construct(
+        methods=["mean", "a"],
+        augmented=["a"],
+        refined=["a"],
+        data=Data.model_construct(sets={"train": SimulatedSet.of(size=size, z_e={}, z_a={})}),
+        training=TrainSettings(epochs=7),
+        finetuning=TrainSettings(epochs=2),
+        overrides={"a": Override(training=TrainSettings(epochs=epochs))},
+    )
+    experiments = {"p_q": one, "p": one}
+    return Configuration.model_construct(run=["p_q"], seeds=seeds, seeds_per_job=per_job, experiments=experiments)
 
 
 @pytest.fixture
 def published(tmp_path):
     (tmp_path / "one").mkdir()
-    (tmp_path / "one" / "config.yaml").write_text(yaml.safe_dump(config([0], 1, 10)))
+    (tmp_path / "one" / "config.yaml").write_text(yaml.safe_dump(config([0], 1, 10).given()))
     lines = ["job,seconds,peak_memory_mb", "train/p_q_a_seeds_0,3600,1000", "finetune/p_q_a+_seeds_0,1800,500"]
     lines += ["train/p_q_mean_seeds_0,36,100", "evaluate/p_q_a_seeds_0,360,100"]
     (tmp_path / "one" / "costs.csv").write_text("\n".join(lines) + "\n")

@@ -8,14 +8,19 @@ from pathlib import Path
 import pytest
 
 from expertaug.config import results_record
+from expertaug.config.models import Configuration, TrackingKeys
 from expertaug.errors import InputError
 
 
+def changed(config: Configuration, change: dict) -> Configuration:
+    return config.model_copy(update=change)
+
+
 @pytest.fixture
-def finished(tmp_path, monkeypatch) -> dict:
+def finished(tmp_path, monkeypatch) -> Configuration:
     """A configuration whose run, without other files, has ended."""
     monkeypatch.chdir(tmp_path)
-    config = {"results": "results", "overwrite": False, "seeds": [0], "run": ["a"]}
+    config = Configuration.model_construct(results="results", overwrite=False, seeds=[0], run=["a"])
     results_record.remember(config, [])
     Path("results/tables").mkdir()
     Path("results/tables/a_long.csv").touch()
@@ -23,30 +28,30 @@ def finished(tmp_path, monkeypatch) -> dict:
 
 
 def test_other_files_are_refused_before_they_overwrite_tables(finished):
-    other = finished | {"seeds": [1]}
+    other = changed(finished, {"seeds": [1]})
     with pytest.raises(InputError, match=r"of the default configuration, not of my\.yaml; .*overwrite"):
         results_record.refuse_another(other, ["my.yaml"])
-    results_record.refuse_another(other | {"overwrite": True}, ["my.yaml"])
+    results_record.refuse_another(changed(other, {"overwrite": True}), ["my.yaml"])
     results_record.remember(other, [Path("my.yaml").absolute()])
     results_record.refuse_another(other, ["my.yaml"])
     results_record.refuse_another(finished, [])
     with pytest.raises(InputError, match=r"holds the tables of my\.yaml, not of a\.yaml and b\.yaml"):
-        results_record.refuse_another(finished | {"seeds": [2]}, ["a.yaml", "b.yaml"])
+        results_record.refuse_another(changed(finished, {"seeds": [2]}), ["a.yaml", "b.yaml"])
 
 
 def test_the_same_files_may_say_something_else(finished):
-    results_record.refuse_another(finished | {"seeds": [1]}, [])
-    results_record.remember(finished | {"seeds": [1]}, [])
+    results_record.refuse_another(changed(finished, {"seeds": [1]}), [])
+    results_record.remember(changed(finished, {"seeds": [1]}), [])
     results_record.refuse_another(finished, [])
 
 
-@pytest.mark.parametrize("change", [{"run": ["a", "b"]}, {"device": "cpu"}, {"tracking": {"enabled": False}}])
+@pytest.mark.parametrize("change", [{"run": ["a", "b"]}, {"device": "cpu"}, {"tracking": TrackingKeys(enabled=False)}])
 def test_files_that_change_no_table_are_not_refused(finished, change):
-    results_record.refuse_another(finished | change, ["my.yaml"])
+    results_record.refuse_another(changed(finished, change), ["my.yaml"])
 
 
 def test_a_folder_without_tables_or_record_is_free(finished):
-    other = finished | {"seeds": [1]}
+    other = changed(finished, {"seeds": [1]})
     Path("results/tables/a_long.csv").unlink()
     results_record.refuse_another(other, ["my.yaml"])
     Path("results/tables/a_long.csv").touch()

@@ -18,7 +18,8 @@ from expertaug import commands
 from expertaug.cli import BAD_INPUT, main
 from expertaug.config import jobs
 from expertaug.config import load as config
-from expertaug.config.complete import completed
+from expertaug.config.load import completed
+from expertaug.config.models import Configuration
 from expertaug.settings import Settings
 from expertaug.stages import STAGES
 from expertaug.stages.stage import to_json
@@ -51,7 +52,7 @@ def table(columns: int) -> str:
 
 
 @cache
-def configured(file: str) -> dict:
+def configured(file: str) -> Configuration:
     files = dict.fromkeys([ROOT / "config" / "config.yaml", ROOT / "config" / f"{file}.yaml"])
     found = config.load(files)
     if file == "ibm":  # a user's own files stand where these are
@@ -71,16 +72,16 @@ def configured(file: str) -> dict:
     return completed(found, STAGES)
 
 
-def of_experiment(given: dict, name: str) -> Iterator[tuple[str, tuple]]:
+def of_experiment(given: Configuration, name: str) -> Iterator[tuple[str, tuple]]:
     """Stages of an experiment, and the names of their jobs."""
-    one, group = given["experiments"][name], next(iter(jobs.seed_groups(given, name)))
-    source, horizons = one["data"]["source"], jobs.horizons(given, name)
+    one, group = given.experiments[name], next(iter(jobs.seed_groups(given, name)))
+    source, horizons = one.data.source, jobs.horizons(given, name)
     cut = {"simulation": None, "files": "cut_measurements", "recordings": "split_chunks"}[source]
-    yield from (("simulate", (name, s)) for s in one["data"].get("sets", ()))
+    yield from (("simulate", (name, s)) for s in one.data.simulated)
     yield from ((cut, (name,)) for _ in [0] if cut)
     long = "cut_measured_horizon" if source == "files" else "cut_horizon"
     yield from ((long, (name, s)) for s in horizons)
-    yield from (("calibrate", (name,)) for _ in [0] if one["data"]["calibrate"])
+    yield from (("calibrate", (name,)) for _ in [0] if one.data.calibrate)
     stages = ["tabulate", "plot", "alarm", "coverage", "distance"]
     stages += ["validity"] if jobs.checked(given, name) else []
     stages += ["grid"] if jobs.grid(given, name) else []
@@ -88,8 +89,8 @@ def of_experiment(given: dict, name: str) -> Iterator[tuple[str, tuple]]:
     yield from ((stage, (name,)) for stage in stages)
     yield "compare", ([name],)
     yield from (("study", (name, study)) for study in jobs.studies(given, name) if study != "grid")
-    for method in one["methods"]:
-        alternating = given["methods"][method]["kind"] == "alternating"
+    for method in one.methods:
+        alternating = given.methods[method].kind == "alternating"
         yield "alternate" if alternating else "train", (name, method, group)
     for found in jobs.found_priors(given, name):
         yield "own_prior", (name, found, group if found else None)
@@ -102,19 +103,19 @@ def of_experiment(given: dict, name: str) -> Iterator[tuple[str, tuple]]:
             yield "augment", (name, variant, group)
         if version.step and version.is_trained and not version.is_flow:
             yield "finetune", (name, variant, group)
-    if one["studies"].get("during_training"):
-        yield "during_training", (name, one["studies"]["during_training"]["method"], group)
+    if one.studies.during_training is not None:
+        yield "during_training", (name, one.studies.during_training.method, group)
 
 
-def every_job(given: dict) -> Iterator[tuple[str, tuple]]:
-    yield "overview", (given["run"],)
+def every_job(given: Configuration) -> Iterator[tuple[str, tuple]]:
+    yield "overview", (given.run,)
     yield "init_tracking", ()
     yield "render_video", ()
     yield "unpack_markers", ()
     yield "import_markers", ()
     for stage in ("extract_frames", "track_markers", "measure_angles", "overlay", "review_recording"):
         yield stage, (None,)
-    for name in given["run"]:
+    for name in given.run:
         yield from of_experiment(given, name)
 
 

@@ -8,10 +8,20 @@ mapping is said in one line for each mistake (:func:`read`, :func:`check`).  No 
 from __future__ import annotations
 
 import types
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, Union, get_args, get_origin
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_serializer
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from expertaug import wording
@@ -55,6 +65,24 @@ class Settings(BaseModel):
     def to_json(self) -> dict[str, Any]:
         """What a JSON file holds of them: lists, mappings and scalars; keys that were left out are missing."""
         return self.model_dump(mode="json")
+
+    def given(self, *, only: Collection[str] | None = None, but: Collection[str] = ()) -> dict[str, Any]:
+        """What JSON says of the keys that were given, or completed: of a part what it says, without its defaults.
+
+        Arguments:
+            only, but: keys that are asked for, and that are not.
+        """
+        include = None if only is None else set(only)
+        return self.model_dump(mode="json", exclude_unset=True, include=include, exclude=set(but) or None)
+
+    @classmethod
+    def completed(cls, settings: Mapping[str, object]) -> Self:
+        """Settings from a mapping, with their defaults as if they had been given.
+
+        Raises:
+            ValidationError: a key is unknown or a value cannot be used.
+        """
+        return cls.model_validate(cls.model_validate(settings).to_json())
 
     @model_serializer(mode="wrap")
     def _without_what_is_left_out(self, handler: Any) -> dict[str, object] | None:
@@ -101,6 +129,25 @@ def disagree(found: str, remedy: str, at: str = "") -> PydanticCustomError:
     return PydanticCustomError("disagree", "{found}; {remedy}", {"found": found, "remedy": remedy, "at": at})
 
 
+def agreement(check: Callable[[Any], Iterable[PydanticCustomError]]) -> Any:
+    """A validator of a whole block that yields what of its keys disagrees (:func:`disagree`): all of it is told."""
+
+    def validate(block: Any) -> Any:
+        complaints = [error.context or {} for error in check(block)]
+        if complaints:
+            raise PydanticCustomError("disagree", "{found}; {remedy}", complaints[0] | {"further": complaints[1:]})
+        return block
+
+    return model_validator(mode="after")(validate)
+
+
+def _each_once(values: list[int]) -> list[int]:
+    for k, value in enumerate(values):
+        if value in values[:k]:
+            raise wrong(f"{value} is there twice", "give each once", f"[{k}]")
+    return values
+
+
 def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     if value[0] > value[1]:
         raise wrong(f"found {wording.show(list(value))}", "min must not exceed max")
@@ -127,6 +174,7 @@ PositivePair = Annotated[tuple[Positive, Positive], Field(strict=False)]
 Range = Annotated[
     tuple[float, float], Field(strict=False, json_schema_extra={"ordered": True}), AfterValidator(_ordered)
 ]
+EachOnce = AfterValidator(_each_once)  # of a list
 Name = Annotated[str, Field(pattern=wording.PATTERNS["name"])]
 Seeds = Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=1)]
 Device = Literal["auto", "cpu", "cuda"]
@@ -192,8 +240,10 @@ def complaints(error: ValidationError, kind: type[BaseModel], where: str, whole:
         of_a_part = one["type"] == "disagree" or (one["type"] == "missing" and isinstance(one["loc"][-1], str))
         if of_a_part and not whole:
             continue
-        said = wording.explain(one, where, lambda path: _described(kind, path))
-        found.setdefault(str(said), said)
+        context = one.get("ctx", {})
+        for each in (context, *context.get("further", ())):
+            said = wording.explain({**one, "ctx": each}, where, lambda path: _described(kind, path))
+            found.setdefault(str(said), said)
     return list(found.values())
 
 

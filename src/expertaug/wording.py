@@ -6,7 +6,7 @@ import difflib
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -84,6 +84,35 @@ def suggest(name: object, known: Iterable[object]) -> str:
     return (f"did you mean '{close[0]}'? " if close else "") + f"known: {', '.join(known) or 'none'}"
 
 
+def unknown(used: Iterable[str], known: Iterable[str], where: str, what: str) -> Iterator[InputError]:
+    """Names in a list that are not known or are there twice; ``what`` says what the names are of."""
+    known, used = list(known), list(used)
+    for k, name in enumerate(used):
+        yield from unknown_one(name, known, f"{where}[{k}]", what)
+        if name in used[:k]:
+            yield InputError(f"{where}[{k}]", f"'{name}' is there twice", f"name each {what} once")
+
+
+def unknown_one(name: str, known: Iterable[str], where: str, what: str) -> Iterator[InputError]:
+    """A name that is not known; the nearest known one is suggested."""
+    if name not in known:
+        yield InputError(where, f"'{name}' is no {what}", suggest(name, known))
+
+
+def other_parameters(used: Iterable[str], expected: Iterable[str], of: str) -> tuple[str, str] | None:
+    """What was found and what would be right where ranges are not of the same parameters as those of something else."""
+    used, expected = list(used), list(expected)
+    if set(used) == set(expected):
+        return None
+    names = ", ".join(expected) or "none"
+    return f"names {', '.join(used) or 'none'}", f"give a range for each parameter of {of}: {names}"
+
+
+def is_multiple(value: float, step: float) -> bool:
+    """Whether a value is a whole multiple of a step, 1 or more."""
+    return abs(value / step - round(value / step)) < 1e-6 and round(value / step) >= 1
+
+
 def path_of(where: str, parts: Sequence[str | int]) -> str:
     """``a.b[0]``; what tells shapes apart (``@…``) is left out."""
     named = [p for p in parts if not str(p).startswith("@")]
@@ -114,8 +143,9 @@ def explain(error: Mapping[str, Any], where: str, described: Callable[[Sequence[
         remedy = known.renamed.get(str(loc[-1])) or suggest(loc[-1], known.keys)
         return InputError(place, "unknown key", remedy)
     if kind in ("wrong", "disagree"):
-        at = [part for part in context["at"].split(".") if part]
-        return InputError(path_of(where, [*loc, *at]), context["found"], context["remedy"])
+        block = path_of(where, loc) if where or loc else ""
+        at = context["at"] if not block or context["at"].startswith("[") else f".{context['at']}"
+        return InputError(f"{block}{at}".rstrip(".") or "configuration", context["found"], context["remedy"])
     if kind == "literal_error":
         known = [text or word.lower() for text, word in re.findall(r"'([^']*)'|(True|False)", context["expected"])]
         return InputError(place, found, suggest(value, known))

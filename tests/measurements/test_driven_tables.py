@@ -140,7 +140,7 @@ def test_a_configuration_names_their_columns(truth, tmp_path):
         return config.validate(config.load([*config.default_files(), file]))
 
     found = validated("inputs: {torque: drive}")
-    assert own.check(found) and found["experiments"]["driven"]["data"]["files"]["inputs"] == {"torque": "drive"}
+    assert own.check(found) and found.experiments["driven"].data.files.inputs == {"torque": "drive"}
     for inputs, message in (
         ("", "inputs.torque: missing, the system is driven by it"),
         ("inputs: {torque: drive, force: drive}", "'force' is no known input of the system"),

@@ -76,8 +76,7 @@ def test_losses_of_energy_are_compared_where_all_was_measured(tmp_path):
     (tmp_path / "real_pend_h_1.txt").write_text("% t\n0 5.0 1.1 .9\n0 5.2 1.2 .7\n")
     found = completed(tmp_path, "real_pendulum")
     assert {"aphynity", "hvae", "aphynity~refined"} <= set(jobs.dissipating(found, "real_pendulum"))
-    files = found["experiments"]["real_pendulum"]["data"]["files"]
-    del files["columns"]["omega"]
+    del found.experiments["real_pendulum"].data.files.columns["omega"]
     assert jobs.dissipating(found, "real_pendulum") == []
     default = config.validate(config.load(EXAMPLE[:1]))
     assert jobs.dissipating(default, "pendulum") == [] and jobs.dissipating(default, "double_pendulum")
@@ -88,7 +87,7 @@ def test_the_files_that_it_is_made_for(tmp_path):
     """Small swings train, large ones test; the double pendulum's constants explain its motion."""
     for one in ("real_pendulum", "real_double_pendulum"):
         found = completed(REAL, one)
-        table = found["experiments"][one]["data"]["files"]["paths"]
+        table = found.experiments[one].data.files.paths
         data = tmp_path / one
         settings = json.dumps(recording_settings.cut_measurements(found, one))
         assert main(["cut-measurements", str(table), "--output", str(data), "--settings", settings]) == 0

@@ -4,7 +4,7 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from expertaug.config.recording_checks import list_videos
+from expertaug.config.sources import list_videos
 from expertaug.errors import InputError
 from expertaug_recordings.ibm import list_marker_files
 from expertaug_recordings.names import MOST, by_name

@@ -8,6 +8,7 @@ import pytest
 from pendulum_motion import CONSTANTS, markers, truth
 
 from expertaug.config import recording_settings
+from expertaug.config.models import Configuration
 from expertaug.errors import InputError
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.angles.pendulum_fit import find_gravity
@@ -16,7 +17,7 @@ from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.reports.page import _heading, plot_recording, plot_refused
 from expertaug_recordings.reports.summary import summarise
-from expertaug_recordings.settings import MeasureAnglesJob, SplitChunksJob
+from expertaug_recordings.settings import MeasureAnglesJob, RecordingKeys, SplitChunksJob
 
 FLAGS = {  # reason of the tracker → frames and what it says of them
     "lost:blue": (1000, 1040),
@@ -125,8 +126,7 @@ def test_what_the_project_rendered_itself_raises_no_alarm(tmp_path):
     (tmp_path / "r0").mkdir()
     files = [tmp_path / "r0" / name for name in ("markers.csv", "angles.csv", "angles.json")]
     markers(truth()[0, :2000]).to_csv(files[0], index=False)
-    config = {"recordings": {"source": "rendered", "angles": {}, "arms_m": [0.091, 0.07], "analysis_rate_hz": 400.0}}
-    job = recording_settings.measure_angles(config)
+    job = recording_settings.measure_angles(Configuration.model_construct(recordings=RecordingKeys()))
     for provenance, warnings in ((job.rate_provenance, 0), ("a label", 1)):
         measure_angles(*files, job.model_copy(update={"rate_provenance": provenance}))
         found = RecordingSummary.load(files[2])

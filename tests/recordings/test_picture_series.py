@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from expertaug.config.recording_checks import list_videos
+from expertaug.config.sources import list_videos
 from expertaug.errors import InputError
 from expertaug_recordings.settings import ExtractFramesJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames

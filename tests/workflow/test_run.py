@@ -68,7 +68,7 @@ ELSEWHERE = (
 def test_declared_modules_cover_what_every_job_has_loaded(smoke_run):
     files = [smoke_run / name for name in ("config/config.yaml", "config/smoke.yaml", "studies.yaml")]
     found = config.validate(config.load(files))
-    named = {m for e in found["run"] for m in methods.modules(found, e, "aphynity")}
+    named = {m for e in found.run for m in methods.modules(found, e, "aphynity")}
     package = smoke_run / "src"
     without = {file for m in source_files.WITHOUT_EFFECT for file in without_effect(package, m)}
     stages = set()
@@ -132,7 +132,7 @@ def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
     ]
     assert plans[0] == plans[1] == plans[2]
     found = config.validate(config.load([project / "config" / "config.yaml"]))
-    models = sum(len(found["experiments"][name]["methods"]) for name in found["run"]) * len(jobs.seed_groups(found))
+    models = sum(len(found.experiments[name].methods) for name in found.run) * len(jobs.seed_groups(found))
     assert plans[0]["train_seed_group"] == models
     assert not list(elsewhere.glob("results"))
 

@@ -16,25 +16,25 @@ from expertaug.files import sha256
 from expertaug.measurements.paths import read_checksums
 from expertaug_recordings.intake import refusal
 from expertaug_recordings.names import list_pictures
-from expertaug.config.study_checks import PUBLISHED
+from expertaug.config.checks import PUBLISHED
 from expertaug.source_files import PACKAGE
 from expertaug.versions import MAIN_SETS, Version
 
 NUMBERS = os.path.relpath(PUBLISHED)
 PAGE = os.path.relpath(PACKAGE / "evaluation" / "report" / "page.html")
-SOURCE = CONFIG["recordings"]["source"]
+SOURCE = CONFIG.recordings.source
 # Given to the rules as a resource, not as a parameter: recordings that are sound need not be redone when it changes.
-ON_BAD_RECORDING = CONFIG["recordings"]["on_bad_recording"]
+ON_BAD_RECORDING = CONFIG.recordings.on_bad_recording
 # Cards that a job asks for: of a cluster, or of the one that profiles/default lets a run have (one job at a time on it).
-GPUS = jobs.cards(CONFIG) if workflow.is_main_process else int(CONFIG["device"] == "cuda")
-RUN = CONFIG["run"]
-RECORDED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "recordings"]
-SIMULATED = [e for e in RUN if CONFIG["experiments"][e]["data"]["source"] == "simulation"]
+GPUS = jobs.cards(CONFIG) if workflow.is_main_process else int(CONFIG.device == "cuda")
+RUN = CONFIG.run
+RECORDED = [e for e in RUN if CONFIG.experiments[e].data.source == "recordings"]
+SIMULATED = [e for e in RUN if CONFIG.experiments[e].data.source == "simulation"]
 RENDERED = ["video.mp4"] if SOURCE == "rendered" else []
 LEARNING_SETS = ["train", "validation"]
 FIGURES = [product.name for product in products.PLOTTED]
 ENDS = [f".{end}" for end in products.TABLE_ENDS]
-COMPARED = [e for e in RUN if CONFIG["experiments"][e]["evaluation"]["published"] is not None]
+COMPARED = [e for e in RUN if CONFIG.experiments[e].evaluation.published is not None]
 OVERVIEW = shown_settings.overview(CONFIG, RUN)["experiments"]
 OVERVIEWS = ["log_mse", "parameter_errors"] if any(one["shown"] for one in OVERVIEW) else []
 OVERVIEWS += ["za_shifted"] if any(one["shifted"] for one in OVERVIEW) else []
@@ -43,7 +43,7 @@ OVERVIEW_TITLES = {"log_mse": "log-MSE", "parameter_errors": "parameter errors",
 
 def results(path):
     """A path in the results folder."""
-    return f"{CONFIG['results']}/{path}"
+    return f"{CONFIG.results}/{path}"
 
 
 def one_of(names):
@@ -76,7 +76,7 @@ def sets_of(experiment):
 
 
 def methods_of(experiment):
-    return CONFIG["experiments"][experiment]["methods"]
+    return CONFIG.experiments[experiment].methods
 
 
 def every_variant(experiment):
@@ -118,12 +118,12 @@ def per_seed_group(pattern, experiment, methods):
 def trained_of(experiment):
     """Variants that have a training's log: all but those that are computed at once."""
     own = [v for v in jobs.variants(CONFIG, experiment) if Version.parse(v).is_trained]
-    return [v for v in own if CONFIG["methods"][method_of(v)]["kind"] in ("alternating", "hybrid")]
+    return [v for v in own if CONFIG.methods[method_of(v)].kind in ("alternating", "hybrid")]
 
 
 def training_of(method):
     """The stage that trains a method."""
-    return "alternate" if CONFIG["methods"][method]["kind"] == "alternating" else "train"
+    return "alternate" if CONFIG.methods[method].kind == "alternating" else "train"
 
 
 def dissipating_of(experiment):
@@ -174,7 +174,7 @@ def sets_to_check(experiment):
 
 
 def kind_of(variant):
-    return CONFIG["methods"][method_of(variant)]["kind"]
+    return CONFIG.methods[method_of(variant)].kind
 
 
 def studies_of(experiment):
@@ -183,8 +183,8 @@ def studies_of(experiment):
 
 def during_training_of(experiment):
     """Scores of the models along training."""
-    study = CONFIG["experiments"][experiment]["studies"].get("during_training")
-    return per_seed_group("during_training.csv", experiment, [study["method"]]) if study else []
+    study = CONFIG.experiments[experiment].studies.during_training
+    return per_seed_group("during_training.csv", experiment, [study.method]) if study else []
 
 
 def window_studies_of(experiment):
@@ -202,9 +202,7 @@ def studied(experiment, study):
 
 def calibration_of(experiment):
     """The fitted constants of an experiment's expert, where it is to be calibrated."""
-    return (
-        results(f"{experiment}/data/calibration.json") if CONFIG["experiments"][experiment]["data"]["calibrate"] else []
-    )
+    return results(f"{experiment}/data/calibration.json") if CONFIG.experiments[experiment].data.calibrate else []
 
 
 def recording_names():
@@ -223,7 +221,7 @@ def video_of(name):
 
 def board_of(name):
     """The pictures of a checkerboard that tell a recording's lens, if any."""
-    board = recording_settings.of_recording(CONFIG["recordings"], name)["angles"]["rectify"]["checkerboard"]
+    board = recording_settings.of_recording(CONFIG.recordings, name).angles.rectify.checkerboard
     if board is None:
         return []
     return [str(path) for path in list_pictures(Path(board))] if Path(board).is_dir() else [board]
@@ -240,7 +238,7 @@ def marker_csv(name):
 
 def checksum_of(name):
     """The option that checks a recording's file, where its checksum is configured."""
-    path = CONFIG["recordings"]["checksums"]
+    path = CONFIG.recordings.checksums
     if path is None:
         return ""
     file = os.path.basename(video_of(name) if SOURCE == "videos" else marker_csv(name))
@@ -368,7 +366,7 @@ def shown_in_report(files):
             named = {key: text.format(**wildcards) for key, text in marked.labels.items()}
             found.append(
                 {
-                    "path": os.path.relpath(file, CONFIG["results"]),
+                    "path": os.path.relpath(file, CONFIG.results),
                     "caption": os.path.relpath(marked.caption.get_path_or_uri(secret_free=True)),
                     "wildcards": dict(wildcards),
                     "title": named.get("study", "").replace("_", " ") or named.get("content") or named["experiment"],
@@ -393,7 +391,7 @@ FOUND_PRIORS = one_of([v for e in RUN for v in jobs.found_priors(CONFIG, e) if v
 wildcard_constraints:
     recording=r"[^/]+",
     experiment=one_of(RUN),
-    method=one_of(CONFIG["methods"]),
+    method=one_of(CONFIG.methods),
     variant=one_of([v for e in RUN for v in [*every_variant(e), *filter(None, jobs.found_priors(CONFIG, e))]]),
     study=one_of({name for e in RUN for name in studies_of(e)} - {"grid"}),
     seed_group=one_of({group for e in RUN for group in seed_groups_of(e)}),

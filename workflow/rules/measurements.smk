@@ -4,7 +4,7 @@
 rule cut_measurements_of_experiment:
     input:
         files=lambda w: MEASURED[w.experiment],
-        checksums=lambda w: CONFIG["experiments"][w.experiment]["data"]["files"]["checksums"] or [],
+        checksums=lambda w: CONFIG.experiments[w.experiment].data.files.checksums or [],
         code=lambda w: code("cut_measurements", w.experiment),
     output:
         expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
@@ -35,7 +35,7 @@ rule cut_measurements_of_experiment:
 rule cut_horizon_of_measurements:
     input:
         files=lambda w: MEASURED[w.experiment],
-        checksums=lambda w: CONFIG["experiments"][w.experiment]["data"]["files"]["checksums"] or [],
+        checksums=lambda w: CONFIG.experiments[w.experiment].data.files.checksums or [],
         code=lambda w: code("cut_measured_horizon", w.experiment),
     output:
         results("{experiment}/data/{set}.npz"),

@@ -93,7 +93,7 @@ else:
 
         checkpoint unpack_markers:
             input:
-                archive=CONFIG["recordings"]["markers"]["path"],
+                archive=CONFIG.recordings.markers.path,
                 code=code("unpack_markers"),
             output:
                 folder=directory(results("recordings/archive")),

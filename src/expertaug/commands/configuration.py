@@ -33,7 +33,7 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
 
 def _validate(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
-    from expertaug.config.complete import completed
+    from expertaug.config.load import completed
 
     files = config.with_defaults(a.config)
     completed(config.load(files), STAGES)
@@ -44,7 +44,7 @@ def _validate(a: argparse.Namespace) -> None:
 def _check_system(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
     from expertaug.config import own
-    from expertaug.config.complete import completed
+    from expertaug.config.load import completed
 
     for line in own.check(completed(config.load(config.with_defaults(a.config)), STAGES)):
         print(line)
@@ -61,7 +61,7 @@ def _config(a: argparse.Namespace) -> None:
 def _demand(a: argparse.Namespace) -> None:
     from expertaug.config import demand
     from expertaug.config import load as config
-    from expertaug.config.complete import completed
+    from expertaug.config.load import completed
 
     for line in demand.table(
         demand.of_config(completed(config.load(config.with_defaults(a.config)), STAGES), a.published)

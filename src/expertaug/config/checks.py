@@ -1,17 +1,25 @@
-"""What no single key says about a configuration: names that exist, ranges that agree, files that do not collide."""
+"""What no single block of a configuration says: names that exist, ranges that agree, files that do not collide."""
 
 from __future__ import annotations
 
+import csv
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
-from expertaug.config import event_checks, inference_checks, measurement_checks, options, study_checks
-from expertaug.config.layers import merge
-from expertaug.config.names import other_parameters, unknown, unknown_one
+from expertaug.config import options
+from expertaug.config.layers import overridden
+from expertaug.config.methods import FITTED
+from expertaug.config.models import Common, Experiment, Method, Override
+from expertaug.config.recording_settings import is_single
+from expertaug.config.sources import wrong_measurements
 from expertaug.errors import InputError
 from expertaug.evaluation.products import PRODUCTS
-from expertaug.wording import number_in, show
+from expertaug.learning.settings import TrainSettings
+from expertaug.systems.settings import EVENTS
+from expertaug.versions import FLOW, Version, base
+from expertaug.wording import is_multiple, number_in, other_parameters, suggest, unknown, unknown_one
+from expertaug_recordings.settings import RecordingKeys
 
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
@@ -19,6 +27,9 @@ TARGETS = ("export", "recordings", "studies", "report", "all", "everything")  # 
 # Tables of an experiment are called after it and one of these.
 ENDINGS = ("long", *(one.name for one in PRODUCTS if one.table and one.name))
 FREE = ("label", "sha256", "results", "path", "rate_provenance", "experiment", "title", "set_titles", "uri")
+PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"
+BLOCKS = ("training", "finetuning", "refinement", "flow", "alternation", "evaluation")  # that name a solver
+SOLVERS = ("solver", "draws_solver")
 
 
 def texts(value: object, path: str = "") -> Iterator[InputError]:
@@ -57,14 +68,7 @@ def results(folder: str) -> Iterator[InputError]:
         yield InputError("results", f"'{existing}' cannot be written", "choose a writable results folder")
 
 
-def seeds(found: list[int], where: str) -> Iterator[InputError]:
-    """Seeds that are there twice."""
-    for k, seed in enumerate(found):
-        if seed in found[:k]:
-            yield InputError(f"{where}[{k}]", f"{seed} is there twice", "give each seed once")
-
-
-def name(experiment: str, experiments: Mapping, stages: Collection[str] = ()) -> Iterator[InputError]:
+def name(experiment: str, experiments: Collection[str], stages: Collection[str] = ()) -> Iterator[InputError]:
     """An experiment's name that files, rules (those of ``stages`` too) or other experiments need."""
     where = f"experiments.{experiment}"
     if experiment in RESERVED:
@@ -77,66 +81,58 @@ def name(experiment: str, experiments: Mapping, stages: Collection[str] = ()) ->
             yield InputError(where, f"the files of '{other}' would have the same names", "choose another name")
 
 
-def experiment(where: str, one: Mapping, config: Mapping) -> Iterator[InputError]:
+def experiment(where: str, one: Experiment, config: Common) -> Iterator[InputError]:
     """Everything that is wrong with a completed experiment.
 
     Arguments:
         one: with the keys of what it is based on, of the preset, and with defaults.
-        config: the whole configuration; its methods and recordings are read.
+        config: its methods and recordings are read.
     """
-    methods = config["methods"]
-    yield from seeds(one.get("seeds", []), f"{where}.seeds")
-    missing = list(unknown(one["methods"], methods, f"{where}.methods", "method"))
-    missing += [e for m in one["overrides"] for e in unknown_one(m, methods, f"{where}.overrides.{m}", "method")]
+    methods = config.methods
+    missing = list(unknown(one.methods, methods, f"{where}.methods", "method"))
+    missing += [e for m in one.overrides for e in unknown_one(m, methods, f"{where}.overrides.{m}", "method")]
     yield from missing
     if missing:
         return
-    known, wrong = options.system(one["system"], f"{where}.system")
+    known, wrong = options.system(one.system, f"{where}.system")
     yield from wrong
     own = []
-    for part in ("encoder", "interaction"):
-        own += options.part(part, one["model"][part], f"{where}.model.{part}", known, one["data"]["t1_s"])
+    for part, settings in one.model.given().items():
+        own += options.part(part, settings, f"{where}.model.{part}", known, one.data.t1_s)
     yield from own
     yield from _objectives(where, one, methods)
-    for method in [m for m in one["methods"] if m in one["overrides"]]:
-        over = one["overrides"][method]
+    for method in [m for m in one.methods if m in one.overrides]:
         here, inherited = f"{where}.overrides.{method}", {str(error) for error in own}
-        for error in _overridden(here, one, over, known, methods[method]):
+        for error in _overridden(here, one, one.overrides[method], known, methods[method]):
             if str(error).replace(here, where, 1) not in inherited:
                 yield error
-    yield from unknown(one["augmented"], one["methods"], f"{where}.augmented", "method of this experiment")
-    for k, method in enumerate(one["augmented"]):
-        kind = methods.get(method, {}).get("kind", "hybrid")
-        if kind != "hybrid":
-            remedy = "only hybrid methods can be augmented"
-            yield InputError(f"{where}.augmented[{k}]", f"'{method}' is of kind {kind}", remedy)
-    yield from inference_checks.check(where, one, methods, known)
+    yield from _augmented(where, one, methods)
+    yield from _versions(where, one, methods)
+    yield from _fits(where, one, methods, known)
     if known is not None and known.events:
-        yield from event_checks.check(where, one, methods, known.jumps)
-    if one["augmented"] and "finetuning" not in one:
-        yield InputError(f"{where}.finetuning", "missing", "methods under augmented need it")
-    if one["data"]["source"] == "simulation":
+        yield from _events(where, one, methods, known.jumps)
+    if one.data.source == "simulation":
         yield from _simulation(where, one, known)
-    elif one["data"]["source"] == "files":
-        yield from measurement_checks.check(where, one, known)
+    elif one.data.source == "files":
+        yield from wrong_measurements(where, one, known)
     else:
-        yield from _chunks(where, one, config["recordings"])
-    yield from study_checks.check(where, one, methods)
+        yield from _chunks(where, one, config.recordings)
+    yield from _further_priors(where, one)
+    yield from _studies(where, one, methods)
+    yield from _evaluation(where, one)
 
 
-def _objectives(where: str, one: Mapping, methods: Mapping) -> Iterator[InputError]:
+def _objectives(where: str, one: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
     """Objectives of the methods, and options that belong to none of them."""
     kinds = {}
-    for method in one["methods"]:
-        if methods[method]["kind"] != "hybrid":
-            continue
-        kind = methods[method].get("objective", "aphynity")
-        kinds[kind] = None
-        yield from options.objective(kind, f"methods.{method}.objective")[1]
+    for method in one.methods:
+        if methods[method].kind == "hybrid":
+            kind = methods[method].objective_kind
+            kinds[kind] = None
+            yield from options.objective(kind, f"methods.{method}.objective")[1]
     for block in ("training", "finetuning"):
-        given = one.get(block, {}).get("objective", {})
         at = f"{where}.{block}.objective"
-        for option, value in given.items() if kinds else ():
+        for option, value in _options(getattr(one, block)).items() if kinds else ():
             takers = [k for k in kinds if options.takes_option(k, option)]
             # What this experiment is based on may have methods of other objectives.
             takers = takers or [k for k in options.OBJECTIVES if options.takes_option(k, option)]
@@ -146,108 +142,225 @@ def _objectives(where: str, one: Mapping, methods: Mapping) -> Iterator[InputErr
                 yield from (e for e in of_it if e.where == f"{at}.{option}" or e.where.startswith(f"{at}.{option}["))
 
 
+def _options(training: TrainSettings | None) -> dict[str, object]:
+    """Options of the objective that a training names."""
+    return (training.objective if training is not None else None) or {}
+
+
 def _overridden(
-    where: str, one: Mapping, over: Mapping, known: options.KnownSystem | None, build: Mapping
+    where: str, one: Experiment, over: Override, known: options.KnownSystem | None, method: Method
 ) -> Iterator[InputError]:
     """What a method has otherwise, as it is together with what it keeps."""
-    merged = merge(one, over)
-    if "system" in over:
-        known, wrong = options.system(merged["system"], f"{where}.system")
+    merged = overridden(one, over)
+    if over.system is not None:
+        known, wrong = options.system(merged.system, f"{where}.system")
         yield from wrong
-    for part in over.get("model", {}):
-        if part not in ("encoder", "interaction"):
-            yield from unknown([part], ("encoder", "interaction"), f"{where}.model", "part of a model")
-            continue
-        if build.get(part) is not False:
-            yield from options.part(part, merged["model"][part], f"{where}.model.{part}", known, one["data"]["t1_s"])
+    for part in over.model.given() if over.model is not None else ():
+        if getattr(method, part, None) is not False:
+            settings = getattr(merged.model, part)
+            yield from options.part(part, settings, f"{where}.model.{part}", known, one.data.t1_s)
     for block in ("training", "finetuning"):
-        given = over.get(block, {}).get("objective", {})
-        if given and build["kind"] == "hybrid":
-            kind = build.get("objective", "aphynity")
-            yield from options.of_objective(kind, given, f"{where}.{block}.objective")
+        given = _options(getattr(over, block))
+        if given and method.kind == "hybrid":
+            yield from options.of_objective(method.objective_kind, given, f"{where}.{block}.objective")
 
 
-def _simulation(where: str, one: Mapping, known: options.KnownSystem | None) -> Iterator[InputError]:
-    data = one["data"]
-    needed = {
-        "step_s": "time from point to point in s",
-        "t2_s": "end of a trajectory in s",
-        "sets": "the simulated sets",
+def _augmented(where: str, one: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
+    yield from unknown(one.augmented, one.methods, f"{where}.augmented", "method of this experiment")
+    for k, method in enumerate(one.augmented):
+        kind = _kind(methods, method)
+        if kind != "hybrid":
+            remedy = "only hybrid methods can be augmented"
+            yield InputError(f"{where}.augmented[{k}]", f"'{method}' is of kind {kind}", remedy)
+    if one.augmented and one.finetuning is None:
+        yield InputError(f"{where}.finetuning", "missing", "methods under augmented need it")
+
+
+def _versions(where: str, one: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
+    """The keys controls, flows and refined; versions of methods that the experiment does not train are no mistake: an
+    override may take a method away."""
+    blocks = {
+        "controls": (one.controls, ("hybrid",), "only hybrid methods can be trained on"),
+        "flows": (one.flows, ("hybrid", "alternating"), "only methods of kind hybrid and alternating have a posterior"),
     }
-    missing = [key for key in needed if key not in data]
-    yield from (InputError(f"{where}.data.{key}", "missing", f"give {key} ({needed[key]})") for key in missing)
-    sets = data.get("sets", {})
-    lacking = [s for s in study_checks.MAIN_SETS if s not in sets] if "sets" in data else []
-    yield from (InputError(f"{where}.data.sets.{s}", "missing", f"give {s}") for s in lacking)
-    if missing or lacking:
-        return
-    if data["t1_s"] >= data["t2_s"]:
-        found = f"found {data['t1_s']:g}, t2_s is {data['t2_s']:g}"
-        yield InputError(f"{where}.data.t1_s", found, "t1_s must be less than t2_s")
-    for key in ("t1_s", "t2_s"):
-        if not is_multiple(data[key], data["step_s"]):
-            remedy = f"give a multiple of step_s, {data['step_s']:g}"
-            yield InputError(f"{where}.data.{key}", f"found {data[key]:g}", remedy)
-    if not isinstance(data["noise"], int | float):
-        yield InputError(f"{where}.data.noise", f"found {show(data['noise'])}", "give simulated sets one number")
-    first, name = next(iter(sets)), one["system"]["name"]
+    for block, (named, kinds, remedy) in blocks.items():
+        yield from unknown(named, methods, f"{where}.{block}", "method")
+        for k, method in enumerate(named):
+            if _kind(methods, method) not in kinds:
+                found = f"'{method}' is of kind {_kind(methods, method)}"
+                yield InputError(f"{where}.{block}[{k}]", found, remedy)
+    if set(one.controls) & set(one.methods) and one.finetuning is None:
+        yield InputError(f"{where}.finetuning", "missing", "methods under controls need it")
+    for k, variant in enumerate(one.refined):
+        here, kind = f"{where}.refined[{k}]", _kind(methods, base(variant))
+        yield from unknown_one(base(variant), methods, here, "method")
+        if Version.parse(variant).estimators not in ((), (FLOW,)):
+            yield InputError(here, f"found '{variant}'", "name the version that is to be refined, as METHOD+")
+        elif variant in one.refined[:k]:
+            yield InputError(here, f"'{variant}' is there twice", "name each version once")
+        elif kind == "mean":
+            yield InputError(here, f"'{variant}' is of kind mean", "name a version with an expert")
+        elif kind in FITTED and FLOW not in Version.parse(variant).estimators:
+            yield InputError(here, f"'{variant}' is of kind {kind}", "it is fitted to each window already")
+
+
+def _fits(
+    where: str, one: Experiment, methods: dict[str, Method], known: options.KnownSystem | None
+) -> Iterator[InputError]:
+    """Least squares on each window."""
+    for method in [m for m in one.methods if _kind(methods, m) in FITTED]:
+        over = one.overrides.get(method)
+        own = over.refinement if over is not None else None
+        says = own is not None and "starts" in own.model_fields_set
+        if not (own.starts if own is not None and says else one.refinement.starts):
+            at = f"overrides.{method}.refinement.starts" if says else "refinement.starts"
+            yield InputError(f"{where}.{at}", "found 0", f"{method} has no other starts: give 1 or more")
+            break
+    for k, method in enumerate(one.methods):
+        if methods[method].truth and one.data.source != "simulation":
+            found = f"'{method}' takes the equation that made the data"
+            yield InputError(f"{where}.methods[{k}]", found, "only simulated data have one: leave it out")
+    if known is not None and known.state is not None:
+        windows = one.refinement.windows or {}
+        yield from unknown(windows, known.state, f"{where}.refinement.windows", "component of the state")
+
+
+def _kind(methods: dict[str, Method], method: str) -> str:
+    return methods[method].kind if method in methods else "hybrid"
+
+
+def _events(where: str, one: Experiment, methods: dict[str, Method], jumps: bool) -> Iterator[InputError]:
+    """What a system with events leaves no choice of: solvers that stop at them, and methods whose expert knows them.
+
+    Arguments:
+        jumps: whether what is observed jumps there.
+    """
+    blocks = {f"{where}.{block}": getattr(one, block) for block in BLOCKS}
+    for method, over in one.overrides.items():
+        blocks |= {f"{where}.overrides.{method}.{block}": getattr(over, block, None) for block in BLOCKS}
+    for at, block in blocks.items():
+        for key in SOLVERS:
+            solver = getattr(block, key, None)
+            if solver is not None and "method" in solver.model_fields_set and solver.method != EVENTS:
+                found = f"'{solver.method}' steps over the system's events"
+                yield InputError(f"{at}.{key}.method", found, f"give {EVENTS}, with substeps")
+    for k, method in enumerate(one.methods):
+        if methods[method].expert is False:
+            found = f"'{method}' has no expert, who alone knows the system's events"
+            yield InputError(f"{where}.methods[{k}]", found, "leave it out")
+        elif jumps and methods[method].kind in ("hybrid", "alternating"):
+            found = f"'{method}' is trained by gradients, and what the system observes jumps at its events"
+            remedy = "take a method of kind least_squares, or observe what does not"
+            yield InputError(f"{where}.methods[{k}]", found, remedy)
+
+
+def _simulation(where: str, one: Experiment, known: options.KnownSystem | None) -> Iterator[InputError]:
+    sets = one.data.simulated
+    first, name = next(iter(sets)), one.system["name"]
     if known is not None:
         yield from options.simulated(name, known, f"{where}.system.name")
         for part, names in (("z_e", known.expert), ("z_a", known.interaction)):
             if names is not None:
                 at = f"{where}.data.sets.{first}.{part}"
-                yield from other_parameters(sets[first][part], names, at, f"the system {name}")
-        yield from _inputs(f"{where}.data.sets", sets, known, name)
-    for key, one_set in sets.items():
-        for part in ("z_e", "z_a"):
-            at = f"{where}.data.sets.{key}.{part}"
-            yield from other_parameters(one_set[part], sets[first][part], at, f"the set {first}")
-    if "iid" in sets and any(sets["iid"][part] != sets["validation"][part] for part in ("z_e", "z_a")):
-        remedy = "give those of validation: it is drawn alike, and nothing is chosen on it"
-        yield InputError(f"{where}.data.sets.iid", "other ranges than validation's", remedy)
-    if (prior := one["augmentation"]["prior"]) is not None:
-        yield from other_parameters(prior, sets[first]["z_e"], f"{where}.augmentation.prior", "the sets' z_e")
+                yield from _other(getattr(sets[first], part), names, at, f"the system {name}")
+        for key, one_set in sets.items() if known.drawn is not None else ():
+            if one_set.inputs is not None or known.drawn:
+                at = f"{where}.data.sets.{key}.inputs"
+                yield from _other(one_set.inputs or {}, known.drawn or (), at, f"the system {name}")
+    if one.augmentation.prior is not None:
+        yield from _other(one.augmentation.prior, sets[first].z_e, f"{where}.augmentation.prior", "the sets' z_e")
 
 
-def _inputs(where: str, sets: Mapping, known: options.KnownSystem, name: str) -> Iterator[InputError]:
-    """Ranges of what simulated inputs are drawn from, which may differ from set to set."""
-    if known.drawn is None:
-        return
-    for key, one_set in sets.items():
-        if "inputs" in one_set or known.drawn:
-            yield from other_parameters(
-                one_set.get("inputs", {}), known.drawn, f"{where}.{key}.inputs", f"the system {name}"
-            )
+def _other(ranges: Iterable[str], expected: Iterable[str], where: str, of: str) -> Iterator[InputError]:
+    """Ranges that are not of the same parameters as those of something else."""
+    complaint = other_parameters(ranges, expected, of)
+    if complaint is not None:
+        yield InputError(where, *complaint)
 
 
-def _chunks(where: str, one: Mapping, recordings: Mapping) -> Iterator[InputError]:
-    if "split" not in one["data"]:
-        remedy = "give split (chunks of the recordings and their division into sets)"
-        yield InputError(f"{where}.data.split", "missing", remedy)
-        return
-    single = recordings["source"] == "videos" and recordings["tracking"]["markers"]["tip"] is None
-    other = {"pendulum": not single, "double_pendulum": single}.get(one["system"]["name"], False)
-    if other or (single and one["data"]["calibrate"]):
+def _chunks(where: str, one: Experiment, recordings: RecordingKeys) -> Iterator[InputError]:
+    single = is_single(recordings)
+    other = {"pendulum": not single, "double_pendulum": single}.get(one.system["name"], False)
+    if other or (single and one.data.calibrate):
         found = "the recordings are of a single pendulum (tracking.markers.tip is null)" if single else "they are not"
         remedy = (
             "give the system pendulum, without calibrate" if single else "set recordings.tracking.markers.tip to null"
         )
-        yield InputError(f"{where}.system.name", f"found {one['system']['name']}; {found}", remedy)
-    split = one["data"]["split"]
-    end = (split["length"] - 1) / split["rate_hz"]
-    if one["data"]["t1_s"] > end:
-        yield InputError(f"{where}.data.t1_s", f"found {one['data']['t1_s']:g}", f"a chunk ends at {end:g} s")
-    key, rate = "markers.rate_hz" if recordings["source"] == "markers" else "analysis_rate_hz", analysed_hz(recordings)
-    if not is_multiple(rate, split["rate_hz"]):
+        yield InputError(f"{where}.system.name", f"found {one.system['name']}; {found}", remedy)
+    split = one.data.split
+    assert split.rate_hz is not None  # completed
+    end = (split.length - 1) / split.rate_hz
+    if one.data.t1_s > end:
+        yield InputError(f"{where}.data.t1_s", f"found {one.data.t1_s:g}", f"a chunk ends at {end:g} s")
+    key, rate = "markers.rate_hz" if recordings.source == "markers" else "analysis_rate_hz", analysed_hz(recordings)
+    if not is_multiple(rate, split.rate_hz):
         remedy = f"recordings.{key}, {rate:g}, must be a multiple of it; null chooses one"
-        yield InputError(f"{where}.data.split.rate_hz", f"found {split['rate_hz']:g}", remedy)
+        yield InputError(f"{where}.data.split.rate_hz", f"found {split.rate_hz:g}", remedy)
 
 
-def analysed_hz(recordings: Mapping) -> float:
+def analysed_hz(recordings: RecordingKeys) -> float:
     """Frames per second of the recordings' angles."""
-    return recordings["markers"]["rate_hz"] if recordings["source"] == "markers" else recordings["analysis_rate_hz"]
+    return recordings.markers.rate_hz if recordings.source == "markers" else recordings.analysis_rate_hz
 
 
-def is_multiple(value: float, step: float) -> bool:
-    """Whether a value is a whole multiple of a step, 1 or more."""
-    return abs(value / step - round(value / step)) < 1e-6 and round(value / step) >= 1
+def _further_priors(where: str, one: Experiment) -> Iterator[InputError]:
+    expected, of = one.augmentation.prior or {}, "augmentation.prior"
+    known = one.data.set_names
+    yield from unknown(one.augmentation.windows, known, f"{where}.augmentation.windows", "set")
+    if one.data.simulated:
+        expected, of = next(iter(one.data.simulated.values())).z_e, "the sets' z_e"
+    for name, prior in one.further_priors.items():
+        if not one.augmented:
+            yield InputError(f"{where}.augmentations", "no method is under augmented", "name one there")
+            return
+        here = f"{where}.augmentations.{name}"
+        yield from unknown(prior.methods or (), one.augmented, f"{here}.methods", "method under augmented")
+        yield from unknown(prior.windows, known, f"{here}.windows", "set")
+        if prior.prior is not None and expected:
+            yield from _other(prior.prior, expected, f"{here}.prior", of)
+
+
+def _studies(where: str, one: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
+    shifted, here = one.studies.out_of_expertise, f"{where}.studies.out_of_expertise"
+    if shifted is not None:
+        known, what = one.data.set_names, "set of this experiment"
+        for title, names in shifted.panels.items():
+            yield from unknown(names, known, f"{here}.panels.{title}", what)
+        if shifted.overview is not None:
+            yield from unknown_one(shifted.overview, known, f"{here}.overview", what)
+    study, here = one.studies.during_training, f"{where}.studies.during_training"
+    if study is None:
+        return
+    wrong = list(unknown_one(study.method, one.methods, f"{here}.method", "method of this experiment"))
+    yield from wrong
+    if wrong:
+        return
+    kind = methods[study.method].kind
+    if kind != "hybrid":
+        remedy = "only hybrid methods can be augmented"
+        yield InputError(f"{here}.method", f"'{study.method}' is of kind {kind}", remedy)
+    if one.finetuning is None:
+        yield InputError(f"{where}.finetuning", "missing", "studies.during_training needs it")
+    over = one.overrides.get(study.method)
+    training = one.training if over is None or over.training is None else overridden(one.training, over.training)
+    for k, epoch in enumerate(study.epochs):
+        if epoch > training.epochs:
+            yield InputError(
+                f"{here}.epochs[{k}]", f"found {epoch}", f"the training ends after {training.epochs} passes"
+            )
+
+
+def _evaluation(where: str, one: Experiment) -> Iterator[InputError]:
+    known = one.data.set_names
+    for name in one.evaluation.set_titles:
+        if name not in known:
+            yield InputError(f"{where}.evaluation.set_titles.{name}", "unknown key", suggest(name, known))
+    if one.evaluation.published is not None:
+        what = "system with published numbers"
+        yield from unknown_one(one.evaluation.published, published_systems(), f"{where}.evaluation.published", what)
+
+
+def published_systems() -> list[str]:
+    """Systems whose published numbers this package knows."""
+    with PUBLISHED.open(encoding="utf-8", newline="") as stream:
+        return list(dict.fromkeys(row["system"] for row in csv.DictReader(stream)))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import yaml
+from pydantic import BaseModel, ConfigDict
 
 from expertaug.config import jobs
+from expertaug.config.models import Configuration, Experiment
 from expertaug.evaluation import costs
 from expertaug.versions import Version
 
@@ -41,7 +43,39 @@ class Row(NamedTuple):
     known: int
 
 
-def of_config(config: Mapping, published: Path) -> list[Row]:
+class _Published(BaseModel):
+    """What is read of a published config.yaml, which an earlier version may have written: it may lack keys."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class _PublishedTraining(_Published):
+    epochs: int = 1
+
+
+class _PublishedSet(_Published):
+    size: int = 1
+
+
+class _PublishedData(_Published):
+    sets: dict[str, _PublishedSet] = {}
+
+
+class _PublishedOverride(_Published):
+    training: _PublishedTraining | None = None
+    finetuning: _PublishedTraining | None = None
+
+
+class _PublishedExperiment(_PublishedOverride):
+    data: _PublishedData
+    overrides: dict[str, _PublishedOverride] = {}
+
+
+class _PublishedRun(_Published):
+    experiments: dict[str, _PublishedExperiment]
+
+
+def of_config(config: Configuration, published: Path) -> list[Row]:
     """What the run of a completed configuration asks for, by stage.
 
     The job of the same stage, experiment and version in a published run is taken, its seconds times the ratio of
@@ -70,14 +104,22 @@ def table(rows: list[Row]) -> list[str]:
     return [f"| {' | '.join(line)} |" for line in (head, ["---", *["---:"] * 5], *cells)]
 
 
-def _jobs(config: Mapping) -> Iterator[tuple[Job, list[int]]]:
+def _jobs(config: Configuration) -> Iterator[tuple[Job, list[int]]]:
     """The learning and evaluating jobs of a completed configuration, each with its seeds."""
-    for experiment in config["run"]:
+    for experiment in config.run:
         versions = [*jobs.variants(config, experiment), *jobs.further_variants(config, experiment)]
         for seeds in jobs.seed_groups(config, experiment).values():
             for variant in versions:
                 for stage in _stages(variant):
-                    yield Job(stage, experiment, variant, _work(config, stage, experiment, variant, seeds)), seeds
+                    yield (
+                        Job(
+                            stage,
+                            experiment,
+                            variant,
+                            _work(config.experiments[experiment], stage, variant, len(seeds)),
+                        ),
+                        seeds,
+                    )
 
 
 def _stages(variant: str) -> tuple[str, ...]:
@@ -90,36 +132,39 @@ def _stages(variant: str) -> tuple[str, ...]:
     return ("finetune" if Version.parse(variant).is_control else "train", "evaluate")
 
 
-def _work(config: Mapping, stage: str, experiment: str, variant: str, seeds: list[int]) -> float:
-    """Passes times samples times seeds; of stages without passes the seeds alone. Published files may lack keys."""
-    one, block = config["experiments"][experiment], {"train": "training", "finetune": "finetuning"}.get(stage)
+def _work(one: Experiment | _PublishedExperiment, stage: str, variant: str, seeds: int) -> float:
+    """Passes times samples times seeds; of stages without passes the seeds alone."""
+    block = {"train": "training", "finetune": "finetuning"}.get(stage)
     if block is None:
-        return float(len(seeds))
-    own = (one.get("overrides") or {}).get(Version.parse(variant).method) or {}
-    passes = {**one.get(block, {}), **(own.get(block) or {})}.get("epochs", 1)
-    samples = one["data"].get("sets", {}).get("train", {}).get("size", 1)
-    return float(passes * samples * len(seeds))
+        return float(seeds)
+    whole, over = getattr(one, block), one.overrides.get(Version.parse(variant).method)
+    own = getattr(over, block, None)
+    said = [part.epochs for part in (own, whole) if part is not None and "epochs" in part.model_fields_set]
+    train = (one.data.sets or {}).get("train")
+    return float(next(iter(said), 1) * (train.size if train is not None else 1) * seeds)
 
 
 def _published(folder: Path) -> dict[tuple[str, str, str], list[tuple[float, float, float, int]]]:
     """Seconds, memory in MB, work and number of seeds by stage, experiment and version, of every published run."""
     found: dict[tuple[str, str, str], list[tuple[float, float, float, int]]] = {}
     for path in sorted(Path(folder).glob("*/config.yaml")):
-        config = yaml.safe_load(path.read_text(encoding="utf-8"))
+        run = _PublishedRun.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
         for name, cost in costs.read(path.with_name("costs.csv")).items():
             stage, _, rest = name.partition("/")
-            experiment = max((e for e in config["experiments"] if rest.startswith(f"{e}_")), key=len, default=None)
+            experiment = max((e for e in run.experiments if rest.startswith(f"{e}_")), key=len, default=None)
             if stage not in STAGES or experiment is None:
                 continue
             variant, _, numbers = rest.removeprefix(f"{experiment}_").partition("_seeds_")
-            seeds = [int(number) for number in numbers.split("_")]
-            work = _work(config, stage, experiment, variant, seeds)
+            seeds = len(numbers.split("_"))
+            work = _work(run.experiments[experiment], stage, variant, seeds)
             key = stage, experiment, variant
-            found.setdefault(key, []).append((cost.seconds, cost.peak_memory_mb, work, len(seeds)))
+            found.setdefault(key, []).append((cost.seconds, cost.peak_memory_mb, work, seeds))
     return found
 
 
-def _like(job: Job, seeds: int, known: Mapping) -> tuple[float, float, bool]:
+def _like(
+    job: Job, seeds: int, known: dict[tuple[str, str, str], list[tuple[float, float, float, int]]]
+) -> tuple[float, float, bool]:
     """Seconds and memory of a job, and whether one like it is known."""
     own = known.get((job.stage, job.experiment, job.variant))
     of_experiment = [c for (s, e, _), each in known.items() if (s, e) == (job.stage, job.experiment) for c in each]

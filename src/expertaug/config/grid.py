@@ -6,24 +6,26 @@ Each point of the grid becomes a method of its own, ``method@1``, ``method@2``, 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
-from expertaug.config.names import unknown_one
+from expertaug.config.layers import Located
+from expertaug.config.models import Configuration, Experiment, Grid, Method, PointOverride
 from expertaug.errors import InputError
+from expertaug.wording import unknown_one
 
 OF_METHOD, OF_EXPERIMENT = ("model", "training"), ("system", "choices")
 
 
-def points(config: Mapping, experiment: str) -> dict[str, dict[str, object]]:
+def points(config: Configuration, experiment: str) -> dict[str, dict[str, object]]:
     """Values by dotted key of each point of an experiment's grid, by the name of the point's method."""
-    study = config["experiments"][experiment]["studies"].get("grid")
-    if not study:
+    study = config.experiments[experiment].studies.grid
+    if study is None:
         return {}
-    combinations = itertools.product(*study["keys"].values())
-    return {f"{study['method']}@{k}": dict(zip(study["keys"], v, strict=True)) for k, v in enumerate(combinations, 1)}
+    combinations = itertools.product(*study.keys.values())
+    return {f"{study.method}@{k}": dict(zip(study.keys, v, strict=True)) for k, v in enumerate(combinations, 1)}
 
 
-def expand(config: dict, complete: Callable[[Mapping], Mapping]) -> dict:
+def expand(config: Configuration, complete: Callable[[Located], Configuration]) -> Configuration:
     """The completed configuration with a method for each point of the grids of its run.
 
     Arguments:
@@ -32,39 +34,44 @@ def expand(config: dict, complete: Callable[[Mapping], Mapping]) -> dict:
     Raises:
         InputError: the method is none of the experiment, a key cannot be varied, or a value is wrong.
     """
-    for experiment in config["run"]:
-        one = config["experiments"][experiment]
-        found = points(config, experiment)
-        if found:
-            _check(f"experiments.{experiment}.studies.grid", one, config["methods"])
-        for name, values in found.items():
+    methods, experiments = dict(config.methods), dict(config.experiments)
+    for experiment in config.run:
+        one = config.experiments[experiment]
+        if one.studies.grid is None:
+            continue
+        _check(f"experiments.{experiment}.studies.grid", one, one.studies.grid, config.methods)
+        overrides = dict(one.overrides)
+        for name, values in points(config, experiment).items():
             method, _, number = name.partition("@")
-            point = complete({"experiments": {experiment: _change(method, values)}})["experiments"][experiment]
-            own = point["overrides"].get(method, {})
-            one["overrides"][name] = {
-                **{block: point[block] for block in OF_EXPERIMENT},
-                **{block: content for block, content in own.items() if block in OF_METHOD},
-            }
-            build = config["methods"][method]
-            config["methods"][name] = build | {"label": f"{build['label']} @{number}"}
-    return config
+            change = Located({"experiments": {experiment: _change(method, values)}})
+            overrides[name] = _override(complete(change).experiments[experiment], method)
+            label = f"{config.methods[method].label} @{number}"
+            methods[name] = config.methods[method].model_copy(update={"label": label})
+        experiments[experiment] = one.model_copy(update={"overrides": overrides})
+    return config.model_copy(update={"methods": methods, "experiments": experiments})
 
 
-def _check(where: str, experiment: Mapping, methods: Mapping) -> None:
-    study = experiment["studies"]["grid"]
-    for error in unknown_one(study["method"], experiment["methods"], f"{where}.method", "method of this experiment"):
+def _override(point: Experiment, method: str) -> PointOverride:
+    """What the experiment of a point says of its method, where the points may differ."""
+    over = point.overrides.get(method)
+    own = {} if over is None else {block: v for block in OF_METHOD if (v := getattr(over, block)) is not None}
+    return PointOverride(**{block: getattr(point, block) for block in OF_EXPERIMENT}, **own)
+
+
+def _check(where: str, experiment: Experiment, study: Grid, methods: dict[str, Method]) -> None:
+    for error in unknown_one(study.method, experiment.methods, f"{where}.method", "method of this experiment"):
         raise error
-    if methods[study["method"]]["kind"] != "hybrid":
-        raise InputError(f"{where}.method", f"'{study['method']}' is not trained", "name a hybrid method")
+    if methods[study.method].kind != "hybrid":
+        raise InputError(f"{where}.method", f"'{study.method}' is not trained", "name a hybrid method")
     blocks = (*OF_METHOD, *OF_EXPERIMENT)
-    for key in study["keys"]:
+    for key in study.keys:
         block, dot, _ = key.partition(".")
         if block not in blocks or not dot:
             remedy = f"a dotted path below {', '.join(blocks)}: the points share the experiment's data"
             raise InputError(f"{where}.keys.{key}", "cannot be varied", remedy)
 
 
-def _change(method: str, values: Mapping[str, object]) -> dict:
+def _change(method: str, values: dict[str, object]) -> dict[str, object]:
     """What a point overrides of its experiment."""
     change: dict = {}
     for key, value in values.items():

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from expertaug.config import grid as grids
-from expertaug.config import options, study_checks
-from expertaug.config.methods import FITTED, build_of, experiment_of, objective_of
+from expertaug.config import options
+from expertaug.config.methods import FITTED, build_of, experiment_of
+from expertaug.config.models import Configuration, Experiment
 from expertaug.systems.settings import CONSERVING
 from expertaug.versions import AUGMENTED, CONTROL, FLOW, REFINED, Version
 
@@ -15,156 +15,153 @@ from expertaug.versions import AUGMENTED, CONTROL, FLOW, REFINED, Version
 DRIVERS = (Path("/proc/driver/nvidia"), Path("/dev/kfd"), Path("/dev/dxg"))
 
 
-def cards(config: Mapping) -> int:
+def cards(config: Configuration) -> int:
     """Cards that a job which learns or evaluates takes where the run is started: one, or none on the CPU.
 
     torch is asked, which takes seconds, only where ``device`` is auto and the machine has the driver of one.
     """
-    if config["device"] != "auto" or not any(path.exists() for path in DRIVERS):
-        return int(config["device"] == "cuda")
+    if config.device != "auto" or not any(path.exists() for path in DRIVERS):
+        return int(config.device == "cuda")
     from expertaug.models.store import device_of
 
     return int(device_of("auto").type == "cuda")
 
 
-def seed_groups(config: Mapping, experiment: str | None = None) -> dict[str, list[int]]:
+def seed_groups(config: Configuration, experiment: str | None = None) -> dict[str, list[int]]:
     """Seeds that one job of an experiment trains together, by the group's name; without one those of the top level."""
-    own = config["experiments"][experiment].get("seeds") if experiment is not None else None
-    seeds, size = own or config["seeds"], config["seeds_per_job"]
+    own = config.experiments[experiment].seeds if experiment is not None else None
+    seeds, size = own or config.seeds, config.seeds_per_job
     parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
     return {f"seeds_{'_'.join(map(str, part))}": part for part in parts}
 
 
-def variants(config: Mapping, experiment: str) -> list[str]:
+def variants(config: Configuration, experiment: str) -> list[str]:
     """An experiment's methods, each followed by its control, its augmented version, its flow and their refined ones."""
-    one = config["experiments"][experiment]
+    one = config.experiments[experiment]
     each = []
     for name in trained_variants(one):
-        each += [name, f"{name}~{REFINED}"] if name in one["refined"] else [name]
+        each += [name, f"{name}~{REFINED}"] if name in one.refined else [name]
     return each
 
 
-def trained_variants(experiment: Mapping) -> list[str]:
+def trained_variants(experiment: Experiment) -> list[str]:
     """Versions of an experiment's methods that have a model file of their own."""
     each = []
-    for method in experiment["methods"]:
+    for method in experiment.methods:
         each.append(method)
-        each += [f"{method}{CONTROL}"] if method in experiment["controls"] else []
-        each += [f"{method}{AUGMENTED}"] if method in experiment["augmented"] else []
-        each += [f"{method}{AUGMENTED}~{FLOW}"] if method in experiment["flows"] else []
+        each += [f"{method}{CONTROL}"] if method in experiment.controls else []
+        each += [f"{method}{AUGMENTED}"] if method in experiment.augmented else []
+        each += [f"{method}{AUGMENTED}~{FLOW}"] if method in experiment.flows else []
     return each
 
 
-def further_variants(config: Mapping, experiment: str) -> list[str]:
+def further_variants(config: Configuration, experiment: str) -> list[str]:
     """``method+name`` of every further prior: they are in the study of the prior's width alone."""
-    one = config["experiments"][experiment]
-    return [f"{m}+{name}" for name, a in one["augmentations"].items() for m in a.get("methods", one["augmented"])]
+    one = config.experiments[experiment]
+    return [f"{m}+{name}" for name, prior in one.further_priors.items() for m in prior.methods or one.augmented]
 
 
-def finds_prior(config: Mapping, experiment: str, variant: str) -> str | None:
+def finds_prior(config: Configuration, experiment: str, variant: str) -> str | None:
     """The augmented version (METHOD+, METHOD+NAME) whose p⁺ a version uses, where that is to find its own ranges from
     the trained METHOD; empty where they are found before anything is trained; None where ranges are given."""
     found, one = Version.parse(variant), experiment_of(config, experiment, Version.parse(variant).method)
-    block = one["augmentations"][found.prior] if found.prior else one["augmentation"]
-    if block["prior"] is not None:
+    if one.augmentation_of(found.prior).prior is not None:
         return None
-    untrained = config["methods"][found.method]["kind"] in FITTED
+    untrained = config.methods[found.method].kind in FITTED
     return "" if untrained and FLOW not in found.estimators else f"{found.method}+{found.prior or ''}"
 
 
-def finds_prior_to_train(config: Mapping, experiment: str, method: str) -> bool:
+def finds_prior_to_train(config: Configuration, experiment: str, method: str) -> bool:
     """Whether the training of a method needs ranges of p⁺, and they are to be found."""
     build = build_of(config, experiment, method)
-    needed = build["kind"] in FITTED or (
-        build["kind"] == "hybrid" and options.needs_prior(objective_of(build), "objective")
-    )
-    return needed and experiment_of(config, experiment, method)["augmentation"]["prior"] is None
+    needed = build.kind in FITTED or (build.kind == "hybrid" and options.needs_prior(build.objective_kind, "objective"))
+    return needed and experiment_of(config, experiment, method).augmentation.prior is None
 
 
-def found_priors(config: Mapping, experiment: str) -> list[str]:
+def found_priors(config: Configuration, experiment: str) -> list[str]:
     """Augmented versions whose p⁺ is found from a trained model; an empty one stands for that of the experiment."""
     versions = [*variants(config, experiment), *further_variants(config, experiment)]
-    kinds = {v: config["methods"][Version.parse(v).method]["kind"] for v in versions}
+    kinds = {v: config.methods[Version.parse(v).method].kind for v in versions}
     found = [finds_prior(config, experiment, v) for v in versions if kinds[v] != "mean"]
-    if any(finds_prior_to_train(config, experiment, m) for m in config["experiments"][experiment]["methods"]):
+    if any(finds_prior_to_train(config, experiment, m) for m in config.experiments[experiment].methods):
         found.append("")
     return [v for v in dict.fromkeys(found) if v is not None]
 
 
-def with_interaction(config: Mapping, experiment: str) -> list[str]:
+def with_interaction(config: Configuration, experiment: str) -> list[str]:
     """Methods of an experiment that learn an interaction model beside an expert; points of grids aside."""
     found = []
-    for method in config["experiments"][experiment]["methods"]:
+    for method in config.experiments[experiment].methods:
         build = build_of(config, experiment, method)
-        learns = build["kind"] in ("hybrid", "alternating") and build.get("interaction") is not False
-        found += [method] if learns and build.get("expert") is not False and "@" not in method else []
+        learns = build.kind in ("hybrid", "alternating") and build.has_interaction
+        found += [method] if learns and build.has_expert and "@" not in method else []
     return found
 
 
-def checked(config: Mapping, experiment: str) -> list[str]:
+def checked(config: Configuration, experiment: str) -> list[str]:
     """Methods of which an experiment checks whether F_a holds where z_e has moved."""
-    return [] if config["experiments"][experiment]["validity"] is None else with_interaction(config, experiment)
+    return [] if config.experiments[experiment].validity is None else with_interaction(config, experiment)
 
 
-def studies(config: Mapping, experiment: str) -> list[str]:
+def studies(config: Configuration, experiment: str) -> list[str]:
     """Names of an experiment's studies."""
-    named = list(config["experiments"][experiment]["studies"])
+    named = config.experiments[experiment].studies.names
     named += ["prior_width"] if further_variants(config, experiment) else []
     return named + (["horizons"] if horizons(config, experiment) else [])
 
 
-def studied(config: Mapping, experiment: str, name: str) -> list[str]:
+def studied(config: Configuration, experiment: str, name: str) -> list[str]:
     """The variants that a study compares."""
-    one = config["experiments"][experiment]
+    one = config.experiments[experiment]
     if name == "prior_width":
         further = further_variants(config, experiment)
-        methods = [m for m in one["methods"] if any(Version.parse(v).method == m for v in further)]
+        methods = [m for m in one.methods if any(Version.parse(v).method == m for v in further)]
         return [*methods, *(f"{m}+" for m in methods), *further]
     return variants(config, experiment)
 
 
-def grid(config: Mapping, experiment: str) -> list[str]:
+def grid(config: Configuration, experiment: str) -> list[str]:
     """Names of the methods that are the points of an experiment's grid."""
     return list(grids.points(config, experiment))
 
 
-def sets(config: Mapping, experiment: str) -> list[str]:
+def sets(config: Configuration, experiment: str) -> list[str]:
     """Names of an experiment's sets."""
-    return study_checks.sets_of(config["experiments"][experiment])
+    return config.experiments[experiment].data.set_names
 
 
-def horizons(config: Mapping, experiment: str) -> dict[str, tuple[str, float]]:
+def horizons(config: Configuration, experiment: str) -> dict[str, tuple[str, float]]:
     """An experiment's sets of long chunks by name: the split that each is of, and its length in s."""
-    return study_checks.horizons_of(config["experiments"][experiment])
+    return config.experiments[experiment].data.horizons
 
 
-def dissipating(config: Mapping, experiment: str) -> list[str]:
+def dissipating(config: Configuration, experiment: str) -> list[str]:
     """Methods of an experiment on measured pendulums that have an expert and what makes it lose energy: F_a, or a
     friction that it knows; with their refined versions.  All other versions have their method's F_a."""
-    one = config["experiments"][experiment]
-    name, data = one["system"]["name"], one["data"]
-    if name not in CONSERVING or data["source"] == "simulation":
+    one = config.experiments[experiment]
+    name, data = one.system["name"], one.data
+    if name not in CONSERVING or data.source == "simulation":
         return []
-    if data["source"] == "files" and len(data["files"]["columns"]) < CONSERVING[name]:
+    if data.source == "files" and len(data.files.columns) < CONSERVING[name]:
         return []
     own = [v for v in variants(config, experiment) if not Version.parse(v).step and not Version.parse(v).is_flow]
     return [v for v in own if _dissipates(config, experiment, Version.parse(v).method)]
 
 
-def _dissipates(config: Mapping, experiment: str, method: str) -> bool:
+def _dissipates(config: Configuration, experiment: str, method: str) -> bool:
     build = build_of(config, experiment, method)
-    if build["kind"] == "mean" or build.get("expert") is False:
+    if build.kind == "mean" or not build.has_expert:
         return False
-    rubs = (config["experiments"][experiment]["system"] | build.get("system", {})).get("friction") is not None
-    return rubs or (build["kind"] != "least_squares" and build.get("interaction") is not False)
+    rubs = (config.experiments[experiment].system | (build.system or {})).get("friction") is not None
+    return rubs or (build.kind != "least_squares" and build.has_interaction)
 
 
-def label(config: Mapping, variant: str) -> str:
+def label(config: Configuration, variant: str) -> str:
     """What tables and figures print for a version of a method."""
-    return Version.parse(variant).label(config["methods"][Version.parse(variant).method]["label"])
+    return Version.parse(variant).label(config.methods[Version.parse(variant).method].label)
 
 
-def snapshots(config: Mapping, experiment: str, method: str) -> list[int]:
+def snapshots(config: Configuration, experiment: str, method: str) -> list[int]:
     """Passes after which the training of a method keeps its state for the study along training."""
-    study = config["experiments"][experiment]["studies"].get("during_training", {})
-    return sorted(study["epochs"]) if study.get("method") == method else []
+    study = config.experiments[experiment].studies.during_training
+    return sorted(study.epochs) if study is not None and study.method == method else []

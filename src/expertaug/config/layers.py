@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from expertaug.config.yaml_file import Located
 from expertaug.errors import InputError
+from expertaug.settings import Settings
 from expertaug.wording import suggest
 
+S = TypeVar("S", bound=Settings)
 # As YAML reads one; long ones stay texts, which nothing takes for a number.
 NUMBER = re.compile(r"[-+]?((0|[1-9]\d{0,30})(\.\d{0,30})?|\.\d{1,30})([eE][-+]?\d{1,3})?")
 CHAIN = 100  # experiments of which one is based on the next, at most
@@ -33,6 +35,23 @@ def merge(base: Mapping, over: Mapping) -> Located:
         if key in origins:
             merged.origin[key] = origins[key]
     return merged
+
+
+def overridden(base: S, over: Settings) -> S:
+    """Settings with what others of the same keys give: mappings and blocks key by key, anything else replaced.
+
+    A block that the first do not have is taken as it was given: what reads it fills in its defaults.
+    """
+    given = {name: getattr(over, name) for name in over.model_fields_set}
+    return base.model_copy(update={name: _over(getattr(base, name), value) for name, value in given.items()})
+
+
+def _over(old: Any, new: Any) -> Any:
+    if isinstance(old, Settings) and isinstance(new, Settings):
+        return overridden(old, new)
+    if isinstance(old, Mapping) and isinstance(new, Mapping) and new.get("kind", old.get("kind")) == old.get("kind"):
+        return {**old, **{key: _over(old.get(key), value) for key, value in new.items()}}
+    return new
 
 
 def of_command_line(values: Mapping) -> Located:

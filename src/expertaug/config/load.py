@@ -6,21 +6,21 @@ Its keys are those of :mod:`expertaug.config.models`; what no single key says is
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from pathlib import Path
+from typing import Any
 
 from expertaug import presets
-from expertaug.config import checks, project, recording_checks
+from expertaug.config import checks, grid, project
 from expertaug.config.layers import layers, merge, plain
 from expertaug.config.models import Common, Configuration, Experiment
-from expertaug.config.names import unknown
+from expertaug.config.sources import wrong_recordings
 from expertaug.config.yaml_file import Located, read
 from expertaug.errors import InputError, InputErrors
 from expertaug.settings import check
-from expertaug.wording import show
-from expertaug_recordings.settings import ChunkKeys
+from expertaug.wording import show, unknown
 
-__all__ = ["default_files", "load", "merge", "validate", "with_defaults"]
+__all__ = ["completed", "default_files", "load", "merge", "validate", "with_defaults"]
 INCLUDE = "include"
 NESTED = 9  # levels of files that include files
 
@@ -66,7 +66,20 @@ def default_files() -> list[Path]:
     return next(([path] for f in folders if f and (path := f / "config" / "config.yaml").is_file()), [])
 
 
-def validate(config: Mapping, stages: Collection[str] = ()) -> dict:
+def completed(config: Located, stages: Collection[str] = ()) -> Configuration:
+    """A configuration as the workflow uses it: checked and completed, with a method for each point of its grids.
+
+    Arguments:
+        config: as read from YAML, all files merged.
+        stages: names of the workflow's stages, which no experiment may have.
+
+    Raises:
+        InputError: everything that is wrong.
+    """
+    return grid.expand(validate(config, stages), lambda change: validate(merge(config, change)))
+
+
+def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> Configuration:
     """Check a configuration and complete it.
 
     Only the experiments of the run must be sound; of the others, those that are not are left out.
@@ -85,39 +98,41 @@ def validate(config: Mapping, stages: Collection[str] = ()) -> dict:
     raw = plain(config)
     errors = _of_single_keys(raw)
     broken = {tuple(error.where.replace("[", ".").split(".")) for error in errors}
-    complete = _top(raw, {path[0] for path in broken}, errors)
+    common = _common(raw, {path[0] for path in broken}, errors)
     names = {path[1] for path in broken if path[0] == "experiments" and len(path) > 1}
+    experiments = raw["experiments"]
     sound = {name: one for name, one in config["experiments"].items() if name not in names}
-    found, wrong = layers(sound, complete["preset"], set(names))
+    layered, wrong = layers(sound, common.preset, names)
     errors += wrong
-    errors += unknown(complete["run"], raw["experiments"], "run", "experiment")
-    for name in raw["experiments"]:
-        errors += checks.name(name, raw["experiments"], stages)
+    errors += unknown(common.run, experiments, "run", "experiment")
+    for name in experiments:
+        errors += checks.name(name, experiments, stages)
+    complete: dict[str, Experiment] = {}
     wrong_in: dict[str, list[InputError]] = {}
-    for name, one in found.items():
-        complete["experiments"][name], wrong_in[name] = _experiment(name, plain(one), complete)
-    errors += _of_the_run(complete["run"], wrong_in, raw["experiments"])
-    complete["experiments"] = {k: one for k, one in complete["experiments"].items() if not wrong_in[k]}
+    for name, one in layered.items():
+        made, wrong_in[name] = _experiment(f"experiments.{name}", plain(one), common)
+        if made is not None:
+            complete[name] = made
+    errors += _of_the_run(common.run, wrong_in, {name: one.get("based_on") for name, one in experiments.items()})
+    whole = Configuration.model_construct(**dict(common), experiments=complete)
     if not errors:
-        errors += recording_checks.check(complete)
+        errors += wrong_recordings(whole)
     if errors:
         raise InputErrors(errors)
-    return complete
+    return whole
 
 
-def _of_single_keys(raw: Mapping) -> list[InputError]:
+def _of_single_keys(raw: dict[str, Any]) -> list[InputError]:
     """What is wrong with what a file says, wherever it says it; what is missing may be inherited."""
     errors = check(Configuration, raw, "", whole=False)
     known = {error.where for error in errors}
     errors += [error for error in checks.texts(raw) if error.where not in known]
     if isinstance(raw.get("results"), str):
         errors += checks.results(_folder(raw["results"]))
-    if isinstance(raw.get("seeds"), list):
-        errors += checks.seeds(raw["seeds"], "seeds")
     return errors
 
 
-def _top(raw: Mapping, broken: set[str], errors: list[InputError]) -> dict:
+def _common(raw: dict[str, Any], broken: set[str], errors: list[InputError]) -> Common:
     """Everything but the experiments, completed; of what is broken the default, where there is one.
 
     Raises:
@@ -132,11 +147,11 @@ def _top(raw: Mapping, broken: set[str], errors: list[InputError]) -> dict:
         raise InputErrors(errors)
     if missing:
         raise InputErrors(list({str(error): error for error in missing}.values()))
-    complete = Common.model_validate(common).model_dump(mode="json")
-    complete["results"] = _folder(complete["results"])
-    if complete["tracking"]["uri"] is None:
-        complete["tracking"]["uri"] = f"sqlite:///{complete['results']}/mlflow/mlflow.db"
-    return complete | {"experiments": {}}
+    complete = Common.completed(common)
+    results, tracking = _folder(complete.results), complete.tracking
+    if tracking.uri is None:
+        tracking = tracking.model_copy(update={"uri": f"sqlite:///{results}/mlflow/mlflow.db"})
+    return complete.model_copy(update={"results": results, "tracking": tracking})
 
 
 def _folder(results: str) -> str:
@@ -146,34 +161,38 @@ def _folder(results: str) -> str:
         return results
 
 
-def _experiment(name: str, one: dict, complete: Mapping) -> tuple[dict, list[InputError]]:
-    """An experiment with defaults and all choices, and what is wrong with it."""
-    where = f"experiments.{name}"
+def _experiment(where: str, one: dict[str, Any], common: Common) -> tuple[Experiment | None, list[InputError]]:
+    """An experiment with defaults and all choices, None where it is wrong, and what is wrong with it."""
     errors = check(Experiment, one, where)
     if errors:
-        return one, errors
-    filled = Experiment.model_validate(one).model_dump(mode="json")
-    if (split := filled["data"].get("split")) is not None:
+        return None, errors
+    experiment = Experiment.completed(one)
+    data = experiment.data
+    if data.split is not None:
         try:
-            chunks = ChunkKeys.from_mapping(split).at(checks.analysed_hz(complete["recordings"]), f"{where}.data.split")
+            chunks = data.split.at(checks.analysed_hz(common.recordings), f"{where}.data.split")
         except InputError as error:
-            return filled, [error]
-        filled["data"]["split"] = chunks.model_dump(mode="json", exclude={"single"})
-    filled["choices"] = presets.resolve(complete["preset"], filled["choices"]).model_dump()
-    return filled, list(checks.experiment(where, filled, complete))
+            return None, [error]
+        data = data.model_copy(update={"split": chunks})
+    choices = presets.resolve(common.preset, experiment.choices.given())
+    experiment = experiment.model_copy(update={"data": data, "choices": choices})
+    errors = list(checks.experiment(where, experiment, common))
+    return (None if errors else experiment), errors
 
 
-def _of_the_run(run: Iterable[str], wrong_in: Mapping[str, list[InputError]], raw: Mapping) -> list[InputError]:
+def _of_the_run(
+    run: Iterable[str], wrong_in: dict[str, list[InputError]], based_on: dict[str, str | None]
+) -> list[InputError]:
     """What is wrong with the experiments of the run; what one inherits is said of the one that it is based on."""
     told: dict[str, InputError] = {}
     for name in run:
         for error in wrong_in.get(name, ()):
-            here, base = name, raw[name].get("based_on")
+            here, base = name, based_on[name]
             while base is not None:
                 same = str(error).replace(f"experiments.{here}.", f"experiments.{base}.", 1)
                 of_base = next((e for e in wrong_in.get(base, ()) if str(e) == same), None)
                 if of_base is None:
                     break
-                error, here, base = of_base, base, raw[base].get("based_on")
+                error, here, base = of_base, base, based_on[base]
             told.setdefault(str(error), error)
     return list(told.values())

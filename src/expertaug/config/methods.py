@@ -2,45 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Any
 
-from expertaug.config.layers import merge, plain
+from expertaug.config.layers import overridden
+from expertaug.config.models import Configuration, Experiment
 from expertaug.learning import kinds
+from expertaug.learning.settings import Build
 
 FITTED = ("alternating", "least_squares")  # kinds of methods whose estimates are fits of each window
 
 
-def experiment_of(config: Mapping, experiment: str, method: str | None) -> dict:
+def experiment_of(config: Configuration, experiment: str, method: str | None) -> Experiment:
     """An experiment with what it overrides for a method."""
-    one = config["experiments"][experiment]
-    return plain(merge(one, one["overrides"].get(method, {})))
+    one = config.experiments[experiment]
+    over = one.overrides.get(method) if method is not None else None
+    return one if over is None else overridden(one, over)
 
 
-def build_of(config: Mapping, experiment: str, method: str) -> dict:
+def build_of(config: Configuration, experiment: str, method: str) -> Build:
     """How a method is built, with what the experiment's system is otherwise for it."""
-    over = config["experiments"][experiment]["overrides"].get(method, {})
-    return config["methods"][method] | ({"system": over["system"]} if "system" in over else {})
+    over = config.experiments[experiment].overrides.get(method)
+    build = config.methods[method].given(but=("label",))
+    return Build.of(**build, **({} if over is None or over.system is None else {"system": over.system}))
 
 
-def objective_of(build: Mapping) -> str:
-    """Kind of a method's objective."""
-    return build.get("objective", "aphynity")
-
-
-def modules(config: Mapping, experiment: str, method: str | None = None) -> list[str]:
+def modules(config: Configuration, experiment: str, method: str | None = None) -> list[str]:
     """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
     one = experiment_of(config, experiment, method)
-    build = build_of(config, experiment, method) if method else {"kind": "none"}
-    system = build.get("system", {}).get("name", one["system"]["name"])
-    if build["kind"] == "alternating":
-        return kinds.modules(system, {"interaction": one["model"]["interaction"]}, None)
-    if build["kind"] != "hybrid":
+    system, parts = one.system["name"], one.model.given()
+    build = build_of(config, experiment, method) if method else None
+    if build is None or build.kind in ("mean", "least_squares"):
         return kinds.modules(system, {}, None)
-    parts = {part: settings for part, settings in one["model"].items() if build.get(part, True)}
-    return kinds.modules(system, parts, objective_of(build))
+    if build.kind == "alternating":
+        return kinds.modules(system, {"interaction": parts["interaction"]}, None)
+    if not build.has_interaction:
+        del parts["interaction"]
+    return kinds.modules(system, parts, build.objective_kind)
 
 
-def foreign(config: Mapping, experiment: str, method: str) -> dict:
+def foreign(config: Configuration, experiment: str, method: str) -> dict[str, Any]:
     """Classes from elsewhere that a method's model file may name; nothing where there is none."""
     found = [name for name in modules(config, experiment, method) if not name.startswith("expertaug.")]
     return {"classes": found} if found else {}

@@ -6,41 +6,42 @@ What a class of the package takes (a system, an encoder, an interaction model, a
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field, field_serializer
+from pydantic import Field, field_serializer
+from pydantic_core import PydanticCustomError
 
-from expertaug import presets
-from expertaug.config.data_models import Data
-from expertaug.config.study_models import SomeNames, Studies
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, ValiditySettings
 from expertaug.learning.settings import MethodKeys, TrainSettings
+from expertaug.measurements.settings import MeasurementSettings
 from expertaug.models.settings import RefinementSettings
+from expertaug.presets import NAMES, Choices
 from expertaug.settings import (
     LEFT_OUT,
     Count,
+    EachOnce,
     Name,
+    Noise,
     NotNegative,
+    Positive,
     Range,
     Seed,
     Settings,
     Share,
+    agreement,
+    disagree,
     key,
-    wrong,
 )
-from expertaug.systems.settings import SolverSettings
-from expertaug.wording import PATTERNS
-from expertaug_recordings.settings import RecordingKeys
+from expertaug.systems.settings import SimulatedSet, SolverSettings
+from expertaug.versions import MAIN_SETS
+from expertaug.wording import PATTERNS, is_multiple, other_parameters, show
+from expertaug_recordings.settings import CalibrationKeys, ChunkKeys, RecordingKeys
 
 Ranges = Annotated[dict[str, Range], Field(min_length=1)]
 Names = list[str]
-
-
-def _choices(value: dict[str, str]) -> dict[str, str]:
-    found = presets.wrong_choice(value)
-    if found is not None:
-        raise wrong(found[1], found[2], found[0])
-    return value
+SomeNames = Annotated[list[str], Field(min_length=1)]
 
 
 class TrackingKeys(Settings):
@@ -143,11 +144,192 @@ class Evaluation(Settings):
     )
 
 
+class Data(Settings):
+    """Where the trajectories come from."""
+
+    source: Literal["simulation", "recordings", "files"] = key(
+        ...,
+        "simulation = the system's own simulation; recordings = chunks of the recordings; files = your own "
+        "measurements",
+    )
+    t1_s: Positive = key(..., "end of the observed window", "s")
+    noise: Noise = key(
+        0.0,
+        "standard deviation of the noise on every value of the state in simulated sets and augmented samples; a "
+        "mapping gives one for each component, but simulated sets take one number only; estimated = from the "
+        "roughness of the files' columns",
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = key(0, "seed of the simulation")
+    step_s: Positive = key(LEFT_OUT, "time between consecutive points of simulated sets", "s")
+    t2_s: Positive = key(LEFT_OUT, "end of a simulated trajectory", "s")
+    sets: dict[Name, SimulatedSet | None] = key(
+        LEFT_OUT,
+        "the simulated sets: train, validation, test; iid, with the ranges of validation, is an IID test set; null "
+        "removes an inherited set",
+    )
+    split: ChunkKeys = key(LEFT_OUT, "chunks of the recordings and their division into sets")
+    files: MeasurementSettings = key(LEFT_OUT, "your own measurements: tables, the chunks cut from them and their sets")
+    start: dict[str, Range] = key(
+        dict,
+        "for components that are always or sometimes missing from the files: the range, in the component's unit, in "
+        "which the first point of a chunk is inferred; left out = a range that goes slightly beyond the measured "
+        "values",
+    )
+    calibrate: bool = key(False, "whether the expert's constants are fitted on the training chunks")
+    calibration: CalibrationKeys = key(CalibrationKeys, "how the constants of the compound expert are fitted")
+
+    @agreement
+    def _of_its_source(self) -> Iterator[PydanticCustomError]:
+        if self.source == "simulation":
+            yield from self._of_simulations()
+        elif self.source == "files":
+            yield from self._of_files()
+        elif self.split is None:
+            remedy = "give split (chunks of the recordings and their division into sets)"
+            yield disagree("missing", remedy, "split")
+
+    def _of_simulations(self) -> Iterator[PydanticCustomError]:
+        needed = {
+            "step_s": "time from point to point in s",
+            "t2_s": "end of a trajectory in s",
+            "sets": "the simulated sets",
+        }
+        missing = [key for key in needed if getattr(self, key) is None]
+        yield from (disagree("missing", f"give {key} ({needed[key]})", key) for key in missing)
+        sets = self.simulated
+        lacking = [name for name in MAIN_SETS if name not in sets] if self.sets is not None else []
+        yield from (disagree("missing", f"give {name}", f"sets.{name}") for name in lacking)
+        if missing or lacking:
+            return
+        if self.t1_s >= self.t2_s:
+            yield disagree(f"found {self.t1_s:g}, t2_s is {self.t2_s:g}", "t1_s must be less than t2_s", "t1_s")
+        for name, end in (("t1_s", self.t1_s), ("t2_s", self.t2_s)):
+            if not is_multiple(end, self.step_s):
+                yield disagree(f"found {end:g}", f"give a multiple of step_s, {self.step_s:g}", name)
+        if not isinstance(self.noise, int | float):
+            yield disagree(f"found {show(self.noise)}", "give simulated sets one number", "noise")
+        first = next(iter(sets))
+        for name, one in sets.items():
+            for part in ("z_e", "z_a"):
+                complaint = other_parameters(getattr(one, part), getattr(sets[first], part), f"the set {first}")
+                if complaint is not None:
+                    yield disagree(*complaint, f"sets.{name}.{part}")
+        if "iid" in sets and any(
+            getattr(sets["iid"], part) != getattr(sets["validation"], part) for part in ("z_e", "z_a")
+        ):
+            remedy = "give those of validation: it is drawn alike, and nothing is chosen on it"
+            yield disagree("other ranges than validation's", remedy, "sets.iid")
+
+    def _of_files(self) -> Iterator[PydanticCustomError]:
+        if self.files is None:
+            remedy = "give files (paths, time and columns of your measurements, and their chunks)"
+            yield disagree("missing", remedy, "files")
+            return
+        for name in self.files.columns if isinstance(self.noise, dict) else ():
+            if name not in self.noise:
+                yield disagree("missing", "give it for every component with a column", f"noise.{name}")
+        end = (self.files.length - 1) * (self.files.step_s or math.inf)
+        if self.t1_s >= end + 1e-9:
+            yield disagree(f"found {self.t1_s:g}", f"a chunk ends at {end:g} s", "t1_s")
+
+    @property
+    def simulated(self) -> dict[str, SimulatedSet]:
+        """The simulated sets by name; none where the trajectories come from elsewhere."""
+        return {name: one for name, one in (self.sets or {}).items() if one is not None}
+
+    @property
+    def set_names(self) -> list[str]:
+        """Names of the sets: simulated, or cut from files or recordings, then those of long chunks."""
+        return [*(self.simulated or MAIN_SETS), *self.horizons]
+
+    @property
+    def horizons(self) -> dict[str, tuple[str, float]]:
+        """Sets of long chunks by name: the split that each is of, and its length in s."""
+        cut = {"files": self.files, "recordings": self.split}.get(self.source)
+        return cut.horizons if cut is not None else {}
+
+
+class OutOfExpertise(Settings):
+    """Log-MSE on sets whose interaction parameters are shifted as well."""
+
+    distances: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)] = key(
+        ..., "names of the distances, in order"
+    )
+    panels: Annotated[dict[str, SomeNames], Field(min_length=1)] = key(
+        ..., "the panels by title, each with its sets in the order of the distances"
+    )
+    overview: str | None = key(None, "set shown in the figure over all experiments (za_shifted); null = none")
+
+    @agreement
+    def _one_set_a_distance(self) -> Iterator[PydanticCustomError]:
+        for k, name in enumerate(self.distances):
+            if name in self.distances[:k]:
+                yield disagree(f"'{name}' is there twice", "name each distance once", f"distances[{k}]")
+        for title, sets in self.panels.items():
+            if len(sets) != len(self.distances):
+                found = f"{len(sets)} sets for {len(self.distances)} distances"
+                yield disagree(found, "give one set for each distance", f"panels.{title}")
+
+
+class DuringTraining(Settings):
+    """Augmentation and fine-tuning of the model at several stages of its training."""
+
+    method: str = key(..., "the method that is followed through its training")
+    epochs: Annotated[list[Count], Field(min_length=1), EachOnce] = key(
+        ..., "numbers of training passes after which the model's state is kept"
+    )
+    finetune_epochs: Annotated[list[Count], Field(min_length=1), EachOnce] = key(
+        lambda: [1, 10], "lengths of the fine-tuning runs from each kept state, in passes"
+    )
+    max_samples: Count | None = key(1000, "maximum number of samples evaluated in each set, spread evenly; null = all")
+
+
+class Grid(Settings):
+    """A sweep: one training for every combination of some keys' values, on the same data."""
+
+    method: str = key(..., "the hybrid method that is trained")
+    keys: dict[str, Annotated[list[Any], Field(min_length=1)]] = key(
+        ..., "values to try, by dotted key of the experiment, below model, training, system or choices", min_length=1
+    )
+
+
+class Studies(Settings):
+    """Further questions to the experiment's models, each with a table and a figure of its own."""
+
+    RENAMED: ClassVar = {"along": "it is called during_training now"}
+
+    during_training: DuringTraining | None = key(
+        LEFT_OUT,
+        "augmentation and fine-tuning of the model at several stages of its training; null removes an inherited study",
+    )
+    grid: Grid | None = key(
+        LEFT_OUT,
+        "one training run for every combination of the values of some keys, on the same data, compared by the score "
+        "on the validation set; null removes an inherited study",
+    )
+    out_of_expertise: OutOfExpertise | None = key(
+        LEFT_OUT,
+        "log-MSE on sets in which the interaction parameters are shifted as well; null removes an inherited study",
+    )
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the studies that there are."""
+        return [name for name in type(self).model_fields if getattr(self, name) is not None]
+
+
+class OtherParts(Settings):
+    """What one method has otherwise of the experiment's model."""
+
+    encoder: dict[str, Any] = key(LEFT_OUT, "as the experiment's encoder")
+    interaction: dict[str, Any] = key(LEFT_OUT, "as the experiment's interaction")
+
+
 class Override(Settings):
     """What one method of an experiment has otherwise."""
 
     system: dict[str, Any] = key(LEFT_OUT, "as the experiment's system")
-    model: dict[str, Any] = key(LEFT_OUT, "as the experiment's model")
+    model: OtherParts = key(LEFT_OUT, "as the experiment's model")
     training: TrainSettings = key(LEFT_OUT, "as the experiment's training")
     augmentation: Augmentation = key(LEFT_OUT, "as the experiment's augmentation")
     finetuning: TrainSettings = key(LEFT_OUT, "as the experiment's finetuning")
@@ -156,15 +338,21 @@ class Override(Settings):
     alternation: AlternatingSettings = key(LEFT_OUT, "as the experiment's alternation")
 
 
+class PointOverride(Override):
+    """What the method of a point of a grid has otherwise: the configuration of its experiment says it elsewhere."""
+
+    choices: Choices = key(..., "as the experiment's choices")
+
+
 class Experiment(Settings):
     """An experiment: a system, its data, a model, how it is trained, and by which methods."""
 
     based_on: str = key(LEFT_OUT, "name of an experiment from which keys are inherited")
-    seeds: Annotated[list[Seed], Field(min_length=1)] = key(
+    seeds: Annotated[list[Seed], Field(min_length=1), EachOnce] = key(
         LEFT_OUT, "seeds of this experiment's training runs; left out = those of the top level"
     )
-    choices: Annotated[dict[str, str], AfterValidator(_choices)] = key(
-        dict, "rows of the preset's table (expertaug/presets.py) in which this experiment differs"
+    choices: Choices = key(
+        Choices, "rows of the preset's table (expertaug/presets.py) in which this experiment differs"
     )
     presets: Presets = key(LEFT_OUT, "keys that this experiment overrides under a preset")
     overrides: dict[str, Override] = key(dict, "keys that differ for one method of this experiment")
@@ -214,9 +402,18 @@ class Experiment(Settings):
         "check",
     )
 
+    @property
+    def further_priors(self) -> dict[str, FurtherPrior]:
+        """The further priors by name."""
+        return {name: prior for name, prior in self.augmentations.items() if prior is not None}
+
+    def augmentation_of(self, prior: str | None) -> Augmentation:
+        """The augmentation of a further prior by its name; without one the experiment's own."""
+        return self.further_priors[prior] if prior else self.augmentation
+
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:
-        return {name: one.model_dump(mode="json", exclude_unset=True) for name, one in overrides.items()}
+        return {name: one.given() for name, one in overrides.items()}
 
 
 class Presets(Settings):
@@ -241,7 +438,7 @@ class Common(Settings):
         False, "whether a run may take over a results folder that holds the tables of other configuration files"
     )
     device: Literal["auto", "cpu", "cuda"] = key("auto", "where to train and evaluate; auto uses a GPU if there is one")
-    seeds: Annotated[list[Seed], Field(min_length=1)] = key(
+    seeds: Annotated[list[Seed], Field(min_length=1), EachOnce] = key(
         lambda: [0, 1, 2], "seeds of the training runs, one model each"
     )
     seeds_per_job: Count = key(3, "number of seeds that one job trains together")
@@ -260,6 +457,11 @@ class Configuration(Common):
         ..., "experiments by name; based_on inherits the keys of another one, which can then be overridden"
     )
 
+    @property
+    def on_recordings(self) -> list[str]:
+        """Names of the run's experiments whose data are chunks of the recordings."""
+        return [name for name in self.run if self.experiments[name].data.source == "recordings"]
+
 
 Experiment.model_rebuild()
-assert set(presets.NAMES) == set(Presets.model_fields)
+assert set(NAMES) == set(Presets.model_fields)

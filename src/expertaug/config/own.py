@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from expertaug.config import jobs, stage_settings
 from expertaug.config.methods import experiment_of, foreign
+from expertaug.config.models import Augmentation, Configuration
 from expertaug.errors import InputError, InputErrors, SolveError
 from expertaug.inference.settings import AlternateJob
 from expertaug.learning.settings import RecipeKeys, TrainJob, TrainOptions, train_job_kind
@@ -27,7 +28,7 @@ SAMPLES = 4
 PER_SEED = "lambda0"  # the option of an objective that may be a list of one value for each seed
 
 
-def check(config: Mapping, only_own: bool = False, device: bool = True) -> list[str]:
+def check(config: Configuration, only_own: bool = False, device: bool = True) -> list[str]:
     """Try the systems and the hybrid methods of every experiment of the run.
 
     Arguments:
@@ -43,8 +44,8 @@ def check(config: Mapping, only_own: bool = False, device: bool = True) -> list[
     """
     lines: list[str] = []
     wrong: dict[str, InputError] = {}
-    for experiment in config["run"]:
-        methods = [*config["experiments"][experiment]["methods"], *jobs.grid(config, experiment)]
+    for experiment in config.run:
+        methods = [*config.experiments[experiment].methods, *jobs.grid(config, experiment)]
         methods = [m for m in methods if not only_own or foreign(config, experiment, m)]
         if methods:
             one = _Experiment(config, experiment, methods)
@@ -65,7 +66,7 @@ class _Experiment:
         systems: those that were made, by their settings; None for one that is wrong.
     """
 
-    config: Mapping
+    config: Configuration
     name: str
     methods: list[str]
     wrong: list[InputError] = field(default_factory=list)
@@ -76,11 +77,11 @@ class _Experiment:
         from expertaug.models.store import device_of
 
         if device:
-            self._try("device", lambda: device_of(self.config["device"]))
-        one = self.config["experiments"][self.name]
+            self._try("device", lambda: device_of(self.config.device))
+        one = self.config.experiments[self.name]
         data = None
-        if one["data"]["source"] == "simulation":
-            system = self._system(one["system"], simulated=True)
+        if one.data.source == "simulation":
+            system = self._system(one.system, simulated=True)
             if system is None:
                 return
             yield f"{self.name}: system {type(system).__name__} checked"
@@ -105,7 +106,7 @@ class _Experiment:
             where = self._where("system", type(system))
             whole = {part: self._ranges(system, part, simulated) for part in ("z_e", "z_a")}
             if len(self.wrong) == count:
-                step_s = self.config["experiments"][self.name]["data"].get("step_s", 0.01)
+                step_s = self.config.experiments[self.name].data.step_s or 0.01
                 self._try(where, lambda: check_system(system, where, **whole, simulated=simulated, step_s=step_s))
         self.systems[key] = system if len(self.wrong) == count else None
         return self.systems[key]
@@ -114,18 +115,18 @@ class _Experiment:
         """From the least to the largest value of each parameter over the sets and the priors, each checked."""
         from expertaug.systems.check_system import check_ranges
 
-        one, where = self.config["experiments"][self.name], f"experiments.{self.name}"
+        one, where = self.config.experiments[self.name], f"experiments.{self.name}"
         given = {}
         if simulated:
-            given |= {f"{where}.data.sets.{name}.{part}": s[part] for name, s in one["data"]["sets"].items()}
+            given |= {f"{where}.data.sets.{n}.{part}": getattr(s, part) for n, s in one.data.simulated.items()}
         if part == "z_e":
-            priors = {"augmentation": one["augmentation"]}
-            priors |= {f"augmentations.{name}": a for name, a in one["augmentations"].items()}
+            priors: dict[str, Augmentation] = {"augmentation": one.augmentation}
+            priors |= {f"augmentations.{name}": prior for name, prior in one.further_priors.items()}
             for method in self.methods:
-                own = experiment_of(self.config, self.name, method)["augmentation"]
-                if own != priors["augmentation"]:
+                own = experiment_of(self.config, self.name, method).augmentation
+                if own != one.augmentation:
                     priors[f"overrides.{method}.augmentation"] = own
-            given |= {f"{where}.{key}.prior": a["prior"] for key, a in priors.items() if a.get("prior")}
+            given |= {f"{where}.{key}.prior": a.prior for key, a in priors.items() if a.prior}
         parameters = getattr(system, "expert_parameters" if part == "z_e" else "interaction_parameters", ())
         name = type(system).__name__
         fits = [self._try(at, lambda: check_ranges(parameters, r, at, name) or True) for at, r in given.items()]  # noqa: B023
@@ -153,7 +154,7 @@ class _Experiment:
 
         group, seeds = next(iter(jobs.seed_groups(self.config, self.name).items()))
         settings = _job_of(stage_settings.train(self.config, self.name, method, group))
-        calibrated = self.config["experiments"][self.name]["data"]["calibrate"]
+        calibrated = self.config.experiments[self.name].data.calibrate
         described = described_by(settings, _stand_in() if calibrated else None)
         system = self._system(described.system)
         if system is None or not isinstance(settings, TrainJob):
@@ -198,12 +199,12 @@ class _Experiment:
 
     def _times(self) -> list[float]:
         """Times of a chunk of a recording, or about those of one of measurements, in s."""
-        data = self.config["experiments"][self.name]["data"]
-        if data["source"] == "files":
-            step_s = data["files"]["step_s"] or data["t1_s"] / (data["files"]["length"] // 2)
-            return [k * step_s for k in range(data["files"]["length"])]
-        split = data["split"]
-        return [k / split["rate_hz"] for k in range(split["length"])]
+        data = self.config.experiments[self.name].data
+        if data.source == "files":
+            step_s = data.files.step_s or data.t1_s / (data.files.length // 2)
+            return [k * step_s for k in range(data.files.length)]
+        assert data.split.rate_hz is not None  # completed
+        return [k / data.split.rate_hz for k in range(data.split.length)]
 
     def _where(self, what: str, *classes: type) -> str:
         """A place for messages: the experiment and the files of classes from elsewhere."""

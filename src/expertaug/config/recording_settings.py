@@ -1,11 +1,12 @@
-"""What each job on recordings takes of the configuration: the part of :mod:`.stage_settings` from video to chunks."""
+"""What each job on recordings and measurements takes of the configuration: the part from video or table to chunks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Any
 
 from expertaug.config import jobs
-from expertaug.config.layers import merge
+from expertaug.config.layers import merge, plain
+from expertaug.config.models import Configuration
 from expertaug_recordings.corrections import Correction, read_corrections
 from expertaug_recordings.settings import (
     RENDERED,
@@ -15,6 +16,8 @@ from expertaug_recordings.settings import (
     ImportMarkersJob,
     MeasureAnglesJob,
     OverlayJob,
+    OwnKeys,
+    RecordingKeys,
     RenderVideoJob,
     ReviewRecordingJob,
     SplitChunksJob,
@@ -24,161 +27,156 @@ from expertaug_recordings.settings import (
 )
 
 
-def render_video(config: Mapping) -> RenderVideoJob:
+def render_video(config: Configuration) -> RenderVideoJob:
     """All but the number of recordings, on which no recording depends."""
-    return RenderVideoJob.from_mapping({k: v for k, v in config["recordings"]["rendered"].items() if k != "count"})
+    return RenderVideoJob.from_mapping(config.recordings.rendered.given(but=("count",)))
 
 
-def of_recording(recordings: Mapping, name: str | None) -> Mapping:
+def of_recording(recordings: RecordingKeys, name: str | None) -> RecordingKeys:
     """The block of recordings with what one of them has of its own."""
-    return merge(recordings, recordings["by_recording"].get(name, {})) if name is not None else recordings
+    own = recordings.by_recording.get(name) if name is not None else None
+    return recordings if own is None else with_own(recordings, own)
 
 
-def extract_frames(config: Mapping, recording: str | None = None) -> ExtractFramesJob:
-    recordings = of_recording(config["recordings"], recording)
-    rate = {"analysis_rate_hz": recordings["analysis_rate_hz"]}
-    if recordings["source"] == "videos":
-        return ExtractFramesJob.from_mapping(rate | {k: v for k, v in recordings["videos"].items() if k != "path"})
-    rendered = recordings["rendered"]
-    return ExtractFramesJob.from_mapping(
-        rate
-        | {
-            "rate_hz": rendered["rate_hz"],
-            "rate_provenance": RENDERED,
-            "expected_frames": max(1, round(rendered["duration_s"] * rendered["rate_hz"])),
-            "image_size_px": rendered["image_size_px"],
-        }
-    )
+def with_own(recordings: RecordingKeys, own: OwnKeys) -> RecordingKeys:
+    """The block of recordings with what one of them has otherwise.
+
+    Raises:
+        InputErrors: a key is unknown or a value cannot be used.
+    """
+    return RecordingKeys.from_mapping(plain(merge(recordings.given(), own.given())))
 
 
-def track_markers(config: Mapping, recording: str | None = None) -> TrackMarkersJob:
-    return TrackMarkersJob.from_mapping(of_recording(config["recordings"], recording)["tracking"])
+def extract_frames(config: Configuration, recording: str | None = None) -> ExtractFramesJob:
+    recordings = of_recording(config.recordings, recording)
+    if recordings.source == "videos":
+        stated = recordings.videos.given(but=("path",))
+    else:
+        rendered = recordings.rendered
+        stated = rendered.given(only=("rate_hz", "image_size_px"))
+        stated |= {"rate_provenance": RENDERED, "expected_frames": rendered.frames}
+    return ExtractFramesJob.of(analysis_rate_hz=recordings.analysis_rate_hz, **stated)
 
 
-def unpack_markers(config: Mapping) -> UnpackMarkersJob:
-    return UnpackMarkersJob(sha256=config["recordings"]["markers"]["sha256"])
+def track_markers(config: Configuration, recording: str | None = None) -> TrackMarkersJob:
+    return TrackMarkersJob.from_mapping(of_recording(config.recordings, recording).tracking.given())
 
 
-def import_markers(config: Mapping) -> ImportMarkersJob:
-    markers = config["recordings"]["markers"]
-    return ImportMarkersJob.from_mapping({k: v for k, v in markers.items() if k not in ("path", "sha256")})
+def unpack_markers(config: Configuration) -> UnpackMarkersJob:
+    return UnpackMarkersJob(sha256=config.recordings.markers.sha256)
 
 
-def measure_angles(config: Mapping, recording: str | None = None) -> MeasureAnglesJob:
-    recordings = of_recording(config["recordings"], recording)
+def import_markers(config: Configuration) -> ImportMarkersJob:
+    return ImportMarkersJob.from_mapping(config.recordings.markers.given(but=("path", "sha256")))
+
+
+def measure_angles(config: Configuration, recording: str | None = None) -> MeasureAnglesJob:
+    recordings = of_recording(config.recordings, recording)
     rate, provenance = _rate(recordings)
-    return MeasureAnglesJob.from_mapping(
-        recordings["angles"]
-        | {
-            "arm1_m": _arms(recordings)[0],
-            "rate_provenance": provenance,
-            "rate_hz": rate,
-            "single": _single(recordings),
-            "corrections": corrections(recordings).get(recording, []) if recording is not None else [],
-            "span_s": _span(recordings),
-        }
+    placed = corrections(recordings).get(recording, []) if recording is not None else []
+    return MeasureAnglesJob.of(
+        **recordings.angles.given(),
+        arm1_m=_arms(recordings)[0],
+        rate_provenance=provenance,
+        rate_hz=rate,
+        single=is_single(recordings),
+        corrections=placed,
+        span_s=_span(recordings),
     )
 
 
-def corrections(recordings: Mapping) -> dict[str, list[Correction]]:
+def corrections(recordings: RecordingKeys) -> dict[str, list[Correction]]:
     """What was placed by hand, by recording."""
-    path = recordings["corrections"]
-    return {} if path is None else read_corrections(path)
+    return {} if recordings.corrections is None else read_corrections(recordings.corrections)
 
 
-def overlay(config: Mapping, recording: str | None = None) -> OverlayJob:
+def overlay(config: Configuration, recording: str | None = None) -> OverlayJob:
     """What is shown, and the rate by which the video's frames are told."""
-    shown = {k: v for k, v in config["recordings"]["overlay"].items() if k not in ("experiment", "variants")}
+    shown = config.recordings.overlay.given(but=("experiment", "variants"))
     return OverlayJob.from_mapping(shown | _times(config, recording))
 
 
-def review_recording(config: Mapping, recording: str | None = None) -> ReviewRecordingJob:
+def review_recording(config: Configuration, recording: str | None = None) -> ReviewRecordingJob:
     return ReviewRecordingJob.from_mapping(_times(config, recording))
 
 
-def _times(config: Mapping, recording: str | None) -> dict[str, object]:
+def _times(config: Configuration, recording: str | None) -> dict[str, Any]:
     """What is stated of a video's times."""
-    told = {"rate_hz", "rate_provenance", *TimeKeys.model_fields}
-    return extract_frames(config, recording).model_dump(include=told, exclude_unset=True)
+    return extract_frames(config, recording).given(only=("rate_hz", "rate_provenance", *TimeKeys.model_fields))
 
 
-def overlaid(config: Mapping) -> tuple[str, list[str]] | None:
+def overlaid(config: Configuration) -> tuple[str, list[str]] | None:
     """The experiment and the variants of its methods whose forecasts are drawn over the videos."""
-    chosen = config["recordings"]["overlay"]
-    known = [e for e in config["run"] if config["experiments"][e]["data"]["source"] == "recordings"]
-    experiment = chosen["experiment"] or next(iter(known), None)
+    chosen = config.recordings.overlay
+    experiment = chosen.experiment or next(iter(config.on_recordings), None)
     if experiment is None:
         return None
-    return experiment, chosen["variants"] or jobs.variants(config, experiment)[-1:]
+    return experiment, chosen.variants or jobs.variants(config, experiment)[-1:]
 
 
-def cut_measurements(config: Mapping, experiment: str) -> dict:
+def cut_measurements(config: Configuration, experiment: str) -> dict[str, Any]:
     """Of measurements in files; which files there are the workflow says."""
-    one = config["experiments"][experiment]
+    one = config.experiments[experiment]
     # Components and their units are asked of it; the constants that a compound expert needs are fitted to the chunks.
-    plain = {"expert": "point_mass"} if one["data"]["calibrate"] else {}
-    files = {k: v for k, v in one["data"]["files"].items() if k != "horizons_s"}
-    return {"system": one["system"] | plain, "files": files}
+    plain_expert = {"expert": "point_mass"} if one.data.calibrate else {}
+    return {"system": one.system | plain_expert, "files": one.data.files.given(but=("horizons_s",))}
 
 
-def cut_measured_horizon(config: Mapping, experiment: str, name: str) -> dict:
+def cut_measured_horizon(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
     """Of a set of long chunks, by its name."""
     _, seconds = jobs.horizons(config, experiment)[name]
     settings = cut_measurements(config, experiment)
     return settings | {"files": settings["files"] | {"horizons_s": [seconds]}, "set": name}
 
 
-def split_chunks(config: Mapping, experiment: str) -> SplitChunksJob:
+def split_chunks(config: Configuration, experiment: str) -> SplitChunksJob:
     return SplitChunksJob.from_mapping(_split(config, experiment))
 
 
-def _split(config: Mapping, experiment: str) -> dict:
-    split = {k: v for k, v in config["experiments"][experiment]["data"]["split"].items() if k != "horizons_s"}
-    return split | ({"single": True} if _single(config["recordings"]) else {})
+def _split(config: Configuration, experiment: str) -> dict[str, Any]:
+    split = config.experiments[experiment].data.split.given(but=("horizons_s",))
+    return split | ({"single": True} if is_single(config.recordings) else {})
 
 
-def cut_horizon(config: Mapping, experiment: str, name: str) -> CutHorizonJob:
+def cut_horizon(config: Configuration, experiment: str, name: str) -> CutHorizonJob:
     """Of a set of long chunks, by its name."""
     _, seconds = jobs.horizons(config, experiment)[name]
     return CutHorizonJob.from_mapping({"split": _split(config, experiment) | {"horizons_s": [seconds]}, "set": name})
 
 
-def calibrate(config: Mapping, experiment: str) -> CalibrateJob:
-    recordings, data = config["recordings"], config["experiments"][experiment]["data"]
-    if data["source"] == "files":
-        unknown = dict.fromkeys(("arm1_m", "arm2_m", "nominal_rate_hz"))
-        given = unknown | {"rate_provenance": "the measurements' own times"}
+def calibrate(config: Configuration, experiment: str) -> CalibrateJob:
+    recordings, data = config.recordings, config.experiments[experiment].data
+    if data.source == "files":
+        known = dict.fromkeys(("arm1_m", "arm2_m", "nominal_rate_hz"))
+        known |= {"rate_provenance": "the measurements' own times"}
     else:
         (arm1, arm2), (rate, provenance) = _arms(recordings), _rate(recordings)
-        given = {"arm1_m": arm1, "arm2_m": arm2, "nominal_rate_hz": rate, "rate_provenance": provenance}
-    return CalibrateJob.from_mapping(data["calibration"] | given)
+        known = {"arm1_m": arm1, "arm2_m": arm2, "nominal_rate_hz": rate, "rate_provenance": provenance}
+    return CalibrateJob.from_mapping(data.calibration.given() | known)
 
 
-def _single(recordings: Mapping) -> bool:
+def is_single(recordings: RecordingKeys) -> bool:
     """Whether the recordings are of a single pendulum: its tip is said to be none."""
-    return recordings["source"] == "videos" and recordings["tracking"]["markers"]["tip"] is None
+    return recordings.source == "videos" and recordings.tracking.markers.tip is None
 
 
-def _span(recordings: Mapping) -> list[float | None] | None:
+def _span(recordings: RecordingKeys) -> list[float | None] | None:
     """First and last second of a video that are used, None where all are."""
-    if recordings["source"] != "videos":
-        return None
-    first, last = (recordings["videos"][name] for name in ("from_s", "to_s"))
-    return [first, last] if first > 0 or last is not None else None
+    first, last = recordings.videos.from_s, recordings.videos.to_s
+    return [first, last] if recordings.source == "videos" and (first > 0 or last is not None) else None
 
 
-def _arms(recordings: Mapping) -> list[float | None]:
+def _arms(recordings: RecordingKeys) -> tuple[float | None, float | None]:
     """Lengths of the two arms in m, None where they are not known."""
-    return recordings["arms_m"] or [None, None]
+    return recordings.arms_m or (None, None)
 
 
-def _rate(recordings: Mapping) -> tuple[float, str]:
+def _rate(recordings: RecordingKeys) -> tuple[float, str]:
     """Rate of the analysed frames in Hz, and where it is known from."""
-    source = recordings["source"]
-    if source == "markers":
-        return recordings["markers"]["rate_hz"], recordings["markers"]["rate_provenance"]
-    if source == "rendered":
-        return recordings["analysis_rate_hz"], RENDERED
-    videos = recordings["videos"]
-    default = "the video's metadata" if videos["rate_hz"] is None else "recordings.videos.rate_hz"
-    return recordings["analysis_rate_hz"], videos["rate_provenance"] or default
+    if recordings.source == "markers":
+        return recordings.markers.rate_hz, recordings.markers.rate_provenance
+    if recordings.source == "rendered":
+        return recordings.analysis_rate_hz, RENDERED
+    videos = recordings.videos
+    default = "the video's metadata" if videos.rate_hz is None else "recordings.videos.rate_hz"
+    return recordings.analysis_rate_hz, videos.rate_provenance or default

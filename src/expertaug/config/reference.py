@@ -27,7 +27,7 @@ BEGIN = "<!-- From here on made from the models: python -m expertaug.config.refe
 KINDS = {float: "number", int: "whole number", str: "text", bool: "true, false", Any: "any"}
 SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
 # An experiment under a preset, and what a method has otherwise, have the keys that stand elsewhere.
-AS_ELSEWHERE = ("experiments.<name>.presets", "experiments.<name>.overrides.<name>")
+AS_ELSEWHERE = ("experiments.<name>.presets", "experiments.<name>.overrides.<name>", "experiments.<name>.choices")
 
 
 def reference() -> str:

@@ -9,9 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
+from expertaug.config.models import Configuration
 from expertaug.errors import InputError
 from expertaug.files import read_json, write_json
 
@@ -20,7 +21,7 @@ NAME = ".configuration.json"
 HARMLESS = ("run", "device", "tracking", "overwrite", "results")
 
 
-def refuse_another(config: Mapping, files: Iterable[str | Path]) -> None:
+def refuse_another(config: Configuration, files: Iterable[str | Path]) -> None:
     """Refuse a completed configuration whose results folder holds finished tables of other files.
 
     Arguments:
@@ -29,10 +30,10 @@ def refuse_another(config: Mapping, files: Iterable[str | Path]) -> None:
     Raises:
         InputError: the folder's record names other files, the configuration differs, and ``overwrite`` is not set.
     """
-    folder = Path(config["results"])
+    folder = Path(config.results)
     runs = _runs(folder)
     finished = any((folder / "tables").glob("*_long.csv")) if (folder / "tables").is_dir() else False
-    if not runs or not finished or config["overwrite"]:
+    if not runs or not finished or config.overwrite:
         return
     names = _names(files)
     if all(run["files"] != names and run["digest"] != _digest(config) for run in runs):
@@ -40,9 +41,9 @@ def refuse_another(config: Mapping, files: Iterable[str | Path]) -> None:
         raise InputError("results", found, "give another folder (results: …), or set overwrite: true to take this one")
 
 
-def remember(config: Mapping, files: Iterable[str | Path]) -> None:
+def remember(config: Configuration, files: Iterable[str | Path]) -> None:
     """Write into the results folder by which files it is configured."""
-    folder, names = Path(config["results"]), _names(files)
+    folder, names = Path(config.results), _names(files)
     run = {"files": names, "digest": _digest(config)}
     runs = [one for one in _runs(folder) if one["files"] != names]
     if [*runs, run] != _runs(folder):
@@ -66,6 +67,5 @@ def _said(names: object) -> str:
     return " and ".join(names) if isinstance(names, list) and names else "the default configuration"
 
 
-def _digest(config: Mapping) -> str:
-    kept = {k: v for k, v in config.items() if k not in HARMLESS}
-    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()
+def _digest(config: Configuration) -> str:
+    return hashlib.sha256(json.dumps(config.given(but=HARMLESS), sort_keys=True).encode()).hexdigest()

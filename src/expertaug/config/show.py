@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from expertaug.config import jobs, recording_settings, stage_settings
 from expertaug.config.layers import layers, origin_of
 from expertaug.config.load import validate
-from expertaug.config.names import unknown_one
+from expertaug.config.models import Configuration
 from expertaug.config.yaml_file import Located
 from expertaug.errors import InputErrors
 from expertaug.versions import AUGMENTED, FLOW, Version
 from expertaug.wording import show as written
+from expertaug.wording import unknown_one
 
 WIDTH = 58  # columns of a key and its value
 # Where in an experiment a stage's settings stand, where it is not the key of the same name.
@@ -30,13 +31,13 @@ def show(config: Located, experiment: str, method: str) -> Iterator[str]:
         InputErrors: the configuration is wrong, or has no such experiment or method.
     """
     complete = validate({**config, "run": [experiment]} if experiment in config.get("experiments", {}) else config)
-    errors = list(unknown_one(experiment, complete["experiments"], "EXPERIMENT", "experiment"))
+    errors = list(unknown_one(experiment, complete.experiments, "EXPERIMENT", "experiment"))
     if not errors:
-        known = complete["experiments"][experiment]["methods"]
+        known = complete.experiments[experiment].methods
         errors = list(unknown_one(method.rstrip("+"), known, "METHOD", "method of this experiment"))
     if errors:
         raise InputErrors(errors)
-    origins = _Origins(config, complete, experiment, method.rstrip("+"))
+    origins = _Origins(config, complete.preset, experiment, method.rstrip("+"))
     for title, settings, own in _jobs(complete, experiment, method.rstrip("+")):
         yield title
         for path, value in _leaves(settings):
@@ -45,17 +46,19 @@ def show(config: Located, experiment: str, method: str) -> Iterator[str]:
                 yield f"{text:<{WIDTH}} # {origins.of(path, own)}"
 
 
-def _jobs(config: Mapping, experiment: str, method: str) -> Iterator[tuple[str, Mapping, Mapping[str, Sequence[str]]]]:
+def _jobs(
+    config: Configuration, experiment: str, method: str
+) -> Iterator[tuple[str, dict[str, Any], dict[str, tuple[str, ...]]]]:
     """Title and settings of each job, and where its keys stand in the experiment if not where most do."""
-    one = config["experiments"][experiment]
-    if one["data"]["source"] == "simulation":
-        for name in one["data"]["sets"]:
+    data = config.experiments[experiment].data
+    if data.source == "simulation":
+        for name in data.simulated:
             yield f"simulate {name}", stage_settings.simulate(config, experiment, name), {}
-    elif one["data"]["source"] == "files":
-        own = {"files": ("data", "files")}
-        yield "cut_measurements", recording_settings.cut_measurements(config, experiment), own
+    elif data.source == "files":
+        files = {"files": ("data", "files")}
+        yield "cut_measurements", recording_settings.cut_measurements(config, experiment), files
     else:
-        split = recording_settings.split_chunks(config, experiment).model_dump(mode="json", exclude_unset=True)
+        split = recording_settings.split_chunks(config, experiment).given()
         yield "split_chunks", split, {"": ("data", "split")}
     for group in jobs.seed_groups(config, experiment):
         title = f"{method} {group}"
@@ -67,7 +70,9 @@ def _jobs(config: Mapping, experiment: str, method: str) -> Iterator[tuple[str, 
                 yield f"flow {variant} {group}", stage_settings.flow(config, experiment, variant, group), {}
             if found.estimators or found.step != AUGMENTED:
                 continue
-            prior = {"prior": ("augmentations", found.prior, "prior")} if found.prior else {}
+            prior: dict[str, tuple[str, ...]] = {}
+            if found.prior:
+                prior = {"prior": ("augmentations", found.prior, "prior")}
             here = f"{variant} {group}"
             yield f"augment {here}", stage_settings.augment(config, experiment, variant, group), prior
             settings = stage_settings.finetune(config, experiment, variant, group)
@@ -76,7 +81,7 @@ def _jobs(config: Mapping, experiment: str, method: str) -> Iterator[tuple[str, 
             yield f"evaluate {variant} {group}", stage_settings.evaluate(config, experiment, variant, group), {}
 
 
-def _variants(config: Mapping, experiment: str) -> list[str]:
+def _variants(config: Configuration, experiment: str) -> list[str]:
     return [*jobs.variants(config, experiment), *jobs.further_variants(config, experiment)]
 
 
@@ -91,12 +96,12 @@ def _leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str,
 class _Origins:
     """Where the values of an experiment's method were said."""
 
-    def __init__(self, config: Located, complete: Mapping, experiment: str, method: str) -> None:
-        self.config, self.preset, self.method = config, complete["preset"], method
+    def __init__(self, config: Located, preset: str, experiment: str, method: str) -> None:
+        self.config, self.preset, self.method = config, preset, method
         self.experiment = layers(config["experiments"], self.preset)[0][experiment]
         self.over = self.experiment.get("overrides", {}).get(method, {})
 
-    def of(self, path: tuple[str, ...], elsewhere: Mapping[str, Sequence[str]]) -> str:
+    def of(self, path: tuple[str, ...], elsewhere: dict[str, tuple[str, ...]]) -> str:
         """Of a value at a path of a stage's settings."""
         first, *rest = path
         if first in ("seeds", "device", "preset"):

@@ -6,233 +6,251 @@ of the stage of its name.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
+from typing import Any
 
 from expertaug.config import options
 from expertaug.config.jobs import checked, dissipating, label, seed_groups, sets, snapshots
-from expertaug.config.methods import FITTED, build_of, experiment_of, foreign, objective_of
-from expertaug.config.shown_settings import (
-    READING,
-    all_methods,
-    reading,
-)
-from expertaug.config.training_blocks import solver_of, with_own_options
+from expertaug.config.methods import FITTED, build_of, experiment_of, foreign
+from expertaug.config.models import Augmentation, Configuration, Experiment
+from expertaug.config.shown_settings import READING, all_methods, prior_of, reading
+from expertaug.inference.settings import FlowJob
+from expertaug.learning.settings import AugmentJob, Build, FinetuneJob, TrainJob, TrainSettings
+from expertaug.settings import OWN
 from expertaug.versions import FLOW, Version
 
-# Rows of the preset's table (expertaug.presets) that each stage of learning obeys.
-_TRAINING = ("loss_window", "multiplier", "penalty", "loss_normalisation", "supervision", "selection", "hvae_z_e")
-CHOICES = {
-    "train": (*_TRAINING, "observed_points"),
-    "augment": ("loss_window", "augmentation_noise", "augmented_x", "augmented_z_a"),
-    "finetune": (*_TRAINING, "frozen", "resample"),
-    "flow": ("augmentation_noise", "augmented_x", "augmented_z_a"),
-    "evaluate": ("forecast_start",),
-}
+OF_EVALUATION = ("forecast_start",)  # row of the preset's table that an evaluation obeys
 # Keys of an evaluation that change none of its numbers.
 SHOWING = (*READING, "published", "overview")
 
 
-def init_tracking(config: Mapping) -> dict:
-    return dict(config["tracking"])
+def init_tracking(config: Configuration) -> dict[str, Any]:
+    return config.tracking.given()
 
 
-def simulate(config: Mapping, experiment: str, name: str) -> dict:
-    one = config["experiments"][experiment]
-    data = {k: one["data"][k] for k in ("seed", "step_s", "t2_s")}
-    data |= {"noise": _noise(one), "sets": {name: one["data"]["sets"][name]}}
-    return {"system": one["system"], "data": data}
+def simulate(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
+    one = config.experiments[experiment]
+    data = one.data.given(only=("seed", "step_s", "t2_s"))
+    data |= {"noise": _noise(one), "sets": {name: one.data.simulated[name].given()}}
+    return {"system": one.system, "data": data}
 
 
-def train(config: Mapping, experiment: str, method: str, group: str) -> dict:
+def train(config: Configuration, experiment: str, method: str, group: str) -> dict[str, Any]:
     one, build = experiment_of(config, experiment, method), build_of(config, experiment, method)
-    model, training = dict(one["model"]), one["training"]
-    if build.get("interaction") is False:
-        del model["interaction"]
-    given = {}
-    if build["kind"] == "alternating":
-        model, training = {"interaction": model["interaction"]}, one["alternation"]
-    elif build["kind"] != "hybrid":
-        model, training = {}, solver_of(training)
-    else:
-        training = with_own_options(training, build)
-        if options.needs_prior(objective_of(build), "objective"):
-            given = {"prior": _prior(one["augmentation"])}
-    given |= _estimator(config, experiment, method)
+    model, training, prior = {}, _solver(one.training), {}
+    if build.kind == "alternating":
+        model, training = one.model.given(only=("interaction",)), one.alternation.given()
+    elif build.kind == "hybrid":
+        model = one.model.given(only=("encoder", "interaction") if build.has_interaction else ("encoder",))
+        training = _with_own_options(one.training, build)
+        if options.needs_prior(build.objective_kind, "objective"):
+            prior = {"prior": _prior(one.augmentation)}
     return {
         **_identity(config, experiment, method),
-        "system": config["experiments"][experiment]["system"],
-        "build": {k: v for k, v in build.items() if k != "label"},
+        "system": config.experiments[experiment].system,
+        "build": build.given(),
         "model": model,
         "training": training,
-        **given,
+        **prior,
+        **_estimator(config, experiment, method),
         **({"snapshots": kept} if (kept := snapshots(config, experiment, method)) else {}),
-        "t1_s": one["data"]["t1_s"],
-        **({"start": one["data"]["start"]} if one["data"]["start"] else {}),
-        "choices": _choices(one, "train"),
+        **_window(one),
+        "choices": _choices(one, TrainJob.OBEYS),
         "seeds": seed_groups(config, experiment)[group],
-        "device": config["device"],
+        "device": config.device,
     }
 
 
-def augment(config: Mapping, experiment: str, variant: str, group: str) -> dict:
+def augment(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
     version = Version.parse(variant)
-    method, name = version.method, version.prior
-    one = experiment_of(config, experiment, method)
-    block = one["augmentations"][name] if name else one["augmentation"]
+    one = experiment_of(config, experiment, version.method)
+    augmentation = one.augmentation_of(version.prior)
     return {
         "experiment": experiment,
         "method": variant,
-        "prior": _prior(block),
-        **({"worst": block["worst"]} if block["worst"] else {}),
+        "prior": _prior(augmentation),
+        **({"worst": augmentation.worst} if augmentation.worst else {}),
         "noise": _noise(one),
-        "choices": _choices(one, "augment"),
+        "choices": _choices(one, AugmentJob.OBEYS),
         "seeds": seed_groups(config, experiment)[group],
-        "device": config["device"],
-        **foreign(config, experiment, method),
+        "device": config.device,
+        **foreign(config, experiment, version.method),
     }
 
 
-def finetune(config: Mapping, experiment: str, variant: str, group: str) -> dict:
-    method = Version.parse(variant).method
-    one = experiment_of(config, experiment, method)
+def finetune(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
+    version = Version.parse(variant)
+    one, build = experiment_of(config, experiment, version.method), build_of(config, experiment, version.method)
     return {
         **_identity(config, experiment, variant),
-        "training": with_own_options(one["finetuning"], config["methods"][method]),
-        **({"prior": _prior(one["augmentation"])} if Version.parse(variant).is_control else {}),
-        "choices": _choices(config["experiments"][experiment], "finetune"),
+        "training": _with_own_options(one.finetuning, build),
+        **({"prior": _prior(one.augmentation)} if version.is_control else {}),
+        "choices": _choices(config.experiments[experiment], FinetuneJob.OBEYS),
         "seeds": seed_groups(config, experiment)[group],
-        "device": config["device"],
-        **foreign(config, experiment, method),
+        "device": config.device,
+        **foreign(config, experiment, version.method),
     }
 
 
-def flow(config: Mapping, experiment: str, variant: str, group: str) -> dict:
+def flow(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
     one = experiment_of(config, experiment, Version.parse(variant).method)
-    told = augment(config, experiment, variant, group) | _identity(config, experiment, variant)
-    return told | {"flow": one["flow"], "choices": _choices(one, "flow"), "worst": 0.0}
+    augmented = augment(config, experiment, variant, group) | _identity(config, experiment, variant)
+    return augmented | {"flow": one.flow.given(), "choices": _choices(one, FlowJob.OBEYS), "worst": 0.0}
 
 
-def own_prior(config: Mapping, experiment: str, variant: str, group: str | None) -> dict:
+def own_prior(config: Configuration, experiment: str, variant: str, group: str | None) -> dict[str, Any]:
     """Of an augmented version whose p⁺ finds its own ranges; of none ("") before anything is trained."""
-    method = Version.parse(variant).method or None
-    one, name = experiment_of(config, experiment, method), Version.parse(variant).prior
-    block = one["augmentations"][name] if name else one["augmentation"]
-    found = {k: block[k] for k in ("windows", "budget")} | {"noise": _noise(one), "refinement": one["refinement"]}
-    if method is not None:
-        return found | {"device": config["device"], **foreign(config, experiment, method)}
-    identity = {"experiment": experiment, "method": "least_squares", "label": "", "preset": config["preset"]}
-    build = {"kind": "least_squares", "interaction": False}
-    told = {"system": one["system"], "build": build, "model": {}, "t1_s": one["data"]["t1_s"]}
-    told |= {"training": solver_of(one["training"])}
-    told |= {"start": one["data"]["start"]} if one["data"]["start"] else {}
-    return found | identity | told | {"choices": _choices(one, "train"), "seeds": [0]}
+    version = Version.parse(variant)
+    one = experiment_of(config, experiment, version.method or None)
+    search = one.augmentation_of(version.prior).given(only=("windows", "budget"))
+    search |= {"noise": _noise(one), "refinement": one.refinement.given()}
+    if version.method:
+        return search | {"device": config.device, **foreign(config, experiment, version.method)}
+    return search | {
+        "experiment": experiment,
+        "method": "least_squares",
+        "label": "",
+        "preset": config.preset,
+        "system": one.system,
+        "build": {"kind": "least_squares", "interaction": False},
+        "model": {},
+        "training": _solver(one.training),
+        **_window(one),
+        "choices": _choices(one, TrainJob.OBEYS),
+        "seeds": [0],
+    }
 
 
-def evaluate(config: Mapping, experiment: str, variant: str, group: str) -> dict:
+def evaluate(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
     return {
         **_identity(config, experiment, variant),
-        "evaluation": _evaluation(config, experiment),
+        "evaluation": config.experiments[experiment].evaluation.given(but=SHOWING),
         **(_estimator(config, experiment, variant) if Version.parse(variant).is_refined else {}),
         **_drawn(config, experiment, variant),
         "sets": sets(config, experiment),
-        "choices": _choices(config["experiments"][experiment], "evaluate"),
+        "choices": _choices(config.experiments[experiment], OF_EVALUATION),
         "seeds": seed_groups(config, experiment)[group],
-        "device": config["device"],
+        "device": config.device,
         **foreign(config, experiment, Version.parse(variant).method),
     }
 
 
-def during_training(config: Mapping, experiment: str, method: str, group: str) -> dict:
+def during_training(config: Configuration, experiment: str, method: str, group: str) -> dict[str, Any]:
     """The settings of augmentation, of the fine-tunings and of their evaluation."""
-    study = config["experiments"][experiment]["studies"]["during_training"]
-    evaluation = {k: v for k, v in _evaluation(config, experiment).items() if k in ("from_s", "solver")}
+    one = config.experiments[experiment]
+    study = one.studies.during_training
+    assert study is not None
     return {
         **_identity(config, experiment, method),
         "augment": augment(config, experiment, f"{method}+", group),
         "finetune": finetune(config, experiment, f"{method}+", group),
-        "finetune_epochs": study["finetune_epochs"],
-        "evaluation": evaluation | {"max_samples": study["max_samples"]},
-        "choices": _choices(config["experiments"][experiment], "evaluate"),
+        "finetune_epochs": study.finetune_epochs,
+        "evaluation": one.evaluation.given(only=("from_s", "solver")) | {"max_samples": study.max_samples},
+        "choices": _choices(one, OF_EVALUATION),
         "seeds": seed_groups(config, experiment)[group],
-        "device": config["device"],
+        "device": config.device,
     }
 
 
-def dissipation(config: Mapping, experiment: str) -> dict:
+def dissipation(config: Configuration, experiment: str) -> dict[str, Any]:
     """Which versions are compared, and how the estimates of each are found."""
-    versions = dissipating(config, experiment)
-    fits = [_estimator(config, experiment, v).get("refinement") for v in versions]
-    # What a fitted method starts within its file says; refined versions start at their own estimates then.
-    pairs = zip(fits, versions, strict=True)
-    fits = [_without_search(fit, v) if fit and fit["prior"] == "own" else fit for fit, v in pairs]
-    own = [foreign(config, experiment, Version.parse(v).method).get("classes", []) for v in versions]
-    classes = list(dict.fromkeys(name for names in own for name in names))
+    versions = []
+    for variant in dissipating(config, experiment):
+        fit = _estimator(config, experiment, variant).get("refinement")
+        if fit is not None and fit["prior"] == OWN:
+            # What a fitted method starts within its file says; refined versions start at their own estimates then.
+            fit = {**fit, "prior": None} if Version.parse(variant).is_refined else None
+        versions.append([variant, label(config, variant), fit])
     return {
         "experiment": experiment,
-        "versions": [[v, label(config, v), fit] for v, fit in zip(versions, fits, strict=True)],
+        "versions": versions,
         "all_methods": all_methods(config),
         **reading(config, experiment),
-        "device": config["device"],
-        **({"classes": classes} if classes else {}),
+        "device": config.device,
+        **_classes(config, experiment, (Version.parse(variant).method for variant, _, _ in versions)),
     }
 
 
-def validity(config: Mapping, experiment: str) -> dict:
+def validity(config: Configuration, experiment: str) -> dict[str, Any]:
     """Which trained methods are checked, and how the windows of each are fitted."""
-    one, versions, classes = config["experiments"][experiment], [], []
-    for method in checked(config, experiment):
+    one, methods = config.experiments[experiment], checked(config, experiment)
+    assert one.validity is not None
+    versions = []
+    for method in methods:
         own = experiment_of(config, experiment, method)
-        fit = {"settings": own["refinement"], "noise": _noise(own), "prior": own["augmentation"]["prior"]}
+        fit = {"settings": own.refinement.given(), "noise": _noise(own), "prior": prior_of(own.augmentation)}
         versions.append([method, label(config, method), fit])
-        classes += foreign(config, experiment, method).get("classes", [])
-    told = {"experiment": experiment, "versions": versions, "validity": one["validity"], "device": config["device"]}
-    told |= {"all_methods": all_methods(config), **reading(config, experiment)}
-    return told | ({"classes": list(dict.fromkeys(classes))} if classes else {})
+    return {
+        "experiment": experiment,
+        "versions": versions,
+        "validity": one.validity.given(),
+        "device": config.device,
+        "all_methods": all_methods(config),
+        **reading(config, experiment),
+        **_classes(config, experiment, methods),
+    }
 
 
-def _identity(config: Mapping, experiment: str, variant: str) -> dict:
-    return {"experiment": experiment, "method": variant, "label": label(config, variant), "preset": config["preset"]}
+def _identity(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
+    return {"experiment": experiment, "method": variant, "label": label(config, variant), "preset": config.preset}
 
 
-def _estimator(config: Mapping, experiment: str, variant: str) -> dict:
+def _estimator(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
     """What least squares on each window needs, where a version's estimates come from it."""
-    method = Version.parse(variant).method
-    if not Version.parse(variant).is_refined and config["methods"][method]["kind"] not in FITTED:
+    version = Version.parse(variant)
+    if not version.is_refined and config.methods[version.method].kind not in FITTED:
         return {}
-    one = experiment_of(config, experiment, method)
-    return {"refinement": {"settings": one["refinement"], "noise": _noise(one), "prior": _prior(one["augmentation"])}}
+    one = experiment_of(config, experiment, version.method)
+    return {"refinement": {"settings": one.refinement.given(), "noise": _noise(one), "prior": _prior(one.augmentation)}}
 
 
-def _without_search(fit: Mapping, variant: str) -> dict | None:
-    return {**fit, "prior": None} if Version.parse(variant).is_refined else None
-
-
-def _drawn(config: Mapping, experiment: str, variant: str) -> dict:
+def _drawn(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
     """The data's noise, and what a version's own windows are made with, where the experiment has p⁺."""
     version = Version.parse(variant)
     one = experiment_of(config, experiment, version.method)
-    if config["methods"][version.method]["kind"] == "mean":
+    if config.methods[version.method].kind == "mean":
         return {"noise": _noise(one)}
-    anew = one["choices"]["augmented_x"] == "resampled"
-    anew = one["flow"].get("resample_x", anew) if FLOW in version.estimators else anew
-    own = {"resample_x": anew, "z_a_from": one["choices"]["augmented_z_a"]}
-    own["prior"] = _prior(one["augmentations"][version.prior] if version.prior else one["augmentation"])
-    return {"noise": _noise(one), "own": own}
+    anew = one.choices.augmented_x == "resampled"
+    if FLOW in version.estimators and one.flow.resample_x is not None:
+        anew = one.flow.resample_x
+    prior = _prior(one.augmentation_of(version.prior))
+    return {
+        "noise": _noise(one),
+        "own": {"resample_x": anew, "z_a_from": one.choices.augmented_z_a, "prior": prior},
+    }
 
 
-def _prior(augmentation: Mapping) -> dict | str:
+def _classes(config: Configuration, experiment: str, methods: Iterable[str]) -> dict[str, Any]:
+    """Classes from elsewhere that the model files of some methods may name; nothing where there is none."""
+    named = [name for method in methods for name in foreign(config, experiment, method).get("classes", [])]
+    return {"classes": list(dict.fromkeys(named))} if named else {}
+
+
+def _prior(augmentation: Augmentation) -> dict[str, list[float]] | str:
     """Ranges of p⁺, or that they are to be found (:mod:`expertaug.inference.adaptive_prior`)."""
-    return augmentation["prior"] or "own"
+    return prior_of(augmentation) or OWN
 
 
-def _evaluation(config: Mapping, experiment: str) -> dict:
-    return {k: v for k, v in config["experiments"][experiment]["evaluation"].items() if k not in SHOWING}
+def _choices(experiment: Experiment, obeyed: Iterable[str]) -> dict[str, str]:
+    return experiment.choices.given(only=tuple(obeyed))
 
 
-def _choices(experiment: Mapping, stage: str) -> dict:
-    return {row: experiment["choices"][row] for row in CHOICES[stage]}
-
-
-def _noise(experiment: Mapping) -> float | dict | str:
+def _noise(experiment: Experiment) -> float | dict[str, float] | str:
     """Standard deviation of the noise of an experiment's data: one, one for each component, or that it is estimated."""
-    return experiment["data"]["noise"] if experiment["choices"]["noise"] == "config" else 0.0
+    return experiment.data.noise if experiment.choices.noise == "config" else 0.0
+
+
+def _window(experiment: Experiment) -> dict[str, Any]:
+    """What of a trajectory is observed."""
+    return experiment.data.given(only=("t1_s", "start") if experiment.data.start else ("t1_s",))
+
+
+def _solver(training: TrainSettings) -> dict[str, Any]:
+    """What is left of a training for what is fitted without one: its solver, where it names one."""
+    return training.given(only=("solver",))
+
+
+def _with_own_options(training: TrainSettings, build: Build) -> dict[str, Any]:
+    """A training with those of the objective's options that are the method's own objective's."""
+    own = {k: v for k, v in (training.objective or {}).items() if options.takes_option(build.objective_kind, k)}
+    return {**training.given(), "objective": own}

@@ -213,14 +213,6 @@ class MethodKeys(Settings):
         "true = the F_a of this method has the form of the hidden term; tables and figures show it after the others",
     )
 
-
-class Build(MethodKeys):
-    """How a method is built in an experiment."""
-
-    WHERE: ClassVar[str] = "build"
-
-    system: dict[str, Any] = key(LEFT_OUT, "arguments of the system's class that are otherwise for this method")
-
     @property
     def objective_kind(self) -> str:
         """Kind of the objective."""
@@ -233,6 +225,14 @@ class Build(MethodKeys):
     @property
     def has_interaction(self) -> bool:
         return self.interaction is not False
+
+
+class Build(MethodKeys):
+    """How a method is built in an experiment."""
+
+    WHERE: ClassVar[str] = "build"
+
+    system: dict[str, Any] = key(LEFT_OUT, "arguments of the system's class that are otherwise for this method")
 
 
 class RecipeKeys(Settings):

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from expertaug.config import brought
+from expertaug.config.models import Configuration
+from expertaug.config.sources import refuse_within_results
 from expertaug.errors import InputError
+from expertaug_recordings.settings import RecordingKeys
 
 
 def config(results, source="videos", path="videos", checksums=None):
-    return {"results": str(results), "recordings": {"source": source, source: {"path": path}, "checksums": checksums}}
+    own = {} if source == "rendered" else {source: {"path": path}}
+    recordings = RecordingKeys.of(source=source, checksums=checksums, **own)
+    return Configuration.model_construct(results=str(results), recordings=recordings)
 
 
 @pytest.fixture
@@ -21,19 +25,19 @@ def results(tmp_path):
 
 def test_recordings_elsewhere_are_taken(results, tmp_path):
     (tmp_path / "a.mp4").touch()
-    brought.check(config(results), {"a": str(tmp_path / "a.mp4")})
-    brought.check(config(results, "rendered"), {"rendered_00": 0})
-    brought.check(config(results, path=str(results / "mine")), {})  # no experiment of the run takes recordings
+    refuse_within_results(config(results), {"a": str(tmp_path / "a.mp4")})
+    refuse_within_results(config(results, "rendered"), {"rendered_00": 0})
+    refuse_within_results(config(results, path=str(results / "mine")), {})  # no experiment of the run takes recordings
 
 
 def test_recordings_in_the_results_folder_are_refused_in_one_line(results, tmp_path, monkeypatch):
     with pytest.raises(
         InputError, match=r"^recordings\.videos\.path: '.*a\.mp4' lies in the results folder .*; move it"
     ):
-        brought.check(config(results), {"a": str(results / "mine" / "a.mp4")})
+        refuse_within_results(config(results), {"a": str(results / "mine" / "a.mp4")})
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="results folder 'results'"):
-        brought.check(config("results"), {"a": "results/mine/../mine/a.mp4"})
+        refuse_within_results(config("results"), {"a": "results/mine/../mine/a.mp4"})
 
 
 def test_a_link_hides_nothing(results, tmp_path):
@@ -41,11 +45,11 @@ def test_a_link_hides_nothing(results, tmp_path):
     (results / "out.mp4").symlink_to(tmp_path / "b.mp4")
     for path in (tmp_path / "link.mp4", results / "out.mp4"):
         with pytest.raises(InputError, match="results folder"):
-            brought.check(config(results), {"a": str(path)})
+            refuse_within_results(config(results), {"a": str(path)})
 
 
 def test_an_archive_and_checksums_in_the_results_folder_are_refused(results):
     with pytest.raises(InputError, match=r"^recordings\.markers\.path: "):
-        brought.check(config(results, "markers", str(results / "markers.tar.gz")), None)
+        refuse_within_results(config(results, "markers", str(results / "markers.tar.gz")), None)
     with pytest.raises(InputError, match=r"^recordings\.checksums: "):
-        brought.check(config(results, "rendered", checksums=str(results / "SHA256SUMS")), {"rendered_00": 0})
+        refuse_within_results(config(results, "rendered", checksums=str(results / "SHA256SUMS")), {"rendered_00": 0})
