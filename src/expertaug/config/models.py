@@ -225,9 +225,9 @@ class Data(Settings):
             remedy = "give files (paths, time and columns of your measurements, and their chunks)"
             yield disagree("missing", remedy, "files")
             return
-        for name in self.files.columns if isinstance(self.noise, dict) else ():
-            if name not in self.noise:
-                yield disagree("missing", "give it for every component with a column", f"noise.{name}")
+        noisy = self.noise if isinstance(self.noise, dict) else self.files.columns
+        for name in [name for name in self.files.columns if name not in noisy]:
+            yield disagree("missing", "give it for every component with a column", f"noise.{name}")
         end = (self.files.length - 1) * (self.files.step_s or math.inf)
         if self.t1_s >= end + 1e-9:
             yield disagree(f"found {self.t1_s:g}", f"a chunk ends at {end:g} s", "t1_s")

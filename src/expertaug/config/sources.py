@@ -229,8 +229,8 @@ def wrong_measurements(where: str, one: Experiment, system: KnownSystem | None) 
 
 def _unknown_keys(used: Iterable[str], known: Sequence[str] | None, where: str, what: str) -> Iterator[InputError]:
     """Keys that are none of the known names, where those are known."""
-    for name in used if known is not None else ():
-        if name not in known:
+    for name in used:
+        if known is not None and name not in known:
             yield InputError(f"{where}.{name}", f"'{name}' is no {what}", suggest(name, known))
 
 
