@@ -13,8 +13,7 @@ from expertaug import registry, systems
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError, lines
-from expertaug.learning.kinds import PARTS
-from expertaug.learning.settings import OBJECTIVES
+from expertaug.learning.settings import ALL_PARTS, OBJECTIVES
 from expertaug.models.settings import ENCODERS, INTERACTIONS
 from expertaug.settings import is_left_out
 from expertaug.systems.settings import SYSTEMS
@@ -91,7 +90,7 @@ def test_other_systems_are_checked_in_the_same_way(base, over, expected):
 @pytest.mark.parametrize("part", KINDS)
 def test_options_are_the_arguments_of_the_classes_with_their_defaults(part):
     for name, settings in KINDS[part].items():
-        arguments = inspect.signature(registry.find(PARTS[part], name, part)).parameters
+        arguments = inspect.signature(registry.find(ALL_PARTS[part], name, part)).parameters
         fields = {n: f for n, f in settings.model_fields.items() if n != "kind"}
         assert set(fields) == set(arguments) - GIVEN | ({"latent"} if "latent" in fields else set()), name
         for option, field in fields.items():

@@ -4,7 +4,7 @@ import pytest
 
 from expertaug import registry
 from expertaug.errors import InputError
-from expertaug.learning.kinds import PARTS
+from expertaug.learning.settings import ALL_PARTS
 
 MODULE = """
 from abc import abstractmethod, ABC
@@ -74,17 +74,17 @@ def module(tmp_path, monkeypatch):
     ],
 )
 def test_options_are_read_through_inheritance_and_keywords(part, name, expected):
-    found = registry.arguments(registry.find(PARTS[part], f"owned:{name}", "here"))
-    assert found is None if expected is None else [a for a in found if a not in PARTS[part].given] == expected
+    found = registry.arguments(registry.find(ALL_PARTS[part], f"owned:{name}", "here"))
+    assert found is None if expected is None else [a for a in found if a not in ALL_PARTS[part].given] == expected
 
 
 def test_options_of_a_class_of_torch():
-    cls = registry.find(PARTS["encoder"], "owned:Recurrent", "here")
+    cls = registry.find(ALL_PARTS["encoder"], "owned:Recurrent", "here")
     assert {"input_size", "hidden_size"} <= set(registry.arguments(cls))
 
 
 def test_every_kind_of_the_package_can_be_asked():
-    for part in PARTS.values():
+    for part in ALL_PARTS.values():
         for kind in part.kinds:
             assert registry.arguments(registry.find(part, kind, "here")) is not None
 
@@ -110,4 +110,4 @@ def test_every_kind_of_the_package_can_be_asked():
 )
 def test_what_cannot_be_used_is_one_line(part, kind, expected):
     with pytest.raises(InputError, match=expected):
-        registry.find(PARTS[part], kind, "here")
+        registry.find(ALL_PARTS[part], kind, "here")

@@ -1,7 +1,8 @@
 """Classes that a configuration names by a short ``kind`` or as ``package.module:Class``, found and looked at.
 
-What kinds there are stands beside their settings (:mod:`expertaug.models.settings`, :mod:`expertaug.learning.kinds`),
-by name alone: nothing is imported before a class is asked for, so that no command waits for torch without need.
+What kinds there are stands beside their settings (:mod:`expertaug.models.settings`,
+:mod:`expertaug.learning.settings`), by name alone: nothing is imported before a class is asked for, so that no command
+waits for torch without need.
 """
 
 from __future__ import annotations

@@ -19,9 +19,8 @@ from expertaug.learning import finetune as finetune_stage
 from expertaug.learning import train as train_stage
 from expertaug.learning.augment import Augmented
 from expertaug.learning.fitting import Record, Training
-from expertaug.learning.kinds import OBJECTIVE
 from expertaug.learning.objectives import Aphynity, Objective
-from expertaug.learning.settings import FinetuneJob, TrainOptions, TrainSettings
+from expertaug.learning.settings import OBJECTIVE, FinetuneJob, TrainOptions, TrainSettings
 from expertaug.learning.training_data import StackedSet
 from expertaug.models import describe
 from expertaug.models.hybrid import HybridModel

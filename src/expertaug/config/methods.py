@@ -6,8 +6,7 @@ from typing import Any
 
 from expertaug.config.layers import overridden
 from expertaug.config.models import Configuration, Experiment
-from expertaug.learning import kinds
-from expertaug.learning.settings import Build
+from expertaug.learning.settings import Build, named_modules
 
 FITTED = ("alternating", "least_squares")  # kinds of methods whose estimates are fits of each window
 
@@ -32,12 +31,12 @@ def modules(config: Configuration, experiment: str, method: str | None = None) -
     system, parts = one.system["name"], one.model.given()
     build = build_of(config, experiment, method) if method else None
     if build is None or build.kind in ("mean", "least_squares"):
-        return kinds.modules(system, {}, None)
+        return named_modules(system, {}, None)
     if build.kind == "alternating":
-        return kinds.modules(system, {"interaction": parts["interaction"]}, None)
+        return named_modules(system, {"interaction": parts["interaction"]}, None)
     if not build.has_interaction:
         del parts["interaction"]
-    return kinds.modules(system, parts, build.objective_kind)
+    return named_modules(system, parts, build.objective_kind)
 
 
 def foreign(config: Configuration, experiment: str, method: str) -> dict[str, Any]:

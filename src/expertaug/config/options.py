@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from expertaug import registry
 from expertaug.config import signatures
 from expertaug.errors import InputError
-from expertaug.learning import kinds
-from expertaug.learning.settings import OBJECTIVES, ObjectiveSettings
+from expertaug.learning.settings import ALL_PARTS, OBJECTIVE, OBJECTIVES, ObjectiveSettings
 from expertaug.models.settings import ENCODERS, INTERACTIONS, PartSettings
 from expertaug.settings import check
 from expertaug.systems.settings import SYSTEMS
@@ -140,7 +139,7 @@ def part(of: str, settings: Mapping, where: str, known: KnownSystem | None, t1_s
 
 def _own(of: str, kind: str, settings: Mapping, where: str) -> Iterator[InputError]:
     try:
-        own = registry.find(kinds.PARTS[of], kind, f"{where}.kind")
+        own = registry.find(ALL_PARTS[of], kind, f"{where}.kind")
     except InputError as error:
         yield error
         return
@@ -169,7 +168,7 @@ def objective(kind: str, where: str) -> tuple[type | None, list[InputError]]:
         remedy = f"{suggest(kind, OBJECTIVES)}, or package.module:Class"
         return None, [InputError(where, f"'{kind}' is no objective", remedy)]
     try:
-        return registry.find(kinds.OBJECTIVE, kind, where), []
+        return registry.find(OBJECTIVE, kind, where), []
     except InputError as error:
         return None, [error]
 

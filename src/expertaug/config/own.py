@@ -146,9 +146,9 @@ class _Experiment:
 
     def _method(self, method: str, data: Trajectories | None) -> bool:
         """Make a method's system and model as its training does, and try them; whether all is well."""
-        from expertaug.learning import kinds
         from expertaug.learning.check_parts import check_parts
         from expertaug.learning.fitting import make_objective
+        from expertaug.learning.settings import objective_of
         from expertaug.learning.train import described_by
         from expertaug.models import describe
 
@@ -164,7 +164,7 @@ class _Experiment:
         where = f"experiments.{self.name}, {method}"
 
         def parts() -> bool | None:
-            recipe, kind = describe.recipe_of(system, described), kinds.objective_of(objective)
+            recipe, kind = describe.recipe_of(system, described), objective_of(objective)
             named = [recipe.encoder, recipe.interaction if described.interaction else None]
             at = self._where(method, *filter(None, map(_class_of, ("encoder", "interaction"), named)), kind)
             return self._try(at, lambda: tried(recipe, kind, at))
@@ -229,9 +229,9 @@ class _Experiment:
 
 def _class_of(part: str, given: Mapping | None) -> type | None:
     from expertaug import registry
-    from expertaug.learning import kinds
+    from expertaug.learning.settings import ALL_PARTS
 
-    return None if given is None else registry.find(kinds.PARTS[part], given["kind"], f"{part}.kind")
+    return None if given is None else registry.find(ALL_PARTS[part], given["kind"], f"{part}.kind")
 
 
 def _file(cls: type) -> str:

@@ -15,12 +15,12 @@ from collections.abc import Iterator, Mapping
 
 from expertaug import registry
 from expertaug.errors import InputError
-from expertaug.learning.kinds import PARTS
+from expertaug.learning.settings import ALL_PARTS
 from expertaug.wording import number_in, show, suggest
 
 PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 # Arguments that the package itself gives; the configuration gives the rest.
-GIVEN = {**{name: set(part.given) for name, part in PARTS.items()}, "system": set()}
+GIVEN = {**{name: set(part.given) for name, part in ALL_PARTS.items()}, "system": set()}
 # What a class must define that inherits it from this package alone.
 NEEDED = {"System": ("state", "expert_parameters", "expert")}
 OF_SIMULATIONS = ("truth", "sample_initial_state")

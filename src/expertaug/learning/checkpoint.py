@@ -28,8 +28,9 @@ def fingerprint(settings: Mapping, inputs: Iterable[Path], modules: Iterable[str
     Arguments:
         settings: of the job.
         inputs: files that it reads.
-        modules: of its stage, then those that its settings name (:func:`expertaug.learning.kinds.modules`); they stand
-            for all the files that the workflow declares for the stage and for the installed numeric packages.
+        modules: of its stage, then those that its settings name
+            (:func:`expertaug.learning.settings.named_modules`); they stand for all the files that the workflow
+            declares for the stage and for the installed numeric packages.
     """
     modules = list(modules)
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode())

@@ -12,8 +12,7 @@ from expertaug.learning import snapshots
 from expertaug.learning.augment import augment
 from expertaug.learning.checkpoint import fingerprint
 from expertaug.learning.finetune import finetune
-from expertaug.learning.kinds import modules
-from expertaug.learning.settings import AugmentJob, FinetuneJob
+from expertaug.learning.settings import AugmentJob, FinetuneJob, named_modules
 from expertaug.models import store
 
 BASE = 0  # as the length of a fine-tuning: the snapshot itself
@@ -44,7 +43,7 @@ def stages(
     inputs = [file, *(Path(data) / f"{name}.npz" for name in ("train", "validation"))]
     used = {"augment": drawing.to_json(), "finetune": tuning.to_json(), "finetune_epochs": list(lengths)}
     card = snapshots.read_card(file)
-    named = modules(card.system_name, card.model.to_json(), card.objective)
+    named = named_modules(card.system_name, card.model.to_json(), card.objective)
     folder = work / fingerprint(used, inputs, [__name__, *named])[:16]
     for other in work.glob("*"):  # of other settings, code or data
         if other != folder:

@@ -12,10 +12,9 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.learning.kinds import objective_of
 from expertaug.learning.objectives import Objective
 from expertaug.learning.residuals import record_residuals
-from expertaug.learning.settings import FinetuneJob, TrainOptions
+from expertaug.learning.settings import FinetuneJob, TrainOptions, objective_of
 from expertaug.learning.trainer import Trainer
 from expertaug.learning.training_data import StackedSet, Task
 from expertaug.models.card import LatentRecord, ModelCard

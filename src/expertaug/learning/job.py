@@ -8,7 +8,7 @@ from pathlib import Path
 from expertaug.learning import snapshots
 from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
 from expertaug.learning.fitting import Training
-from expertaug.learning.kinds import modules
+from expertaug.learning.settings import named_modules
 from expertaug.models import store
 from expertaug.settings import Settings
 from expertaug.tracking.log import Run
@@ -41,7 +41,7 @@ def run(
     with locked(work):
         said = settings.to_json()
         wanted = {k: v for k, v in said.items() if k != "device"}
-        named = modules(card.system_name, card.model.to_json(), card.objective)
+        named = named_modules(card.system_name, card.model.to_json(), card.objective)
         code = [module or f"expertaug.learning.{card.stage}", *named]
         checkpoint = Checkpoint(work, fingerprint(wanted, list(inputs), code))
         state = checkpoint.load()

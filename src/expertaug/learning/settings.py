@@ -1,15 +1,17 @@
-"""Settings of trainings and of the jobs of learning, and options of the objectives; torch is not loaded here."""
+"""Settings of trainings and of the jobs of learning, options and kinds of the objectives; torch is not loaded here."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from expertaug.models.settings import PARTS as MODEL_PARTS
 from expertaug.models.settings import PartsSettings, Refinement, SystemKeys
 from expertaug.presets import ROWS, Choices
+from expertaug.registry import Part, find, full_name
 from expertaug.settings import (
     LEFT_OUT,
     LIST,
@@ -82,6 +84,17 @@ class HvaeSettings(ObjectiveSettings):
 
 
 OBJECTIVES: Mapping[str, type[ObjectiveSettings]] = {"aphynity": AphynitySettings, "hvae": HvaeSettings}
+OBJECTIVE = Part(
+    "objective",
+    {
+        "aphynity": "expertaug.learning.objectives:Aphynity",
+        "hvae": "expertaug.learning.hvae:HybridVAE",
+    },
+    base="expertaug.learning.objectives:Objective",
+    needed="loss",
+    given=("seeds", "choices", "prior"),
+)
+ALL_PARTS = {**MODEL_PARTS, OBJECTIVE.name: OBJECTIVE}
 
 
 class TrainSettings(Settings):
@@ -340,3 +353,27 @@ def train_job(settings: Mapping[str, object]) -> TrainJob | UntrainedJob:
         InputError: a key is missing or unknown, or a value cannot be used.
     """
     return read(train_job_kind(settings), settings)
+
+
+def named_modules(system: str, model: Mapping[str, Mapping], objective: str | None) -> list[str]:
+    """What a model and its training name: the module of the system, classes as ``package.module:Class``.
+
+    Arguments:
+        system: a module of ``expertaug.systems``, or a dotted path.
+        model: settings of the encoder and of the interaction, those that there are, with their kind.
+        objective: its kind; None where nothing is trained.
+    """
+    kinds = {name: model[name]["kind"] for name in ALL_PARTS if name in model}
+    if objective is not None:
+        kinds["objective"] = objective
+    named = [full_name(ALL_PARTS[name], kind, name) for name, kind in kinds.items()]
+    return [system if "." in system or ":" in system else f"expertaug.systems.{system}", *named]
+
+
+def objective_of(kind: str, classes: Mapping[str, Callable] | None = None) -> Any:
+    """The class of an objective's kind.
+
+    Arguments:
+        classes: by name, instead of what importing the name would give.
+    """
+    return (classes or {}).get(kind) or find(OBJECTIVE, kind, "objective")

@@ -14,15 +14,16 @@ from expertaug.files import read_json
 from expertaug.learning import fitting, job
 from expertaug.learning.divergence import divergence_bound
 from expertaug.learning.fitting import Training
-from expertaug.learning.kinds import OBJECTIVE, objective_of
 from expertaug.learning.settings import (
     DEFAULT_OBJECTIVE,
+    OBJECTIVE,
     DataOptions,
     RecipeKeys,
     TrainJob,
     TrainOptions,
     UntrainedJob,
     UntrainedOptions,
+    objective_of,
 )
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import describe, store
