@@ -51,15 +51,19 @@ class ObjectiveSettings(Settings):
     """Options of an objective.
 
     Attributes:
+        CLASS: ``module:Class`` in this folder.
         NEEDS: what the package gives it besides seeds and choices.
     """
 
+    CLASS: ClassVar[str]
     WHERE: ClassVar[str] = "objective"
     NEEDS: ClassVar[tuple[str, ...]] = ()
 
 
 class AphynitySettings(ObjectiveSettings):
     """APHYNITY: the data term with a Lagrange multiplier, and the size of F_a."""
+
+    CLASS = "objectives:Aphynity"
 
     lambda0: Annotated[
         Annotated[NotNegative, ONE] | Annotated[Annotated[tuple[NotNegative, ...], Field(strict=False)], LIST], by_shape
@@ -71,6 +75,7 @@ class AphynitySettings(ObjectiveSettings):
 class HvaeSettings(ObjectiveSettings):
     """The hybrid-VAE's evidence lower bound and its regularisers."""
 
+    CLASS = "hvae:HybridVAE"
     NEEDS = ("prior",)
 
     alpha: NotNegative = key(
@@ -86,10 +91,7 @@ class HvaeSettings(ObjectiveSettings):
 OBJECTIVES: Mapping[str, type[ObjectiveSettings]] = {"aphynity": AphynitySettings, "hvae": HvaeSettings}
 OBJECTIVE = Part(
     "objective",
-    {
-        "aphynity": "expertaug.learning.objectives:Aphynity",
-        "hvae": "expertaug.learning.hvae:HybridVAE",
-    },
+    {kind: f"expertaug.learning.{settings.CLASS}" for kind, settings in OBJECTIVES.items()},
     base="expertaug.learning.objectives:Objective",
     needed="loss",
     given=("seeds", "choices", "prior"),
