@@ -12,7 +12,7 @@ from small_pendulum import OPTIONS
 
 import expertaug as ea
 from expertaug.cli import main
-from expertaug.inference.coordinates import Latent
+from expertaug.inference.coordinates import LatentCoordinates
 
 T = np.linspace(0, 4, 41)
 PRIOR = {"omega0": [0.5, 3.5]}
@@ -67,8 +67,8 @@ def test_of_a_long_z_a_only_what_varies_most_is_sought(sets, tmp_path):
     trained = ea.fit(recipe, sets["train"], sets["validation"], observed_s=1.0, seeds=[0, 1], **OPTIONS)
     trained.save(tmp_path / "model.safetensors")
     model = ea.load(tmp_path / "model.safetensors")[1]
-    latent = Latent.of(model.stored.card, 10)
-    assert latent.mean.shape == (1, 24) and latent.axes.shape == (1, 10, 24) and latent.size == 10
+    latent = LatentCoordinates.of(model.stored.card, 10)
+    assert latent.mean.shape == (1, 1, 24) and latent.axes.shape == (1, 10, 24) and latent.size == 10
     window = sets["train"].y[:6, : model.observed]
     z_a = model.stored.model.encode(torch.from_numpy(window).movedim(1, 0).unsqueeze(1)).z_a.mean.detach().double()
     again = latent.z_a(latent.coordinates(z_a))
@@ -81,8 +81,8 @@ def test_of_a_long_z_a_only_what_varies_most_is_sought(sets, tmp_path):
     own, better = (m.forecast(window, sets["train"].t) for m in (model, refined))
     assert refined.predictor.fit.sizes == (1, 10, 2)
     few, whole = (model.refined(noise=0.01, prior=PRIOR, latent=n).predictor.fit for n in (3, 24))
-    assert few.sizes == (1, 3, 2) and torch.equal(few.latent.axes, latent.axes[:, :3])
-    assert whole.sizes == (1, 24, 2) and whole.latent.axes is None
+    assert few.sizes == (1, 3, 2) and torch.equal(few.transform.latent.axes, latent.axes[:, :3])
+    assert whole.sizes == (1, 24, 2) and whole.transform.latent.axes is None
     assert better.misfit.mean() < own.misfit.mean()
 
 

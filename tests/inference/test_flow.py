@@ -8,8 +8,8 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation.diverged import forecast
 from expertaug.inference import store
-from expertaug.inference.coordinates import Unknowns
-from expertaug.inference.flow import Context
+from expertaug.inference.coordinates import PriorTransform
+from expertaug.inference.flow import SummaryNetwork
 from expertaug.inference.flow_training import prepare
 from expertaug.inference.posterior_predictive import predictive
 from expertaug.inference.settings import FlowJob
@@ -91,7 +91,7 @@ def known():
     simulator, estimator = training.trainer.pool.simulator, training.run().model.eval()
     drawn = simulator.draw(400, HELD_OUT, 1)
     first = drawn.x[..., :1]  # the recurrent encoder has no windows: the context is every observed point
-    slope, _, start = estimator.head.unknowns.unpack(drawn.theta, first)
+    slope, _, start = estimator.head.unknowns.transform.unpack(drawn.theta, first)
     return estimator, drawn.x.movedim(-1, 0).unsqueeze(-1), slope, start
 
 
@@ -282,9 +282,9 @@ def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path)
 def test_z_a_is_drawn_where_f_a_was_learned():
     system = systems.load({"name": "pendulum"})
     latents = torch.linspace(-2, 4, 50)[:, None]
-    unknowns = Unknowns(system, torch.tensor([0.5]), torch.tensor([3.5]), latents, 1, 0.01, beyond=0.5)
+    unknowns = PriorTransform(system, torch.tensor([0.5]), torch.tensor([3.5]), latents, 1, 0.01, beyond=0.5)
     theta = torch.tensor([[0.0, 0.3, 0.0, 0.0], [0.0, -600.0, 0.0, 0.0], [0.0, 600.0, 0.0, 0.0]])
-    z_e, z_a, y0 = unknowns.unpack(theta, torch.zeros(3, 2))
+    z_e, z_a, y0 = unknowns.transform.unpack(theta, torch.zeros(3, 2))
     std = latents.std()
     torch.testing.assert_close((z_a[0, 0] - latents.mean()).abs(), 0.3 * std)
     torch.testing.assert_close(
@@ -298,9 +298,9 @@ def test_speeds_that_nobody_measured_are_neither_seen_nor_inferred_twice():
     constants = {"B1": 0.3, "G1": 90.0, "B2": 1.0, "G2": 120.0}
     system = systems.load({"name": "double_pendulum", "constants": constants})
     low, high = torch.tensor([-25.0, -60.0]), torch.tensor([25.0, 60.0])
-    unknowns = Unknowns(system, low, high, torch.zeros(4, 3), 0, 1e-3)
-    assert unknowns.sizes == (2, 0, 2), "both speeds as z_e, both angles as y0"
-    context = Context(system, torch.linspace(0, 0.1, 11), {})
+    unknowns = PriorTransform(system, low, high, torch.zeros(4, 3), 0, 1e-3)
+    assert unknowns.transform.sizes == (2, 0, 2), "both speeds as z_e, both angles as y0"
+    context = SummaryNetwork(system, torch.linspace(0, 0.1, 11), {})
     y = torch.randn(11, 5, 4)
     other = y.clone()
     other[..., 2:] += 1.0

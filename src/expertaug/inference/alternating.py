@@ -26,7 +26,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError, SolveError
-from expertaug.inference.coordinates import Latent
+from expertaug.inference.coordinates import LatentCoordinates
 from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_by
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
@@ -178,7 +178,9 @@ class Alternation:
         times, latents = self.fit.t[::EVERY], z_a[:, :LATENTS]
         mixed = decorrelate(states[::EVERY, :, :STATES].nan_to_num(0.0, 0.0, 0.0))
         u = None if u is None else u[::EVERY, :, :STATES]
-        tangents = expert_tangents(self.fit.system, times, mixed, z_e.mean(1, keepdim=True), self.fit.scale, u)
+        tangents = expert_tangents(
+            self.fit.system, times, mixed, z_e.mean(1, keepdim=True), self.fit.transform.expert.scale, u
+        )
         rates = interaction_at(self.model, mixed, z_e[:, :LATENTS], latents, times, u)
         unit = self.rates.view(1, len(self.seeds), 1, -1, *[1] * (mixed.dim() - 4))
         return squares(rates / unit.unsqueeze(0), tangents / unit.unsqueeze(0))
@@ -491,8 +493,10 @@ def prepare(
     assumed = assumed_noise(refinement, noise, card.bound)
 
     def fit(decoder: Decoder, times: Tensor, settings: RefinementSettings, size: int) -> WindowFit:
-        mean, std = (f(size, training.latent, dtype=torch.float64) for f in (torch.zeros, torch.ones))
-        return WindowFit(decoder, times, settings, assumed, bool(free), prior, Latent(mean, std), task.solver, ranges)
+        mean, std = (f(size, 1, training.latent, dtype=torch.float64) for f in (torch.zeros, torch.ones))
+        return WindowFit(
+            decoder, times, settings, assumed, bool(free), prior, LatentCoordinates(mean, std), task.solver, ranges
+        )
 
     used, seen = t[: task.horizon], t[: card.observed]
     fits = (

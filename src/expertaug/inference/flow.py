@@ -12,7 +12,7 @@ import torch
 import zuko
 from torch import Tensor, nn
 
-from expertaug.inference.coordinates import Unknowns, box
+from expertaug.inference.coordinates import PriorTransform, widened_box
 from expertaug.inference.posterior_predictive import mean_forecast
 from expertaug.inference.settings import FlowSettings
 from expertaug.learning.augment import prior_ends
@@ -38,7 +38,7 @@ CHUNK = 2**11  # draws made at a time: 2**17 take eight times the memory and no 
 KERNELS = 3  # widths of the bootstrap's kernel by which drawn z_a may lie beyond the training windows'
 
 
-class Context(nn.Module):
+class SummaryNetwork(nn.Module):
     """The observed window as the base model's encoder is allowed to see it: its windows of components where it has
     some, else every observed quantity and known input; of fields their moments.  Where values may not have been
     measured, straight lines stand for them, and which ones they are is seen as well.
@@ -164,9 +164,9 @@ class Splines(nn.Module):
 
 
 class Head(nn.Module):
-    """What one seed learns of its own: window → x → q(θ | x), and θ ↔ (z_e, z_a, y0)."""
+    """What one seed learns of its own: window → x → q(θ | x), and θ ↔ (z_e, z_a, y0); model files name its parts."""
 
-    def __init__(self, context: Context, unknowns: Unknowns, settings: FlowSettings) -> None:
+    def __init__(self, context: SummaryNetwork, unknowns: PriorTransform, settings: FlowSettings) -> None:
         super().__init__()
         self.context, self.unknowns = context, unknowns
         self.density = Density(context.inputs, unknowns.count, settings)
@@ -231,13 +231,13 @@ class FlowEstimator(Predictor, nn.Module):
     @torch.no_grad()
     def draws(self, windows: Tensor, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """As :meth:`sample`, from standard normal numbers (K, S, B, unknowns)."""
-        unknowns, known = self.head.unknowns, states_of(self.system, windows[0])
+        transform, known = self.head.unknowns.transform, states_of(self.system, windows[0])
         size, parts = max(CHUNK // len(normal), 1), []
         for start in range(0, windows.shape[2], size):
             part = slice(start, start + size)
             x = self.head.context(windows[:, :, part])
             theta = self.head.density.sample(x, normal[:, :, part])
-            parts.append(unknowns.unpack(theta, known[:, part]))
+            parts.append(transform.unpack(theta, known[:, part]))
         z_e, z_a, y0 = (torch.cat(found, dim=2) for found in zip(*parts, strict=True))
         return z_e, z_a, y0
 
@@ -259,7 +259,7 @@ class FlowEstimator(Predictor, nn.Module):
         components of y0 (S, B, *state)."""
         unknowns = self.head.unknowns
         first = states_of(self.system, windows[0])
-        theta = unknowns.pack(z_e, unknowns.scores(z_a), y0, first)
+        theta = unknowns.transform.pack(z_e, unknowns.transform.latent.coordinates(z_a), y0, first)
         return self.head.density.log_prob(self.head.context(windows), theta) - unknowns.log_slope(theta, first)
 
     def forecast(
@@ -299,7 +299,7 @@ def build(base: HybridNet | Decoder, card: ModelCard, latents: Tensor | None = N
         latents: z_a (S, N, Q) of the training windows; None: a file's tensors will say what is known of them.
     """
     of_base, settings, system = card.base, FlowSettings.from_mapping(card.flow), base.system
-    low, high = box(system, *prior_ends(system, card.prior), settings.margin)
+    low, high = widened_box(system, *prior_ends(system, card.prior), settings.margin)
     width = of_base.latent_size if isinstance(base, Decoder) else base.encoder.latent
     components = 0 if base.interaction is None else min(settings.latent, width)
     if latents is None:
@@ -310,7 +310,7 @@ def build(base: HybridNet | Decoder, card: ModelCard, latents: Tensor | None = N
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             beyond = KERNELS * settings.jitter
-            unknowns = Unknowns(system, low, high, own, components, card.noise, ranges, beyond)
-            heads.append(Head(Context(system, times, of_base.model.encoder or {}, ranges), unknowns, settings))
+            unknowns = PriorTransform(system, low, high, own, components, card.noise, ranges, beyond)
+            heads.append(Head(SummaryNetwork(system, times, of_base.model.encoder or {}, ranges), unknowns, settings))
     base, bound = copy.deepcopy(base).requires_grad_(False), bound_of_card(of_base)
     return FlowEstimator(base, stack(heads), settings.samples, settings.forecasts, bound)

@@ -107,7 +107,7 @@ def prepare(
         decoder=estimator.decoder,
         unknowns=unknowns,
         context=estimator.head.context,
-        scores=unknowns.scores(latents),
+        scores=unknowns.transform.latent.coordinates(latents),
         starts=states[0, 0],
         inputs=None if known is None else known[:, 0],
         gaps=torch.isnan(states[:, 0]) if base.has_gaps else None,

@@ -13,7 +13,16 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.inference.coordinates import SMALLEST, Latent, free_components, given_components, seen_components
+from expertaug.inference.coordinates import (
+    SMALLEST,
+    FirstPointCoordinates,
+    LatentCoordinates,
+    LogCoordinates,
+    ParameterTransform,
+    free_components,
+    given_components,
+    seen_components,
+)
 from expertaug.inference.levenberg_marquardt import LONGEST, Minimum, minimise
 from expertaug.learning.divergence import FACTOR, forecast_or_fallback
 from expertaug.learning.random_streams import RandomStreams
@@ -66,29 +75,25 @@ class WindowProblem:
         noise: NoiseLike,
         free_start: bool,
         prior: Mapping[str, tuple[float, float]] | None,
-        latent: Latent,
+        latent: LatentCoordinates,
         solver: Solver,
         ranges: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         system = decoder.system
         self.decoder = copy.deepcopy(decoder).cpu().double().requires_grad_(False).eval()
-        self.system, self.settings, self.latent, self.solver = system, settings, latent, solver
-        self.noise = shaped(noise, torch.zeros(0, dtype=torch.float64), system)
+        self.system, self.settings, self.solver = system, settings, solver
         self.observed_noise = of_observed(noise, system)
-        self.ranges = None if ranges is None else ends_of(ranges)
         self.t = t.double()
-        self.scale = torch.tensor([p.scale for p in system.expert_parameters], dtype=torch.float64)
-        self.positive = torch.tensor([p.positive for p in system.expert_parameters], dtype=torch.bool)
-        self.start = given_components(system) if free_start else torch.zeros(len(system.state), dtype=torch.bool)
-        if ranges is not None:
-            self.start = free_components(system)
+        start = _first_point(system, noise, free_start, ranges)
+        self.expert = LogCoordinates.of(system)
+        self.transform = ParameterTransform(self.expert, latent, start)
         self.counts = _counts(system, self.t, settings.windows if "windows" in settings.model_fields_set else {})
-        self.sizes = (len(self.scale), latent.size, int(self.start.sum()))
+        self.sizes = p, q, free = self.transform.sizes
         # A first point may be several standard deviations off, and its residuals are nearly linear in it.
         longest = torch.full((sum(self.sizes),), LONGEST, dtype=torch.float64)
         if isinstance(decoder, TruthDecoder):  # its z_a means the same far from the training windows
-            longest[len(self.scale) : len(self.scale) + latent.size] = FREE
-        longest[len(longest) - self.sizes[2] :] = FARTHEST
+            longest[p : p + q] = FREE
+        longest[len(longest) - free :] = FARTHEST
         self.longest = longest
         self.grid = None if prior is None or not settings.starts else self._grid(prior)
 
@@ -101,7 +106,7 @@ class WindowProblem:
     def observations(self) -> int:
         """Observed numbers that a window is compared at."""
         seen = seen_components(self.system)[:, None] & self.counts
-        each = seen if self.start.any() else seen[:, 1:]  # a known first point has no residual
+        each = seen if self.transform.start.size else seen[:, 1:]  # a known first point has no residual
         cells = 1
         for size in self.system.state_shape[1:]:
             cells *= size
@@ -134,7 +139,7 @@ class WindowProblem:
         states = torch.where(counts.to(states.device), states, observed)
         difference, _ = differences(self.system, states, observed)
         difference = difference / self.observed_noise
-        if not self.start.any():
+        if not self.transform.start.size:
             difference = difference[1:]
         return difference.movedim(0, 2).flatten(2)
 
@@ -143,15 +148,8 @@ class WindowProblem:
         windows = states_of(self.system, windows)
         counts = self.counts.T.view(len(self.t), 1, 1, -1, *[1] * (len(self.system.state_shape) - 1))
         gaps = torch.isnan(self.system.observe(torch.where(counts, windows, torch.zeros_like(windows))))
-        gaps = gaps if self.start.any() else gaps[1:]
+        gaps = gaps if self.transform.start.size else gaps[1:]
         return gaps.movedim(0, 2).flatten(2).sum(-1)
-
-    def _first(self, y0: Tensor) -> tuple[Tensor, Tensor | float]:
-        """What first points (…, *state) are sought around, and in which units."""
-        if self.ranges is None:
-            return y0, self.noise
-        unknown, (middle, width) = torch.isnan(y0), self.ranges
-        return torch.where(unknown, middle, y0), torch.where(unknown, width, torch.as_tensor(self.noise).to(y0))
 
     def pull(self, x: Tensor) -> Tensor:
         """Residuals of z_a's prior at parameters (S, N, K): (S, N, Q)."""
@@ -159,30 +157,14 @@ class WindowProblem:
 
     def parts(self, x: Tensor, y0: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Parameters (S, N, K) and observed first points (S, N, *state) → z_e, z_a, first points."""
-        raw, latent, start = x.split(self.sizes, dim=-1)
-        z_e = self.scale * torch.where(self.positive, raw.exp(), raw)
-        z_a = self.latent.z_a(latent)
-        if self.start.any() or self.ranges is not None:
-            y0, unit = self._first(y0)
-            y0 = y0.clone()
-            y0[..., self.start] += self._of_start(unit) * start
+        z_e, z_a, y0 = self.transform.unpack(x, y0)
         return z_e, z_a.expand(*x.shape[:2], -1), y0
 
     def coordinates(self, first: Estimates, y0: Tensor) -> Tensor:
         """The parameters (S, B, K) of first estimates: what cannot be one, zero or no number, is moved near."""
         assert first.z_e is not None and first.z_a is not None
-        size = first.z_e.double() / self.scale
-        raw = torch.where(self.positive, size.clamp_min(1e-3).log(), size)
-        latent = self.latent.coordinates(first.z_a.double())
-        start = raw[..., :0]
-        if self.start.any():
-            around, unit = self._first(y0)
-            start = (first.y0.double() - around)[..., self.start] / self._of_start(unit)
-        return torch.cat((raw, latent, start), -1).nan_to_num(0.0, 0.0, 0.0)
-
-    def _of_start(self, unit: Tensor | float) -> Tensor | float:
-        """Of units of all components those of the components that are parameters."""
-        return unit[..., self.start] if isinstance(unit, Tensor) else unit
+        latent = self.transform.latent.coordinates(first.z_a.double())
+        return self.transform.pack(first.z_e.double(), latent, first.y0.double(), y0).nan_to_num(0.0, 0.0, 0.0)
 
     def _grid(self, prior: Mapping[str, tuple[float, float]]) -> Tensor:
         """Starts (C, K) that fill the prior's box evenly, z_a as in training, the first point as observed, or where it
@@ -192,11 +174,10 @@ class WindowProblem:
             raise InputError("refinement", f"a prior of {sorted(prior)}", f"give a range for each of {names}")
         low, high = (torch.tensor([float(prior[n][end]) for n in names], dtype=torch.float64) for end in (0, 1))
         p, q, start = self.sizes
-        sought = start if self.ranges is not None else 0
+        sought = start if self.transform.start.middle is not None else 0
         sobol = torch.quasirandom.SobolEngine(p + q + sought, scramble=True, seed=0)
         unit = sobol.draw(self.settings.starts, dtype=torch.float64)
-        value = (low + (high - low) * unit[:, :p]) / self.scale
-        raw = torch.where(self.positive, value.clamp_min(1e-3).log(), value)
+        raw = self.expert.coordinates(low + (high - low) * unit[:, :p])
         latent = torch.special.ndtri(unit[:, p : p + q].clamp(0.02, 0.98))
         first = 2 * unit[:, p + q :] - 1 if sought else raw.new_zeros(len(raw), start)
         return torch.cat((raw, latent, first), 1)
@@ -220,6 +201,25 @@ def assumed_noise(settings: RefinementSettings, noise: NoiseLike, bound: Sequenc
     if given is None or isinstance(given, int | float):
         return given or SMALLEST * max(bound) / FACTOR
     return [one or SMALLEST * end / FACTOR for one, end in zip(given, bound, strict=True)]
+
+
+def _first_point(
+    system: System, noise: NoiseLike, free_start: bool, ranges: Mapping[str, Sequence[float]] | None
+) -> FirstPointCoordinates:
+    """Of a first point that is noisy, or of which components may not be measured."""
+    scales = shaped(noise, torch.zeros(0, dtype=torch.float64), system)
+    if ranges is not None:
+        # In single precision as ever, which the bits of fits of windows with gaps depend on.
+        scales = torch.as_tensor(scales)
+    if isinstance(scales, Tensor):
+        each = scales.flatten().expand(len(system.state)).tolist()
+    else:
+        each = [scales] * len(system.state)
+    chosen = given_components(system) if free_start else torch.zeros(len(system.state), dtype=torch.bool)
+    chosen = chosen if ranges is None else free_components(system)
+    components = chosen.nonzero().flatten().tolist()
+    middle, width = (None, None) if ranges is None else (ends.tolist() for ends in ends_of(ranges))
+    return FirstPointCoordinates(system.state_shape, components, [each[k] for k in components], middle, width)
 
 
 def _counts(system: System, t: Tensor, windows: Mapping[str, tuple[float, float]]) -> Tensor:
@@ -312,11 +312,11 @@ class WindowFit(WindowProblem):
         std = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
         squares, axes = torch.linalg.eigh(0.5 * (covariance + covariance.mT))
         root = axes * squares.clamp(0.0, WIDEST**2).sqrt().unsqueeze(-2)
-        slope = self.scale * torch.where(self.positive, x[..., :p].exp(), torch.ones_like(x[..., :p]))
+        slope = self.expert.slope(x[..., :p])
         parameters = self.system.expert_parameters
         raw = unconstrain(z_e, parameters)
         log_std = (std[..., :p] * slope).clamp_min(1e-30).log() - log_slope(raw, parameters)
-        spread = self.latent.spread(std[..., p : p + q]).clamp_min(1e-30).log()
+        spread = self.transform.latent.spread(std[..., p : p + q]).clamp_min(1e-30).log()
         misfit = (cost - self._pulled(x)) / self._freedom(windows)
         posterior = Posterior(Gaussian(raw, log_std, parameters), Gaussian(z_a, spread))
         return Estimates(start, z_e, z_a, posterior, misfit, root=root)
@@ -417,7 +417,7 @@ def estimator_of(
         assumed_noise(options, known, card.bound),
         bool(free),
         prior,
-        Latent.of(card, options.latent),
+        LatentCoordinates.of(card, options.latent),
         Solver(**dict(solver or {})),
         card.start,
     )

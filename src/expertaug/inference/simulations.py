@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from expertaug.inference.coordinates import Unknowns
+from expertaug.inference.coordinates import PriorTransform
 from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.least_squares import LeastSquares
 from expertaug.inference.settings import FlowSettings
@@ -100,7 +100,7 @@ class Simulator:
 
     Attributes:
         decoder: stacked, trained.
-        unknowns: stacked.
+        unknowns: the transform of what is inferred, stacked.
         context: stacked; windows → x.
         scores: principal components of z_a (S, N, ·) of the training windows.
         starts: their first points (N, *state).
@@ -117,7 +117,7 @@ class Simulator:
     """
 
     decoder: Decoder
-    unknowns: Unknowns
+    unknowns: PriorTransform
     context: nn.Module
     scores: Tensor
     starts: Tensor
@@ -168,12 +168,13 @@ class Simulator:
             y0 = mean + kept * (y0 - mean) + self.jitter * std * random.normal(count, *system.state_shape)
         if self.resample_x:
             y0 = system.resample_known(y0, partial(random.uniform, count))
-        y = forecast_or_fallback(self.decoder, y0, z_e, self.unknowns.latent(scores), self.task.t, self.task.solver, u)
+        z_a = self.unknowns.transform.latent.z_a(scores)
+        y = forecast_or_fallback(self.decoder, y0, z_e, z_a, self.task.t, self.task.solver, u)
         good = within_bound(y, self.task.bound)
         y = clamp_to_bound(y, self.task.bound)
         if is_some(self.noise):
             noise = shaped(self.noise, y, system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
-            if not self.unknowns.given:  # a field's first point has noise already, and forecasts start from it
+            if not self.unknowns.start.size:  # a field's first point has noise already, and forecasts start from it
                 noise[0] = 0.0
             y = y + noise
         if self.gaps is not None:
@@ -184,7 +185,7 @@ class Simulator:
         """Draws, and how many (S,) of them ran away."""
         y, z_e, scores, y0, good = self.simulated(count, random)
         first = states_of(self.decoder.system, y[0])
-        draws = Draws(self.context(y), self.unknowns.pack(z_e, scores, y0, first))
+        draws = Draws(self.context(y), self.unknowns.transform.pack(z_e, scores, y0, first))
         return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
 
     def _anywhere(self, y0: Tensor, random: RandomStreams) -> Tensor:
@@ -298,7 +299,7 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
         unknowns = first.head.unknowns
     else:
         width = latents.shape[-1]
-        own = [Unknowns(system, low.cpu(), high.cpu(), one, width, noise, ranges) for one in latents.cpu()]
+        own = [PriorTransform(system, low.cpu(), high.cpu(), one, width, noise, ranges) for one in latents.cpu()]
         unknowns = stack(own).to(device)
     t = torch.tensor(card.t, dtype=torch.float32)
     bound = bound_of_card(card, device)
@@ -307,7 +308,7 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
         decoder=decoder,
         unknowns=unknowns,
         context=nn.Identity(),
-        scores=unknowns.scores(latents),
+        scores=unknowns.transform.latent.coordinates(latents),
         starts=states[0],
         inputs=inputs_of(system, train),
         gaps=None if ranges is None else torch.isnan(states),
