@@ -12,8 +12,8 @@ import yaml
 
 from expertaug import cli
 from expertaug.config import load as config
-from expertaug.config import own
 from expertaug.config.models import Configuration
+from expertaug.runs.own_classes import check_classes
 from test_own_system import EXPERIMENT, SYSTEM
 
 TRUTH = "return self._rates(y, z_e, 1 / (1 + z_a[..., 0] * y[..., 0]))"
@@ -214,22 +214,22 @@ def complete(file) -> Configuration:
 
 def test_points_of_a_grid_are_checked(project):
     study = {"grid": {"method": "aphynity", "keys": {"model.interaction.layers": [[4], [8]]}}}
-    lines = own.check(complete(project(**one(study, "studies"))))
+    lines = check_classes(complete(project(**one(study, "studies"))))
     assert lines[-2:] == ["predation: method aphynity@1 checked", "predation: method aphynity@2 checked"]
 
 
 def test_only_what_is_from_elsewhere_is_checked_before_a_run(project, tmp_path):
-    assert len(own.check(complete(project()), only_own=True)) == 3
+    assert len(check_classes(complete(project()), only_own=True)) == 3
     mixed = tmp_path / "mixed.yaml"
     # The package's own system, and an F_a from elsewhere in one of three methods.
     mixed.write_text(
         "{run: [rlc], experiments: {rlc: {methods: [mean, expert_only, aphynity], augmented: [], "
         "model: {interaction: {kind: 'plain_parts:LinearInteraction'}}}}}"
     )
-    assert own.check(complete(mixed), only_own=True) == [
+    assert check_classes(complete(mixed), only_own=True) == [
         "rlc: system RLC checked",
         "rlc: method aphynity checked",
     ]
     plain = tmp_path / "plain.yaml"
     plain.write_text("{}")
-    assert own.check(complete(plain), only_own=True) == []
+    assert check_classes(complete(plain), only_own=True) == []

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from expertaug.config import demand
 from expertaug.config.models import Configuration, Data, Experiment, Override
 from expertaug.learning.settings import TrainSettings
+from expertaug.runs import demand
 from expertaug.systems.settings import SimulatedSet
 
 

@@ -34,6 +34,7 @@ FLOORS = (
     ("evaluation",),
     ("expertaug_recordings",),
     ("config",),
+    ("runs",),
     ("api",),
     ("stages",),
     ("commands",),

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from expertaug.config import eta
-from expertaug.config.progress import Watch, cancel_timers, logger
 from expertaug.evaluation import costs
+from expertaug.runs import eta
+from expertaug.runs.progress import Watch, cancel_timers, logger
 
 COSTS = {"train/a_x_seeds_0_1": 600.0, "train/a_x_seeds_2": 200.0, "train/b_x_seeds_0_1": 1000.0, "simulate/a": 40.0}
 

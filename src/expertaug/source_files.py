@@ -17,6 +17,8 @@ from expertaug.errors import InputError
 
 PACKAGE = Path(__file__).resolve().parent
 PACKAGES = ("expertaug", "expertaug_recordings")  # beside each other
+# Where the workflow may lie: the checkout, and where setup.py copies it into a wheel.
+PROJECTS = (PACKAGE.parents[1], PACKAGE / "project")
 
 # Mirroring to the tracking store changes no result; neither does translating the command line
 # or leaving out a recording.
@@ -166,3 +168,8 @@ def _installed(name: str) -> str:
         except PackageNotFoundError:
             continue
     return f"{name} of an unknown version"
+
+
+def project() -> Path | None:
+    """The folder that holds Snakefile, workflow/, config/ and profiles/; None where this package has none."""
+    return next((path for path in PROJECTS if (path / "config" / "config.yaml").is_file()), None)

@@ -9,11 +9,12 @@ import pandas as pd
 import pytest
 import yaml
 
-from expertaug.config import jobs, own, stage_settings
+from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
 from expertaug.errors import InputErrors
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.learning.augment import load as load_augmented
+from expertaug.runs.own_classes import check_classes
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from typed_jobs import augment, finetune, train
@@ -84,7 +85,7 @@ def valid(*texts: str) -> dict:
 
 def test_it_is_simulated_trained_augmented_and_evaluated(tmp_path):
     whole = valid(EXPERIMENT)
-    own.check(whole)
+    check_classes(whole)
     group = next(iter(jobs.seed_groups(whole)))
     model, samples, tuned = (tmp_path / f"{name}.safetensors" for name in ("model", "samples", "tuned"))
     for name in ("train", "validation", "test"):
@@ -127,4 +128,4 @@ def test_what_a_configuration_may_not_say_is_one_line(texts, change, expected):
 
 
 def test_a_ball_of_heights_passes_its_checks():
-    assert any("method aphynity checked" in line for line in own.check(valid(BALL)))
+    assert any("method aphynity checked" in line for line in check_classes(valid(BALL)))

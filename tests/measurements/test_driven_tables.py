@@ -9,9 +9,9 @@ from swings import table
 import expertaug as ea
 from expertaug import systems
 from expertaug.config import load as config
-from expertaug.config import own
 from expertaug.errors import InputError, InputErrors
 from expertaug.presets import resolve
+from expertaug.runs.own_classes import check_classes
 from expertaug.systems.base import Parameter
 from typed_jobs import own_prior
 
@@ -140,7 +140,7 @@ def test_a_configuration_names_their_columns(truth, tmp_path):
         return config.validate(config.load([*config.default_files(), file]))
 
     found = validated("inputs: {torque: drive}")
-    assert own.check(found) and found.experiments["driven"].data.files.inputs == {"torque": "drive"}
+    assert check_classes(found) and found.experiments["driven"].data.files.inputs == {"torque": "drive"}
     for inputs, message in (
         ("", "inputs.torque: missing, the system is driven by it"),
         ("inputs: {torque: drive, force: drive}", "'force' is no known input of the system"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from logged import FIELDS, RUN, WORKER, runs_of, settings, start
 
-from expertaug.config.progress import Watch
+from expertaug.runs.progress import Watch
 from expertaug.tracking.run_log import RunLog
 from expertaug.tracking.settings import Tracking
 from expertaug.tracking.store import initialise

@@ -40,7 +40,8 @@ class DryRuns:
 def serve() -> None:
     import pandas  # noqa: F401
 
-    from expertaug.config import jobs, load, own, progress, results_record, stage_settings  # noqa: F401
+    from expertaug.config import jobs, load, stage_settings  # noqa: F401
+    from expertaug.runs import own_classes, progress, record  # noqa: F401
 
     for line in sys.stdin:
         with tempfile.TemporaryFile("w+") as said:

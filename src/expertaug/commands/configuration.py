@@ -33,20 +33,18 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
 
 def _validate(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
-    from expertaug.config.load import completed
 
     files = config.with_defaults(a.config)
-    completed(config.load(files), STAGES)
+    config.completed(config.load(files), STAGES)
     below = ", ".join(str(file) for file in files if file not in a.config)
     logger.info("%s%s: valid", ", ".join(map(str, a.config)), f" over {below}" if below else "")
 
 
 def _check_system(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
-    from expertaug.config import own
-    from expertaug.config.load import completed
+    from expertaug.runs.own_classes import check_classes
 
-    for line in own.check(completed(config.load(config.with_defaults(a.config)), STAGES)):
+    for line in check_classes(config.completed(config.load(config.with_defaults(a.config)), STAGES)):
         print(line)
 
 
@@ -59,11 +57,9 @@ def _config(a: argparse.Namespace) -> None:
 
 
 def _demand(a: argparse.Namespace) -> None:
-    from expertaug.config import demand
     from expertaug.config import load as config
-    from expertaug.config.load import completed
+    from expertaug.runs import demand
 
-    for line in demand.table(
-        demand.of_config(completed(config.load(config.with_defaults(a.config)), STAGES), a.published)
-    ):
+    asked = demand.of_config(config.completed(config.load(config.with_defaults(a.config)), STAGES), a.published)
+    for line in demand.table(asked):
         print(line)

@@ -21,10 +21,10 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
 
 
 def _run(a: argparse.Namespace) -> None:
-    from expertaug.config import project
     from expertaug.errors import InputError
+    from expertaug.source_files import project
 
-    folder = project.folder()
+    folder = project()
     if folder is None:
         raise InputError("expertaug", "this installation lacks the workflow", "install from a wheel or a checkout")
     raise SystemExit(subprocess.run(command(folder, a.rest), check=False).returncode)

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from expertaug import presets
-from expertaug.config import checks, grid, project
+from expertaug.config import checks, grid
 from expertaug.config.layers import layers, merge, plain
 from expertaug.config.models import Common, Configuration, Experiment
 from expertaug.config.sources import wrong_recordings
 from expertaug.config.yaml_file import Located, read
 from expertaug.errors import InputError, InputErrors
 from expertaug.settings import check
+from expertaug.source_files import project
 from expertaug.wording import show, unknown
 
 __all__ = ["completed", "default_files", "load", "merge", "validate", "with_defaults"]
@@ -62,7 +63,7 @@ def with_defaults(paths: Iterable[str | Path]) -> list[Path]:
 
 def default_files() -> list[Path]:
     """What other files override: config/config.yaml of the working directory, else of the workflow; none without."""
-    folders = (Path(), project.folder())
+    folders = (Path(), project())
     return next(([path] for f in folders if f and (path := f / "config" / "config.yaml").is_file()), [])
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,8 @@ from expertaug.config.methods import experiment_of, foreign
 from expertaug.config.models import Augmentation, Configuration
 from expertaug.errors import InputError, InputErrors, SolveError
 from expertaug.inference.settings import AlternateJob
-from expertaug.learning.settings import RecipeKeys, TrainJob, TrainOptions, train_job_kind
+from expertaug.learning.settings import TrainJob, TrainOptions, train_job_kind
+from expertaug.models.settings import SystemKeys
 from expertaug.settings import read
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ SAMPLES = 4
 PER_SEED = "lambda0"  # the option of an objective that may be a list of one value for each seed
 
 
-def check(config: Configuration, only_own: bool = False, device: bool = True) -> list[str]:
+def check_classes(config: Configuration, only_own: bool = False, device: bool = True) -> list[str]:
     """Try the systems and the hybrid methods of every experiment of the run.
 
     Arguments:
@@ -92,7 +93,7 @@ class _Experiment:
             if self._method(method, data):
                 yield f"{self.name}: method {method} checked"
 
-    def _system(self, settings: Mapping, simulated: bool = False) -> System | None:
+    def _system(self, settings: SystemKeys, simulated: bool = False) -> System | None:
         """A system that keeps its contract; None, and what is wrong is kept, for any other."""
         from expertaug import systems
         from expertaug.systems.check_system import check_system
@@ -104,10 +105,10 @@ class _Experiment:
         system = self._try(f"experiments.{self.name}.system", lambda: systems.load(settings))
         if system is not None:
             where = self._where("system", type(system))
-            whole = {part: self._ranges(system, part, simulated) for part in ("z_e", "z_a")}
+            z_e, z_a = (self._ranges(system, part, simulated) for part in ("z_e", "z_a"))
             if len(self.wrong) == count:
                 step_s = self.config.experiments[self.name].data.step_s or 0.01
-                self._try(where, lambda: check_system(system, where, **whole, simulated=simulated, step_s=step_s))
+                self._try(where, lambda: check_system(system, where, z_e, z_a, simulated, step_s=step_s))
         self.systems[key] = system if len(self.wrong) == count else None
         return self.systems[key]
 
@@ -153,7 +154,9 @@ class _Experiment:
         from expertaug.models import describe
 
         group, seeds = next(iter(jobs.seed_groups(self.config, self.name).items()))
-        settings = _job_of(stage_settings.train(self.config, self.name, method, group))
+        job = stage_settings.train(self.config, self.name, method, group)
+        alternates = self.config.methods[method].kind == "alternating"
+        settings = read(AlternateJob if alternates else train_job_kind(job), job)
         calibrated = self.config.experiments[self.name].data.calibrate
         described = described_by(settings, _stand_in() if calibrated else None)
         system = self._system(described.system)
@@ -165,8 +168,9 @@ class _Experiment:
 
         def parts() -> bool | None:
             recipe, kind = describe.recipe_of(system, described), objective_of(objective)
-            named = [recipe.encoder, recipe.interaction if described.interaction else None]
-            at = self._where(method, *filter(None, map(_class_of, ("encoder", "interaction"), named)), kind)
+            parts = {"encoder": recipe.encoder, "interaction": recipe.interaction if described.interaction else None}
+            classes = [_class_of(part, named["kind"]) for part, named in parts.items() if named is not None]
+            at = self._where(method, *classes, kind)
             return self._try(at, lambda: tried(recipe, kind, at))
 
         def tried(recipe: Any, kind: Any, at: str) -> bool:
@@ -227,11 +231,11 @@ class _Experiment:
         return None
 
 
-def _class_of(part: str, given: Mapping | None) -> type | None:
+def _class_of(part: str, kind: str) -> type:
     from expertaug import registry
     from expertaug.learning.settings import ALL_PARTS
 
-    return None if given is None else registry.find(ALL_PARTS[part], given["kind"], f"{part}.kind")
+    return registry.find(ALL_PARTS[part], kind, f"{part}.kind")
 
 
 def _file(cls: type) -> str:
@@ -241,12 +245,6 @@ def _file(cls: type) -> str:
         return file if path.startswith(os.pardir) else path
     except (TypeError, OSError, ValueError):  # made by hand, or on another drive
         return cls.__module__
-
-
-def _job_of(settings: Mapping) -> RecipeKeys:
-    """The job that makes a method's model: its training, by alternation too."""
-    alternates = settings["build"]["kind"] == "alternating"
-    return read(AlternateJob if alternates else train_job_kind(settings), settings)
 
 
 def _for_two_seeds(settings: TrainJob, seeds: int) -> TrainJob:

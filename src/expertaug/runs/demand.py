@@ -16,7 +16,6 @@ from expertaug.config.models import Configuration, Experiment
 from expertaug.evaluation import costs
 from expertaug.versions import Version
 
-_LARGEST = ("longest_h", "memory_mb")  # of the stages' values not the sum
 STAGES = ("train", "augment", "finetune", "flow", "evaluate")
 
 
@@ -97,8 +96,10 @@ def of_config(config: Configuration, published: Path) -> list[Row]:
 
 def table(rows: list[Row]) -> list[str]:
     """The rows as a Markdown table, with their sum."""
-    total = Row("all", *(float(np.nansum(column)) for column in zip(*[row[1:] for row in rows], strict=True)))
-    total = total._replace(**{name: float(np.nanmax([getattr(r, name) for r in rows])) for name in _LARGEST})
+    hours, longest_h, memory_mb = zip(*((row.hours, row.longest_h, row.memory_mb) for row in rows), strict=True)
+    jobs_of_all, known = sum(row.jobs for row in rows), sum(row.known for row in rows)
+    largest = float(np.nanmax(longest_h)), float(np.nanmax(memory_mb))
+    total = Row("all", jobs_of_all, float(np.nansum(hours)), *largest, known)
     cells = [[r.stage, f"{r.jobs:.0f}", *map(_number, r[2:5]), f"{r.known:.0f}"] for r in (*rows, total)]
     head = ["stage", "jobs", "hours in sum", "longest job, h", "memory of a job, MB", "seen before"]
     return [f"| {' | '.join(line)} |" for line in (head, ["---", *["---:"] * 5], *cells)]

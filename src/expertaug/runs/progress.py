@@ -9,9 +9,9 @@ import time
 from collections.abc import Sized
 from pathlib import Path
 
-from expertaug.config import eta
 from expertaug.evaluation import costs
 from expertaug.files import is_inside, read_json
+from expertaug.runs import eta
 
 logger = logging.getLogger("snakemake.logging")  # what is said here is on the terminal and in Snakemake's own log
 OTHERS = "tables, figures and others"  # jobs that nobody measures: a few seconds each
