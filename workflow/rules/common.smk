@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shlex
+from itertools import chain
 from pathlib import Path
 
 from expertaug.config import jobs
@@ -18,14 +19,24 @@ from expertaug_recordings.intake import refusal
 from expertaug_recordings.names import list_pictures
 from expertaug.config.checks import PUBLISHED
 from expertaug.source_files import PACKAGE
+from expertaug.stages.files import LEARNING_SETS, Files
+from expertaug.stages.planned import STUDIES, stages_read
+from expertaug.stages.planned import studies as studies_planned
 from expertaug.versions import MAIN_SETS, Version
 
+<<<<<<< HEAD
 NUMBERS = os.path.relpath(PUBLISHED)
 PAGE = os.path.relpath(PACKAGE / "evaluation" / "report" / "page.html")
 SOURCE = CONFIG.recordings.source
+=======
+FILES = Files(CONFIG)
+results = FILES.path
+SOURCE = CONFIG.recordings.source
+>>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
 # Given to the rules as a resource, not as a parameter: recordings that are sound need not be redone when it changes.
 ON_BAD_RECORDING = CONFIG.recordings.on_bad_recording
 # Cards that a job asks for: of a cluster, or of the one that profiles/default lets a run have (one job at a time on it).
+<<<<<<< HEAD
 GPUS = jobs.cards(CONFIG) if workflow.is_main_process else int(CONFIG.device == "cuda")
 RUN = CONFIG.run
 RECORDED = [e for e in RUN if CONFIG.experiments[e].data.source == "recordings"]
@@ -44,6 +55,15 @@ OVERVIEW_TITLES = {"log_mse": "log-MSE", "parameter_errors": "parameter errors",
 def results(path):
     """A path in the results folder."""
     return f"{CONFIG.results}/{path}"
+=======
+GPUS = jobs.cards(CONFIG) if workflow.is_main_process else int(CONFIG.device == "cuda")
+RUN = CONFIG.run
+CALIBRATED = [e for e in RUN if CONFIG.experiments[e].data.calibrate]
+RECORDED = [e for e in RUN if CONFIG.experiments[e].data.source == "recordings"]
+SIMULATED = [e for e in RUN if CONFIG.experiments[e].data.source == "simulation"]
+COMPARED = [e for e in RUN if CONFIG.experiments[e].evaluation.published is not None]
+DRAWN = {one.name for one in products.PRODUCTS if one.figure}
+>>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
 
 
 def one_of(names):
@@ -51,59 +71,83 @@ def one_of(names):
     return "|".join(re.escape(name) for name in names) or "(?!)"
 
 
+# What a rule asks of its stage. A stage is named as in STAGES, or by a function of the wildcards.
+
+
+def stage_of(stage, wildcards):
+    return STAGES[stage(wildcards) if callable(stage) else stage]
+
+
+def modules_of(stage, wildcards):
+    """Modules that the configuration names for a job of a stage that runs such."""
+    if not stage.runs_methods:
+        return ()
+    method = wildcards.get("method") or (method_of(wildcards.variant) if "variant" in wildcards.keys() else None)
+    return methods.modules(CONFIG, wildcards.experiment, method)
+
+
+def code(stage):
+    """An input: the files of the package, and of the configuration's own classes, that a stage runs."""
+
+    def files(wildcards):
+        found = stage_of(stage, wildcards)
+        return found.sources(modules_of(found, wildcards))
+
+    return files
+
+
 def settings(stage, *names):
-    """A stage's slice of the configuration as JSON."""
-    return STAGES[stage].settings_of(CONFIG, *names)
+    """A parameter: a stage's slice of the configuration as JSON; what names the job are wildcards, or functions."""
+
+    def text(wildcards):
+        values = [name(wildcards) if callable(name) else wildcards[name] for name in names]
+        return stage_of(stage, wildcards).settings_of(CONFIG, *values)
+
+    return text
 
 
-def code(stage, experiment=None, method=None):
-    """The package's files that a stage runs, with those that the experiment's configuration names."""
-    return STAGES[stage].sources(named_by(experiment, method))
+def versions(stage):
+    """A parameter: installed versions of the packages that compute a stage's numbers."""
+
+    def names(wildcards):
+        found = stage_of(stage, wildcards)
+        return found.versions(modules_of(found, wildcards))
+
+    return names
 
 
-def versions(stage, experiment=None, method=None):
-    """Installed versions of the packages that compute a stage's numbers: a parameter of its jobs."""
-    return STAGES[stage].versions(named_by(experiment, method))
+def stage_params(stage, *names):
+    """Parameters of a stage's jobs, of which each change redoes them: ``versions`` and ``settings``."""
+    return {"versions": versions(stage), "settings": settings(stage, *names)}
 
 
-def named_by(experiment, method):
-    """Modules that an experiment's configuration names."""
-    return methods.modules(CONFIG, experiment, method) if experiment else ()
+def option(name):
+    """A parameter: the option of an input's name with its path; nothing where there is no such input."""
+    return lambda wildcards, input: f"--{name} {shlex.quote(str(input[name]))}" if input[name] else ""
 
 
-def sets_of(experiment):
-    return jobs.sets(CONFIG, experiment)
+# What experiments have, and files that rules read.
 
 
+<<<<<<< HEAD
 def methods_of(experiment):
     return CONFIG.experiments[experiment].methods
+=======
+def sets(experiment, names):
+    return FILES.sets(experiment, names)
+>>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
 
 
-def every_variant(experiment):
-    return [*jobs.variants(CONFIG, experiment), *jobs.further_variants(CONFIG, experiment)]
-
-
-def augmented_of(experiment):
-    return [v for v in every_variant(experiment) if Version.parse(v).is_augmented and not Version.parse(v).estimators]
-
-
-def finetuned_of(experiment):
-    """Augmented versions and controls."""
-    return [*augmented_of(experiment), *[v for v in jobs.variants(CONFIG, experiment) if v.endswith("=")]]
-
-
-def flows_of(experiment):
-    return [v for v in every_variant(experiment) if Version.parse(v).is_flow and Version.parse(v).is_trained]
-
-
-def seed_groups_of(experiment):
-    return list(jobs.seed_groups(CONFIG, experiment))
+def of_versions(file, variants=FILES.compared):
+    """An input: a file of every group of seeds of the experiment's versions that tables show, or of others."""
+    return lambda wildcards: FILES.of_versions(wildcards.experiment, variants(wildcards.experiment), file)
 
 
 def method_of(variant):
     return Version.parse(variant).method
 
 
+<<<<<<< HEAD
 def trained_as(variant):
     """The version whose model file this one uses."""
     return str(Version.parse(variant).trained)
@@ -124,27 +168,28 @@ def trained_of(experiment):
 def training_of(method):
     """The stage that trains a method."""
     return "alternate" if CONFIG.methods[method].kind == "alternating" else "train"
+=======
+def training_of(wildcards):
+    """The stage that trains a method."""
+    return "alternate" if CONFIG.methods[wildcards.method].kind == "alternating" else "train"
+>>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
 
 
-def dissipating_of(experiment):
-    """Trained versions of which the power that they dissipate is compared with the recordings' loss of energy."""
-    return list(dict.fromkeys(trained_as(v) for v in jobs.dissipating(CONFIG, experiment)))
+def base_model(wildcards):
+    """The model file of a version's method."""
+    return FILES.model(wildcards.experiment, method_of(wildcards.variant), wildcards.seed_group)
 
 
-def prior_file(experiment, variant, seed_group):
-    """The ranges of a version's p⁺, where they are to be found; nothing where they are given."""
-    found = jobs.finds_prior(CONFIG, experiment, variant) if kind_of(variant) != "mean" else None
-    if found is None:
-        return []
-    folder = f"{experiment}/{found}/{seed_group}" if found else f"{experiment}/data"
-    return results(f"{folder}/prior.json")
+def trained_model(wildcards):
+    """The model file that a version uses."""
+    return FILES.model(wildcards.experiment, Version.parse(wildcards.variant).trained, wildcards.seed_group)
 
 
-def prior_to_train(experiment, method):
-    """The same for the training of a method."""
-    return results(f"{experiment}/data/prior.json") if jobs.finds_prior_to_train(CONFIG, experiment, method) else []
+def calibration(wildcards):
+    return FILES.calibration(wildcards.experiment)
 
 
+<<<<<<< HEAD
 def prior_option(input):
     """The option that tells a stage the ranges."""
     return f"--prior {shlex.quote(str(input.prior))}" if input.prior else ""
@@ -317,45 +362,37 @@ def way_to(files, wildcards):
             inputs = inputs_of(maker, tuple(maker.get_wildcards(file).items()), type(wildcards))
             todo += inputs
             yield file, maker, flags, inputs
+=======
+def prior(wildcards):
+    return FILES.prior(wildcards.experiment, wildcards.variant, wildcards.seed_group)
+>>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
 
 
 @functools.cache
-def inputs_of(maker, named, wildcards):
-    """Files that a job reads: its rule, and its wildcards, which Snakemake wants in its own class."""
-    inputs, _, _, incomplete = maker.expand_input(wildcards(fromdict=dict(named)))
-    if incomplete:
-        recording_names()  # waits for the checkpoint
-    return inputs
+def studies_of(experiment):
+    """Names of the studies that an experiment has."""
+    return studies_planned(CONFIG, experiment)
 
 
-def rules_before(files, wildcards):
-    """Pairs of names: each of the rules on the way to files, and one that reads what it makes."""
-    made, read = {}, set()
-    for file, maker, _, inputs in way_to(files, wildcards):
-        made[file] = maker.name
-        read |= {(one, maker.name) for one in inputs}
-    return sorted({(made[one], reader) for one, reader in read if one in made})
+# Tables and figures, and what the report shows of them.
+
+SHOWN = []  # path, caption and title of each
 
 
-def made_by(file):
-    """The rule that makes a file, and the flags of that output; None for what no rule makes."""
-    if not file.startswith(results("")):
-        return None
-    return next(((maker, one.flags) for maker in workflow.rules for one in maker.output if one.match(file)), None)
+def shown(path, caption, title, category, subcategory=None, **labels):
+    """An output that reports show under a caption."""
+    SHOWN.append((path, caption, title))
+    options = {"category": category, "subcategory": subcategory, "labels": labels or {"content": title}}
+    return report(path, caption=f"../report/{caption}.rst", **options)
 
 
-def read_by_report(wildcards):
-    """The tables and figures of the run that a rule marks for reports, and the tables' numbers."""
-    found, todo = [], [MADE]
-    while todo:
-        file = todo.pop(0)
-        if not isinstance(file, str):
-            todo = [*(file(wildcards) if callable(file) else file), *todo]
-        elif "report" in made_by(file)[1]:
-            found += [file] if file.endswith(".png") else [file, f"{file.removesuffix('.md')}.csv"]
-    return [*found, *(results(f"tables/{experiment}_long.csv") for experiment in RUN)]
+def table(stem, caption, title, category, **labels):
+    """The files of a table."""
+    files = [results(f"tables/{stem}.{end}") for end in ("csv", "tex", "md")]
+    return [*files[:2], shown(files[2], caption, title, category, **labels)]
 
 
+<<<<<<< HEAD
 def shown_in_report(files):
     """Of these files those that a rule marks for reports, as the stage report takes them; captions are theirs."""
     found = []
@@ -386,13 +423,25 @@ AUGMENTED = one_of([v for e in RUN for v in augmented_of(e)])
 FINETUNED = one_of([v for e in RUN for v in finetuned_of(e)])
 FLOWS = one_of([v for e in RUN for v in flows_of(e)])
 FOUND_PRIORS = one_of([v for e in RUN for v in jobs.found_priors(CONFIG, e) if v])
+=======
+def figure(stem, caption, title, category, **labels):
+    """The files of a figure."""
+    picture = shown(results(f"figures/{stem}.png"), caption, title, category, **labels)
+    return [picture, results(f"figures/{stem}.pdf")]
+>>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
 
 
 wildcard_constraints:
     recording=r"[^/]+",
     experiment=one_of(RUN),
+<<<<<<< HEAD
     method=one_of(CONFIG.methods),
     variant=one_of([v for e in RUN for v in [*every_variant(e), *filter(None, jobs.found_priors(CONFIG, e))]]),
     study=one_of({name for e in RUN for name in studies_of(e)} - {"grid"}),
     seed_group=one_of({group for e in RUN for group in seed_groups_of(e)}),
+=======
+    method=one_of(CONFIG.methods),
+    variant=one_of([v for e in RUN for v in [*FILES.variants(e), *FILES.found_priors(e)]]),
+    seed_group=one_of({group for e in RUN for group in jobs.seed_groups(CONFIG, e)}),
+>>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
     set=r"\w+",

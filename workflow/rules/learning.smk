@@ -10,12 +10,10 @@ rule init_tracking:
         results("logs/init_tracking.log"),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
     params:
-        versions=versions("init_tracking"),
-        settings=lambda w: settings("init_tracking"),
+        **stage_params("init_tracking"),
     message:
         "prepare the tracking store"
     shell:
@@ -24,12 +22,11 @@ rule init_tracking:
 
 rule train_seed_group:
     input:
-        train=results("{experiment}/data/train.npz"),
-        validation=results("{experiment}/data/validation.npz"),
-        calibration=lambda w: calibration_of(w.experiment),
+        sets=lambda w: sets(w.experiment, LEARNING_SETS),
+        calibration=calibration,
         tracking=ancient(results("mlflow/tracking.json")),
-        prior=lambda w: prior_to_train(w.experiment, w.method),
-        code=lambda w: code(training_of(w.method), w.experiment, w.method),
+        prior=lambda w: FILES.prior_to_train(w.experiment, w.method),
+        code=code(training_of),
     output:
         model=results("{experiment}/{method}/{seed_group}/model.safetensors"),
         # States at several of its stages, for the study during_training; an empty file where no study follows it.
@@ -40,32 +37,30 @@ rule train_seed_group:
         results("benchmarks/train/{experiment}_{method}_{seed_group}.tsv")
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         gpu=GPUS,
     params:
-        versions=lambda w: versions(training_of(w.method), w.experiment, w.method),
-        settings=lambda w: settings("train", w.experiment, w.method, w.seed_group),
-        data=lambda w: results(f"{w.experiment}/data"),
-        work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.seed_group}"),
-        calibration=lambda w, input: f"--calibration {shlex.quote(str(input.calibration))}" if input.calibration else "",
-        stage=lambda w: training_of(w.method),
-        prior=lambda w, input: prior_option(input),
+        **stage_params(training_of, "experiment", "method", "seed_group"),
+        stage=training_of,
+        data=results("{experiment}/data"),
+        work=results(".work/{experiment}/{method}/{seed_group}"),
+        calibration=option("calibration"),
+        prior=option("prior"),
     message:
         "train {wildcards.method} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug {params.stage} --data {params.data:q} {params.calibration} --output {output.model:q} --work {params.work:q}"
-        " {params.prior} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
+        "expertaug {params.stage} --data {params.data:q} {params.calibration} --output {output.model:q}"
+        " --work {params.work:q} {params.prior} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
 
 
 rule during_training_seed_group:
     input:
         snapshots=results("{experiment}/{method}/{seed_group}/snapshots.safetensors"),
-        sets=expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
+        sets=lambda w: sets(w.experiment, MAIN_SETS),
         tracking=ancient(results("mlflow/tracking.json")),
-        prior=lambda w: prior_file(w.experiment, f"{w.method}+", w.seed_group),
-        code=lambda w: code("during_training", w.experiment, w.method),
+        prior=lambda w: FILES.prior(w.experiment, f"{w.method}+", w.seed_group),
+        code=code("during_training"),
     output:
         results("{experiment}/{method}/{seed_group}/during_training.csv"),
     log:
@@ -74,16 +69,14 @@ rule during_training_seed_group:
         results("benchmarks/during_training/{experiment}_{method}_{seed_group}.tsv")
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         gpu=GPUS,
     params:
-        versions=lambda w: versions("during_training", w.experiment, w.method),
-        settings=lambda w: settings("during_training", w.experiment, w.method, w.seed_group),
-        data=lambda w: results(f"{w.experiment}/data"),
-        work=lambda w: results(f".work/{w.experiment}/{w.method}/{w.seed_group}_during_training"),
-        prior=lambda w, input: prior_option(input),
+        **stage_params("during_training", "experiment", "method", "seed_group"),
+        data=results("{experiment}/data"),
+        work=results(".work/{experiment}/{method}/{seed_group}_during_training"),
+        prior=option("prior"),
     message:
         "augment {wildcards.method} along its training on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
@@ -93,23 +86,21 @@ rule during_training_seed_group:
 
 rule own_prior_of_experiment:
     input:
-        sets=lambda w: sets_to_cover(w.experiment, ""),
-        calibration=lambda w: calibration_of(w.experiment),
-        code=lambda w: code("own_prior", w.experiment),
+        sets=lambda w: FILES.sets_to_cover(w.experiment),
+        calibration=calibration,
+        code=code("own_prior"),
     output:
         results("{experiment}/data/prior.json"),
     log:
         results("logs/own_prior/{experiment}.log"),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
     params:
-        versions=lambda w: versions("own_prior", w.experiment),
-        settings=lambda w: settings("own_prior", w.experiment, "", None),
-        data=lambda w: results(f"{w.experiment}/data"),
-        calibration=lambda w, input: f"--calibration {shlex.quote(str(input.calibration))}" if input.calibration else "",
+        **stage_params("own_prior", "experiment", lambda w: "", lambda w: None),
+        data=results("{experiment}/data"),
+        calibration=option("calibration"),
     message:
         "find the ranges of p⁺ on {wildcards.experiment}, before training"
     shell:
@@ -119,9 +110,9 @@ rule own_prior_of_experiment:
 
 rule own_prior_seed_group:
     input:
-        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
-        sets=lambda w: sets_to_cover(w.experiment, w.variant),
-        code=lambda w: code("own_prior", w.experiment, method_of(w.variant)),
+        model=base_model,
+        sets=lambda w: FILES.sets_to_cover(w.experiment, w.variant),
+        code=code("own_prior"),
     output:
         results("{experiment}/{variant}/{seed_group}/prior.json"),
     log:
@@ -129,17 +120,15 @@ rule own_prior_seed_group:
     benchmark:
         results("benchmarks/own_prior/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
-        variant=FOUND_PRIORS,
+        variant=one_of([v for e in RUN for v in FILES.found_priors(e)]),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         gpu=GPUS,
     params:
-        versions=lambda w: versions("own_prior", w.experiment, method_of(w.variant)),
-        settings=lambda w: settings("own_prior", w.experiment, w.variant, w.seed_group),
-        data=lambda w: results(f"{w.experiment}/data"),
+        **stage_params("own_prior", "experiment", "variant", "seed_group"),
+        data=results("{experiment}/data"),
     message:
         "find the ranges of p⁺ of {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
@@ -149,11 +138,10 @@ rule own_prior_seed_group:
 
 rule augment_seed_group:
     input:
-        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
-        train=results("{experiment}/data/train.npz"),
-        validation=results("{experiment}/data/validation.npz"),
-        prior=lambda w: prior_file(w.experiment, w.variant, w.seed_group),
-        code=lambda w: code("augment", w.experiment, method_of(w.variant)),
+        model=base_model,
+        sets=lambda w: sets(w.experiment, LEARNING_SETS),
+        prior=prior,
+        code=code("augment"),
     output:
         results("{experiment}/{variant}/{seed_group}/augmented.safetensors"),
     log:
@@ -161,18 +149,16 @@ rule augment_seed_group:
     benchmark:
         results("benchmarks/augment/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
-        variant=AUGMENTED,
+        variant=one_of([v for e in RUN for v in FILES.augmented(e)]),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         gpu=GPUS,
     params:
-        versions=lambda w: versions("augment", w.experiment, method_of(w.variant)),
-        settings=lambda w: settings("augment", w.experiment, w.variant, w.seed_group),
-        data=lambda w: results(f"{w.experiment}/data"),
-        prior=lambda w, input: prior_option(input),
+        **stage_params("augment", "experiment", "variant", "seed_group"),
+        data=results("{experiment}/data"),
+        prior=option("prior"),
     message:
         "augment the data of {wildcards.experiment} for {wildcards.variant}, {wildcards.seed_group}"
     shell:
@@ -182,17 +168,12 @@ rule augment_seed_group:
 
 rule finetune_seed_group:
     input:
-        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
-        augmented=lambda w: (
-            results(f"{w.experiment}/{w.variant}/{w.seed_group}/augmented.safetensors")
-            if Version.parse(w.variant).is_augmented
-            else []
-        ),
-        train=results("{experiment}/data/train.npz"),
-        validation=results("{experiment}/data/validation.npz"),
+        model=base_model,
+        augmented=lambda w: FILES.augmented_samples(w.experiment, w.variant, w.seed_group),
+        sets=lambda w: sets(w.experiment, LEARNING_SETS),
         tracking=ancient(results("mlflow/tracking.json")),
-        prior=lambda w: prior_file(w.experiment, w.variant, w.seed_group),
-        code=lambda w: code("finetune", w.experiment, method_of(w.variant)),
+        prior=prior,
+        code=code("finetune"),
     output:
         results("{experiment}/{variant}/{seed_group}/model.safetensors"),
     log:
@@ -200,20 +181,18 @@ rule finetune_seed_group:
     benchmark:
         results("benchmarks/finetune/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
-        variant=FINETUNED,
+        variant=one_of([v for e in RUN for v in FILES.finetuned(e)]),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         gpu=GPUS,
     params:
-        versions=lambda w: versions("finetune", w.experiment, method_of(w.variant)),
-        settings=lambda w: settings("finetune", w.experiment, w.variant, w.seed_group),
-        data=lambda w: results(f"{w.experiment}/data"),
-        work=lambda w: results(f".work/{w.experiment}/{w.variant}/{w.seed_group}"),
-        augmented=lambda w, input: f"--augmented {shlex.quote(str(input.augmented))}" if input.augmented else "",
-        prior=lambda w, input: prior_option(input),
+        **stage_params("finetune", "experiment", "variant", "seed_group"),
+        data=results("{experiment}/data"),
+        work=results(".work/{experiment}/{variant}/{seed_group}"),
+        augmented=option("augmented"),
+        prior=option("prior"),
     message:
         "fine-tune {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
@@ -224,12 +203,11 @@ rule finetune_seed_group:
 
 rule flow_seed_group:
     input:
-        model=lambda w: results(f"{w.experiment}/{method_of(w.variant)}/{w.seed_group}/model.safetensors"),
-        train=results("{experiment}/data/train.npz"),
-        validation=results("{experiment}/data/validation.npz"),
+        model=base_model,
+        sets=lambda w: sets(w.experiment, LEARNING_SETS),
         tracking=ancient(results("mlflow/tracking.json")),
-        prior=lambda w: prior_file(w.experiment, w.variant, w.seed_group),
-        code=lambda w: code("flow", w.experiment, method_of(w.variant)),
+        prior=prior,
+        code=code("flow"),
     output:
         results("{experiment}/{variant}/{seed_group}/model.safetensors"),
     log:
@@ -237,49 +215,19 @@ rule flow_seed_group:
     benchmark:
         results("benchmarks/flow/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
-        variant=FLOWS,
+        variant=one_of([v for e in RUN for v in FILES.flows(e)]),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=4000,
         gpu=GPUS,
     params:
-        versions=lambda w: versions("flow", w.experiment, method_of(w.variant)),
-        settings=lambda w: settings("flow", w.experiment, w.variant, w.seed_group),
-        data=lambda w: results(f"{w.experiment}/data"),
-        work=lambda w: results(f".work/{w.experiment}/{w.variant}/{w.seed_group}"),
-        prior=lambda w, input: prior_option(input),
+        **stage_params("flow", "experiment", "variant", "seed_group"),
+        data=results("{experiment}/data"),
+        work=results(".work/{experiment}/{variant}/{seed_group}"),
+        prior=option("prior"),
     message:
         "learn the posterior {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
         "expertaug flow --model {input.model:q} --data {params.data:q} --output {output:q} --work {params.work:q}"
         " {params.prior} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
-
-
-# Targets: `snakemake --cores 2 NAME`.
-
-
-rule train:
-    input:
-        and_before([per_seed_group("model.safetensors", e, methods_of(e)) for e in RUN]),
-
-
-rule augment:
-    input:
-        and_before([per_seed_group("augmented.safetensors", e, augmented_of(e)) for e in RUN]),
-
-
-rule finetune:
-    input:
-        and_before([per_seed_group("model.safetensors", e, finetuned_of(e)) for e in RUN]),
-
-
-rule flow:
-    input:
-        and_before([per_seed_group("model.safetensors", e, flows_of(e)) for e in RUN]),
-
-
-rule during_training:
-    input:
-        and_before([during_training_of(e) for e in RUN]),

@@ -1,13 +1,22 @@
-# Measurements of one's own: tables, cut into chunks.
+# Sets of measurements of one's own: tables, cut into chunks.
+
+
+def checksums(wildcards):
+    return CONFIG.experiments[wildcards.experiment].data.files.checksums or []
 
 
 rule cut_measurements_of_experiment:
     input:
         files=lambda w: MEASURED[w.experiment],
+<<<<<<< HEAD
         checksums=lambda w: CONFIG.experiments[w.experiment].data.files.checksums or [],
         code=lambda w: code("cut_measurements", w.experiment),
+=======
+        checksums=checksums,
+        code=code("cut_measurements"),
+>>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
     output:
-        expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
+        sets("{experiment}", MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
         splits=results("{experiment}/data/splits.json"),
     log:
@@ -18,13 +27,11 @@ rule cut_measurements_of_experiment:
         experiment=one_of(MEASURED),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=3000,
     params:
-        versions=lambda w: versions("cut_measurements", w.experiment),
-        settings=lambda w: settings("cut_measurements", w.experiment),
-        folder=lambda w: results(f"{w.experiment}/data"),
+        **stage_params("cut_measurements", "experiment"),
+        folder=results("{experiment}/data"),
     message:
         "cut the measurements of {wildcards.experiment} into chunks"
     shell:
@@ -35,8 +42,13 @@ rule cut_measurements_of_experiment:
 rule cut_horizon_of_measurements:
     input:
         files=lambda w: MEASURED[w.experiment],
+<<<<<<< HEAD
         checksums=lambda w: CONFIG.experiments[w.experiment].data.files.checksums or [],
         code=lambda w: code("cut_measured_horizon", w.experiment),
+=======
+        checksums=checksums,
+        code=code("cut_measured_horizon"),
+>>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
     output:
         results("{experiment}/data/{set}.npz"),
     log:
@@ -46,18 +58,11 @@ rule cut_horizon_of_measurements:
         set=one_of({name for e in MEASURED for name in jobs.horizons(CONFIG, e)}),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=3000,
     params:
-        versions=lambda w: versions("cut_measured_horizon", w.experiment),
-        settings=lambda w: settings("cut_measured_horizon", w.experiment, w.set),
+        **stage_params("cut_measured_horizon", "experiment", "set"),
     message:
         "cut the chunks of {wildcards.set} for {wildcards.experiment}"
     shell:
         "expertaug cut-measured-horizon {input.files:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
-
-
-rule cut_measurements:
-    input:
-        and_before([results(f"{experiment}/data/{name}.npz") for experiment in MEASURED for name in MAIN_SETS]),

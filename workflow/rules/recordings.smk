@@ -1,6 +1,68 @@
 # From the recordings' source to chunks: video → frames → markers, or marker files → markers; then angles and chunks.
 
 
+def recording_names():
+    """Names of the recordings; of an archive they are known only when it is unpacked."""
+    return list(RECORDINGS if RECORDINGS is not None else unpacked())
+
+
+def unpacked():
+    """The marker CSVs of the archive by name."""
+    from expertaug_recordings.ibm import list_marker_files
+
+    return list_marker_files(checkpoints.unpack_markers.get().output.folder)
+
+
+def of_recordings(file):
+    """A file of every recording."""
+    return [results(f"recordings/{name}/{file}") for name in recording_names()]
+
+
+def video(wildcards):
+    """The video of a recording: the user's, or the rendered one."""
+    name = wildcards.recording
+    return RECORDINGS[name] if SOURCE == "videos" else results(f"recordings/{name}/video.mp4")
+
+
+def marker_csv(wildcards):
+    """The marker CSV of a recording in the user's folder or in the unpacked archive."""
+    return str((RECORDINGS if RECORDINGS is not None else unpacked())[wildcards.recording])
+
+
+def board(wildcards):
+    """The pictures of a checkerboard that tell a recording's lens, if any."""
+    path = recording_settings.of_recording(CONFIG.recordings, wildcards.recording).angles.rectify.checkerboard
+    if path is None:
+        return []
+    return [str(picture) for picture in list_pictures(Path(path))] if Path(path).is_dir() else [path]
+
+
+def checksum(wildcards):
+    """The option that checks a recording's file, where its checksum is configured."""
+    path = CONFIG.recordings.checksums
+    if path is None:
+        return ""
+    file = os.path.basename(video(wildcards) if SOURCE == "videos" else marker_csv(wildcards))
+    return f"--sha256 {read_checksums(path, 'recordings.checksums')[file]}"
+
+
+def to_retry(file):
+    """A parameter: whether a recording was left out before and may be so no longer. It redoes the jobs of these, while
+    those of sound recordings stay as they are whatever on_bad_recording says."""
+    path = results(f"recordings/{{recording}}/{file}")
+    return lambda wildcards: ON_BAD_RECORDING == "stop" and refusal(path.format(**wildcards)) is not None
+
+
+def forecasts_to_draw():
+    """Forecasts that overlays draw, by label: those that are there already."""
+    overlaid = recording_settings.overlaid(CONFIG)
+    if overlaid is None:
+        return {}
+    experiment, variants = overlaid
+    paths = {jobs.label(CONFIG, v): FILES.of_versions(experiment, [v], "forecasts.npz")[0] for v in variants}
+    return {label: path for label, path in paths.items() if os.path.exists(path)}
+
+
 rule render_video_of_recording:
     input:
         code=code("render_video"),
@@ -13,12 +75,10 @@ rule render_video_of_recording:
         results("benchmarks/render_video/{recording}.tsv")
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
     params:
-        versions=versions("render_video"),
-        settings=lambda w: settings("render_video"),
+        **stage_params("render_video"),
         index=lambda w: RECORDINGS[w.recording],
     message:
         "render {wildcards.recording}"
@@ -29,7 +89,7 @@ rule render_video_of_recording:
 
 rule extract_frames_of_recording:
     input:
-        video=lambda w: video_of(w.recording),
+        video=video,
         code=code("extract_frames"),
     output:
         temp(results("recordings/{recording}/frames.b2frame")),
@@ -39,15 +99,13 @@ rule extract_frames_of_recording:
         results("benchmarks/extract_frames/{recording}.tsv")
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
         on_bad_recording=ON_BAD_RECORDING,
     params:
-        versions=versions("extract_frames"),
-        settings=lambda w: settings("extract_frames", w.recording),
-        checksum=lambda w: checksum_of(w.recording),
-        retry=lambda w: to_retry(w.recording, "frames.b2frame"),
+        **stage_params("extract_frames", "recording"),
+        checksum=checksum,
+        retry=to_retry("frames.b2frame"),
     message:
         "extract the frames of {wildcards.recording}"
     shell:
@@ -61,7 +119,7 @@ if SOURCE != "markers":
         input:
             # Stores are temporary: what they are made from says whether they would be different.
             frames=ancient(results("recordings/{recording}/frames.b2frame")),
-            video=lambda w: video_of(w.recording),
+            video=video,
             extraction=code("extract_frames"),
             code=code("track_markers"),
         output:
@@ -72,15 +130,13 @@ if SOURCE != "markers":
             results("benchmarks/track_markers/{recording}.tsv")
         conda:
             "../envs/expertaug.yaml"
-        threads: 1
         resources:
             mem_mb=1000,
             on_bad_recording=ON_BAD_RECORDING,
         params:
-            versions=versions("track_markers"),
-            settings=lambda w: settings("track_markers", w.recording),
-            extraction=lambda w: [settings("extract_frames", w.recording), checksum_of(w.recording)],
-            retry=lambda w: to_retry(w.recording, "markers.csv"),
+            **stage_params("track_markers", "recording"),
+            extraction=lambda w: [settings("extract_frames", "recording")(w), checksum(w)],
+            retry=to_retry("markers.csv"),
         message:
             "track the markers of {wildcards.recording}"
         shell:
@@ -101,12 +157,10 @@ else:
                 results("logs/unpack_markers.log"),
             conda:
                 "../envs/expertaug.yaml"
-            threads: 1
             resources:
                 mem_mb=1000,
             params:
-                versions=versions("unpack_markers"),
-                settings=lambda w: settings("unpack_markers"),
+                **stage_params("unpack_markers"),
             message:
                 "unpack the marker files of {input.archive}"
             shell:
@@ -115,7 +169,7 @@ else:
 
     rule import_markers_of_recording:
         input:
-            csv=lambda w: marker_csv(w.recording),
+            csv=marker_csv,
             code=code("import_markers"),
         output:
             results("recordings/{recording}/markers.csv"),
@@ -123,15 +177,13 @@ else:
             results("logs/import_markers/{recording}.log"),
         conda:
             "../envs/expertaug.yaml"
-        threads: 1
         resources:
             mem_mb=1000,
             on_bad_recording=ON_BAD_RECORDING,
         params:
-            versions=versions("import_markers"),
-            settings=lambda w: settings("import_markers"),
-            checksum=lambda w: checksum_of(w.recording),
-            retry=lambda w: to_retry(w.recording, "markers.csv"),
+            **stage_params("import_markers"),
+            checksum=checksum,
+            retry=to_retry("markers.csv"),
         message:
             "import the markers of {wildcards.recording}"
         shell:
@@ -142,7 +194,7 @@ else:
 rule measure_angles_of_recording:
     input:
         markers=results("recordings/{recording}/markers.csv"),
-        board=lambda w: board_of(w.recording),
+        board=board,
         code=code("measure_angles"),
     output:
         angles=results("recordings/{recording}/angles.csv"),
@@ -153,14 +205,12 @@ rule measure_angles_of_recording:
         results("benchmarks/measure_angles/{recording}.tsv")
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1500,
         on_bad_recording=ON_BAD_RECORDING,
     params:
-        versions=versions("measure_angles"),
-        settings=lambda w: settings("measure_angles", w.recording),
-        retry=lambda w: to_retry(w.recording, "angles.csv"),
+        **stage_params("measure_angles", "recording"),
+        retry=to_retry("angles.csv"),
     message:
         "measure the angles of {wildcards.recording}"
     shell:
@@ -174,17 +224,11 @@ rule summarise_recordings:
         code=code("summarise_recordings"),
     output:
         csv=results("recordings/summary.csv"),
-        markdown=report(
-            results("recordings/summary.md"),
-            caption="../report/recordings.rst",
-            category="Recordings",
-            labels={"content": "table of recordings"},
-        ),
+        markdown=shown(results("recordings/summary.md"), "recordings", "table of recordings", "Recordings"),
     log:
         results("logs/summarise_recordings.log"),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
     params:
@@ -203,17 +247,11 @@ rule plot_page_of_recording:
         summary=results("recordings/{recording}/angles.json"),
         code=code("plot_recording"),
     output:
-        report(
-            results("recordings/{recording}/page.png"),
-            caption="../report/recording.rst",
-            category="Recordings",
-            labels={"content": "recording {recording}"},
-        ),
+        shown(results("recordings/{recording}/page.png"), "recording", "recording {recording}", "Recordings"),
     log:
         results("logs/plot_recording/{recording}.log"),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
     params:
@@ -227,7 +265,7 @@ rule plot_page_of_recording:
 
 rule overlay_video:
     input:
-        video=lambda w: video_of(w.recording),
+        video=video,
         markers=results("recordings/{recording}/markers.csv"),
         angles=results("recordings/{recording}/angles.csv"),
         summary=results("recordings/{recording}/angles.json"),
@@ -240,12 +278,10 @@ rule overlay_video:
         results("benchmarks/overlay/{recording}.tsv")
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1500,
     params:
-        versions=versions("overlay"),
-        settings=lambda w: settings("overlay", w.recording),
+        **stage_params("overlay", "recording"),
         # No inputs: an overlay draws what is there, it does not start a training.
         forecasts=lambda w: [f"{label}={path}" for label, path in forecasts_to_draw().items()],
         drawn=lambda w: [sha256(path) for path in forecasts_to_draw().values()],
@@ -259,7 +295,7 @@ rule overlay_video:
 
 rule review_frames_of_recording:
     input:
-        video=lambda w: video_of(w.recording),
+        video=video,
         markers=results("recordings/{recording}/markers.csv"),
         angles=results("recordings/{recording}/angles.csv"),
         summary=results("recordings/{recording}/angles.json"),
@@ -271,12 +307,10 @@ rule review_frames_of_recording:
         results("logs/review_recording/{recording}.log"),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
     params:
-        versions=versions("review_recording"),
-        settings=lambda w: settings("review_recording", w.recording),
+        **stage_params("review_recording", "recording"),
     message:
         "look for the worst frames of {wildcards.recording}"
     shell:
@@ -297,7 +331,6 @@ rule review_all_recordings:
         results("logs/review.log"),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
     params:
@@ -319,12 +352,11 @@ rule export_recording:
         results("logs/export_recording/{recording}.log"),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=1000,
     params:
         versions=versions("export_recording"),
-        folder=lambda w: results(f"recordings/{w.recording}/export"),
+        folder=results("recordings/{recording}/export"),
     message:
         "export {wildcards.recording}"
     shell:
@@ -337,7 +369,7 @@ rule split_chunks_of_experiment:
         angles=lambda w: of_recordings("angles.csv"),
         code=code("split_chunks"),
     output:
-        expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
+        sets("{experiment}", MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
         splits=results("{experiment}/data/splits.json"),
     log:
@@ -348,13 +380,11 @@ rule split_chunks_of_experiment:
         experiment=one_of(RECORDED),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=3000,
     params:
-        versions=versions("split_chunks"),
-        settings=lambda w: settings("split_chunks", w.experiment),
-        folder=lambda w: results(f"{w.experiment}/data"),
+        **stage_params("split_chunks", "experiment"),
+        folder=results("{experiment}/data"),
     message:
         "split the recordings into chunks for {wildcards.experiment}"
     shell:
@@ -375,12 +405,10 @@ rule cut_horizon_of_experiment:
         set=one_of({name for e in RECORDED for name in jobs.horizons(CONFIG, e)}),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=3000,
     params:
-        versions=versions("cut_horizon"),
-        settings=lambda w: settings("cut_horizon", w.experiment, w.set),
+        **stage_params("cut_horizon", "experiment", "set"),
     message:
         "cut the chunks of {wildcards.set} for {wildcards.experiment}"
     shell:
@@ -389,30 +417,23 @@ rule cut_horizon_of_experiment:
 
 rule plot_splits_of_experiment:
     input:
-        sets=expand(results("{{experiment}}/data/{set}.npz"), set=MAIN_SETS),
+        sets=sets("{experiment}", MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
         splits=results("{experiment}/data/splits.json"),
         code=code("plot_splits"),
     output:
-        report(
-            results("figures/{experiment}_splits.png"),
-            caption="../report/splits.rst",
-            category="Recordings",
-            labels={"content": "splits of {experiment}"},
-        ),
-        results("figures/{experiment}_splits.pdf"),
+        figure("{experiment}_splits", "splits", "splits of {experiment}", "Recordings"),
     log:
         results("logs/plot_splits/{experiment}.log"),
     wildcard_constraints:
         experiment=one_of(RECORDED),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
     params:
         versions=versions("plot_splits"),
-        folder=lambda w: results(f"{w.experiment}/data"),
+        folder=results("{experiment}/data"),
     message:
         "draw the splits of {wildcards.experiment}"
     shell:
@@ -433,77 +454,11 @@ rule calibrate_experiment:
         experiment=one_of(RECORDED + list(MEASURED)),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
     params:
-        versions=versions("calibrate"),
-        settings=lambda w: settings("calibrate", w.experiment),
+        **stage_params("calibrate", "experiment"),
     message:
         "calibrate the expert of {wildcards.experiment}"
     shell:
         "expertaug calibrate {input.train:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
-
-
-# Targets: `snakemake --cores 2 NAME`.
-
-
-rule render_video:
-    input:
-        of_recordings("video.mp4") if SOURCE == "rendered" and RECORDED else [],
-
-
-# A frame store is deleted when it has been tracked, unless it was asked for by this target.
-rule extract_frames:
-    input:
-        and_before(of_recordings("frames.b2frame") if SOURCE != "markers" and RECORDED else []),
-
-
-rule track_markers:
-    input:
-        and_before(of_all("markers.csv")),
-
-
-rule measure_angles:
-    input:
-        and_before(of_all("angles.csv")),
-
-
-rule plot_recording:
-    input:
-        and_before(of_all("page.png")),
-
-
-rule overlay:
-    input:
-        and_before(of_recordings("overlay.mp4") if SOURCE != "markers" and RECORDED else []),
-
-
-rule review:
-    input:
-        and_before([results("recordings/review.html")] if SOURCE != "markers" and RECORDED else []),
-
-
-rule export:
-    input:
-        and_before(of_all("export/units.csv")),
-
-
-rule recordings:
-    input:
-        and_before([SUMMARY, of_all("page.png")]),
-
-
-rule split_chunks:
-    input:
-        and_before(
-            [
-                expand(results("{experiment}/data/{set}.npz"), experiment=RECORDED, set=MAIN_SETS),
-                expand(results("figures/{experiment}_splits.png"), experiment=RECORDED),
-            ]
-        ),
-
-
-rule calibrate:
-    input:
-        and_before([calibration_of(experiment) for experiment in [*RECORDED, *MEASURED]]),

@@ -3,7 +3,7 @@
 
 rule simulate_set:
     input:
-        code=lambda w: code("simulate", w.experiment),
+        code=code("simulate"),
     output:
         results("{experiment}/data/{set}.npz"),
     log:
@@ -14,18 +14,11 @@ rule simulate_set:
         experiment=one_of(SIMULATED),
     conda:
         "../envs/expertaug.yaml"
-    threads: 1
     resources:
         mem_mb=2000,
     params:
-        versions=lambda w: versions("simulate", w.experiment),
-        settings=lambda w: settings("simulate", w.experiment, w.set),
+        **stage_params("simulate", "experiment", "set"),
     message:
         "simulate the {wildcards.set} set of {wildcards.experiment}"
     shell:
         "expertaug simulate {wildcards.set} --output {output:q} --settings {params.settings:q} --log {log:q}"
-
-
-rule simulate:
-    input:
-        [results(f"{experiment}/data/{name}.npz") for experiment in SIMULATED for name in sets_of(experiment)],

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from expertaug.config.grid import points
-from expertaug.config.jobs import horizons, label, studied, variants
+from expertaug.config.jobs import found_priors, horizons, label, seed_groups, studied, variants
 from expertaug.config.methods import experiment_of
 from expertaug.config.models import Augmentation, Configuration, Experiment, OutOfExpertise
 from expertaug.versions import Version, base
@@ -70,6 +70,15 @@ def grid(config: Configuration, experiment: str) -> dict[str, Any]:
         "keys": list(next(iter(found.values()))),
         "points": [[name, list(values.values())] for name, values in found.items()],
     }
+
+
+def own_priors(config: Configuration, experiment: str) -> dict[str, Any]:
+    """What the table of found ranges says: of which version and group of seeds each is."""
+    versions = found_priors(config, experiment)
+    priors = [["before training", "all"]] if "" in versions else []
+    groups = [group.removeprefix("seeds_").replace("_", ", ") for group in seed_groups(config, experiment)]
+    priors += [[label(config, variant), group] for variant in versions if variant for group in groups]
+    return {"experiment": experiment, "priors": priors, **reading(config, experiment)}
 
 
 def compare(config: Configuration, experiments: list[str]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from expertaug.stages.stage import Stage
 SUBJECTS = (recordings, measurements, learning, evaluation, tracking)
 # By the name that rules, logs and targets have for it.
 STAGES: dict[str, type[Stage]] = {
-    kind.name.replace("-", "_"): kind
+    kind.key(): kind
     for subject in SUBJECTS
     for kind in vars(subject).values()
     if isinstance(kind, type) and issubclass(kind, Stage) and "name" in vars(kind)

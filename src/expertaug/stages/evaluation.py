@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from expertaug.stages.options import add_outputs, add_paths, add_prior, add_tracking, tracking_of, with_prior
-from expertaug.stages.stage import Stage
+from expertaug.stages.stage import HORIZONS, SETS, TRAINED, Stage
+from expertaug.stages.study import StudyStage
 
 if TYPE_CHECKING:
     from expertaug.evaluation.settings import (
@@ -22,11 +23,13 @@ if TYPE_CHECKING:
         TabulateJob,
         WindowStudyJob,
     )
+    from expertaug.stages.files import Files
 
 METRICS = "metrics.csv of every method and group of seeds"
 FORECASTS = "forecasts.npz of the same runs, which have the errors of every sample"
 OF_ALL = "forecasts.npz of every version and group of seeds of an experiment"
 TABLE = "files, .csv, .md or .tex"
+MODELS = (*TRAINED, "finetune", "flow")  # stages that write model files
 STUDY = "files, .csv, .md, .tex, .png or .pdf"
 
 
@@ -45,6 +48,8 @@ class Evaluate(_WithPrior):
     code = "expertaug.evaluation.evaluate"
     job = "expertaug.config.stage_models:Evaluate"
     slice = "expertaug.config.stage_settings:evaluate"
+    reads = (*SETS, *HORIZONS, *MODELS, "own_prior")
+    runs_methods = True
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,6 +69,7 @@ class LogEvaluations(Stage):
 
     name = "log-evaluations"
     code = "expertaug.evaluation.log_evaluations"
+    reads = ("evaluate", "init_tracking")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,6 +91,8 @@ class DuringTraining(_WithPrior):
     code = "expertaug.evaluation.during_training"
     job = "expertaug.config.stage_models:Follow"
     slice = "expertaug.config.stage_settings:during_training"
+    reads = (*SETS, "train", "own_prior", "init_tracking")
+    runs_methods = True
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -107,6 +115,7 @@ class Tabulate(Stage):
     code = "expertaug.evaluation.tabulate"
     job = "expertaug.evaluation.settings:TabulateJob"
     slice = "expertaug.config.shown_settings:tabulate"
+    reads = ("evaluate",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -128,6 +137,7 @@ class Plot(Stage):
     code = "expertaug.evaluation.plot"
     job = "expertaug.evaluation.settings:PlotJob"
     slice = "expertaug.config.shown_settings:plot"
+    reads = ("evaluate", *MODELS)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -145,13 +155,14 @@ class Plot(Stage):
         plot(a.metrics, a.forecasts, a.logs, a.output, job)
 
 
-class Study(Stage):
+class Study(StudyStage):
     """make the table and the figure of a study"""
 
     name = "study"
     code = "expertaug.evaluation.studies"
     job = "expertaug.evaluation.settings:StudyJob"
     slice = "expertaug.config.shown_settings:study"
+    reads = ("evaluate", "during_training")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -165,12 +176,28 @@ class Study(Stage):
 
         study(a.metrics, a.output, job)
 
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
 
-class _WindowStudy(Stage):
+        if study not in jobs.studies(files.config, experiment):
+            return []
+        if study == "during_training":  # scores of one method's models along its training
+            method = files.config.experiments[experiment].studies.during_training.method
+            return files.of_versions(experiment, [method], "during_training.csv")
+        return files.of_versions(experiment, jobs.studied(files.config, experiment, study), "metrics.csv")
+
+    @classmethod
+    def names(cls, experiment: str, study: str) -> tuple[str, ...]:
+        return experiment, study
+
+
+class _WindowStudy(StudyStage):
     """A study of single windows."""
 
     job = "expertaug.evaluation.settings:WindowStudyJob"
     slice = "expertaug.config.shown_settings:windows"
+    reads = ("evaluate",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -180,6 +207,12 @@ class _WindowStudy(Stage):
     @classmethod
     def run(cls, a: argparse.Namespace, job: WindowStudyJob) -> None:
         getattr(importlib.import_module(cls.code), cls.name)(a.forecasts, a.output, job)
+
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
+
+        return files.of_versions(experiment, jobs.variants(files.config, experiment), "forecasts.npz")
 
 
 class Alarm(_WindowStudy):
@@ -202,14 +235,25 @@ class Distance(_WindowStudy):
     name = "distance"
     code = "expertaug.evaluation.distance"
 
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        simulated = files.config.experiments[experiment].data.source == "simulation"  # a range of training
+        return super().inputs(files, experiment, study) if simulated else []
 
-class Validity(Stage):
+
+class Validity(StudyStage):
     """check whether the interaction model holds where z_e has moved"""
 
     name = "validity"
     code = "expertaug.evaluation.validity"
     job = "expertaug.config.stage_models:Validity"
     slice = "expertaug.config.stage_settings:validity"
+    reads = (*SETS, *TRAINED)
+    runs_methods = True
+    title = "validity of F_a"
+    runs_models = True
+    memory_mb = 4000
+    log = "validity/{experiment}"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -224,13 +268,32 @@ class Validity(Stage):
 
         validity(a.models, a.data, a.output, job)
 
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
 
-class OwnPriors(Stage):
+        first = f"/{files.seed_groups(experiment)[0]}/"
+        models = files.of_versions(experiment, jobs.checked(files.config, experiment), "model.safetensors")
+        return [path for path in models if first in path]
+
+    @classmethod
+    def sets(cls, files: Files, experiment: str) -> list[str]:
+        from expertaug.config import jobs
+
+        inside = "iid" if "iid" in jobs.sets(files.config, experiment) else "validation"
+        return files.sets(experiment, ["train", inside, "test"])
+
+
+class OwnPriors(StudyStage):
     """make the table of the ranges that p⁺ has found"""
 
     name = "own-priors"
     code = "expertaug.evaluation.own_priors"
     job = "expertaug.evaluation.settings:OwnPriorsJob"
+    slice = "expertaug.config.shown_settings:own_priors"
+    reads = ("own_prior",)
+    title = "own p⁺"
+    log = "own_priors/{experiment}"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -244,14 +307,24 @@ class OwnPriors(Stage):
 
         own_priors(a.priors, a.output, job)
 
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
 
-class Grid(Stage):
+        versions = jobs.found_priors(files.config, experiment)
+        before = [files.path(f"{experiment}/data/prior.json")] if "" in versions else []
+        return [*before, *files.of_versions(experiment, [v for v in versions if v], "prior.json")]
+
+
+class Grid(StudyStage):
     """make the table and the figure of a sweep over hyperparameters"""
 
     name = "grid"
     code = "expertaug.evaluation.grid"
     job = "expertaug.evaluation.settings:GridJob"
     slice = "expertaug.config.shown_settings:grid"
+    reads = ("train",)
+    log = "grid/{experiment}"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -264,14 +337,25 @@ class Grid(Stage):
 
         grid(a.models, a.output, job)
 
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
 
-class Dissipation(Stage):
+        return files.of_versions(experiment, jobs.grid(files.config, experiment), "model.safetensors")
+
+
+class Dissipation(StudyStage):
     """compare the power that models dissipate with the loss of energy"""
 
     name = "dissipation"
     code = "expertaug.evaluation.dissipation"
     job = "expertaug.config.stage_models:Dissipation"
     slice = "expertaug.config.stage_settings:dissipation"
+    reads = (*SETS, *TRAINED)
+    runs_methods = True
+    runs_models = True
+    memory_mb = 2000
+    log = "dissipation/{experiment}"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -286,6 +370,20 @@ class Dissipation(Stage):
 
         dissipation(a.models, a.data, a.output, job)
 
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
+        from expertaug.versions import Version
+
+        trained = dict.fromkeys(str(Version.parse(v).trained) for v in jobs.dissipating(files.config, experiment))
+        return files.of_versions(experiment, list(trained), "model.safetensors")
+
+    @classmethod
+    def sets(cls, files: Files, experiment: str) -> list[str]:
+        from expertaug.versions import MAIN_SETS
+
+        return files.sets(experiment, MAIN_SETS)
+
 
 class Compare(Stage):
     """compare experiments with the published numbers"""
@@ -294,6 +392,7 @@ class Compare(Stage):
     code = "expertaug.evaluation.published"
     job = "expertaug.evaluation.settings:CompareJob"
     slice = "expertaug.config.shown_settings:compare"
+    reads = ("evaluate",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -315,6 +414,7 @@ class Overview(Stage):
     code = "expertaug.evaluation.dots"
     job = "expertaug.evaluation.settings:OverviewJob"
     slice = "expertaug.config.shown_settings:overview"
+    reads = ("evaluate",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from expertaug.stages.options import add_paths, add_prior, add_tracking, tracking_of, with_prior
-from expertaug.stages.stage import Stage
+from expertaug.stages.stage import SETS, TRAINED, Stage
 
 if TYPE_CHECKING:
     from expertaug.inference.settings import AlternateJob, FlowJob, OwnPriorJob
@@ -23,6 +23,7 @@ class Simulate(Stage):
     code = "expertaug.systems.simulate"
     job = "expertaug.systems.settings:SimulateJob"
     slice = "expertaug.config.stage_settings:simulate"
+    runs_methods = True
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,6 +59,8 @@ class Train(_Training):
     code = "expertaug.learning.train"
     job = "expertaug.learning.settings:TrainJob"
     slice = "expertaug.config.stage_settings:train"
+    reads = (*SETS, "calibrate", "init_tracking")
+    runs_methods = True
     add_arguments = staticmethod(_add_training)
 
     @classmethod
@@ -80,6 +83,8 @@ class Alternate(_Training):
     code = "expertaug.inference.alternating"
     job = "expertaug.inference.settings:AlternateJob"
     slice = "expertaug.config.stage_settings:train"
+    reads = (*SETS, "calibrate", "init_tracking")
+    runs_methods = True
     add_arguments = staticmethod(_add_training)
 
     @staticmethod
@@ -96,6 +101,8 @@ class OwnPrior(Stage):
     code = "expertaug.inference.adaptive_prior"
     job = "expertaug.inference.settings:OwnPriorJob"
     slice = "expertaug.config.stage_settings:own_prior"
+    reads = (*SETS, "calibrate", "train")
+    runs_methods = True
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -122,6 +129,8 @@ class Augment(_Training):
     code = "expertaug.learning.augment"
     job = "expertaug.learning.settings:AugmentJob"
     slice = "expertaug.config.stage_settings:augment"
+    reads = (*SETS, *TRAINED, "own_prior")
+    runs_methods = True
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -142,6 +151,8 @@ class Finetune(_Training):
     code = "expertaug.learning.finetune"
     job = "expertaug.learning.settings:FinetuneJob"
     slice = "expertaug.config.stage_settings:finetune"
+    reads = (*SETS, *TRAINED, "own_prior", "augment", "init_tracking")
+    runs_methods = True
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -166,6 +177,8 @@ class Flow(_Training):
     code = "expertaug.inference.flow_training"
     job = "expertaug.inference.settings:FlowJob"
     slice = "expertaug.config.stage_settings:flow"
+    reads = (*SETS, *TRAINED, "own_prior", "init_tracking")
+    runs_methods = True
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

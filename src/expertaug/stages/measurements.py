@@ -20,6 +20,7 @@ class CutMeasurements(Stage):
     code = "expertaug.measurements.stage"
     job = "expertaug.measurements.settings:CutMeasurementsJob"
     slice = "expertaug.config.recording_settings:cut_measurements"
+    runs_methods = True
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +42,7 @@ class CutMeasuredHorizon(Stage):
     code = "expertaug.measurements.horizons"
     job = "expertaug.measurements.settings:CutMeasuredHorizonJob"
     slice = "expertaug.config.recording_settings:cut_measured_horizon"
+    runs_methods = True
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

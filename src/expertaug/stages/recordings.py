@@ -14,6 +14,8 @@ from expertaug.stages.stage import Stage
 if TYPE_CHECKING:
     from expertaug_recordings import settings as jobs
 
+MARKERS = ("track_markers", "import_markers")  # stages that write them
+
 
 def _add_intake(parser: argparse.ArgumentParser, checksum: bool = False) -> None:
     text = "a recording that is refused: stop, or skip it and write why into the outputs"
@@ -63,6 +65,7 @@ class ExtractFrames(Stage):
     code = "expertaug_recordings.video.frame_store"
     job = "expertaug_recordings.settings:ExtractFramesJob"
     slice = "expertaug.config.recording_settings:extract_frames"
+    reads = ("render_video",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,6 +87,7 @@ class TrackMarkers(Stage):
     code = "expertaug_recordings.markers.track"
     job = "expertaug_recordings.settings:TrackMarkersJob"
     slice = "expertaug.config.recording_settings:track_markers"
+    reads = ("render_video", "extract_frames")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -125,6 +129,7 @@ class ImportMarkers(Stage):
     code = "expertaug_recordings.ibm"
     job = "expertaug_recordings.settings:ImportMarkersJob"
     slice = "expertaug.config.recording_settings:import_markers"
+    reads = ("unpack_markers",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -146,6 +151,7 @@ class MeasureAngles(Stage):
     code = "expertaug_recordings.angles.measure"
     job = "expertaug_recordings.settings:MeasureAnglesJob"
     slice = "expertaug.config.recording_settings:measure_angles"
+    reads = MARKERS
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -166,6 +172,7 @@ class SummariseRecordings(Stage):
 
     name = "summarise-recordings"
     code = "expertaug_recordings.reports.summary"
+    reads = ("measure_angles",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -186,6 +193,7 @@ class PlotRecording(Stage):
 
     name = "plot-recording"
     code = "expertaug_recordings.reports.page"
+    reads = (*MARKERS, "measure_angles")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -210,6 +218,7 @@ class Overlay(Stage):
     code = "expertaug_recordings.reports.overlay"
     job = "expertaug_recordings.settings:OverlayJob"
     slice = "expertaug.config.recording_settings:overlay"
+    reads = (*MARKERS, "measure_angles")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -240,6 +249,7 @@ class ReviewRecording(Stage):
     code = "expertaug_recordings.reports.review"
     job = "expertaug_recordings.settings:ReviewRecordingJob"
     slice = "expertaug.config.recording_settings:review_recording"
+    reads = (*MARKERS, "measure_angles")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -264,6 +274,7 @@ class Review(Stage):
 
     name = "review"
     code = "expertaug_recordings.reports.review"
+    reads = ("measure_angles", "review_recording")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -285,6 +296,7 @@ class ExportRecording(Stage):
 
     name = "export-recording"
     code = "expertaug_recordings.reports.exports"
+    reads = (*MARKERS, "measure_angles")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -310,6 +322,7 @@ class SplitChunks(Stage):
     code = "expertaug_recordings.chunks"
     job = "expertaug_recordings.settings:SplitChunksJob"
     slice = "expertaug.config.recording_settings:split_chunks"
+    reads = ("measure_angles",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -331,6 +344,7 @@ class CutHorizon(Stage):
     code = "expertaug_recordings.chunks"
     job = "expertaug_recordings.settings:CutHorizonJob"
     slice = "expertaug.config.recording_settings:cut_horizon"
+    reads = ("measure_angles",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -350,6 +364,7 @@ class PlotSplits(Stage):
 
     name = "plot-splits"
     code = "expertaug_recordings.reports.splits"
+    reads = ("split_chunks",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -370,6 +385,7 @@ class Calibrate(Stage):
     code = "expertaug_recordings.angles.calibration"
     job = "expertaug_recordings.settings:CalibrateJob"
     slice = "expertaug.config.recording_settings:calibrate"
+    reads = ("split_chunks", "cut_measurements")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from expertaug.settings import Settings
 
 WHERE = "--settings"
+# Stages that others read.
+SETS = ("simulate", "split_chunks", "cut_measurements")
+HORIZONS = ("cut_horizon", "cut_measured_horizon")
+TRAINED = ("train", "alternate")
 UNTYPED = "expertaug.config.stage_models"  # classes there check what a function takes as a mapping
 
 
@@ -44,12 +48,17 @@ class Stage:
         job: the class of its settings, ``package.module:Class``; empty for a stage that has none.
         slice: the function, ``package.module:name``, that takes the completed configuration and names, and gives the
             settings of one job and nothing more: a changed key redoes only the jobs whose slice has it.
+        reads: stages whose files it reads, as rules name them: what the report draws.
+        runs_methods: whether it runs classes that the configuration names (a system, an encoder …): their files are
+            watched too.
     """
 
     name: ClassVar[str]
     code: ClassVar[str]
     job: ClassVar[str] = ""
     slice: ClassVar[str] = ""
+    reads: ClassVar[tuple[str, ...]] = ()
+    runs_methods: ClassVar[bool] = False
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +69,11 @@ class Stage:
     def run(a: argparse.Namespace, job: Any) -> None:
         """Read, call, write; ``job`` are the checked settings."""
         raise NotImplementedError
+
+    @classmethod
+    def key(cls) -> str:
+        """Its name as rules, logs and targets have it."""
+        return cls.name.replace("-", "_")
 
     @classmethod
     def text(cls) -> str:

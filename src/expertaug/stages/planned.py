@@ -1,0 +1,108 @@
+"""Jobs that a configuration means: each a stage and the names that its slice of the configuration takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from expertaug.config import jobs, shown_settings
+from expertaug.config.models import Configuration, Recordings
+from expertaug.evaluation.products import PRODUCTS
+from expertaug.stages import STAGES
+from expertaug.stages.files import Files
+from expertaug.stages.study import StudyStage
+from expertaug.versions import Version
+
+# Studies by name, each a stage.
+STUDIES: dict[str, type[StudyStage]] = {
+    product.name: stage for product in PRODUCTS if issubclass(stage := STAGES[product.stage], StudyStage)
+}
+
+
+def planned(config: Configuration) -> Iterator[tuple[str, tuple]]:
+    """Every job of a completed configuration's run, but that jobs of recordings are without their names."""
+    run = config.run
+    sources = {config.experiments[name].data.source for name in run}
+    yield "init_tracking", ()
+    if "recordings" in sources:
+        yield from _of_recordings(config.recordings)
+    for name in run:
+        yield from _of_experiment(config, name)
+    published = [name for name in run if config.experiments[name].evaluation.published is not None]
+    if published:
+        yield "compare", (published,)
+    if shown_settings.overview(config, run)["experiments"]:
+        yield "overview", (run,)
+
+
+def stages_read(config: Configuration) -> list[tuple[str, str]]:
+    """Pairs of stages of a run: each with one that reads what it makes."""
+    run = {stage for stage, _ in planned(config)}
+    return sorted((source, stage) for stage in run for source in STAGES[stage].reads if source in run)
+
+
+def studies(config: Configuration, experiment: str) -> list[str]:
+    """Names of the studies that an experiment has."""
+    files = Files(config)
+    return [name for name, stage in STUDIES.items() if stage.inputs(files, experiment, name)]
+
+
+def _of_recordings(recordings: Recordings) -> Iterator[tuple[str, tuple]]:
+    if recordings.source == "rendered":
+        yield "render_video", ()
+    if recordings.source != "markers":
+        yield "extract_frames", (None,)
+        yield "track_markers", (None,)
+    else:
+        if Path(recordings.markers.path).is_file():
+            yield "unpack_markers", ()
+        yield "import_markers", ()
+    yield "measure_angles", (None,)
+    yield "plot_recording", (None,)
+    yield "summarise_recordings", ()
+
+
+def _of_experiment(config: Configuration, experiment: str) -> Iterator[tuple[str, tuple]]:
+    block = config.experiments[experiment]
+    yield from _of_data(config, experiment)
+    groups = list(jobs.seed_groups(config, experiment))
+    for method in (*block.methods, *jobs.grid(config, experiment)):
+        alternates = config.methods[method].kind == "alternating"
+        yield from (("alternate" if alternates else "train", (experiment, method, group)) for group in groups)
+    for version in jobs.found_priors(config, experiment):
+        yield from (("own_prior", (experiment, version, group)) for group in (groups if version else [None]))
+    for variant in [*jobs.variants(config, experiment), *jobs.further_variants(config, experiment)]:
+        for stage in _of_version(Version.parse(variant)):
+            yield from ((stage, (experiment, variant, group)) for group in groups)
+    if followed := block.studies.during_training:
+        yield from (("during_training", (experiment, followed.method, group)) for group in groups)
+    yield "log_evaluations", ()
+    yield from ((stage, (experiment,)) for stage in ("tabulate", "plot"))
+    yield from ((STUDIES[name].key(), STUDIES[name].names(experiment, name)) for name in studies(config, experiment))
+
+
+def _of_data(config: Configuration, experiment: str) -> Iterator[tuple[str, tuple]]:
+    data, horizons = config.experiments[experiment].data, jobs.horizons(config, experiment)
+    if data.source == "simulation":
+        yield from (("simulate", (experiment, name)) for name in data.simulated)
+    elif data.source == "files":
+        yield "cut_measurements", (experiment,)
+        yield from (("cut_measured_horizon", (experiment, name)) for name in horizons)
+    else:
+        yield "split_chunks", (experiment,)
+        yield "plot_splits", ()
+        yield from (("cut_horizon", (experiment, name)) for name in horizons)
+    if data.calibrate:
+        yield "calibrate", (experiment,)
+
+
+def _of_version(version: Version) -> Iterator[str]:
+    yield "evaluate"
+    if not version.is_trained:
+        return
+    if version.is_flow:
+        yield "flow"
+    elif version.step:
+        yield "finetune"
+        if version.is_augmented:
+            yield "augment"

@@ -1,0 +1,46 @@
+"""What a study is: a stage that answers a question about an experiment's models with a table and, mostly, a figure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from expertaug.stages.stage import Stage
+
+if TYPE_CHECKING:
+    from expertaug.stages.files import Files
+
+
+class StudyStage(Stage):
+    """A stage that makes a study. The workflow has one rule for all of them (``workflow/rules/studies.smk``).
+
+    Attributes:
+        title: that reports show; empty for the study's name.
+        runs_models: whether it runs models on the sets: on the card if there is one, and its cost is measured.
+        memory_mb: that its jobs ask for.
+        log: where its log and its cost lie in their folders.
+    """
+
+    title: ClassVar[str] = ""
+    runs_models: ClassVar[bool] = False
+    memory_mb: ClassVar[int] = 1000
+    log: ClassVar[str] = "study/{experiment}_{study}"
+
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        """Files that it reads; none where the experiment has no such study.
+
+        Arguments:
+            files: of the run.
+            study: its name among the products (:mod:`expertaug.evaluation.products`).
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def sets(cls, files: Files, experiment: str) -> list[str]:
+        """Files of the sets that it runs models on."""
+        return []
+
+    @classmethod
+    def names(cls, experiment: str, study: str) -> tuple[str, ...]:
+        """What its slice takes beside the configuration."""
+        return (experiment,)
