@@ -24,7 +24,7 @@ from expertaug.config import load as config
 from expertaug.config.models import Configuration
 from expertaug.errors import InputError, InputErrors, lines
 from expertaug.learning.settings import TrainSettings
-from expertaug.stages import STAGES
+from expertaug.stages import STAGES, planned
 from expertaug.wording import number_in
 from expertaug_recordings.settings import (
     CalibrateJob,
@@ -664,10 +664,10 @@ class TestCards:
         told = {name for name, value in vars(stage_settings).items() if inspect.isfunction(value)}
         told = {name for name in told if '"device"' in inspect.getsource(getattr(stage_settings, name))} | {"flow"}
         text = "".join(path.read_text() for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")))
-        asking = set()
+        asking = {stage.key() for stage in planned.STUDIES.values() if stage.runs_models}
         for rule in re.split(r"^rule ", text, flags=re.M)[1:]:
             if "gpu=GPUS" in rule:
-                asking |= set(re.findall(r"settings\(\s*\"(\w+)\"", rule))
+                asking |= set(re.findall(r"stage_params\(\"(\w+)\"", rule.replace("training_of", '"train"')))
         assert asking == told
 
     def test_a_run_on_one_machine_has_one(self):

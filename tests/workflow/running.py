@@ -48,16 +48,19 @@ experiments:
 """
 # The rules that a change redoes: all that follows its own.
 EVALUATION = {"evaluate_seed_group", "tabulate_experiment", "plot_experiment", "plot_overview"}
-EVALUATION |= {"study_windows_of_experiment", "log_evaluations_of_experiment", "write_report"}
+EVALUATION |= {"log_evaluations_of_experiment", "write_report", "alarm_of_experiment", "coverage_of_experiment"}
 AUGMENTED = {"finetune_seed_group"} | EVALUATION
 # Of the double pendulum longer forecasts and the loss of energy.
-LEARNING = {"train_seed_group", "augment_seed_group", "study_experiment", "dissipation_of_experiment"} | AUGMENTED
+LEARNING = {"train_seed_group", "augment_seed_group", "horizons_of_experiment", "dissipation_of_experiment"} | AUGMENTED
 LEARNING |= {"validity_of_experiment"}
 CHUNKS = {"split_chunks_of_experiment", "plot_splits_of_experiment", "calibrate_experiment"} | LEARNING
 CHUNKS |= {"cut_horizon_of_experiment"}
 # Of the pendulum there is more.
-SCORED = {"study_experiment", "compare_experiment", "compare_all"} | EVALUATION
-TUNED = {"finetune_seed_group", "during_training_seed_group"} | SCORED
+COMPARED = {"compare_experiment", "compare_all"}
+STUDIED = {"out_of_expertise_of_experiment", "prior_width_of_experiment"}
+SCORED = STUDIED | {"distance_of_experiment"} | COMPARED | EVALUATION
+ALONG = {"during_training_of_experiment"}  # the study along training, which has scores of its own
+TUNED = {"finetune_seed_group", "during_training_seed_group"} | ALONG | SCORED
 TRAINED = {"train_seed_group", "augment_seed_group", "flow_seed_group", "validity_of_experiment"} | TUNED
 ANGLES = {"measure_angles_of_recording", "plot_page_of_recording", "summarise_recordings"} | CHUNKS
 MARKERS = {"extract_frames_of_recording", "track_markers_of_recording"} | ANGLES

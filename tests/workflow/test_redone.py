@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 from running import (
+    ALONG,
     ANGLES,
     CHUNKS,
+    COMPARED,
     LEARNING,
     MARKERS,
     SCORED,
@@ -31,7 +33,6 @@ def test_touched_files_and_pinned_versions_that_are_not_installed_redo_nothing(p
     assert planned(project, *SMOKE) == {}
 
 
-COMPARED = {"compare_experiment", "compare_all", "write_report"}
 WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
 
 
@@ -47,19 +48,19 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
         ({"experiments": {"pendulum": {"training": {"learning_rate": 0.001}}}}, TRAINED),
         (
             {"experiments": {"pendulum": {"data": {"sets": {"test": {"size": 21}}}}}},
-            {"simulate_set", "during_training_seed_group", "validity_of_experiment"} | SCORED,
+            {"simulate_set", "during_training_seed_group", "validity_of_experiment"} | ALONG | SCORED,
         ),
-        ({"experiments": {"pendulum": {"data": {"sets": {"near": {"size": 8}}}}}}, {"simulate_set"} | SCORED),
+        ({"experiments": {"pendulum": {"data": {"sets": {"near": {"size": 8}}}}}}, {"simulate_set"} | ALONG | SCORED),
         (
             {"experiments": {"pendulum": {"studies": {"during_training": {"epochs": [2]}}}}},
             TRAINED,
         ),
-        ({"experiments": {"pendulum": {"evaluation": {"published": "rlc"}}}}, COMPARED),
+        ({"experiments": {"pendulum": {"evaluation": {"published": "rlc"}}}}, {"write_report"} | COMPARED),
         ({"experiments": {"double_pendulum": {"data": {"split": {"stride": 3}}}}}, CHUNKS),
         ({"recordings": {"angles": {"max_gap_frames": 4}}}, ANGLES),
         ({"recordings": {"tracking": {"min_level": 25}}}, MARKERS),
         ({"experiments": {"pendulum": {"choices": {"frozen": "interaction_and_z_e_head"}}}}, TUNED),
-        ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_seed_group"} | SCORED),
+        ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_seed_group"} | ALONG | SCORED),
         ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
         ({"device": "cpu"}, {"dissipation_of_experiment"} | TRAINED),
     ],
@@ -83,9 +84,9 @@ def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
         ("expertaug_recordings/reports/splits.py", {"plot_splits_of_experiment", "write_report"}),
         ("expertaug_recordings/reports/overlay.py", set()),
         ("expertaug/learning/finetune.py", TUNED),
-        ("expertaug/evaluation/published.py", COMPARED),
+        ("expertaug/evaluation/published.py", {"write_report"} | COMPARED),
         ("expertaug/evaluation/report/page.html", {"write_report"}),
-        ("expertaug/evaluation/paper.csv", COMPARED),
+        ("expertaug/evaluation/paper.csv", {"write_report"} | COMPARED),
         ("expertaug_recordings/angles/calibration.py", {"calibrate_experiment"} | LEARNING),
         ("expertaug_recordings/markers/tracker.py", MARKERS),
     ],

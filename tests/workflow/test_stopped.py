@@ -8,7 +8,7 @@ import shutil
 
 import pytest
 import torch
-from running import ANGLES, MARKERS, SCORED, SMOKE, copy_project, kill_when_there, override, planned, snakemake
+from running import ALONG, ANGLES, MARKERS, SCORED, SMOKE, copy_project, kill_when_there, override, planned, snakemake
 from safetensors.torch import load_file
 
 BASES = {"train_seed_group"}
@@ -36,12 +36,12 @@ MISSING = [
     ("pendulum/aphynity+/*/augmented.safetensors", "finetune", TUNING),
     ("pendulum/aphynity+wide/*/model.safetensors", "evaluate", {"finetune_seed_group"} | EVALUATED),
     ("pendulum/evaluations.json", "evaluate", {"log_evaluations_of_experiment"}),
-    ("pendulum/aphynity+wide/*/metrics.csv", "studies", {"evaluate_seed_group", "study_experiment"}),
-    ("pendulum/aphynity/*/during_training.csv", "studies", {"during_training_seed_group", "study_experiment"}),
+    ("pendulum/aphynity+wide/*/metrics.csv", "studies", {"evaluate_seed_group", "prior_width_of_experiment"}),
+    ("pendulum/aphynity/*/during_training.csv", "studies", {"during_training_seed_group"} | ALONG),
     (
         "pendulum/ml_only/*/model.safetensors",
         "pendulum",
-        {"train_seed_group"} | SCORED - {"plot_overview", "compare_all", "write_report"},
+        {"train_seed_group"} | SCORED - {"prior_width_of_experiment", "plot_overview", "compare_all", "write_report"},
     ),
 ]
 

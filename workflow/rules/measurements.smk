@@ -8,13 +8,8 @@ def checksums(wildcards):
 rule cut_measurements_of_experiment:
     input:
         files=lambda w: MEASURED[w.experiment],
-<<<<<<< HEAD
-        checksums=lambda w: CONFIG.experiments[w.experiment].data.files.checksums or [],
-        code=lambda w: code("cut_measurements", w.experiment),
-=======
         checksums=checksums,
         code=code("cut_measurements"),
->>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
     output:
         sets("{experiment}", MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
@@ -42,13 +37,8 @@ rule cut_measurements_of_experiment:
 rule cut_horizon_of_measurements:
     input:
         files=lambda w: MEASURED[w.experiment],
-<<<<<<< HEAD
-        checksums=lambda w: CONFIG.experiments[w.experiment].data.files.checksums or [],
-        code=lambda w: code("cut_measured_horizon", w.experiment),
-=======
         checksums=checksums,
         code=code("cut_measured_horizon"),
->>>>>>> f583fe9 (Workflow: rules ask their stage for code, versions and settings; studies are rules of what products register)
     output:
         results("{experiment}/data/{set}.npz"),
     log:

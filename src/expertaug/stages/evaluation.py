@@ -183,8 +183,7 @@ class Study(StudyStage):
         if study not in jobs.studies(files.config, experiment):
             return []
         if study == "during_training":  # scores of one method's models along its training
-            method = files.config.experiments[experiment].studies.during_training.method
-            return files.of_versions(experiment, [method], "during_training.csv")
+            return files.of_versions(experiment, files.followed(experiment), "during_training.csv")
         return files.of_versions(experiment, jobs.studied(files.config, experiment, study), "metrics.csv")
 
     @classmethod

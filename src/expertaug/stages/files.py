@@ -70,6 +70,11 @@ class Files:
         versions = map(Version.parse, self.variants(experiment))
         return [str(v) for v in versions if v.is_flow and v.is_trained]
 
+    def followed(self, experiment: str) -> list[str]:
+        """The method that the study along training follows, if any."""
+        study = self.config.experiments[experiment].studies.during_training
+        return [study.method] if study is not None else []
+
     def found_priors(self, experiment: str) -> list[str]:
         """Augmented versions whose p⁺ finds its ranges from a trained model."""
         return [v for v in jobs.found_priors(self.config, experiment) if v]
@@ -162,11 +167,12 @@ class Files:
 
     def to_stages_of_training(self, experiment: str) -> list[str]:
         """Scores of models along a training, where there is that study."""
-        study = self.config.experiments[experiment].studies.during_training
-        if study is None:
+        followed = self.followed(experiment)
+        if not followed:
             return []
-        scores = self.of_versions(experiment, [study.method], "snapshots.safetensors", "during_training.csv")
-        return [*self.sets(experiment, MAIN_SETS), *self.to_priors(experiment, [f"{study.method}+"]), *scores]
+        scores = self.of_versions(experiment, followed, "snapshots.safetensors", "during_training.csv")
+        priors = self.to_priors(experiment, [f"{method}+" for method in followed])
+        return [*self.sets(experiment, MAIN_SETS), *priors, *scores]
 
     def to_files(self, experiment: str, files: Iterable[str]) -> list[str]:
         """Files of versions, as a study reads them."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from expertaug.config import jobs, shown_settings
-from expertaug.config.models import Configuration, Recordings
+from expertaug.config.models import Configuration
 from expertaug.evaluation.products import PRODUCTS
 from expertaug.stages import STAGES
 from expertaug.stages.files import Files
@@ -25,7 +25,7 @@ def planned(config: Configuration) -> Iterator[tuple[str, tuple]]:
     sources = {config.experiments[name].data.source for name in run}
     yield "init_tracking", ()
     if "recordings" in sources:
-        yield from _of_recordings(config.recordings)
+        yield from _of_recordings(config)
     for name in run:
         yield from _of_experiment(config, name)
     published = [name for name in run if config.experiments[name].evaluation.published is not None]
@@ -47,14 +47,15 @@ def studies(config: Configuration, experiment: str) -> list[str]:
     return [name for name, stage in STUDIES.items() if stage.inputs(files, experiment, name)]
 
 
-def _of_recordings(recordings: Recordings) -> Iterator[tuple[str, tuple]]:
-    if recordings.source == "rendered":
+def _of_recordings(config: Configuration) -> Iterator[tuple[str, tuple]]:
+    source = config.recordings.source
+    if source == "rendered":
         yield "render_video", ()
-    if recordings.source != "markers":
+    if source != "markers":
         yield "extract_frames", (None,)
         yield "track_markers", (None,)
     else:
-        if Path(recordings.markers.path).is_file():
+        if Path(config.recordings.markers.path or "").is_file():
             yield "unpack_markers", ()
         yield "import_markers", ()
     yield "measure_angles", (None,)
@@ -63,10 +64,9 @@ def _of_recordings(recordings: Recordings) -> Iterator[tuple[str, tuple]]:
 
 
 def _of_experiment(config: Configuration, experiment: str) -> Iterator[tuple[str, tuple]]:
-    block = config.experiments[experiment]
     yield from _of_data(config, experiment)
     groups = list(jobs.seed_groups(config, experiment))
-    for method in (*block.methods, *jobs.grid(config, experiment)):
+    for method in (*config.experiments[experiment].methods, *jobs.grid(config, experiment)):
         alternates = config.methods[method].kind == "alternating"
         yield from (("alternate" if alternates else "train", (experiment, method, group)) for group in groups)
     for version in jobs.found_priors(config, experiment):
@@ -74,8 +74,8 @@ def _of_experiment(config: Configuration, experiment: str) -> Iterator[tuple[str
     for variant in [*jobs.variants(config, experiment), *jobs.further_variants(config, experiment)]:
         for stage in _of_version(Version.parse(variant)):
             yield from ((stage, (experiment, variant, group)) for group in groups)
-    if followed := block.studies.during_training:
-        yield from (("during_training", (experiment, followed.method, group)) for group in groups)
+    for method in Files(config).followed(experiment):
+        yield from (("during_training", (experiment, method, group)) for group in groups)
     yield "log_evaluations", ()
     yield from ((stage, (experiment,)) for stage in ("tabulate", "plot"))
     yield from ((STUDIES[name].key(), STUDIES[name].names(experiment, name)) for name in studies(config, experiment))
