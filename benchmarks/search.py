@@ -157,7 +157,7 @@ def main() -> None:
             print(f"{variant} {trial}: {error}", file=sys.stderr)
             continue
         data = Path(settings.results, options.experiment, "data")
-        line |= row(model, data, settings.experiments[options.experiment].evaluation.given())
+        line |= row(model, data, settings.experiments[options.experiment].evaluation.dump())
         print(line, flush=True)
         table.parent.mkdir(parents=True, exist_ok=True)
         new = not table.exists()

@@ -49,14 +49,14 @@ def ours(seeds: int, train: StackedSet, validation: StackedSet, epochs: int, tar
     card = ModelCard.of(
         kind="hybrid",
         system={"name": "pendulum"},
-        model=config.model.given(),
+        model=config.model.dump(),
         t=[k * STEP for k in range(201)],
         observed=POINTS,
         seeds=list(range(seeds)),
     )
     stacked = store.make(systems.load({"name": "pendulum"}), card)
     stacked.fit(train.y[:POINTS, 0])
-    settings = TrainSettings.from_mapping(config.training.given() | {"epochs": epochs})
+    settings = TrainSettings.from_mapping(config.training.dump() | {"epochs": epochs})
     trainer = Trainer(
         stacked,
         Aphynity(card.seeds, config.choices, **(config.training.objective or {})),

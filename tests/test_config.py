@@ -345,7 +345,7 @@ def test_completion_inherits_fills_and_resolves(base):
     found = config.validate(config.merge(base, over))
     x, pendulum = found.experiments["x"], found.experiments["pendulum"]
     assert x.data == pendulum.data.model_copy(update={"noise": 0.0}) and isinstance(x.data.noise, float)
-    assert "based_on" not in x.given()
+    assert "based_on" not in x.dump()
     assert x.training.checkpoint_s == 30.0
     assert x.choices.resample == "once" and x.choices.selection == "observed"
     assert found.tracking.uri == "sqlite:///results/mlflow/mlflow.db"
@@ -354,7 +354,7 @@ def test_completion_inherits_fills_and_resolves(base):
 
 
 def test_completed_configuration_is_valid_again(base):
-    assert config.validate(config.validate(base).given()) == config.validate(base)
+    assert config.validate(config.validate(base).dump()) == config.validate(base)
 
 
 def test_slices_are_settings_of_their_stages(base, tmp_path):

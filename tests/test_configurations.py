@@ -65,7 +65,7 @@ def test_nothing_of_the_default_sizes_is_left_in_the_papers(
 @pytest.mark.parametrize("one", presets.SIMULATED, ids=lambda one: f"{one.experiment}.{one.key}")
 def test_the_table_of_presets_says_what_is_simulated(one, preset):
     complete = config.validate(config.merge(config.load([FOLDER / "config.yaml"]), {"preset": preset}))
-    value = complete.experiments[one.experiment].given()
+    value = complete.experiments[one.experiment].dump()
     *above, last = one.key.split(".")
     for part in above:
         value = value[part]
@@ -77,5 +77,5 @@ def test_the_table_of_presets_says_what_is_simulated(one, preset):
 def test_alternation_on_the_circuit_steps_as_its_other_trainings_do(preset):
     """Sources and rates of the presets differ, and with them the steps that are stable."""
     one = completed(config.load([FOLDER / "config.yaml"]) | {"preset": preset}).experiments["rlc"]
-    alternating = one.overrides["alternating"].alternation.solver.given()
-    assert one.training.solver.given(only=alternating) == alternating
+    alternating = one.overrides["alternating"].alternation.solver.dump()
+    assert one.training.solver.dump(include=alternating) == alternating

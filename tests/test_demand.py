@@ -28,7 +28,7 @@ def config(seeds, per_job, epochs, size=100):
 @pytest.fixture
 def published(tmp_path):
     (tmp_path / "one").mkdir()
-    (tmp_path / "one" / "config.yaml").write_text(yaml.safe_dump(config([0], 1, 10).given()))
+    (tmp_path / "one" / "config.yaml").write_text(yaml.safe_dump(config([0], 1, 10).dump()))
     lines = ["job,seconds,peak_memory_mb", "train/p_q_a_seeds_0,3600,1000", "finetune/p_q_a+_seeds_0,1800,500"]
     lines += ["train/p_q_mean_seeds_0,36,100", "evaluate/p_q_a_seeds_0,360,100"]
     (tmp_path / "one" / "costs.csv").write_text("\n".join(lines) + "\n")

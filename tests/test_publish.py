@@ -44,7 +44,7 @@ def run(tmp_path, monkeypatch):
 
 
 def settings(root):
-    return config.validate(config.load([Path(__file__).parents[1] / "config/config.yaml", root / "my.yaml"])).given()
+    return config.validate(config.load([Path(__file__).parents[1] / "config/config.yaml", root / "my.yaml"])).dump()
 
 
 def test_a_table_that_a_link_brings_from_elsewhere_is_refused(run):

@@ -66,14 +66,10 @@ class Settings(BaseModel):
         """What a JSON file holds of them: lists, mappings and scalars; keys that were left out are missing."""
         return self.model_dump(mode="json")
 
-    def given(self, *, only: Collection[str] | None = None, but: Collection[str] = ()) -> dict[str, Any]:
-        """What JSON says of the keys that were given, or completed: of a part what it says, without its defaults.
-
-        Arguments:
-            only, but: keys that are asked for, and that are not.
-        """
-        include = None if only is None else set(only)
-        return self.model_dump(mode="json", exclude_unset=True, include=include, exclude=set(but) or None)
+    def dump(self, include: Collection[str] | None = None, exclude: Collection[str] = ()) -> dict[str, Any]:
+        """What JSON holds of the keys that were given or completed, of part of a block without its defaults."""
+        keys = None if include is None else set(include)
+        return self.model_dump(mode="json", exclude_unset=True, include=keys, exclude=set(exclude) or None)
 
     @classmethod
     def completed(cls, settings: Mapping[str, object]) -> Self:

@@ -35,5 +35,5 @@ def _publish(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
     from expertaug.evaluation.publish import publish
 
-    publish(config.validate(config.load(config.with_defaults(a.config))).given(), a.to, a.command)
+    publish(config.validate(config.load(config.with_defaults(a.config))).dump(), a.to, a.command)
     logger.info("%s: published", a.to)

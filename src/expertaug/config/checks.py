@@ -32,7 +32,7 @@ BLOCKS = ("training", "finetuning", "refinement", "flow", "alternation", "evalua
 SOLVERS = ("solver", "draws_solver")
 
 
-def texts(value: object, path: str = "") -> Iterator[InputError]:
+def check_texts(value: object, path: str = "") -> Iterator[InputError]:
     """Numbers that YAML took for texts, but in names and labels, and texts that no file or program takes."""
     if isinstance(value, str):
         if any(ord(c) < 32 and c not in "\n\t" for c in value):
@@ -46,13 +46,13 @@ def texts(value: object, path: str = "") -> Iterator[InputError]:
             yield InputError(path, f"found a number of {len(str(abs(value)))} digits", "give a smaller one")
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            yield from texts(item, f"{path}.{key}" if path else key)
+            yield from check_texts(item, f"{path}.{key}" if path else key)
     elif isinstance(value, list | tuple):
         for k, item in enumerate(value):
-            yield from texts(item, f"{path}[{k}]")
+            yield from check_texts(item, f"{path}[{k}]")
 
 
-def results(folder: str) -> Iterator[InputError]:
+def check_results(folder: str) -> Iterator[InputError]:
     """A results folder that cannot be written."""
     if folder.startswith("~"):
         yield InputError("results", f"found '{folder}'", "there is no such user: name the folder itself")
@@ -68,71 +68,71 @@ def results(folder: str) -> Iterator[InputError]:
         yield InputError("results", f"'{existing}' cannot be written", "choose a writable results folder")
 
 
-def name(experiment: str, experiments: Collection[str], stages: Collection[str] = ()) -> Iterator[InputError]:
+def check_name(name: str, experiments: Collection[str], stages: Collection[str] = ()) -> Iterator[InputError]:
     """An experiment's name that files, rules (those of ``stages`` too) or other experiments need."""
-    where = f"experiments.{experiment}"
-    if experiment in RESERVED:
+    where = f"experiments.{name}"
+    if name in RESERVED:
         yield InputError(where, "the results folder needs this name", "choose another name")
-    if experiment in TARGETS or experiment in stages:
+    if name in TARGETS or name in stages:
         yield InputError(where, "a stage of the workflow has this name", "choose another name")
     for ending in ENDINGS:
-        other = experiment.removesuffix(f"_{ending}")
-        if other != experiment and other in experiments:
+        other = name.removesuffix(f"_{ending}")
+        if other != name and other in experiments:
             yield InputError(where, f"the files of '{other}' would have the same names", "choose another name")
 
 
-def experiment(where: str, one: Experiment, config: Common) -> Iterator[InputError]:
+def check_experiment(where: str, experiment: Experiment, config: Common) -> Iterator[InputError]:
     """Everything that is wrong with a completed experiment.
 
     Arguments:
-        one: with the keys of what it is based on, of the preset, and with defaults.
+        experiment: with the keys of what it is based on, of the preset, and with defaults.
         config: its methods and recordings are read.
     """
     methods = config.methods
-    missing = list(unknown(one.methods, methods, f"{where}.methods", "method"))
-    missing += [e for m in one.overrides for e in unknown_one(m, methods, f"{where}.overrides.{m}", "method")]
+    missing = list(unknown(experiment.methods, methods, f"{where}.methods", "method"))
+    missing += [e for m in experiment.overrides for e in unknown_one(m, methods, f"{where}.overrides.{m}", "method")]
     yield from missing
     if missing:
         return
-    known, wrong = options.system(one.system, f"{where}.system")
+    system, wrong = options.system(experiment.system, f"{where}.system")
     yield from wrong
     own = []
-    for part, settings in one.model.given().items():
-        own += options.part(part, settings, f"{where}.model.{part}", known, one.data.t1_s)
+    for part, settings in experiment.model.dump().items():
+        own += options.part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
     yield from own
-    yield from _objectives(where, one, methods)
-    for method in [m for m in one.methods if m in one.overrides]:
+    yield from _objectives(where, experiment, methods)
+    for method in [m for m in experiment.methods if m in experiment.overrides]:
         here, inherited = f"{where}.overrides.{method}", {str(error) for error in own}
-        for error in _overridden(here, one, one.overrides[method], known, methods[method]):
+        for error in _overridden(here, experiment, experiment.overrides[method], system, methods[method]):
             if str(error).replace(here, where, 1) not in inherited:
                 yield error
-    yield from _augmented(where, one, methods)
-    yield from _versions(where, one, methods)
-    yield from _fits(where, one, methods, known)
-    if known is not None and known.events:
-        yield from _events(where, one, methods, known.jumps)
-    if one.data.source == "simulation":
-        yield from _simulation(where, one, known)
-    elif one.data.source == "files":
-        yield from wrong_measurements(where, one, known)
+    yield from _augmented(where, experiment, methods)
+    yield from _versions(where, experiment, methods)
+    yield from _fits(where, experiment, methods, system)
+    if system is not None and system.events:
+        yield from _events(where, experiment, methods, system.jumps)
+    if experiment.data.source == "simulation":
+        yield from _simulation(where, experiment, system)
+    elif experiment.data.source == "files":
+        yield from wrong_measurements(where, experiment, system)
     else:
-        yield from _chunks(where, one, config.recordings)
-    yield from _further_priors(where, one)
-    yield from _studies(where, one, methods)
-    yield from _evaluation(where, one)
+        yield from _chunks(where, experiment, config.recordings)
+    yield from _further_priors(where, experiment)
+    yield from _studies(where, experiment, methods)
+    yield from _evaluation(where, experiment)
 
 
-def _objectives(where: str, one: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
+def _objectives(where: str, experiment: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
     """Objectives of the methods, and options that belong to none of them."""
     kinds = {}
-    for method in one.methods:
+    for method in experiment.methods:
         if methods[method].kind == "hybrid":
             kind = methods[method].objective_kind
             kinds[kind] = None
             yield from options.objective(kind, f"methods.{method}.objective")[1]
     for block in ("training", "finetuning"):
         at = f"{where}.{block}.objective"
-        for option, value in _options(getattr(one, block)).items() if kinds else ():
+        for option, value in _options(getattr(experiment, block)).items() if kinds else ():
             takers = [k for k in kinds if options.takes_option(k, option)]
             # What this experiment is based on may have methods of other objectives.
             takers = takers or [k for k in options.OBJECTIVES if options.takes_option(k, option)]
@@ -148,40 +148,44 @@ def _options(training: TrainSettings | None) -> dict[str, object]:
 
 
 def _overridden(
-    where: str, one: Experiment, over: Override, known: options.KnownSystem | None, method: Method
+    where: str, experiment: Experiment, over: Override, system: options.KnownSystem | None, method: Method
 ) -> Iterator[InputError]:
     """What a method has otherwise, as it is together with what it keeps."""
-    merged = overridden(one, over)
+    merged = overridden(experiment, over)
     if over.system is not None:
-        known, wrong = options.system(merged.system, f"{where}.system")
+        system, wrong = options.system(merged.system, f"{where}.system")
         yield from wrong
-    for part in over.model.given() if over.model is not None else ():
+    for part in over.model.dump() if over.model is not None else ():
         if getattr(method, part, None) is not False:
             settings = getattr(merged.model, part)
-            yield from options.part(part, settings, f"{where}.model.{part}", known, one.data.t1_s)
+            yield from options.part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
     for block in ("training", "finetuning"):
-        given = _options(getattr(over, block))
-        if given and method.kind == "hybrid":
-            yield from options.of_objective(method.objective_kind, given, f"{where}.{block}.objective")
+        own = _options(getattr(over, block))
+        if own and method.kind == "hybrid":
+            yield from options.of_objective(method.objective_kind, own, f"{where}.{block}.objective")
 
 
-def _augmented(where: str, one: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
-    yield from unknown(one.augmented, one.methods, f"{where}.augmented", "method of this experiment")
-    for k, method in enumerate(one.augmented):
+def _augmented(where: str, experiment: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
+    yield from unknown(experiment.augmented, experiment.methods, f"{where}.augmented", "method of this experiment")
+    for k, method in enumerate(experiment.augmented):
         kind = _kind(methods, method)
         if kind != "hybrid":
             remedy = "only hybrid methods can be augmented"
             yield InputError(f"{where}.augmented[{k}]", f"'{method}' is of kind {kind}", remedy)
-    if one.augmented and one.finetuning is None:
+    if experiment.augmented and experiment.finetuning is None:
         yield InputError(f"{where}.finetuning", "missing", "methods under augmented need it")
 
 
-def _versions(where: str, one: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
+def _versions(where: str, experiment: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
     """The keys controls, flows and refined; versions of methods that the experiment does not train are no mistake: an
     override may take a method away."""
     blocks = {
-        "controls": (one.controls, ("hybrid",), "only hybrid methods can be trained on"),
-        "flows": (one.flows, ("hybrid", "alternating"), "only methods of kind hybrid and alternating have a posterior"),
+        "controls": (experiment.controls, ("hybrid",), "only hybrid methods can be trained on"),
+        "flows": (
+            experiment.flows,
+            ("hybrid", "alternating"),
+            "only methods of kind hybrid and alternating have a posterior",
+        ),
     }
     for block, (named, kinds, remedy) in blocks.items():
         yield from unknown(named, methods, f"{where}.{block}", "method")
@@ -189,14 +193,14 @@ def _versions(where: str, one: Experiment, methods: dict[str, Method]) -> Iterat
             if _kind(methods, method) not in kinds:
                 found = f"'{method}' is of kind {_kind(methods, method)}"
                 yield InputError(f"{where}.{block}[{k}]", found, remedy)
-    if set(one.controls) & set(one.methods) and one.finetuning is None:
+    if set(experiment.controls) & set(experiment.methods) and experiment.finetuning is None:
         yield InputError(f"{where}.finetuning", "missing", "methods under controls need it")
-    for k, variant in enumerate(one.refined):
+    for k, variant in enumerate(experiment.refined):
         here, kind = f"{where}.refined[{k}]", _kind(methods, base(variant))
         yield from unknown_one(base(variant), methods, here, "method")
         if Version.parse(variant).estimators not in ((), (FLOW,)):
             yield InputError(here, f"found '{variant}'", "name the version that is to be refined, as METHOD+")
-        elif variant in one.refined[:k]:
+        elif variant in experiment.refined[:k]:
             yield InputError(here, f"'{variant}' is there twice", "name each version once")
         elif kind == "mean":
             yield InputError(here, f"'{variant}' is of kind mean", "name a version with an expert")
@@ -205,38 +209,38 @@ def _versions(where: str, one: Experiment, methods: dict[str, Method]) -> Iterat
 
 
 def _fits(
-    where: str, one: Experiment, methods: dict[str, Method], known: options.KnownSystem | None
+    where: str, experiment: Experiment, methods: dict[str, Method], system: options.KnownSystem | None
 ) -> Iterator[InputError]:
     """Least squares on each window."""
-    for method in [m for m in one.methods if _kind(methods, m) in FITTED]:
-        over = one.overrides.get(method)
+    for method in [m for m in experiment.methods if _kind(methods, m) in FITTED]:
+        over = experiment.overrides.get(method)
         own = over.refinement if over is not None else None
         says = own is not None and "starts" in own.model_fields_set
-        if not (own.starts if own is not None and says else one.refinement.starts):
+        if not (own.starts if own is not None and says else experiment.refinement.starts):
             at = f"overrides.{method}.refinement.starts" if says else "refinement.starts"
             yield InputError(f"{where}.{at}", "found 0", f"{method} has no other starts: give 1 or more")
             break
-    for k, method in enumerate(one.methods):
-        if methods[method].truth and one.data.source != "simulation":
+    for k, method in enumerate(experiment.methods):
+        if methods[method].truth and experiment.data.source != "simulation":
             found = f"'{method}' takes the equation that made the data"
             yield InputError(f"{where}.methods[{k}]", found, "only simulated data have one: leave it out")
-    if known is not None and known.state is not None:
-        windows = one.refinement.windows or {}
-        yield from unknown(windows, known.state, f"{where}.refinement.windows", "component of the state")
+    if system is not None and system.state is not None:
+        windows = experiment.refinement.windows or {}
+        yield from unknown(windows, system.state, f"{where}.refinement.windows", "component of the state")
 
 
 def _kind(methods: dict[str, Method], method: str) -> str:
     return methods[method].kind if method in methods else "hybrid"
 
 
-def _events(where: str, one: Experiment, methods: dict[str, Method], jumps: bool) -> Iterator[InputError]:
+def _events(where: str, experiment: Experiment, methods: dict[str, Method], jumps: bool) -> Iterator[InputError]:
     """What a system with events leaves no choice of: solvers that stop at them, and methods whose expert knows them.
 
     Arguments:
         jumps: whether what is observed jumps there.
     """
-    blocks = {f"{where}.{block}": getattr(one, block) for block in BLOCKS}
-    for method, over in one.overrides.items():
+    blocks = {f"{where}.{block}": getattr(experiment, block) for block in BLOCKS}
+    for method, over in experiment.overrides.items():
         blocks |= {f"{where}.overrides.{method}.{block}": getattr(over, block, None) for block in BLOCKS}
     for at, block in blocks.items():
         for key in SOLVERS:
@@ -244,7 +248,7 @@ def _events(where: str, one: Experiment, methods: dict[str, Method], jumps: bool
             if solver is not None and "method" in solver.model_fields_set and solver.method != EVENTS:
                 found = f"'{solver.method}' steps over the system's events"
                 yield InputError(f"{at}.{key}.method", found, f"give {EVENTS}, with substeps")
-    for k, method in enumerate(one.methods):
+    for k, method in enumerate(experiment.methods):
         if methods[method].expert is False:
             found = f"'{method}' has no expert, who alone knows the system's events"
             yield InputError(f"{where}.methods[{k}]", found, "leave it out")
@@ -254,21 +258,23 @@ def _events(where: str, one: Experiment, methods: dict[str, Method], jumps: bool
             yield InputError(f"{where}.methods[{k}]", found, remedy)
 
 
-def _simulation(where: str, one: Experiment, known: options.KnownSystem | None) -> Iterator[InputError]:
-    sets = one.data.simulated
-    first, name = next(iter(sets)), one.system["name"]
-    if known is not None:
-        yield from options.simulated(name, known, f"{where}.system.name")
-        for part, names in (("z_e", known.expert), ("z_a", known.interaction)):
+def _simulation(where: str, experiment: Experiment, system: options.KnownSystem | None) -> Iterator[InputError]:
+    sets = experiment.data.simulated
+    first, name = next(iter(sets)), experiment.system["name"]
+    if system is not None:
+        yield from options.simulated(name, system, f"{where}.system.name")
+        for part, names in (("z_e", system.expert), ("z_a", system.interaction)):
             if names is not None:
                 at = f"{where}.data.sets.{first}.{part}"
                 yield from _other(getattr(sets[first], part), names, at, f"the system {name}")
-        for key, one_set in sets.items() if known.drawn is not None else ():
-            if one_set.inputs is not None or known.drawn:
+        for key, drawn in sets.items() if system.drawn is not None else ():
+            if drawn.inputs is not None or system.drawn:
                 at = f"{where}.data.sets.{key}.inputs"
-                yield from _other(one_set.inputs or {}, known.drawn or (), at, f"the system {name}")
-    if one.augmentation.prior is not None:
-        yield from _other(one.augmentation.prior, sets[first].z_e, f"{where}.augmentation.prior", "the sets' z_e")
+                yield from _other(drawn.inputs or {}, system.drawn or (), at, f"the system {name}")
+    if experiment.augmentation.prior is not None:
+        yield from _other(
+            experiment.augmentation.prior, sets[first].z_e, f"{where}.augmentation.prior", "the sets' z_e"
+        )
 
 
 def _other(ranges: Iterable[str], expected: Iterable[str], where: str, of: str) -> Iterator[InputError]:
@@ -278,20 +284,20 @@ def _other(ranges: Iterable[str], expected: Iterable[str], where: str, of: str) 
         yield InputError(where, *complaint)
 
 
-def _chunks(where: str, one: Experiment, recordings: RecordingKeys) -> Iterator[InputError]:
+def _chunks(where: str, experiment: Experiment, recordings: RecordingKeys) -> Iterator[InputError]:
     single = is_single(recordings)
-    other = {"pendulum": not single, "double_pendulum": single}.get(one.system["name"], False)
-    if other or (single and one.data.calibrate):
+    other = {"pendulum": not single, "double_pendulum": single}.get(experiment.system["name"], False)
+    if other or (single and experiment.data.calibrate):
         found = "the recordings are of a single pendulum (tracking.markers.tip is null)" if single else "they are not"
         remedy = (
             "give the system pendulum, without calibrate" if single else "set recordings.tracking.markers.tip to null"
         )
-        yield InputError(f"{where}.system.name", f"found {one.system['name']}; {found}", remedy)
-    split = one.data.split
+        yield InputError(f"{where}.system.name", f"found {experiment.system['name']}; {found}", remedy)
+    split = experiment.data.split
     assert split.rate_hz is not None  # completed
     end = (split.length - 1) / split.rate_hz
-    if one.data.t1_s > end:
-        yield InputError(f"{where}.data.t1_s", f"found {one.data.t1_s:g}", f"a chunk ends at {end:g} s")
+    if experiment.data.t1_s > end:
+        yield InputError(f"{where}.data.t1_s", f"found {experiment.data.t1_s:g}", f"a chunk ends at {end:g} s")
     key, rate = "markers.rate_hz" if recordings.source == "markers" else "analysis_rate_hz", analysed_hz(recordings)
     if not is_multiple(rate, split.rate_hz):
         remedy = f"recordings.{key}, {rate:g}, must be a multiple of it; null chooses one"
@@ -303,35 +309,35 @@ def analysed_hz(recordings: RecordingKeys) -> float:
     return recordings.markers.rate_hz if recordings.source == "markers" else recordings.analysis_rate_hz
 
 
-def _further_priors(where: str, one: Experiment) -> Iterator[InputError]:
-    expected, of = one.augmentation.prior or {}, "augmentation.prior"
-    known = one.data.set_names
-    yield from unknown(one.augmentation.windows, known, f"{where}.augmentation.windows", "set")
-    if one.data.simulated:
-        expected, of = next(iter(one.data.simulated.values())).z_e, "the sets' z_e"
-    for name, prior in one.further_priors.items():
-        if not one.augmented:
+def _further_priors(where: str, experiment: Experiment) -> Iterator[InputError]:
+    expected, of = experiment.augmentation.prior or {}, "augmentation.prior"
+    set_names = experiment.data.set_names
+    yield from unknown(experiment.augmentation.windows, set_names, f"{where}.augmentation.windows", "set")
+    if experiment.data.simulated:
+        expected, of = next(iter(experiment.data.simulated.values())).z_e, "the sets' z_e"
+    for name, prior in experiment.further_priors.items():
+        if not experiment.augmented:
             yield InputError(f"{where}.augmentations", "no method is under augmented", "name one there")
             return
         here = f"{where}.augmentations.{name}"
-        yield from unknown(prior.methods or (), one.augmented, f"{here}.methods", "method under augmented")
-        yield from unknown(prior.windows, known, f"{here}.windows", "set")
+        yield from unknown(prior.methods or (), experiment.augmented, f"{here}.methods", "method under augmented")
+        yield from unknown(prior.windows, set_names, f"{here}.windows", "set")
         if prior.prior is not None and expected:
             yield from _other(prior.prior, expected, f"{here}.prior", of)
 
 
-def _studies(where: str, one: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
-    shifted, here = one.studies.out_of_expertise, f"{where}.studies.out_of_expertise"
+def _studies(where: str, experiment: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
+    shifted, here = experiment.studies.out_of_expertise, f"{where}.studies.out_of_expertise"
     if shifted is not None:
-        known, what = one.data.set_names, "set of this experiment"
+        set_names, what = experiment.data.set_names, "set of this experiment"
         for title, names in shifted.panels.items():
-            yield from unknown(names, known, f"{here}.panels.{title}", what)
+            yield from unknown(names, set_names, f"{here}.panels.{title}", what)
         if shifted.overview is not None:
-            yield from unknown_one(shifted.overview, known, f"{here}.overview", what)
-    study, here = one.studies.during_training, f"{where}.studies.during_training"
+            yield from unknown_one(shifted.overview, set_names, f"{here}.overview", what)
+    study, here = experiment.studies.during_training, f"{where}.studies.during_training"
     if study is None:
         return
-    wrong = list(unknown_one(study.method, one.methods, f"{here}.method", "method of this experiment"))
+    wrong = list(unknown_one(study.method, experiment.methods, f"{here}.method", "method of this experiment"))
     yield from wrong
     if wrong:
         return
@@ -339,10 +345,12 @@ def _studies(where: str, one: Experiment, methods: dict[str, Method]) -> Iterato
     if kind != "hybrid":
         remedy = "only hybrid methods can be augmented"
         yield InputError(f"{here}.method", f"'{study.method}' is of kind {kind}", remedy)
-    if one.finetuning is None:
+    if experiment.finetuning is None:
         yield InputError(f"{where}.finetuning", "missing", "studies.during_training needs it")
-    over = one.overrides.get(study.method)
-    training = one.training if over is None or over.training is None else overridden(one.training, over.training)
+    over = experiment.overrides.get(study.method)
+    training = (
+        experiment.training if over is None or over.training is None else overridden(experiment.training, over.training)
+    )
     for k, epoch in enumerate(study.epochs):
         if epoch > training.epochs:
             yield InputError(
@@ -350,14 +358,16 @@ def _studies(where: str, one: Experiment, methods: dict[str, Method]) -> Iterato
             )
 
 
-def _evaluation(where: str, one: Experiment) -> Iterator[InputError]:
-    known = one.data.set_names
-    for name in one.evaluation.set_titles:
-        if name not in known:
-            yield InputError(f"{where}.evaluation.set_titles.{name}", "unknown key", suggest(name, known))
-    if one.evaluation.published is not None:
+def _evaluation(where: str, experiment: Experiment) -> Iterator[InputError]:
+    set_names = experiment.data.set_names
+    for name in experiment.evaluation.set_titles:
+        if name not in set_names:
+            yield InputError(f"{where}.evaluation.set_titles.{name}", "unknown key", suggest(name, set_names))
+    if experiment.evaluation.published is not None:
         what = "system with published numbers"
-        yield from unknown_one(one.evaluation.published, published_systems(), f"{where}.evaluation.published", what)
+        yield from unknown_one(
+            experiment.evaluation.published, published_systems(), f"{where}.evaluation.published", what
+        )
 
 
 def published_systems() -> list[str]:

@@ -36,18 +36,18 @@ def expand(config: Configuration, complete: Callable[[Located], Configuration]) 
     """
     methods, experiments = dict(config.methods), dict(config.experiments)
     for experiment in config.run:
-        one = config.experiments[experiment]
-        if one.studies.grid is None:
+        settings = config.experiments[experiment]
+        if settings.studies.grid is None:
             continue
-        _check(f"experiments.{experiment}.studies.grid", one, one.studies.grid, config.methods)
-        overrides = dict(one.overrides)
+        _check(f"experiments.{experiment}.studies.grid", settings, settings.studies.grid, config.methods)
+        overrides = dict(settings.overrides)
         for name, values in points(config, experiment).items():
             method, _, number = name.partition("@")
             change = Located({"experiments": {experiment: _change(method, values)}})
             overrides[name] = _override(complete(change).experiments[experiment], method)
             label = f"{config.methods[method].label} @{number}"
             methods[name] = config.methods[method].model_copy(update={"label": label})
-        experiments[experiment] = one.model_copy(update={"overrides": overrides})
+        experiments[experiment] = settings.model_copy(update={"overrides": overrides})
     return config.model_copy(update={"methods": methods, "experiments": experiments})
 
 

@@ -37,10 +37,10 @@ def seed_groups(config: Configuration, experiment: str | None = None) -> dict[st
 
 def variants(config: Configuration, experiment: str) -> list[str]:
     """An experiment's methods, each followed by its control, its augmented version, its flow and their refined ones."""
-    one = config.experiments[experiment]
+    settings = config.experiments[experiment]
     each = []
-    for name in trained_variants(one):
-        each += [name, f"{name}~{REFINED}"] if name in one.refined else [name]
+    for name in trained_variants(settings):
+        each += [name, f"{name}~{REFINED}"] if name in settings.refined else [name]
     return each
 
 
@@ -57,18 +57,21 @@ def trained_variants(experiment: Experiment) -> list[str]:
 
 def further_variants(config: Configuration, experiment: str) -> list[str]:
     """``method+name`` of every further prior: they are in the study of the prior's width alone."""
-    one = config.experiments[experiment]
-    return [f"{m}+{name}" for name, prior in one.further_priors.items() for m in prior.methods or one.augmented]
+    settings = config.experiments[experiment]
+    return [
+        f"{m}+{name}" for name, prior in settings.further_priors.items() for m in prior.methods or settings.augmented
+    ]
 
 
 def finds_prior(config: Configuration, experiment: str, variant: str) -> str | None:
     """The augmented version (METHOD+, METHOD+NAME) whose p⁺ a version uses, where that is to find its own ranges from
     the trained METHOD; empty where they are found before anything is trained; None where ranges are given."""
-    found, one = Version.parse(variant), experiment_of(config, experiment, Version.parse(variant).method)
-    if one.augmentation_of(found.prior).prior is not None:
+    version = Version.parse(variant)
+    settings = experiment_of(config, experiment, version.method)
+    if settings.augmentation_of(version.prior).prior is not None:
         return None
-    untrained = config.methods[found.method].kind in FITTED
-    return "" if untrained and FLOW not in found.estimators else f"{found.method}+{found.prior or ''}"
+    untrained = config.methods[version.method].kind in FITTED
+    return "" if untrained and FLOW not in version.estimators else f"{version.method}+{version.prior or ''}"
 
 
 def finds_prior_to_train(config: Configuration, experiment: str, method: str) -> bool:
@@ -82,20 +85,20 @@ def found_priors(config: Configuration, experiment: str) -> list[str]:
     """Augmented versions whose p⁺ is found from a trained model; an empty one stands for that of the experiment."""
     versions = [*variants(config, experiment), *further_variants(config, experiment)]
     kinds = {v: config.methods[Version.parse(v).method].kind for v in versions}
-    found = [finds_prior(config, experiment, v) for v in versions if kinds[v] != "mean"]
+    priors = [finds_prior(config, experiment, v) for v in versions if kinds[v] != "mean"]
     if any(finds_prior_to_train(config, experiment, m) for m in config.experiments[experiment].methods):
-        found.append("")
-    return [v for v in dict.fromkeys(found) if v is not None]
+        priors.append("")
+    return [v for v in dict.fromkeys(priors) if v is not None]
 
 
 def with_interaction(config: Configuration, experiment: str) -> list[str]:
     """Methods of an experiment that learn an interaction model beside an expert; points of grids aside."""
-    found = []
+    methods = []
     for method in config.experiments[experiment].methods:
         build = build_of(config, experiment, method)
         learns = build.kind in ("hybrid", "alternating") and build.has_interaction
-        found += [method] if learns and build.has_expert and "@" not in method else []
-    return found
+        methods += [method] if learns and build.has_expert and "@" not in method else []
+    return methods
 
 
 def checked(config: Configuration, experiment: str) -> list[str]:
@@ -112,10 +115,10 @@ def studies(config: Configuration, experiment: str) -> list[str]:
 
 def studied(config: Configuration, experiment: str, name: str) -> list[str]:
     """The variants that a study compares."""
-    one = config.experiments[experiment]
+    settings = config.experiments[experiment]
     if name == "prior_width":
         further = further_variants(config, experiment)
-        methods = [m for m in one.methods if any(Version.parse(v).method == m for v in further)]
+        methods = [m for m in settings.methods if any(Version.parse(v).method == m for v in further)]
         return [*methods, *(f"{m}+" for m in methods), *further]
     return variants(config, experiment)
 
@@ -138,8 +141,8 @@ def horizons(config: Configuration, experiment: str) -> dict[str, tuple[str, flo
 def dissipating(config: Configuration, experiment: str) -> list[str]:
     """Methods of an experiment on measured pendulums that have an expert and what makes it lose energy: F_a, or a
     friction that it knows; with their refined versions.  All other versions have their method's F_a."""
-    one = config.experiments[experiment]
-    name, data = one.system["name"], one.data
+    settings = config.experiments[experiment]
+    name, data = settings.system["name"], settings.data
     if name not in CONSERVING or data.source == "simulation":
         return []
     if data.source == "files" and len(data.files.columns) < CONSERVING[name]:

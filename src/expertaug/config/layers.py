@@ -40,10 +40,10 @@ def merge(base: Mapping, over: Mapping) -> Located:
 def overridden(base: S, over: Settings) -> S:
     """Settings with what others of the same keys give: mappings and blocks key by key, anything else replaced.
 
-    A block that the first do not have is taken as it was given: what reads it fills in its defaults.
+    A block that the first do not have is taken as it stands: what reads it fills in its defaults.
     """
-    given = {name: getattr(over, name) for name in over.model_fields_set}
-    return base.model_copy(update={name: _over(getattr(base, name), value) for name, value in given.items()})
+    changes = {name: _over(getattr(base, name), getattr(over, name)) for name in over.model_fields_set}
+    return base.model_copy(update=changes)
 
 
 def _over(old: Any, new: Any) -> Any:
@@ -92,13 +92,13 @@ def marked(value: Any, by: str) -> Any:
 
 def origin_of(value: Any, path: list[str]) -> str | None:
     """Where the value at a path was said; None where nobody did."""
-    found = None
+    origin = None
     for part in path:
         if not isinstance(value, Mapping) or part not in value:
-            return found if not isinstance(value, Mapping) else None
-        found = getattr(value, "origin", {}).get(part, found)
+            return origin if not isinstance(value, Mapping) else None
+        origin = getattr(value, "origin", {}).get(part, origin)
         value = value[part]
-    return found
+    return origin
 
 
 def plain(value: Any) -> Any:
@@ -126,7 +126,7 @@ def layers(
     made: dict[str, Located | None] = dict.fromkeys(broken)
     for name in experiments:
         _inherit(name, experiments, made, errors)
-    return {name: _under(preset, one) for name, one in made.items() if one is not None}, errors
+    return {name: _under(preset, experiment) for name, experiment in made.items() if experiment is not None}, errors
 
 
 def _inherit(name: str, experiments: Mapping, made: dict[str, Located | None], errors: list[InputError]) -> None:
@@ -160,16 +160,16 @@ def _inherit(name: str, experiments: Mapping, made: dict[str, Located | None], e
             made[here] = None if below is None else merge(marked(below, f"{here} is based on {base}"), own)
 
 
-def _under(preset: str, one: Located) -> Located:
+def _under(preset: str, experiment: Located) -> Located:
     """An experiment with what it overrides under a preset, and without the studies, priors and sets that it takes away
     and what it inherits of data from another source.
 
     The preset's ``choices`` are defaults: the experiment's own win over them.
     """
-    one = _copied(one)
-    over = marked((one.pop("presets", None) or {}).get(preset) or {}, f"under the preset {preset}")
-    merged = merge(one, over)
-    choices = merge(over.get("choices") or {}, one.get("choices") or {})
+    experiment = _copied(experiment)
+    over = marked((experiment.pop("presets", None) or {}).get(preset) or {}, f"under the preset {preset}")
+    merged = merge(experiment, over)
+    choices = merge(over.get("choices") or {}, experiment.get("choices") or {})
     if choices:
         merged["choices"] = choices
     data = merged.get("data")

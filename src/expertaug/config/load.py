@@ -102,19 +102,19 @@ def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> 
     common = _common(raw, {path[0] for path in broken}, errors)
     names = {path[1] for path in broken if path[0] == "experiments" and len(path) > 1}
     experiments = raw["experiments"]
-    sound = {name: one for name, one in config["experiments"].items() if name not in names}
+    sound = {name: block for name, block in config["experiments"].items() if name not in names}
     layered, wrong = layers(sound, common.preset, names)
     errors += wrong
     errors += unknown(common.run, experiments, "run", "experiment")
     for name in experiments:
-        errors += checks.name(name, experiments, stages)
+        errors += checks.check_name(name, experiments, stages)
     complete: dict[str, Experiment] = {}
     wrong_in: dict[str, list[InputError]] = {}
-    for name, one in layered.items():
-        made, wrong_in[name] = _experiment(f"experiments.{name}", plain(one), common)
-        if made is not None:
-            complete[name] = made
-    errors += _of_the_run(common.run, wrong_in, {name: one.get("based_on") for name, one in experiments.items()})
+    for name, block in layered.items():
+        experiment, wrong_in[name] = _experiment(f"experiments.{name}", plain(block), common)
+        if experiment is not None:
+            complete[name] = experiment
+    errors += _of_the_run(common.run, wrong_in, {name: block.get("based_on") for name, block in experiments.items()})
     whole = Configuration.model_construct(**dict(common), experiments=complete)
     if not errors:
         errors += wrong_recordings(whole)
@@ -126,10 +126,10 @@ def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> 
 def _of_single_keys(raw: dict[str, Any]) -> list[InputError]:
     """What is wrong with what a file says, wherever it says it; what is missing may be inherited."""
     errors = check(Configuration, raw, "", whole=False)
-    known = {error.where for error in errors}
-    errors += [error for error in checks.texts(raw) if error.where not in known]
+    wrong = {error.where for error in errors}
+    errors += [error for error in checks.check_texts(raw) if error.where not in wrong]
     if isinstance(raw.get("results"), str):
-        errors += checks.results(_folder(raw["results"]))
+        errors += checks.check_results(_folder(raw["results"]))
     return errors
 
 
@@ -162,12 +162,12 @@ def _folder(results: str) -> str:
         return results
 
 
-def _experiment(where: str, one: dict[str, Any], common: Common) -> tuple[Experiment | None, list[InputError]]:
+def _experiment(where: str, block: dict[str, Any], common: Common) -> tuple[Experiment | None, list[InputError]]:
     """An experiment with defaults and all choices, None where it is wrong, and what is wrong with it."""
-    errors = check(Experiment, one, where)
+    errors = check(Experiment, block, where)
     if errors:
         return None, errors
-    experiment = Experiment.completed(one)
+    experiment = Experiment.completed(block)
     data = experiment.data
     if data.split is not None:
         try:
@@ -175,9 +175,9 @@ def _experiment(where: str, one: dict[str, Any], common: Common) -> tuple[Experi
         except InputError as error:
             return None, [error]
         data = data.model_copy(update={"split": chunks})
-    choices = presets.resolve(common.preset, experiment.choices.given())
+    choices = presets.resolve(common.preset, experiment.choices.dump())
     experiment = experiment.model_copy(update={"data": data, "choices": choices})
-    errors = list(checks.experiment(where, experiment, common))
+    errors = list(checks.check_experiment(where, experiment, common))
     return (None if errors else experiment), errors
 
 
@@ -185,7 +185,7 @@ def _of_the_run(
     run: Iterable[str], wrong_in: dict[str, list[InputError]], based_on: dict[str, str | None]
 ) -> list[InputError]:
     """What is wrong with the experiments of the run; what one inherits is said of the one that it is based on."""
-    told: dict[str, InputError] = {}
+    distinct: dict[str, InputError] = {}
     for name in run:
         for error in wrong_in.get(name, ()):
             here, base = name, based_on[name]
@@ -195,5 +195,5 @@ def _of_the_run(
                 if of_base is None:
                     break
                 error, here, base = of_base, base, based_on[base]
-            told.setdefault(str(error), error)
-    return list(told.values())
+            distinct.setdefault(str(error), error)
+    return list(distinct.values())

@@ -13,22 +13,22 @@ FITTED = ("alternating", "least_squares")  # kinds of methods whose estimates ar
 
 def experiment_of(config: Configuration, experiment: str, method: str | None) -> Experiment:
     """An experiment with what it overrides for a method."""
-    one = config.experiments[experiment]
-    over = one.overrides.get(method) if method is not None else None
-    return one if over is None else overridden(one, over)
+    settings = config.experiments[experiment]
+    over = settings.overrides.get(method) if method is not None else None
+    return settings if over is None else overridden(settings, over)
 
 
 def build_of(config: Configuration, experiment: str, method: str) -> Build:
     """How a method is built, with what the experiment's system is otherwise for it."""
     over = config.experiments[experiment].overrides.get(method)
-    build = config.methods[method].given(but=("label",))
+    build = config.methods[method].dump(exclude=("label",))
     return Build.of(**build, **({} if over is None or over.system is None else {"system": over.system}))
 
 
 def modules(config: Configuration, experiment: str, method: str | None = None) -> list[str]:
     """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
-    one = experiment_of(config, experiment, method)
-    system, parts = one.system["name"], one.model.given()
+    settings = experiment_of(config, experiment, method)
+    system, parts = settings.system["name"], settings.model.dump()
     build = build_of(config, experiment, method) if method else None
     if build is None or build.kind in ("mean", "least_squares"):
         return named_modules(system, {}, None)
@@ -41,5 +41,5 @@ def modules(config: Configuration, experiment: str, method: str | None = None) -
 
 def foreign(config: Configuration, experiment: str, method: str) -> dict[str, Any]:
     """Classes from elsewhere that a method's model file may name; nothing where there is none."""
-    found = [name for name in modules(config, experiment, method) if not name.startswith("expertaug.")]
-    return {"classes": found} if found else {}
+    classes = [name for name in modules(config, experiment, method) if not name.startswith("expertaug.")]
+    return {"classes": classes} if classes else {}

@@ -413,7 +413,7 @@ class Experiment(Settings):
 
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:
-        return {name: one.given() for name, one in overrides.items()}
+        return {name: one.dump() for name, one in overrides.items()}
 
 
 class Presets(Settings):

@@ -29,7 +29,7 @@ from expertaug_recordings.settings import (
 
 def render_video(config: Configuration) -> RenderVideoJob:
     """All but the number of recordings, on which no recording depends."""
-    return RenderVideoJob.from_mapping(config.recordings.rendered.given(but=("count",)))
+    return RenderVideoJob.from_mapping(config.recordings.rendered.dump(exclude=("count",)))
 
 
 def of_recording(recordings: RecordingKeys, name: str | None) -> RecordingKeys:
@@ -44,22 +44,22 @@ def with_own(recordings: RecordingKeys, own: OwnKeys) -> RecordingKeys:
     Raises:
         InputErrors: a key is unknown or a value cannot be used.
     """
-    return RecordingKeys.from_mapping(plain(merge(recordings.given(), own.given())))
+    return RecordingKeys.from_mapping(plain(merge(recordings.dump(), own.dump())))
 
 
 def extract_frames(config: Configuration, recording: str | None = None) -> ExtractFramesJob:
     recordings = of_recording(config.recordings, recording)
     if recordings.source == "videos":
-        stated = recordings.videos.given(but=("path",))
+        stated = recordings.videos.dump(exclude=("path",))
     else:
         rendered = recordings.rendered
-        stated = rendered.given(only=("rate_hz", "image_size_px"))
+        stated = rendered.dump(include=("rate_hz", "image_size_px"))
         stated |= {"rate_provenance": RENDERED, "expected_frames": rendered.frames}
     return ExtractFramesJob.of(analysis_rate_hz=recordings.analysis_rate_hz, **stated)
 
 
 def track_markers(config: Configuration, recording: str | None = None) -> TrackMarkersJob:
-    return TrackMarkersJob.from_mapping(of_recording(config.recordings, recording).tracking.given())
+    return TrackMarkersJob.from_mapping(of_recording(config.recordings, recording).tracking.dump())
 
 
 def unpack_markers(config: Configuration) -> UnpackMarkersJob:
@@ -67,7 +67,7 @@ def unpack_markers(config: Configuration) -> UnpackMarkersJob:
 
 
 def import_markers(config: Configuration) -> ImportMarkersJob:
-    return ImportMarkersJob.from_mapping(config.recordings.markers.given(but=("path", "sha256")))
+    return ImportMarkersJob.from_mapping(config.recordings.markers.dump(exclude=("path", "sha256")))
 
 
 def measure_angles(config: Configuration, recording: str | None = None) -> MeasureAnglesJob:
@@ -75,7 +75,7 @@ def measure_angles(config: Configuration, recording: str | None = None) -> Measu
     rate, provenance = _rate(recordings)
     placed = corrections(recordings).get(recording, []) if recording is not None else []
     return MeasureAnglesJob.of(
-        **recordings.angles.given(),
+        **recordings.angles.dump(),
         arm1_m=_arms(recordings)[0],
         rate_provenance=provenance,
         rate_hz=rate,
@@ -92,7 +92,7 @@ def corrections(recordings: RecordingKeys) -> dict[str, list[Correction]]:
 
 def overlay(config: Configuration, recording: str | None = None) -> OverlayJob:
     """What is shown, and the rate by which the video's frames are told."""
-    shown = config.recordings.overlay.given(but=("experiment", "variants"))
+    shown = config.recordings.overlay.dump(exclude=("experiment", "variants"))
     return OverlayJob.from_mapping(shown | _times(config, recording))
 
 
@@ -102,7 +102,7 @@ def review_recording(config: Configuration, recording: str | None = None) -> Rev
 
 def _times(config: Configuration, recording: str | None) -> dict[str, Any]:
     """What is stated of a video's times."""
-    return extract_frames(config, recording).given(only=("rate_hz", "rate_provenance", *TimeKeys.model_fields))
+    return extract_frames(config, recording).dump(include=("rate_hz", "rate_provenance", *TimeKeys.model_fields))
 
 
 def overlaid(config: Configuration) -> tuple[str, list[str]] | None:
@@ -116,10 +116,10 @@ def overlaid(config: Configuration) -> tuple[str, list[str]] | None:
 
 def cut_measurements(config: Configuration, experiment: str) -> dict[str, Any]:
     """Of measurements in files; which files there are the workflow says."""
-    one = config.experiments[experiment]
+    settings = config.experiments[experiment]
     # Components and their units are asked of it; the constants that a compound expert needs are fitted to the chunks.
-    plain_expert = {"expert": "point_mass"} if one.data.calibrate else {}
-    return {"system": one.system | plain_expert, "files": one.data.files.given(but=("horizons_s",))}
+    plain_expert = {"expert": "point_mass"} if settings.data.calibrate else {}
+    return {"system": settings.system | plain_expert, "files": settings.data.files.dump(exclude=("horizons_s",))}
 
 
 def cut_measured_horizon(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
@@ -134,7 +134,7 @@ def split_chunks(config: Configuration, experiment: str) -> SplitChunksJob:
 
 
 def _split(config: Configuration, experiment: str) -> dict[str, Any]:
-    split = config.experiments[experiment].data.split.given(but=("horizons_s",))
+    split = config.experiments[experiment].data.split.dump(exclude=("horizons_s",))
     return split | ({"single": True} if is_single(config.recordings) else {})
 
 
@@ -147,12 +147,12 @@ def cut_horizon(config: Configuration, experiment: str, name: str) -> CutHorizon
 def calibrate(config: Configuration, experiment: str) -> CalibrateJob:
     recordings, data = config.recordings, config.experiments[experiment].data
     if data.source == "files":
-        known = dict.fromkeys(("arm1_m", "arm2_m", "nominal_rate_hz"))
-        known |= {"rate_provenance": "the measurements' own times"}
+        constants = dict.fromkeys(("arm1_m", "arm2_m", "nominal_rate_hz"))
+        constants |= {"rate_provenance": "the measurements' own times"}
     else:
         (arm1, arm2), (rate, provenance) = _arms(recordings), _rate(recordings)
-        known = {"arm1_m": arm1, "arm2_m": arm2, "nominal_rate_hz": rate, "rate_provenance": provenance}
-    return CalibrateJob.from_mapping(data.calibration.given() | known)
+        constants = {"arm1_m": arm1, "arm2_m": arm2, "nominal_rate_hz": rate, "rate_provenance": provenance}
+    return CalibrateJob.from_mapping(data.calibration.dump() | constants)
 
 
 def is_single(recordings: RecordingKeys) -> bool:

@@ -33,8 +33,8 @@ def show(config: Located, experiment: str, method: str) -> Iterator[str]:
     complete = validate({**config, "run": [experiment]} if experiment in config.get("experiments", {}) else config)
     errors = list(unknown_one(experiment, complete.experiments, "EXPERIMENT", "experiment"))
     if not errors:
-        known = complete.experiments[experiment].methods
-        errors = list(unknown_one(method.rstrip("+"), known, "METHOD", "method of this experiment"))
+        methods = complete.experiments[experiment].methods
+        errors = list(unknown_one(method.rstrip("+"), methods, "METHOD", "method of this experiment"))
     if errors:
         raise InputErrors(errors)
     origins = _Origins(config, complete.preset, experiment, method.rstrip("+"))
@@ -58,21 +58,21 @@ def _jobs(
         files = {"files": ("data", "files")}
         yield "cut_measurements", recording_settings.cut_measurements(config, experiment), files
     else:
-        split = recording_settings.split_chunks(config, experiment).given()
+        split = recording_settings.split_chunks(config, experiment).dump()
         yield "split_chunks", split, {"": ("data", "split")}
     for group in jobs.seed_groups(config, experiment):
         title = f"{method} {group}"
         yield f"train {title}", stage_settings.train(config, experiment, method, group), {}
         own = [v for v in _variants(config, experiment) if Version.parse(v).method == method and v != method]
         for variant in own:
-            found = Version.parse(variant)
-            if found.estimators == (FLOW,):
+            version = Version.parse(variant)
+            if version.estimators == (FLOW,):
                 yield f"flow {variant} {group}", stage_settings.flow(config, experiment, variant, group), {}
-            if found.estimators or found.step != AUGMENTED:
+            if version.estimators or version.step != AUGMENTED:
                 continue
             prior: dict[str, tuple[str, ...]] = {}
-            if found.prior:
-                prior = {"prior": ("augmentations", found.prior, "prior")}
+            if version.prior:
+                prior = {"prior": ("augmentations", version.prior, "prior")}
             here = f"{variant} {group}"
             yield f"augment {here}", stage_settings.augment(config, experiment, variant, group), prior
             settings = stage_settings.finetune(config, experiment, variant, group)

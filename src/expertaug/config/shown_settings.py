@@ -22,27 +22,27 @@ READING = ("convention", "set_titles", "title")
 
 def study(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
     """What a study's table and figure say: order and labels of the variants, sets, ranges."""
-    one = config.experiments[experiment]
-    settings = {
+    settings = config.experiments[experiment]
+    job = {
         "study": name,
         "labels": _labels(config, studied(config, experiment, name)),
         "all_methods": all_methods(config),
-        "sets": {k: simulated.given() for k, simulated in one.data.simulated.items()},
+        "sets": {k: simulated.dump() for k, simulated in settings.data.simulated.items()},
         "classical": _classical(config, experiment),
         **reading(config, experiment),
     }
     if name == "prior_width":
-        further = {k: prior_of(v) for k, v in one.further_priors.items()}
+        further = {k: prior_of(v) for k, v in settings.further_priors.items()}
         methods = dict.fromkeys(base(variant) for variant in studied(config, experiment, name))
         own = {m: prior_of(experiment_of(config, experiment, m).augmentation) for m in methods}
-        return settings | {"priors": {m: {"": own[m]} | further for m in methods}}
+        return job | {"priors": {m: {"": own[m]} | further for m in methods}}
     if name == "horizons":
-        return settings | {"options": _horizons(config, experiment)}
-    options = getattr(one.studies, name)
+        return job | {"options": _horizons(config, experiment)}
+    options = getattr(settings.studies, name)
     if isinstance(options, OutOfExpertise):
         panels = [[title, sets] for title, sets in options.panels.items()]
-        return settings | {"options": {"distances": options.distances, "panels": panels}}
-    return settings | {"options": options.given()}
+        return job | {"options": {"distances": options.distances, "panels": panels}}
+    return job | {"options": options.dump()}
 
 
 def _horizons(config: Configuration, experiment: str) -> dict[str, Any]:
@@ -62,13 +62,13 @@ def _horizons(config: Configuration, experiment: str) -> dict[str, Any]:
 
 def grid(config: Configuration, experiment: str) -> dict[str, Any]:
     """What a sweep's table and figure say: the method, the varied keys and their values at each point."""
-    study, found = config.experiments[experiment].studies.grid, points(config, experiment)
+    study, values = config.experiments[experiment].studies.grid, points(config, experiment)
     assert study is not None
     return {
         "experiment": experiment,
         "label": label(config, study.method),
-        "keys": list(next(iter(found.values()))),
-        "points": [[name, list(values.values())] for name, values in found.items()],
+        "keys": list(next(iter(values.values()))),
+        "points": [[name, list(of_point.values())] for name, of_point in values.items()],
     }
 
 
@@ -90,14 +90,14 @@ def overview(config: Configuration, experiments: list[str]) -> dict[str, Any]:
     """What the figures over several experiments show of each."""
     shown = []
     for name in experiments:
-        one = config.experiments[name]
-        shifted = one.studies.out_of_expertise.overview if one.studies.out_of_expertise is not None else None
-        if one.evaluation.overview or shifted:
-            opponents = [m for m in one.methods if config.methods[m].kind in OPPONENTS]
+        settings = config.experiments[name]
+        shifted = settings.studies.out_of_expertise.overview if settings.studies.out_of_expertise is not None else None
+        if settings.evaluation.overview or shifted:
+            opponents = [m for m in settings.methods if config.methods[m].kind in OPPONENTS]
             shown.append(
                 {
                     "name": name,
-                    "shown": one.evaluation.overview,
+                    "shown": settings.evaluation.overview,
                     "shifted": shifted,
                     "opponents": opponents,
                     **reading(config, name),
@@ -110,8 +110,13 @@ def tabulate(config: Configuration, experiment: str) -> dict[str, Any]:
     """The order of the methods, and how metrics and sets are to be read."""
     named = variants(config, experiment)
     floors = [v for v in named if config.methods[base(v)].truth]
-    known = [v for v in named if _knows_the_form(config, v)]
-    return {"labels": _labels(config, named), "floors": floors, "known_form": known, **reading(config, experiment)}
+    of_known_form = [v for v in named if _knows_the_form(config, v)]
+    return {
+        "labels": _labels(config, named),
+        "floors": floors,
+        "known_form": of_known_form,
+        **reading(config, experiment),
+    }
 
 
 def _traced(config: Configuration, experiment: str) -> list[str]:
@@ -119,20 +124,20 @@ def _traced(config: Configuration, experiment: str) -> list[str]:
     augmentation, then refined ones, then what is left, as hybrids of another expert than the experiment's."""
     named, builds = variants(config, experiment), config.methods
     classical = _classical(config, experiment)
-    one = config.experiments[experiment]
+    settings = config.experiments[experiment]
 
     def rank(variant: str) -> int:
-        method, found = base(variant), Version.parse(variant)
+        method, version = base(variant), Version.parse(variant)
         build = builds[method]
         if variant == classical:
             return 0
-        if build.known_form or build.kind in ("mean", "least_squares") or found.prior:
+        if build.known_form or build.kind in ("mean", "least_squares") or version.prior:
             return 4
         if build.expert is False or build.interaction is False:
             return 3
-        if found.is_control or experiment_of(config, experiment, method).system != one.system:
+        if version.is_control or experiment_of(config, experiment, method).system != settings.system:
             return 3
-        return 2 if found.estimators else 0 if method in one.augmented else 1
+        return 2 if version.estimators else 0 if method in settings.augmented else 1
 
     return sorted(sorted(named, key=rank)[:TRACED], key=named.index)
 
@@ -150,7 +155,7 @@ def _floor(config: Configuration, experiment: str) -> str | None:
 
 def plot(config: Configuration, experiment: str) -> dict[str, Any]:
     """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
-    one = config.experiments[experiment]
+    settings = config.experiments[experiment]
     priors = {
         v: prior_of(experiment_of(config, experiment, base(v)).augmentation) or {} for v in variants(config, experiment)
     }
@@ -159,9 +164,9 @@ def plot(config: Configuration, experiment: str) -> dict[str, Any]:
         "all_methods": all_methods(config),
         "traced": _traced(config, experiment),
         "floor": _floor(config, experiment),
-        "measured": one.data.source != "simulation",
+        "measured": settings.data.source != "simulation",
         **reading(config, experiment),
-        "training_range": _training_ranges(one)["z_e"],
+        "training_range": _training_ranges(settings)["z_e"],
         "priors": priors,
     }
 
@@ -177,8 +182,8 @@ def report(config: Configuration) -> dict[str, Any]:
 
 def windows(config: Configuration, experiment: str) -> dict[str, Any]:
     """What the studies of single windows say: alarm and distance."""
-    one = config.experiments[experiment]
-    ranges = _training_ranges(one)
+    settings = config.experiments[experiment]
+    ranges = _training_ranges(settings)
     shown = [v for v in variants(config, experiment) if config.methods[base(v)].kind != "mean"]
     return {
         "labels": _labels(config, shown),
@@ -186,7 +191,7 @@ def windows(config: Configuration, experiment: str) -> dict[str, Any]:
         "training_range": ranges["z_e"],
         "interaction_range": ranges["z_a"],
         "floor": _floor(config, experiment),
-        "mean": next((m for m in one.methods if config.methods[m].kind == "mean"), None),
+        "mean": next((m for m in settings.methods if config.methods[m].kind == "mean"), None),
         "classical": _classical(config, experiment),
         "traced": _traced(config, experiment),
         **reading(config, experiment),
@@ -195,7 +200,7 @@ def windows(config: Configuration, experiment: str) -> dict[str, Any]:
 
 def reading(config: Configuration, experiment: str) -> dict[str, Any]:
     """What tables and figures say of an experiment's metrics; it changes none of them."""
-    return config.experiments[experiment].evaluation.given(only=("from_s", *READING))
+    return config.experiments[experiment].evaluation.dump(include=("from_s", *READING))
 
 
 def all_methods(config: Configuration) -> list[str]:
@@ -205,13 +210,13 @@ def all_methods(config: Configuration) -> list[str]:
 
 def prior_of(augmentation: Augmentation) -> dict[str, list[float]] | None:
     """Ranges of p⁺; None where they are to be found."""
-    return augmentation.given(only=("prior",)).get("prior")
+    return augmentation.dump(include=("prior",)).get("prior")
 
 
 def _training_ranges(experiment: Experiment) -> dict[str, dict[str, list[float]]]:
     """Ranges of the parameters in the training set by z_e and z_a, where it is simulated."""
     train = experiment.data.simulated.get("train")
-    return {"z_e": {}, "z_a": {}} if train is None else train.given(only=("z_e", "z_a"))
+    return {"z_e": {}, "z_a": {}} if train is None else train.dump(include=("z_e", "z_a"))
 
 
 def _labels(config: Configuration, named: Iterable[str]) -> list[list[str]]:

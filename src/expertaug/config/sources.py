@@ -46,8 +46,8 @@ def _by_recording(recordings: RecordingKeys) -> Iterator[InputError]:
     for name, block in own.items():
         if "path" in (block.videos or {}):
             yield InputError(f"{where}.{name}.videos.path", "is of all recordings", "set recordings.videos.path")
-        changed = block.given()
-        merged = merge(recordings.given(only=changed), changed)
+        changed = block.dump()
+        merged = merge(recordings.dump(include=changed), changed)
         wrong = check(RecordingKeys, merged, f"{where}.{name}", whole=False)
         yield from wrong
         if not wrong:
@@ -59,19 +59,19 @@ def _by_recording(recordings: RecordingKeys) -> Iterator[InputError]:
 
 
 def _overlay(config: Configuration) -> Iterator[InputError]:
-    chosen, where, known = config.recordings.overlay, "recordings.overlay", config.on_recordings
-    if chosen.experiment is not None and chosen.experiment not in known:
+    chosen, where, recorded = config.recordings.overlay, "recordings.overlay", config.on_recordings
+    if chosen.experiment is not None and chosen.experiment not in recorded:
         what = "experiment on recordings of this run"
-        yield from unknown_one(chosen.experiment, known, f"{where}.experiment", what)
+        yield from unknown_one(chosen.experiment, recorded, f"{where}.experiment", what)
     elif chosen.variants:
-        one = config.experiments[chosen.experiment or known[0]]
-        variants = [v for m in one.methods for v in ((m, f"{m}+") if m in one.augmented else (m,))]
+        shown = config.experiments[chosen.experiment or recorded[0]]
+        variants = [v for m in shown.methods for v in ((m, f"{m}+") if m in shown.augmented else (m,))]
         yield from unknown(chosen.variants, variants, f"{where}.variants", "method of this experiment")
 
 
 def _appearance(recordings: RecordingKeys) -> None:
     if recordings.source != "markers":
-        Appearance.from_mapping(recordings.tracking.markers.given())
+        Appearance.from_mapping(recordings.tracking.markers.dump())
 
 
 def _checkerboard(recordings: RecordingKeys, where: str = "recordings") -> None:
@@ -134,9 +134,9 @@ def _checksums(recordings: RecordingKeys, path: str) -> None:
     where, files = "recordings.checksums", _files(recordings)
     if files is None:
         raise InputError(where, "the recordings are in an archive", "set recordings.markers.sha256 instead")
-    known = read_checksums(path, where)
+    listed = read_checksums(path, where)
     for file in files.values():
-        if file.name not in known:
+        if file.name not in listed:
             raise InputError(where, f"'{path}' has no line for {file.name}", "add it with sha256sum")
 
 
@@ -177,13 +177,13 @@ def list_videos(path: str | list[str]) -> dict[str, Path]:
     Raises:
         InputError: there is none, there are two of one name, or one is called what no recording can be.
     """
-    where, found = "recordings.videos.path", []
-    for one in [path] if isinstance(path, str) else path:
-        new = _videos_at(one)
+    where, videos = "recordings.videos.path", []
+    for place in [path] if isinstance(path, str) else path:
+        new = _videos_at(place)
         if not new:
-            raise InputError(where, f"no video at '{one}'", f"relative paths start at {Path.cwd()}")
-        found += new
-    return by_name(where, dict.fromkeys(found))
+            raise InputError(where, f"no video at '{place}'", f"relative paths start at {Path.cwd()}")
+        videos += new
+    return by_name(where, dict.fromkeys(videos))
 
 
 def _videos_at(path: str) -> list[Path]:
@@ -191,14 +191,14 @@ def _videos_at(path: str) -> list[Path]:
         matched = [Path(p) for p in sorted(glob.glob(path, recursive=True))]  # noqa: PTH207
         return [p for p in matched if p.is_file() or is_series(p)]
     inside = sorted(Path(path).iterdir())
-    found = [p for p in inside if (p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES) or is_series(p)]
-    return found or [p for p in (Path(path),) if is_series(p)]
+    videos = [p for p in inside if (p.is_file() and p.suffix.lower() in VIDEO_SUFFIXES) or is_series(p)]
+    return videos or [p for p in (Path(path),) if is_series(p)]
 
 
-def wrong_measurements(where: str, one: Experiment, system: KnownSystem | None) -> Iterator[InputError]:
+def wrong_measurements(where: str, experiment: Experiment, system: KnownSystem | None) -> Iterator[InputError]:
     """Everything that is wrong with the measurements of a completed experiment, short of reading them all."""
-    data, settings, here = one.data, one.data.files, f"{where}.data.files"
-    if data.calibrate and (one.system["name"] != "double_pendulum" or len(settings.columns) < 4):
+    data, settings, here = experiment.data, experiment.data.files, f"{where}.data.files"
+    if data.calibrate and (experiment.system["name"] != "double_pendulum" or len(settings.columns) < 4):
         remedy = "only a double pendulum of which all four components were measured is calibrated"
         yield InputError(f"{where}.data.calibrate", "found true", remedy)
     state, parameters, inputs = (None, None, None) if system is None else (system.state, system.expert, system.known)
@@ -256,10 +256,10 @@ def _columns(path: Path, settings: MeasurementSettings, where: str) -> None:
         used |= {f"{where}.split.quantity": name for name in named if name not in settings.columns}
     if path.stat().st_size > READ:  # the stage says it
         return
-    known = read_table(path, settings).names
+    columns = read_table(path, settings).names
     for key, name in used.items():
-        if name not in known:
-            raise InputError(key, f"'{path}' has no column '{name}'", f"its columns are {', '.join(known)}")
+        if name not in columns:
+            raise InputError(key, f"'{path}' has no column '{name}'", f"its columns are {', '.join(columns)}")
 
 
 def list_measurements(config: Configuration) -> dict[str, list[str]]:
@@ -304,6 +304,6 @@ def refuse_within_results(
         if path is None:
             continue
         parts = (Path(str(path)).resolve(), Path(str(path)).parent.resolve())
-        if any(one.is_relative_to(folder) for one in parts):
+        if any(part.is_relative_to(folder) for part in parts):
             found = f"'{path}' lies in the results folder '{config.results}', whose files are made anew and deleted"
             raise InputError(where, found, "move it elsewhere, or choose another results folder")

@@ -25,37 +25,37 @@ SHOWING = (*READING, "published", "overview")
 
 
 def init_tracking(config: Configuration) -> dict[str, Any]:
-    return config.tracking.given()
+    return config.tracking.dump()
 
 
 def simulate(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
-    one = config.experiments[experiment]
-    data = one.data.given(only=("seed", "step_s", "t2_s"))
-    data |= {"noise": _noise(one), "sets": {name: one.data.simulated[name].given()}}
-    return {"system": one.system, "data": data}
+    settings = config.experiments[experiment]
+    data = settings.data.dump(include=("seed", "step_s", "t2_s"))
+    data |= {"noise": _noise(settings), "sets": {name: settings.data.simulated[name].dump()}}
+    return {"system": settings.system, "data": data}
 
 
 def train(config: Configuration, experiment: str, method: str, group: str) -> dict[str, Any]:
-    one, build = experiment_of(config, experiment, method), build_of(config, experiment, method)
-    model, training, prior = {}, _solver(one.training), {}
+    settings, build = experiment_of(config, experiment, method), build_of(config, experiment, method)
+    model, training, prior = {}, _solver(settings.training), {}
     if build.kind == "alternating":
-        model, training = one.model.given(only=("interaction",)), one.alternation.given()
+        model, training = settings.model.dump(include=("interaction",)), settings.alternation.dump()
     elif build.kind == "hybrid":
-        model = one.model.given(only=("encoder", "interaction") if build.has_interaction else ("encoder",))
-        training = _with_own_options(one.training, build)
+        model = settings.model.dump(include=("encoder", "interaction") if build.has_interaction else ("encoder",))
+        training = _with_own_options(settings.training, build)
         if options.needs_prior(build.objective_kind, "objective"):
-            prior = {"prior": _prior(one.augmentation)}
+            prior = {"prior": _prior(settings.augmentation)}
     return {
         **_identity(config, experiment, method),
         "system": config.experiments[experiment].system,
-        "build": build.given(),
+        "build": build.dump(),
         "model": model,
         "training": training,
         **prior,
         **_estimator(config, experiment, method),
         **({"snapshots": kept} if (kept := snapshots(config, experiment, method)) else {}),
-        **_window(one),
-        "choices": _choices(one, TrainJob.OBEYS),
+        **_window(settings),
+        "choices": _choices(settings, TrainJob.OBEYS),
         "seeds": seed_groups(config, experiment)[group],
         "device": config.device,
     }
@@ -63,15 +63,15 @@ def train(config: Configuration, experiment: str, method: str, group: str) -> di
 
 def augment(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
     version = Version.parse(variant)
-    one = experiment_of(config, experiment, version.method)
-    augmentation = one.augmentation_of(version.prior)
+    settings = experiment_of(config, experiment, version.method)
+    augmentation = settings.augmentation_of(version.prior)
     return {
         "experiment": experiment,
         "method": variant,
         "prior": _prior(augmentation),
         **({"worst": augmentation.worst} if augmentation.worst else {}),
-        "noise": _noise(one),
-        "choices": _choices(one, AugmentJob.OBEYS),
+        "noise": _noise(settings),
+        "choices": _choices(settings, AugmentJob.OBEYS),
         "seeds": seed_groups(config, experiment)[group],
         "device": config.device,
         **foreign(config, experiment, version.method),
@@ -80,11 +80,11 @@ def augment(config: Configuration, experiment: str, variant: str, group: str) ->
 
 def finetune(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
     version = Version.parse(variant)
-    one, build = experiment_of(config, experiment, version.method), build_of(config, experiment, version.method)
+    settings, build = experiment_of(config, experiment, version.method), build_of(config, experiment, version.method)
     return {
         **_identity(config, experiment, variant),
-        "training": _with_own_options(one.finetuning, build),
-        **({"prior": _prior(one.augmentation)} if version.is_control else {}),
+        "training": _with_own_options(settings.finetuning, build),
+        **({"prior": _prior(settings.augmentation)} if version.is_control else {}),
         "choices": _choices(config.experiments[experiment], FinetuneJob.OBEYS),
         "seeds": seed_groups(config, experiment)[group],
         "device": config.device,
@@ -93,17 +93,17 @@ def finetune(config: Configuration, experiment: str, variant: str, group: str) -
 
 
 def flow(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
-    one = experiment_of(config, experiment, Version.parse(variant).method)
+    settings = experiment_of(config, experiment, Version.parse(variant).method)
     augmented = augment(config, experiment, variant, group) | _identity(config, experiment, variant)
-    return augmented | {"flow": one.flow.given(), "choices": _choices(one, FlowJob.OBEYS), "worst": 0.0}
+    return augmented | {"flow": settings.flow.dump(), "choices": _choices(settings, FlowJob.OBEYS), "worst": 0.0}
 
 
 def own_prior(config: Configuration, experiment: str, variant: str, group: str | None) -> dict[str, Any]:
     """Of an augmented version whose p⁺ finds its own ranges; of none ("") before anything is trained."""
     version = Version.parse(variant)
-    one = experiment_of(config, experiment, version.method or None)
-    search = one.augmentation_of(version.prior).given(only=("windows", "budget"))
-    search |= {"noise": _noise(one), "refinement": one.refinement.given()}
+    settings = experiment_of(config, experiment, version.method or None)
+    search = settings.augmentation_of(version.prior).dump(include=("windows", "budget"))
+    search |= {"noise": _noise(settings), "refinement": settings.refinement.dump()}
     if version.method:
         return search | {"device": config.device, **foreign(config, experiment, version.method)}
     return search | {
@@ -111,12 +111,12 @@ def own_prior(config: Configuration, experiment: str, variant: str, group: str |
         "method": "least_squares",
         "label": "",
         "preset": config.preset,
-        "system": one.system,
+        "system": settings.system,
         "build": {"kind": "least_squares", "interaction": False},
         "model": {},
-        "training": _solver(one.training),
-        **_window(one),
-        "choices": _choices(one, TrainJob.OBEYS),
+        "training": _solver(settings.training),
+        **_window(settings),
+        "choices": _choices(settings, TrainJob.OBEYS),
         "seeds": [0],
     }
 
@@ -124,7 +124,7 @@ def own_prior(config: Configuration, experiment: str, variant: str, group: str |
 def evaluate(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
     return {
         **_identity(config, experiment, variant),
-        "evaluation": config.experiments[experiment].evaluation.given(but=SHOWING),
+        "evaluation": config.experiments[experiment].evaluation.dump(exclude=SHOWING),
         **(_estimator(config, experiment, variant) if Version.parse(variant).is_refined else {}),
         **_drawn(config, experiment, variant),
         "sets": sets(config, experiment),
@@ -137,16 +137,16 @@ def evaluate(config: Configuration, experiment: str, variant: str, group: str) -
 
 def during_training(config: Configuration, experiment: str, method: str, group: str) -> dict[str, Any]:
     """The settings of augmentation, of the fine-tunings and of their evaluation."""
-    one = config.experiments[experiment]
-    study = one.studies.during_training
+    settings = config.experiments[experiment]
+    study = settings.studies.during_training
     assert study is not None
     return {
         **_identity(config, experiment, method),
         "augment": augment(config, experiment, f"{method}+", group),
         "finetune": finetune(config, experiment, f"{method}+", group),
         "finetune_epochs": study.finetune_epochs,
-        "evaluation": one.evaluation.given(only=("from_s", "solver")) | {"max_samples": study.max_samples},
-        "choices": _choices(one, OF_EVALUATION),
+        "evaluation": settings.evaluation.dump(include=("from_s", "solver")) | {"max_samples": study.max_samples},
+        "choices": _choices(settings, OF_EVALUATION),
         "seeds": seed_groups(config, experiment)[group],
         "device": config.device,
     }
@@ -173,17 +173,17 @@ def dissipation(config: Configuration, experiment: str) -> dict[str, Any]:
 
 def validity(config: Configuration, experiment: str) -> dict[str, Any]:
     """Which trained methods are checked, and how the windows of each are fitted."""
-    one, methods = config.experiments[experiment], checked(config, experiment)
-    assert one.validity is not None
+    settings, methods = config.experiments[experiment], checked(config, experiment)
+    assert settings.validity is not None
     versions = []
     for method in methods:
         own = experiment_of(config, experiment, method)
-        fit = {"settings": own.refinement.given(), "noise": _noise(own), "prior": prior_of(own.augmentation)}
+        fit = {"settings": own.refinement.dump(), "noise": _noise(own), "prior": prior_of(own.augmentation)}
         versions.append([method, label(config, method), fit])
     return {
         "experiment": experiment,
         "versions": versions,
-        "validity": one.validity.given(),
+        "validity": settings.validity.dump(),
         "device": config.device,
         "all_methods": all_methods(config),
         **reading(config, experiment),
@@ -200,23 +200,29 @@ def _estimator(config: Configuration, experiment: str, variant: str) -> dict[str
     version = Version.parse(variant)
     if not version.is_refined and config.methods[version.method].kind not in FITTED:
         return {}
-    one = experiment_of(config, experiment, version.method)
-    return {"refinement": {"settings": one.refinement.given(), "noise": _noise(one), "prior": _prior(one.augmentation)}}
+    settings = experiment_of(config, experiment, version.method)
+    return {
+        "refinement": {
+            "settings": settings.refinement.dump(),
+            "noise": _noise(settings),
+            "prior": _prior(settings.augmentation),
+        }
+    }
 
 
 def _drawn(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
     """The data's noise, and what a version's own windows are made with, where the experiment has p⁺."""
     version = Version.parse(variant)
-    one = experiment_of(config, experiment, version.method)
+    settings = experiment_of(config, experiment, version.method)
     if config.methods[version.method].kind == "mean":
-        return {"noise": _noise(one)}
-    anew = one.choices.augmented_x == "resampled"
-    if FLOW in version.estimators and one.flow.resample_x is not None:
-        anew = one.flow.resample_x
-    prior = _prior(one.augmentation_of(version.prior))
+        return {"noise": _noise(settings)}
+    anew = settings.choices.augmented_x == "resampled"
+    if FLOW in version.estimators and settings.flow.resample_x is not None:
+        anew = settings.flow.resample_x
+    prior = _prior(settings.augmentation_of(version.prior))
     return {
-        "noise": _noise(one),
-        "own": {"resample_x": anew, "z_a_from": one.choices.augmented_z_a, "prior": prior},
+        "noise": _noise(settings),
+        "own": {"resample_x": anew, "z_a_from": settings.choices.augmented_z_a, "prior": prior},
     }
 
 
@@ -232,7 +238,7 @@ def _prior(augmentation: Augmentation) -> dict[str, list[float]] | str:
 
 
 def _choices(experiment: Experiment, obeyed: Iterable[str]) -> dict[str, str]:
-    return experiment.choices.given(only=tuple(obeyed))
+    return experiment.choices.dump(include=tuple(obeyed))
 
 
 def _noise(experiment: Experiment) -> float | dict[str, float] | str:
@@ -242,15 +248,15 @@ def _noise(experiment: Experiment) -> float | dict[str, float] | str:
 
 def _window(experiment: Experiment) -> dict[str, Any]:
     """What of a trajectory is observed."""
-    return experiment.data.given(only=("t1_s", "start") if experiment.data.start else ("t1_s",))
+    return experiment.data.dump(include=("t1_s", "start") if experiment.data.start else ("t1_s",))
 
 
 def _solver(training: TrainSettings) -> dict[str, Any]:
     """What is left of a training for what is fitted without one: its solver, where it names one."""
-    return training.given(only=("solver",))
+    return training.dump(include=("solver",))
 
 
 def _with_own_options(training: TrainSettings, build: Build) -> dict[str, Any]:
     """A training with those of the objective's options that are the method's own objective's."""
     own = {k: v for k, v in (training.objective or {}).items() if options.takes_option(build.objective_kind, k)}
-    return {**training.given(), "objective": own}
+    return {**training.dump(), "objective": own}

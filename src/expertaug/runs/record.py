@@ -68,4 +68,4 @@ def _said(names: object) -> str:
 
 
 def _digest(config: Configuration) -> str:
-    return hashlib.sha256(json.dumps(config.given(but=HARMLESS), sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(config.dump(exclude=HARMLESS), sort_keys=True).encode()).hexdigest()
