@@ -48,6 +48,7 @@ _EXPORTS = {
     "alarm": "expertaug.api.alarm",
     "alternate": "expertaug.api.inference:alternate",
     "augment": "expertaug.api.training:augment",
+    "compare": "expertaug.api.compare:compare",
     "diagnostics": "expertaug.api.diagnostics",
     "evaluate": "expertaug.api.trained:evaluate",
     "finetune": "expertaug.api.training:finetune",
