@@ -36,6 +36,7 @@ class RefinementOptions(TypedDict, total=False):
     latent_width: float
     windows: Mapping[str, tuple[float, float]]
     solver: Mapping
+    units: Mapping[str, str]
 
 
 def tensor(value: object, name: str, gaps: bool = False) -> Tensor:

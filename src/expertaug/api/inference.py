@@ -26,6 +26,7 @@ from expertaug.inference.adaptive_prior import (
 from expertaug.inference.alternating import prepare
 from expertaug.inference.diagnostics.validity import Validity, along
 from expertaug.inference.settings import AlternateOptions, AlternatingSettings
+from expertaug.inference.shared import fit_shared
 from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.learning.train import expert_alone
 from expertaug.models import describe
@@ -66,7 +67,8 @@ def least_squares(
             fits of the training windows that start around the parameters' typical sizes.
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
         start: ranges [low, high] of first values of components that nobody measured, in their units.
-        options: see :class:`expertaug.inference.settings.RefinementSettings`.
+        options: see :class:`expertaug.inference.settings.RefinementSettings`; with ``units={"omega0": "shared"}`` all
+            windows have one ω0, fitted once to the training windows together.
 
     Returns:
         a model that forecasts and is scored like a trained one.
@@ -85,6 +87,10 @@ def least_squares(
     if prior is None:
         found = grow_ranges_of_expert(stored, train, fitting.noise, fitting.settings)
         fitting = fitting.model_copy(update={"prior": found})
+        stored = replace(stored, card=stored.card.but(refinement=fitting))
+    if fitting.settings.shared:
+        with arguments.one_thread():
+            fitting = fit_shared(stored, fitting, train)
         stored = replace(stored, card=stored.card.but(refinement=fitting))
     model = TrainedModel(stored, single=True, refinement=stored.card.refinement)
     _ = model.predictor  # says what is wrong with the options

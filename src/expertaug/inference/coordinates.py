@@ -34,34 +34,56 @@ class LogCoordinates:
     Attributes:
         scale: (P,), in the parameters' units.
         positive: (P,), bool.
+        shared: (P,), coordinates of parameters that all windows share and that are known; NaN of those of each window,
+            which alone are coordinates of a window.
     """
 
     scale: Tensor
     positive: Tensor
+    shared: Tensor
 
     @classmethod
-    def of(cls, system: System) -> LogCoordinates:
-        """Of a system's expert parameters."""
-        scale = torch.tensor([p.scale for p in system.expert_parameters], dtype=torch.float64)
-        return cls(scale, torch.tensor([p.positive for p in system.expert_parameters], dtype=torch.bool))
+    def of(cls, system: System, shared: Mapping[str, float] | None = None) -> LogCoordinates:
+        """Of a system's expert parameters.
+
+        Arguments:
+            shared: values of the parameters that all windows share, by name, in their units.
+        """
+        parameters = system.expert_parameters
+        scale = torch.tensor([p.scale for p in parameters], dtype=torch.float64)
+        positive = torch.tensor([p.positive for p in parameters], dtype=torch.bool)
+        values = torch.tensor([float((shared or {}).get(p.name, math.nan)) for p in parameters], dtype=torch.float64)
+        return cls(scale, positive, _log_where(positive, values / scale))
+
+    @property
+    def own(self) -> Tensor:
+        """Places of the parameters of each window."""
+        return self.shared.isnan().nonzero().flatten()
 
     @property
     def size(self) -> int:
-        """Number of parameters."""
-        return len(self.scale)
+        """Number of parameters of each window."""
+        return int(self.shared.isnan().sum())
 
     def coordinates(self, z_e: Tensor) -> Tensor:
-        """Of z_e (…, P): what cannot be one, zero or less, is moved near."""
-        share = z_e / self.scale
-        return torch.where(self.positive, share.clamp_min(1e-3).log(), share)
+        """Of z_e (…, P): (…, size); what cannot be one, zero or less, is moved near."""
+        return _log_where(self.positive, z_e / self.scale)[..., self.own]
 
     def z_e(self, coordinates: Tensor) -> Tensor:
-        """z_e (…, P) of coordinates."""
+        """z_e (…, P) of coordinates (…, size)."""
+        if len(self.own) < len(self.scale):
+            whole = self.shared.to(coordinates).expand(*coordinates.shape[:-1], -1)
+            coordinates = whole.index_copy(-1, self.own, coordinates)
         return self.scale * torch.where(self.positive, coordinates.exp(), coordinates)
 
     def slope(self, coordinates: Tensor) -> Tensor:
-        """∂z_e / ∂coordinates, (…, P)."""
-        return self.scale * torch.where(self.positive, coordinates.exp(), torch.ones_like(coordinates))
+        """∂z_e / ∂coordinates of the parameters of each window, (…, size)."""
+        slope = torch.where(self.positive[self.own], coordinates.exp(), torch.ones_like(coordinates))
+        return self.scale[self.own] * slope
+
+
+def _log_where(positive: Tensor, share: Tensor) -> Tensor:
+    return torch.where(positive, share.clamp_min(1e-3).log(), share)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from expertaug.inference.coordinates import (
     given_components,
     seen_components,
 )
-from expertaug.inference.levenberg_marquardt import LONGEST, Minimum, minimise
+from expertaug.inference.levenberg_marquardt import LONGEST, Minimum, cost_of, minimise
 from expertaug.learning.divergence import FACTOR, forecast_or_fallback
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import differences
@@ -31,7 +31,7 @@ from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, of_observed, shaped
 from expertaug.models.posterior import Estimates, Estimator, Gaussian, Posterior, Predictor, log_slope, unconstrain
-from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.models.settings import Constant, Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
 from expertaug.systems import System
@@ -62,6 +62,7 @@ class WindowProblem:
         solver: on a fixed grid; another is replaced where it fails.
         ranges: of the components of first points, where windows may have values that were not measured (NaN): the first
             point is then a parameter in any case, in units of half a range where it was not measured.
+        shared: constants of all windows (:mod:`expertaug.inference.shared`), which are no parameters of a window.
 
     Raises:
         InputError: a range or a window of what the system does not have, or no start at all.
@@ -78,6 +79,7 @@ class WindowProblem:
         latent: LatentCoordinates,
         solver: Solver,
         ranges: Mapping[str, Sequence[float]] | None = None,
+        shared: Mapping[str, Constant] | None = None,
     ) -> None:
         system = decoder.system
         self.decoder = copy.deepcopy(decoder).cpu().double().requires_grad_(False).eval()
@@ -85,7 +87,8 @@ class WindowProblem:
         self.observed_noise = of_observed(noise, system)
         self.t = t.double()
         start = _first_point(system, noise, free_start, ranges)
-        self.expert = LogCoordinates.of(system)
+        self.shared = dict(shared or {})
+        self.expert = LogCoordinates.of(system, {name: one.value for name, one in self.shared.items()})
         self.transform = ParameterTransform(self.expert, latent, start)
         self.counts = _counts(system, self.t, settings.windows if "windows" in settings.model_fields_set else {})
         self.sizes = p, q, free = self.transform.sizes
@@ -175,9 +178,11 @@ class WindowProblem:
         low, high = (torch.tensor([float(prior[n][end]) for n in names], dtype=torch.float64) for end in (0, 1))
         p, q, start = self.sizes
         sought = start if self.transform.start.middle is not None else 0
+        if p + q + sought == 0:  # all that is sought is noise around the observed first point
+            return torch.zeros(1, start, dtype=torch.float64)
         sobol = torch.quasirandom.SobolEngine(p + q + sought, scramble=True, seed=0)
         unit = sobol.draw(self.settings.starts, dtype=torch.float64)
-        raw = self.expert.coordinates(low + (high - low) * unit[:, :p])
+        raw = self.expert.coordinates(low + (high - low) * _spread_over(unit[:, :p], self.expert.own, len(low)))
         latent = torch.special.ndtri(unit[:, p : p + q].clamp(0.02, 0.98))
         first = 2 * unit[:, p + q :] - 1 if sought else raw.new_zeros(len(raw), start)
         return torch.cat((raw, latent, first), 1)
@@ -192,6 +197,11 @@ class WindowProblem:
             costs.append(self.residuals(x, windows).square().sum(-1).nan_to_num(torch.inf))
         best = torch.cat(costs).topk(self.tries, dim=0, largest=False).indices
         return self.grid[best.movedim(0, -1)]
+
+
+def _spread_over(values: Tensor, places: Tensor, size: int) -> Tensor:
+    """Columns (C, K) at their places among (C, size) columns, the others in the middle of [0, 1]."""
+    return torch.full((len(values), size), 0.5, dtype=values.dtype).index_copy(-1, places, values)
 
 
 def assumed_noise(settings: RefinementSettings, noise: NoiseLike, bound: Sequence[float]) -> NoiseLike:
@@ -287,6 +297,9 @@ class WindowFit(WindowProblem):
         def residuals(candidates: Tensor, columns: Tensor) -> Tensor:
             return self.residuals(candidates, windows[:, :, columns])
 
+        if not x.shape[-1]:  # everything is shared, and the first point is what was observed
+            cost = cost_of(residuals(x.unsqueeze(0), torch.arange(x.shape[-2]))[0])
+            return Minimum(x, cost, x.new_zeros(*x.shape, 0))
         return minimise(residuals, x, self.settings.steps, self.longest)
 
     def _sufficient(self, found: Minimum, windows: Tensor) -> Tensor:
@@ -312,10 +325,13 @@ class WindowFit(WindowProblem):
         std = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
         squares, axes = torch.linalg.eigh(0.5 * (covariance + covariance.mT))
         root = axes * squares.clamp(0.0, WIDEST**2).sqrt().unsqueeze(-2)
-        slope = self.expert.slope(x[..., :p])
         parameters = self.system.expert_parameters
+        known = torch.tensor([self.shared[n.name].std if n.name in self.shared else 0.0 for n in parameters]).to(std)
+        of_z_e = known.expand(*std.shape[:-1], -1).index_copy(
+            -1, self.expert.own, std[..., :p] * self.expert.slope(x[..., :p])
+        )
         raw = unconstrain(z_e, parameters)
-        log_std = (std[..., :p] * slope).clamp_min(1e-30).log() - log_slope(raw, parameters)
+        log_std = of_z_e.clamp_min(1e-30).log() - log_slope(raw, parameters)
         spread = self.transform.latent.spread(std[..., p : p + q]).clamp_min(1e-30).log()
         misfit = (cost - self._pulled(x)) / self._freedom(windows)
         posterior = Posterior(Gaussian(raw, log_std, parameters), Gaussian(z_a, spread))
@@ -386,6 +402,7 @@ def estimator_of(
     settings: Mapping | RefinementSettings | None,
     noise: GivenNoise,
     prior: Mapping[str, tuple[float, float]] | None,
+    shared: Mapping[str, Constant] | None = None,
 ) -> LeastSquares:
     """Least squares with a stored model's decoder: from its own estimates too, where it has any.
 
@@ -394,6 +411,7 @@ def estimator_of(
         settings: see :class:`RefinementSettings`.
         noise: standard deviation of the data's noise (:func:`expertaug.models.observation_noise.noise_of`).
         prior: range of each expert parameter in which starts lie; None: only the model's own estimates are starts.
+        shared: constants of all windows.
 
     Raises:
         InputError: a model without a decoder.
@@ -402,6 +420,9 @@ def estimator_of(
     card = stored.card
     if card.kind == "mean":
         raise InputError("refinement", "a mean of the training set", "only models with an expert can be fitted")
+    if missing := sorted(set(options.shared) - set(shared or {})):
+        remedy = "only least squares with the expert alone shares parameters: leave units out"
+        raise InputError(f"units.{missing[0]}", "shared, and its value is not known", remedy)
     if card.kind == "hybrid" and card.latent is None:
         raise InputError("refinement", "the model file does not say where its z_a lie", "train it again")
     first = None if card.kind in ("alternating", "least_squares") else stored.model
@@ -420,6 +441,7 @@ def estimator_of(
         LatentCoordinates.of(card, options.latent),
         Solver(**dict(solver or {})),
         card.start,
+        shared,
     )
     return LeastSquares(decoder, fit, first)
 
@@ -427,7 +449,7 @@ def estimator_of(
 def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
     """As :func:`estimator_of`, as a refinement says."""
     prior = None if refinement.prior is None else given_ranges(refinement.prior)
-    return estimator_of(stored, refinement.settings, refinement.noise, prior)
+    return estimator_of(stored, refinement.settings, refinement.noise, prior, refinement.shared)
 
 
 def refinement_of(stored: StoredModel, given: Mapping[str, object] | None) -> Refinement | None:

@@ -83,7 +83,7 @@ def trial(residuals: Residuals, x: Tensor, damping: Tensor, longest: float | Ten
         x: parameters (…, B, K).
         damping: of each problem, (…, B).
     """
-    cost, curvature, slope = _derivatives(residuals, x, torch.arange(x.shape[-2], device=x.device))
+    cost, curvature, slope = linearised(residuals, x)
     return x + _step(curvature, slope, damping, longest)[0], cost
 
 
@@ -101,6 +101,11 @@ def _derivatives(residuals: Residuals, x: Tensor, columns: Tensor) -> tuple[Tens
     jacobian = ((found[1:] - here) / DIFFERENCE).movedim(0, -1)  # (…, B, M, K)
     transposed = jacobian.transpose(-1, -2)
     return here.square().sum(-1), transposed @ jacobian, (transposed @ here.unsqueeze(-1)).squeeze(-1)
+
+
+def linearised(residuals: Residuals, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Cost (…, B), JᵀJ (…, B, K, K) and Jᵀr (…, B, K) at parameters x (…, B, K)."""
+    return _derivatives(residuals, x, torch.arange(x.shape[-2], device=x.device))
 
 
 def cost_of(residuals: Tensor) -> Tensor:

@@ -17,6 +17,7 @@ from expertaug.settings import (
     LEFT_OUT,
     Count,
     Noise,
+    NotNegative,
     Positive,
     Prior,
     Range,
@@ -366,6 +367,23 @@ class RefinementSettings(Settings):
         LEFT_OUT, "first and last time at which each component counts, in s; left out = the whole observed window"
     )
     solver: SolverSettings = key(LEFT_OUT, "solver for the fit; left out = that of training")
+    units: dict[str, Literal["window", "shared"]] = key(
+        LEFT_OUT,
+        "to what each expert parameter belongs: window = each window has its own; shared = all windows have one, "
+        "fitted once to the training windows together; left out = window. Of the expert alone (least squares)",
+    )
+
+    @property
+    def shared(self) -> list[str]:
+        """Names of the parameters that all windows share."""
+        return [name for name, unit in (self.units or {}).items() if unit == "shared"]
+
+
+class Constant(Settings):
+    """A parameter that all windows share, as it was estimated, in its unit."""
+
+    value: float = key(..., "estimate")
+    std: NotNegative = key(..., "its standard error")
 
 
 class Refinement(Settings):
@@ -378,3 +396,4 @@ class Refinement(Settings):
     prior: Prior | None = key(
         ..., "range of each expert parameter in which the fits start; null = none, own = they are found (own-prior)"
     )
+    shared: dict[str, Constant] = key(LEFT_OUT, "constants of all windows, where some are shared")

@@ -1,0 +1,128 @@
+"""Parameters that all windows share: the minimum and its errors, and forecasts that have them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import least_squares
+
+import expertaug as ea
+from expertaug.errors import InputError
+from expertaug.inference.shared import groups_of
+from expertaug.systems import Parameter, System
+from expertaug.systems.solvers.solver import Solver
+from expertaug.trajectories import Trajectories
+
+T = np.arange(61) * 0.1
+PRIOR = {"omega0": (1.0, 3.0), "alpha": (0.01, 0.5)}
+NOISE, END = 0.02, 2.0
+BOTH = {"omega0": "shared", "alpha": "shared"}
+
+
+class Rubbed(System):
+    """θ'' = −ω0² sin θ − α θ'."""
+
+    state = (Parameter("theta", "rad"), Parameter("omega", "rad/s"))
+    expert_parameters = (Parameter("omega0", "rad/s", scale=2.0), Parameter("alpha", "1/s", scale=0.3))
+
+    def expert(self, t, y, z_e):
+        (theta, omega), (omega0, alpha) = y.unbind(-1), z_e.unbind(-1)
+        return torch.stack((omega, -(omega0**2) * torch.sin(theta) - alpha * omega), dim=-1)
+
+
+def swings(n, seed=0, omega0=1.7, alpha=0.15, noise=NOISE):
+    """Windows of one pendulum, or, by arrays (n,), of several."""
+    ranges = {"omega0": (1.0, 1.0)}, {"alpha": (0.0, 0.0)}
+    y0 = ea.simulate(ea.DampedPendulum(), *ranges, n=n, t=T, noise=0.0, seed=seed).y[:, 0]
+    z_e = np.stack(np.broadcast_arrays(omega0, alpha, np.zeros(n)), 1)[:, :2]
+    true, start = torch.from_numpy(z_e).double(), torch.from_numpy(y0).double()
+    y = Solver("dopri5", rtol=1e-8, atol=1e-8)(lambda t, y: Rubbed().expert(t, y, true), start, torch.from_numpy(T))
+    y = y.numpy() + noise * np.random.default_rng(seed).normal(size=y.shape)
+    return Trajectories(T, np.swapaxes(y, 0, 1), z_e)
+
+
+def fitted(data, **options):
+    return ea.least_squares(Rubbed(), data, observed_s=END, prior=PRIOR, noise=NOISE, **options)
+
+
+def test_it_is_the_minimum_over_everything_at_once():
+    data = swings(5)
+    found = fitted(data, units=BOTH).stored.card.refinement.shared
+    t = torch.from_numpy(T[: int(END * 10) + 1])
+
+    def residuals(x):
+        z_e = torch.from_numpy(np.broadcast_to(x[:2], (5, 2)).copy())
+        y = Solver("rk4", substeps=2)(lambda s, y: Rubbed().expert(s, y, z_e), torch.from_numpy(x[2:].reshape(5, 2)), t)
+        return ((y.movedim(1, 0).numpy() - data.y[:, : len(t)]) / NOISE).ravel()
+
+    best = least_squares(residuals, np.concatenate(([1.6, 0.1], data.y[:, 0].astype(float).ravel())))
+    assert [found["omega0"].value, found["alpha"].value] == pytest.approx(best.x[:2], rel=2e-4)
+
+
+def test_standard_errors_are_as_large_as_the_errors():
+    scores = []
+    for seed in range(24):
+        found = fitted(swings(10, seed), units=BOTH).stored.card.refinement.shared
+        scores.append([(found[k].value - v) / found[k].std for k, v in (("omega0", 1.7), ("alpha", 0.15))])
+    assert np.all(np.abs(np.std(scores, axis=0) - 1) < 0.45)
+    assert np.all(np.abs(np.mean(scores, axis=0)) < 0.8)
+
+
+def test_forecasts_of_one_pendulum_gain_from_all_of_its_windows():
+    train, new = swings(20), swings(50, seed=9)
+    errors = {}
+    for name, units in (("window", {}), ("omega0", {"omega0": "shared"}), ("both", BOTH)):
+        model = fitted(train, **({"units": units} if units else {}))
+        errors[name] = float(model.evaluate(new).set_index("metric").value["log_mse_sum"])
+        forecast = model.forecast(new.seen[:, : model.observed], T)
+        assert np.ptp(forecast.z_e["omega0"]) == 0 if units else np.ptp(forecast.z_e["omega0"]) > 0
+    assert errors["both"] < errors["omega0"] < errors["window"] - 0.2
+
+
+def test_what_is_not_shared_stays_each_windows_own():
+    alpha = np.linspace(0.05, 0.4, 20)
+    model = fitted(swings(20, alpha=alpha, noise=0.002), units={"omega0": "shared"})
+    found = model.forecast(swings(20, alpha=alpha, noise=0.002).seen[:, : model.observed], T)
+    assert np.corrcoef(found.z_e["alpha"], alpha)[0, 1] > 0.99
+    assert found.z_e_std["omega0"] == pytest.approx(model.stored.card.refinement.shared["omega0"].std, rel=1e-3)
+
+
+def test_a_file_keeps_them(tmp_path):
+    train = swings(6)
+    model = fitted(train, units=BOTH)
+    model.save(tmp_path / "model.safetensors")
+    again = ea.load(tmp_path / "model.safetensors", classes=[Rubbed])
+    window = train.seen[:, : model.observed]
+    np.testing.assert_array_equal(again[0].forecast(window, T).y, model.forecast(window, T).y)
+    assert again.stored.card.refinement.shared == model.stored.card.refinement.shared
+
+
+def test_noise_free_first_points_leave_nothing_to_fit():
+    train = swings(6, noise=0.0)
+    model = ea.least_squares(Rubbed(), train, observed_s=END, prior=PRIOR, units=BOTH)
+    forecast = model.forecast(train.seen[:, : model.observed], T)
+    assert np.abs(np.asarray(forecast.y) - train.y).max() < 1e-2
+
+
+@pytest.mark.parametrize(
+    ("units", "says"),
+    [({"omega": "shared"}, r"units\.omega: is no expert parameter"), ({"omega0": "everyone"}, "units.omega0")],
+)
+def test_units_that_cannot_be(units, says):
+    with pytest.raises(InputError, match=says):
+        fitted(swings(3), units=units)
+
+
+def test_a_trained_models_refinement_does_not_share_in_silence():
+    model = fitted(swings(6))
+    with pytest.raises(InputError, match=r"units\.omega0: shared, and its value is not known"):
+        model.refined(noise=NOISE, prior=PRIOR, units={"omega0": "shared"})
+
+
+def test_errors_are_clustered_by_trajectory_or_by_blocks():
+    data = swings(40)
+    by_trajectory = replace(data, id=np.array([f"run{k // 4}/{k}" for k in range(40)]))
+    assert len(set(groups_of(by_trajectory))) == 10
+    assert len(set(groups_of(replace(data, id=np.array([f"run/{k}" for k in range(40)]))))) == 10
+    assert len(set(groups_of(data))) == 40
