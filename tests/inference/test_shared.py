@@ -63,7 +63,7 @@ def test_it_is_the_minimum_over_everything_at_once():
 def test_standard_errors_are_as_large_as_the_errors():
     scores = []
     for seed in range(24):
-        found = fitted(swings(10, seed), units=BOTH).stored.card.refinement.shared
+        found = fitted(swings(20, seed), units=BOTH).stored.card.refinement.shared
         scores.append([(found[k].value - v) / found[k].std for k, v in (("omega0", 1.7), ("alpha", 0.15))])
     assert np.all(np.abs(np.std(scores, axis=0) - 1) < 0.45)
     assert np.all(np.abs(np.mean(scores, axis=0)) < 0.8)
