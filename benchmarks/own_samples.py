@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -40,10 +41,10 @@ def main() -> None:
     for file in sorted((folder / options.method).glob("*/model.safetensors")):
         tuned_file = folder / f"{options.method}+" / file.parent.name / file.name
         base, tuned = store.load(file, cpu), store.load(tuned_file, cpu)
-        header = augmentation.load(tuned_file.with_name("augmented.safetensors"), cpu)[2]
+        drawing = augmentation.load(tuned_file.with_name("augmented.safetensors"), cpu).drawing
         task = task_of(base.card.training, base.card, cpu)
-        drawn = (options.prior, header["noise"], DRAW)
-        samples = augmentation.generate(base.model, data, task, base.seeds, *drawn, **header["options"])
+        drawing = replace(drawing, prior=options.prior)
+        samples = augmentation.generate(base.model, data, task, drawing, DRAW)
         for label, stored in ((base.card.label, base), (tuned.card.label, tuned)):
             z_e, z_a = stored.model.encode(samples.y[: task.observed]).mean
             forecast = stored.model.forecast(samples.y[0], z_e, z_a, task.t, task.solver)

@@ -28,10 +28,8 @@ from expertaug.evaluation.metrics import log_mse, log_mse_of, parameter_errors
 from expertaug.inference.alternating import alternate
 from expertaug.inference.least_squares import refined_by
 from expertaug.inference.settings import AlternateJob
-from expertaug.learning.augment import augment
-from expertaug.learning.finetune import finetune
+from expertaug.learning import augment, finetune, train
 from expertaug.learning.settings import AugmentJob, FinetuneJob, train_job
-from expertaug.learning.train import train
 from expertaug.models import store
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
@@ -90,16 +88,16 @@ def run(settings: Configuration, experiment: str, method: str, augmented: bool, 
             job = AlternateJob.from_mapping(base)
             alternate(data, model, model.parent / "work", job, None, calibration)
         else:
-            train(data, model, model.parent / "work", train_job(base), None, calibration)
+            train.run_stage(data, model, model.parent / "work", train_job(base), None, calibration)
     if not augmented:
         return model
     drawn, tuned = (getattr(stage_settings, f)(settings, experiment, method, group) for f in ("augment", "finetune"))
     plus = model.parent / _digest([drawn, tuned]) / "model.safetensors"
     plus.parent.mkdir(parents=True, exist_ok=True)
     if not plus.exists():
-        augment(model, data, plus.with_name("augmented.safetensors"), AugmentJob.from_mapping(drawn))
+        augment.run_stage(model, data, plus.with_name("augmented.safetensors"), AugmentJob.from_mapping(drawn))
         job = FinetuneJob.from_mapping(tuned)
-        finetune(model, plus.with_name("augmented.safetensors"), data, plus, plus.parent / "work", job, None)
+        finetune.run_stage(model, plus.with_name("augmented.safetensors"), data, plus, plus.parent / "work", job, None)
     return plus
 
 

@@ -17,7 +17,7 @@ from safetensors import SafetensorError
 from expertaug.errors import InputError
 from expertaug.evaluation.forecast_file import Forecasts
 from expertaug.files import atomic, memory_limit, read_json, read_npz, write_json, write_text
-from expertaug.learning.checkpoint import Checkpoint
+from expertaug.learning.job import Checkpoint
 from expertaug.models.tensor_file import write_tensors
 from expertaug.trajectories import Trajectories
 

@@ -28,23 +28,23 @@ def train_job(settings):
 
 
 def train(data, output, work, settings, tracking, calibration=None):
-    training.train(data, output, work, train_job(settings), tracking, calibration)
+    training.run_stage(data, output, work, train_job(settings), tracking, calibration)
 
 
 def alternate(data, output, work, settings, tracking, calibration=None):
-    alternating.alternate(data, output, work, job(AlternateJob, settings), tracking, calibration)
+    alternating.run_stage(data, output, work, job(AlternateJob, settings), tracking, calibration)
 
 
 def augment(model, data, output, settings):
-    augmenting.augment(model, data, output, job(AugmentJob, settings))
+    augmenting.run_stage(model, data, output, job(AugmentJob, settings))
 
 
 def finetune(model, augmented, data, output, work, settings, tracking):
-    tuning.finetune(model, augmented, data, output, work, job(FinetuneJob, settings), tracking)
+    tuning.run_stage(model, augmented, data, output, work, job(FinetuneJob, settings), tracking)
 
 
 def flow(model, data, output, work, settings, tracking):
-    flow_training.flow(model, data, output, work, job(FlowJob, settings), tracking)
+    flow_training.run_stage(model, data, output, work, job(FlowJob, settings), tracking)
 
 
 def own_prior(model, data, output, settings, calibration=None):

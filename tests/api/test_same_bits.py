@@ -66,9 +66,10 @@ def test_a_simulated_set(stages, sets):
 def test_training_augmentation_and_fine_tuning(stages, sets, fit, plus):
     assert equal(fit, ea.load(stages / "model.safetensors"))
     drawn = ea.augment(fit, sets["train"], sets["validation"], prior=SHIFTED, noise=0.01).drawn
-    train_set, validation_set, header = load_augmented(stages / "samples.safetensors", torch.device("cpu"))
+    read = load_augmented(stages / "samples.safetensors", torch.device("cpu"))
+    train_set, validation_set, header = read.train, read.validation, read.drawing.to_json()
     assert torch.equal(drawn.train.y, train_set.y) and torch.equal(drawn.validation.z_e, validation_set.z_e)
-    assert header["prior"] == drawn.header["prior"]
+    assert header["prior"] == drawn.drawing.to_json()["prior"]
     assert equal(plus, ea.load(stages / "tuned.safetensors"))
     assert not equal(plus, fit)
 

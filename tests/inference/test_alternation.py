@@ -11,7 +11,7 @@ from expertaug.errors import InputError, SolveError
 from expertaug.inference import alternating as stage
 from expertaug.inference.least_squares import refined_by
 from expertaug.inference.settings import AlternateJob
-from expertaug.learning.train import described_by
+from expertaug.learning.train import describe_recipe
 from expertaug.models import store
 from expertaug.trajectories import Trajectories
 from typed_jobs import alternate, job
@@ -44,7 +44,7 @@ def settings():
 
 def prepared(data, settings):
     settings = job(AlternateJob, settings)
-    described = described_by(settings)
+    described = describe_recipe(settings)
     sets = [Trajectories.load(data / f"{name}.npz") for name in ("train", "validation")]
     return stage.prepare(systems.load(described.system), *sets, settings, described)
 

@@ -122,7 +122,7 @@ def test_the_true_equation_is_a_floor(name):
     settings |= {"experiment": "e", "method": "truth", "label": "t", "preset": "corrected", "refinement": given}
     settings = UntrainedOptions.from_mapping(settings)
     described = RecipeRecord.of(system={"name": name}, interaction=False)
-    stored = train_stage.expert_alone(system, data, settings, described, truth=True)
+    stored = train_stage.make_expert_alone(system, data, settings, described, truth=True)
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).float()
     found = refined_by(stored, stored.card.refinement).estimate(y.expand(-1, 2, *y.shape[2:]))
     expected = torch.from_numpy(data.z_e).float()
@@ -135,7 +135,7 @@ def test_the_true_equation_is_a_floor(name):
     found = refined_by(stored, stored.card.refinement).estimate(y)
     assert (found.z_a[0] - torch.from_numpy(far.z_a).float()).abs().mean() < 0.05 * far.z_a.mean()
     with pytest.raises(InputError, match="only simulated data have a true equation"):
-        train_stage.expert_alone(system, replace(data, z_a=None), settings, described, truth=True)
+        train_stage.make_expert_alone(system, replace(data, z_a=None), settings, described, truth=True)
 
 
 def test_refinement_starts_from_the_models_own_estimates(settings, data):

@@ -34,7 +34,8 @@ def trained(data, tmp_path_factory):
 def augmented(trained, data, folder, settings, **choices):
     chosen = settings["choices"] | choices
     augment(trained, data, folder / "plus.st", settings | {"prior": PRIOR, "noise": 0.01, "choices": chosen})
-    return augmentation.load(folder / "plus.st", CPU)
+    plus = augmentation.load(folder / "plus.st", CPU)
+    return plus.train, plus.validation, plus.drawing.to_json()
 
 
 def test_augmented_samples_are_the_models_own(trained, data, tmp_path, settings):
@@ -74,7 +75,7 @@ def test_a_replaced_sample_is_replaced_whole():
 def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, settings):
     """Errors of z_a on augmented samples fall with its weight, and the default of 0 is what files of before have."""
     augmented(trained, data, tmp_path, settings)
-    plus, errors = augmentation.load(tmp_path / "plus.st", CPU)[0], {}
+    plus, errors = augmentation.load(tmp_path / "plus.st", CPU).train, {}
     settings |= {"method": "aphynity+", "label": "APHYNITY+"}
     settings["training"] |= {"epochs": 20}
     for weight in (0.0, 100.0):
@@ -280,11 +281,9 @@ def test_worst_case_sampling_draws_more_where_the_estimates_are_bad(trained, dat
     assert torch.equal(on.y, again.y) and header["options"]["worst"] == 1.0
     stored = store.load(trained)
     task = task_of(stored.card.training, stored.card, CPU)
-    real, ends = (
-        StackedSet.of(Trajectories.load(data / "train.npz"), CPU),
-        augmentation.prior_ends(stored.model.system, PRIOR),
-    )
-    hard = augmentation.hardest_parameters(stored.model, real, task, stored.seeds, ends, 0.01, 0)
+    real = StackedSet.of(Trajectories.load(data / "train.npz"), CPU)
+    drawing = augmentation.Drawing(PRIOR, 0.01, stored.seeds, worst=1.0)
+    hard = augmentation.hardest_parameters(stored.model, real, task, drawing, 0)
     assert hard.shape == (2, augmentation.TRIED // 4, 1)
     for place in range(2):
         away = (on.z_e[place] - hard[place].T).abs().amin(1)

@@ -158,9 +158,13 @@ def test_draws_that_run_away_are_drawn_again(trained, data):
     """Faster than 20 rad/s the pendulum turns over in steps of .1 s; about half of p⁺ is slower."""
     real = StackedSet.of(Trajectories.load(data / "train.npz"), CPU)
     task = task_of(TrainSettings(), trained.card, CPU)
-    plus = augmentation.generate(trained.model, real, task, [0, 1], {"omega0": [1.0, 40.0]}, 0.0, 0)
+    plus = augmentation.generate(
+        trained.model, real, task, augmentation.Drawing({"omega0": [1.0, 40.0]}, 0.0, [0, 1]), 0
+    )
     free = replace(task, bound=None)
-    before = augmentation.generate(trained.model, real, free, [0, 1], {"omega0": [1.0, 40.0]}, 0.0, 0)
+    before = augmentation.generate(
+        trained.model, real, free, augmentation.Drawing({"omega0": [1.0, 40.0]}, 0.0, [0, 1]), 0
+    )
     assert not within_bound(before.y, task.bound).all()
     assert within_bound(plus.y, task.bound).all()
     kept = within_bound(before.y, task.bound)
@@ -171,7 +175,9 @@ def test_a_prior_that_always_runs_away_ends_in_bounded_samples_and_a_warning(tra
     real = StackedSet.of(Trajectories.load(data / "train.npz"), CPU)
     task = task_of(TrainSettings(), trained.card, CPU)
     with caplog.at_level(logging.WARNING):
-        plus = augmentation.generate(trained.model, real, task, [0, 1], {"omega0": [1e5, 1e6]}, 0.0, 0)
+        plus = augmentation.generate(
+            trained.model, real, task, augmentation.Drawing({"omega0": [1e5, 1e6]}, 0.0, [0, 1]), 0
+        )
     assert within_bound(plus.y, task.bound).all() and len(plus) == 40
     assert "seed 1: 40 of 40 samples (100.0 %) ran away" in caplog.text
 

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from expertaug.evaluation.during_training import during_training
-from expertaug.learning import during_training as learning_during_training
-from expertaug.learning import snapshots
+from expertaug.learning import finetune, snapshots
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.tracking.log import read_log
@@ -79,24 +78,22 @@ def study_settings(settings):
 def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, settings, monkeypatch):
     run(data, tmp_path, settings | {"snapshots": [1, 3]})
     options = study_settings(settings)
-    finetune, trained = learning_during_training.finetune, []
+    run_stage, trained = finetune.run_stage, []
 
     def dying(*arguments):
         if len(trained) == 2:
             raise KeyboardInterrupt
         trained.append(arguments[5].training.epochs)
-        finetune(*arguments)
+        run_stage(*arguments)
 
     files = tmp_path / snapshots.NAME, data, tmp_path / "during_training.csv", tmp_path / "work_during_training"
-    monkeypatch.setattr(learning_during_training, "finetune", dying)
+    monkeypatch.setattr(finetune, "run_stage", dying)
     with pytest.raises(KeyboardInterrupt):
         during_training(*files, copy.deepcopy(options), None)
     assert trained == [1, 2] and not files[2].exists()
     assert read_log(tmp_path / "during_training.jsonl").lines[-1].status == "KILLED"
     calls = []
-    monkeypatch.setattr(
-        learning_during_training, "finetune", lambda *a: (calls.append(a[5].training.epochs), finetune(*a))
-    )
+    monkeypatch.setattr(finetune, "run_stage", lambda *a: (calls.append(a[5].training.epochs), run_stage(*a)))
     during_training(*files, options, None)
     assert calls == [1, 2], "those of the first snapshot were there already"
     assert not files[3].exists()

@@ -211,7 +211,8 @@ def test_training_lowers_the_loss_and_the_likelihoods_scale(data, tmp_path, sett
 def augmented(model, data, folder, settings, **choices):
     chosen = settings["choices"] | choices
     augment(model, data, folder / "plus.st", settings | {"noise": 0.01, "choices": chosen})
-    return augmentation.load(folder / "plus.st", CPU)
+    plus = augmentation.load(folder / "plus.st", CPU)
+    return plus.train, plus.validation, plus.drawing.to_json()
 
 
 def test_z_a_of_augmented_samples_is_drawn(data, tmp_path, settings):

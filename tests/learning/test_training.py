@@ -9,11 +9,10 @@ from cards import card
 from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.learning import objectives
-from expertaug.learning.checkpoint import Checkpoint, fingerprint, locked
-from expertaug.learning.fitting import Trainer
+from expertaug.learning.job import Checkpoint, fingerprint, locked
 from expertaug.learning.objectives import finite_forecast
 from expertaug.learning.residuals import mean_squared_error
-from expertaug.learning.trainer import TrainSettings
+from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.trajectories import Trajectories

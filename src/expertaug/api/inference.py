@@ -23,12 +23,12 @@ from expertaug.inference.adaptive_prior import (
     widen_prior,
     with_more_starts,
 )
-from expertaug.inference.alternating import prepare
+from expertaug.inference.alternating import alternate as alternate_fits
 from expertaug.inference.diagnostics.validity import Validity, along
 from expertaug.inference.settings import AlternateOptions, AlternatingSettings
 from expertaug.inference.shared import fit_shared
 from expertaug.learning.settings import SolverOnly, UntrainedOptions
-from expertaug.learning.train import expert_alone
+from expertaug.learning.train import make_expert_alone
 from expertaug.models import describe
 from expertaug.models.card import RecipeRecord
 from expertaug.models.hybrid import HybridModel
@@ -83,7 +83,7 @@ def least_squares(
     training = SolverOnly.from_mapping({"solver": {"method": "lawson4"}} if exact else {})
     named = (system, "least_squares", label, observed_s, start)
     settings = fit_options(UntrainedOptions, *named, fitting, training=training, seeds=[0])
-    stored = expert_alone(system, train, settings, described)
+    stored = make_expert_alone(system, train, settings, described)
     if prior is None:
         found = grow_ranges_of_expert(stored, train, fitting.noise, fitting.settings)
         fitting = fitting.model_copy(update={"prior": found})
@@ -162,11 +162,11 @@ def alternate(
     chosen = seeds_of(seeds)
     if prior is None:
         of_expert = fit_options(UntrainedOptions, *named, fitting, seeds=chosen)
-        alone = expert_alone(system, train, of_expert, described)
+        alone = make_expert_alone(system, train, of_expert, described)
         found = grow_ranges_of_expert(alone, train, fitting.noise, fitting.settings)
         fitting = fitting.model_copy(update={"prior": found})
     settings = fit_options(AlternateOptions, *named, fitting, training=training, seeds=chosen)
-    stored = prepare(system, train, validation, settings, described, describe.own_classes(recipe)).run()
+    stored = alternate_fits(system, train, validation, settings, described, describe.own_classes(recipe))
     return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.card.refinement)
 
 

@@ -13,14 +13,15 @@ from expertaug.api import arguments
 from expertaug.api.arguments import Array, Noise, Ranges
 from expertaug.api.inference import given_or_grown_ranges
 from expertaug.api.trained import TrainedModel
-from expertaug.api.training import run_training
+from expertaug.api.training import course
 from expertaug.errors import InputError
-from expertaug.inference import flow_training
 from expertaug.inference.flow import FlowEstimator
+from expertaug.inference.flow_training import fit_flow
 from expertaug.inference.posterior_predictive import Drawn
 from expertaug.inference.posterior_predictive import predictive as of_windows
-from expertaug.inference.settings import FlowJob, FlowSettings
+from expertaug.inference.settings import FlowSettings, FlowTrainingOptions
 from expertaug.learning.divergence import bound_of_card
+from expertaug.learning.trainer import History
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -95,7 +96,7 @@ def fit_posterior(
     """
     card = model.stored.card
     label = label or f"{model.label}+ flow"
-    settings = FlowJob.of(
+    settings = FlowTrainingOptions.of(
         experiment=card.experiment,
         method=label,
         label=label,
@@ -106,9 +107,10 @@ def fit_posterior(
         prior=given_or_grown_ranges(model, train, prior, arguments.noise(noise)),
         noise=arguments.noise(noise),
     )
+    history = History()
     with arguments.one_thread():
-        found = run_training(flow_training.prepare(model.stored, train, settings, "model", validation))
-    return TrainedModel(found.stored, found.history, model.single)
+        stored = fit_flow(model.stored, train, settings, "model", validation, history)
+    return TrainedModel(stored, course(history, stored.seeds), model.single)
 
 
 def predictive(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, TypedDict, Unpack
 
@@ -14,13 +14,13 @@ from expertaug.api.arguments import Noise, Ranges, check_sets, seeds_of
 from expertaug.api.inference import given_or_grown_ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
-from expertaug.learning import augment as augment_stage
-from expertaug.learning import finetune as finetune_stage
-from expertaug.learning import train as train_stage
+from expertaug.learning import augment as augmenting
+from expertaug.learning import finetune as finetuning
 from expertaug.learning.augment import Augmented
-from expertaug.learning.fitting import Record, Training
 from expertaug.learning.objectives import Aphynity, Objective
-from expertaug.learning.settings import OBJECTIVE, FinetuneJob, TrainOptions, TrainSettings
+from expertaug.learning.settings import OBJECTIVE, FinetuneOptions, TrainOptions, TrainSettings
+from expertaug.learning.train import train as train_model
+from expertaug.learning.trainer import History
 from expertaug.learning.training_data import StackedSet
 from expertaug.models import describe
 from expertaug.models.hybrid import HybridModel
@@ -65,7 +65,7 @@ class AugmentedSets:
     @property
     def seeds(self) -> list[int]:
         """The seeds, in the group's order."""
-        return list(self.drawn.header["seeds"])
+        return list(self.drawn.drawing.seeds)
 
     @property
     def train(self) -> list[Trajectories]:
@@ -166,9 +166,10 @@ def fit(
         **({} if prior is None else {"prior": arguments.ranges(prior, names, "prior")}),
     )
     classes = describe.own_classes(model) | describe.class_of(OBJECTIVE, objective)
+    history, kind = History(), loss["kind"]
     with arguments.one_thread():
-        made = train_stage.prepare(model, train, validation, how, described, loss["kind"], classes, forecast_solver)
-        return run_training(made)
+        stored = train_model(model, train, validation, how, described, kind, classes, forecast_solver, history)
+    return TrainedModel(stored, course(history, stored.seeds))
 
 
 def augment(
@@ -201,7 +202,7 @@ def augment(
     ranges = given_or_grown_ranges(model, train, prior, arguments.noise(noise))
     rows = _choices(model, preset, choices)[1]
     with arguments.one_thread():
-        drawn = augment_stage.draw(model.stored, train, validation, ranges, arguments.noise(noise), rows, float(worst))
+        drawn = augmenting.augment(model.stored, train, validation, ranges, arguments.noise(noise), rows, float(worst))
     return AugmentedSets(model.t[: len(drawn.train.y)], drawn)
 
 
@@ -247,7 +248,7 @@ def finetune(
         raise InputError("augmented", f"holds seeds {augmented.seeds}", f"the model's are {model.seeds}: augment it")
     name, chosen = _choices(model, preset, choices)
     label = label or (f"{model.label} (control)" if control else f"{model.label}+")
-    how = FinetuneJob.of(
+    how = FinetuneOptions.of(
         experiment=model.stored.card.experiment,
         method=label,
         label=label,
@@ -258,21 +259,21 @@ def finetune(
         **({"prior": given_or_grown_ranges(model, train, prior, arguments.noise(noise))} if control else {}),
     )
     drawn = None if augmented is None else augmented.drawn
+    history = History()
     with arguments.one_thread():
-        tuned = run_training(finetune_stage.prepare(model.stored, drawn, train, validation, how))
-    return TrainedModel(tuned.stored, tuned.history, model.single)
+        tuned = finetuning.finetune(model.stored, drawn, train, validation, how, history)
+    return TrainedModel(tuned, course(history, tuned.seeds), model.single)
 
 
-def run_training(training: Training) -> TrainedModel:
-    record = Record()
-    stored = training.run(record)
+def course(history: History, seeds: Sequence[int]) -> pd.DataFrame:
+    """The course of a training of some seeds: columns step, seed, metric, value."""
     rows = [
         (step, seed, metric, value)
-        for step, line in record.lines
+        for step, line in history.lines
         for metric, values in line.items()
-        for seed, value in zip(training.trainer.seeds, values, strict=True)
+        for seed, value in zip(seeds, values, strict=True)
     ]
-    return TrainedModel(stored, pd.DataFrame(rows, columns=["step", "seed", "metric", "value"]))
+    return pd.DataFrame(rows, columns=["step", "seed", "metric", "value"])
 
 
 def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -> tuple[str, Choices]:

@@ -11,8 +11,8 @@ from torch import Tensor
 from expertaug.evaluation.score import Scored, score, spread
 from expertaug.files import atomic
 from expertaug.learning import snapshots as states
-from expertaug.learning.checkpoint import locked
 from expertaug.learning.during_training import BASE, stages
+from expertaug.learning.job import locked
 from expertaug.learning.settings import AugmentJob, FinetuneJob
 from expertaug.models.store import device_of
 from expertaug.tracking.log import Run

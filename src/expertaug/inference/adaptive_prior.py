@@ -21,7 +21,7 @@ from expertaug.inference import store
 from expertaug.inference.least_squares import LeastSquares, estimator_of
 from expertaug.inference.settings import FirstPriorJob, OwnPriorJob
 from expertaug.inference.simulations import LOST, own_draws
-from expertaug.learning.train import constants_of, described_by, expert_alone
+from expertaug.learning.train import Calibration, describe_recipe, make_expert_alone
 from expertaug.learning.training_data import StackedSet
 from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
@@ -263,9 +263,9 @@ def find_prior(
     """
     train = Trajectories.load(Path(data) / "train.npz")
     if isinstance(settings, FirstPriorJob):
-        described = described_by(settings, None if calibration is None else constants_of(calibration))
+        described = describe_recipe(settings, None if calibration is None else Calibration.load(calibration))
         system = systems.load(described.system)
-        stored, first = expert_alone(system, train, settings.expert, described), typical_ranges(system)
+        stored, first = make_expert_alone(system, train, settings.expert, described), typical_ranges(system)
     else:
         assert model is not None, "a job of the expert alone says what it is"
         stored = store.load(model, device_of(settings.device), settings.classes or ())

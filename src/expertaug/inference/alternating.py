@@ -19,28 +19,27 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.inference.coordinates import LatentCoordinates
 from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_by
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
-from expertaug.learning import job
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
-from expertaug.learning.fitting import Record, moments
+from expertaug.learning.job import Job
 from expertaug.learning.objectives import decorrelate
 from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import mean_squared_error, record_residuals
 from expertaug.learning.settings import one_cycle
-from expertaug.learning.train import inputs_of as set_files
-from expertaug.learning.train import of_data, taken_in
-from expertaug.learning.training_data import StackedSet, Task, task_of
+from expertaug.learning.train import Calibration, card_fields, describe_recipe
+from expertaug.learning.trainer import Progress, State, moments
+from expertaug.learning.training_data import StackedSet, Task, set_files, task_of
 from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
@@ -120,7 +119,6 @@ class Alternation:
         self.best_latent = torch.zeros(2, size, fit.sizes[1], dtype=torch.float64)
         self.step_, self.seconds = 0, 0.0
         self.failed: dict[int, str] = {}
-        self.keep, self.snapshots = (), {}  # it keeps no states of its passes
 
     @torch.no_grad()
     def begin(self) -> None:
@@ -214,8 +212,8 @@ class Alternation:
         self.x[rows, index] = self.fit.coordinates(found, self.fit.first(windows))
         self.damping[rows, index] = DAMPING
 
-    def run(self, log: Any, checkpoint: Any) -> None:
-        """Train to the end, from the checkpoint's state if it has one; the best state is then in ``best``."""
+    def run(self, progress: Progress) -> None:
+        """Train to the end; the best state is then in ``best``."""
         settings, told = self.settings, 0.0
         saved = time.monotonic()
         if self.step_ == 0:
@@ -233,13 +231,13 @@ class Alternation:
                     self.restart()
             self.seconds += time.monotonic() - begun
             if validated:
-                log.metrics(self.step_, record)
-                log.flush()
+                progress.metrics(self.step_, record)
+                progress.flush()
             if time.monotonic() - told > PROGRESS_S:
                 told = time.monotonic()
                 self._progress(parts)
             if time.monotonic() - saved > settings.checkpoint_s and self.step_ < settings.steps:
-                checkpoint.save(self.state() | {"log": log.state()})
+                progress.save(self.state())
                 saved = time.monotonic()
         bad = [s for s, score in zip(self.seeds, self.best_score.tolist(), strict=True) if not math.isfinite(score)]
         self.failed = dict.fromkeys(bad, "no validation forecast had a finite error; lower alternation.learning_rate")
@@ -282,7 +280,7 @@ class Alternation:
     def _of(value: Tensor, index: Tensor) -> Tensor:
         return value[torch.arange(len(index)).unsqueeze(1), index]
 
-    def state(self) -> dict:
+    def state(self) -> State:
         """Everything that a resumed run needs to reach the same bits; data orders follow from seed and step."""
         names = ("x", "damping", "misfit", "rates", *_RECORD)
         found = None if self.found is None else self._given(self.found)
@@ -292,7 +290,7 @@ class Alternation:
             "found": found,
         }
 
-    def restore(self, state: Mapping) -> None:
+    def restore(self, state: State) -> None:
         """Take up what :meth:`state` gave."""
         self.model.load_state_dict(state["model"])
         self.optimiser.load_state_dict(state["optimiser"])
@@ -372,7 +370,7 @@ def squares(rates: Tensor, tangents: Tensor) -> tuple[Tensor, Tensor]:
     return f.square().mean((1, 2)), share
 
 
-def alternate(
+def run_stage(
     data: Path,
     output: Path,
     work: Path,
@@ -382,12 +380,35 @@ def alternate(
 ) -> None:
     """Stage: train a method of kind alternating on ``data/train.npz`` and select on ``data/validation.npz``.
 
-    Arguments and errors are those of :func:`expertaug.learning.train.train`.
+    Arguments and errors are those of :func:`expertaug.learning.train.run_stage`.
     """
     inputs = set_files(data)
-    system, described, *sets = taken_in(inputs, settings, calibration)
-    training = prepare(system, *sets, settings, described)
-    job.run(training, output, work, inputs, settings, tracking, "expertaug.inference.alternating")
+    described = describe_recipe(settings, None if calibration is None else Calibration.load(calibration))
+    train, validation = map(Trajectories.load, inputs)
+    with Job(output, work, inputs, settings, tracking, __name__) as job:
+        job.write(alternate(systems.load(described.system), train, validation, settings, described, progress=job))
+
+
+def alternate(
+    system: System,
+    train: Trajectories,
+    validation: Trajectories,
+    options: AlternateOptions,
+    described: RecipeRecord,
+    classes: Mapping[str, Callable] | None = None,
+    progress: Progress | None = None,
+) -> store.StoredModel:
+    """Learn an interaction model from least-squares fits of each training window, without an encoder.
+
+    Arguments:
+        progress: is told of the training while it runs.
+        others: as of :func:`prepare`.
+
+    Raises:
+        InputError: as of :func:`prepare`.
+        SolveError: no seed can be trained.
+    """
+    return prepare(system, train, validation, options, described, classes).run(progress)
 
 
 @dataclass(frozen=True)
@@ -408,18 +429,18 @@ class AlternatingTraining:
     checked: Tensor
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
-    def run(self, log: Any = None, checkpoint: Any = None) -> store.StoredModel:
-        """Train to the end; the best state of each seed, by validation.
-
-        Arguments:
-            log: a RunLog, or None: nothing is written.
-            checkpoint: a Checkpoint, or None: nothing is written.
+    def run(self, progress: Progress | None = None) -> store.StoredModel:
+        """Train to the end, from the state at which a killed run stopped where ``progress`` has one; the best state of
+        each seed, by validation.
 
         Raises:
             SolveError: no seed can be trained.
         """
-        trainer, memory = self.trainer, Record()
-        trainer.run(log or memory, checkpoint or memory)
+        trainer, progress = self.trainer, progress or Progress()
+        state = progress.begin(self.card)
+        if state is not None:
+            trainer.restore(state)
+        trainer.run(progress)
         trainer.model.load_state_dict(trainer.best)
         mean, std = trainer.best_latent.tolist()
         record = {
@@ -449,7 +470,7 @@ def prepare(
     Arguments:
         train, validation: sets of the same times.
         options: how to train, and how windows are fitted.
-        described: what a file says of system and model (:func:`expertaug.learning.train.described_by`).
+        described: what a file says of system and model (:func:`expertaug.learning.train.describe_recipe`).
         classes: see :class:`StoredModel`.
 
     Raises:
@@ -463,7 +484,7 @@ def prepare(
     training, seeds = options.training, options.seeds
     card = ModelCard.of(
         kind="alternating",
-        **of_data(train, system, options),
+        **card_fields(train, system, options),
         system=described.system,
         model={"interaction": described.model.interaction},
         expert=True,

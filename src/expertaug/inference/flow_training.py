@@ -13,15 +13,14 @@ from expertaug.errors import InputError
 from expertaug.inference import flow as flows
 from expertaug.inference import store
 from expertaug.inference.flow import FlowEstimator
-from expertaug.inference.settings import FlowJob, FlowSettings
+from expertaug.inference.settings import FlowJob, FlowSettings, FlowTrainingOptions
 from expertaug.inference.simulations import HELD_OUT, Draws, Pool, Simulator, latents_of
-from expertaug.learning import job
 from expertaug.learning.augment import prior_ends
 from expertaug.learning.divergence import BoundedSolver
-from expertaug.learning.fitting import Training
+from expertaug.learning.job import Job
 from expertaug.learning.objectives import Objective
-from expertaug.learning.trainer import Trainer
-from expertaug.learning.training_data import StackedSet, Task, task_of
+from expertaug.learning.trainer import Progress, Trainer, Training
+from expertaug.learning.training_data import StackedSet, Task, set_files, task_of
 from expertaug.models.card import ModelCard
 from expertaug.models.observation_noise import noise_of
 from expertaug.models.store import StoredModel, device_of, forecast_solver
@@ -37,8 +36,8 @@ from expertaug.trajectories import Trajectories
 KEPT = ("experiment", "method", "label", "preset", "choices", "flow")
 
 
-def flow(model: Path, data: Path, output: Path, work: Path, settings: FlowJob, tracking: Tracking | None) -> None:
-    """Stage: learn the posterior of a trained model from its own draws; the model stays as it is.
+def run_stage(model: Path, data: Path, output: Path, work: Path, settings: FlowJob, tracking: Tracking | None) -> None:
+    """Stage: learn the posterior of a trained model from its own draws.
 
     Arguments:
         model: file of the trained model.
@@ -49,33 +48,47 @@ def flow(model: Path, data: Path, output: Path, work: Path, settings: FlowJob, t
         tracking: see :class:`expertaug.tracking.run_log.RunLog`.
     """
     stored = store.load(model, device_of(settings.device), settings.classes or ())
-    sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
+    sets = set_files(data)
     train, validation = map(Trajectories.load, sets)
-    training = prepare(stored, train, settings, model, validation)
-    inputs = [Path(model), *sets]
-    job.run(training, output, work, inputs, settings.model_copy(update={"seeds": stored.seeds}), tracking, __name__)
+    options = settings.model_copy(update={"seeds": stored.seeds})
+    with Job(output, work, [Path(model), *sets], options, tracking, __name__) as job:
+        job.write(fit_flow(stored, train, options, model, validation, job))
+
+
+def fit_flow(
+    stored: StoredModel,
+    train: Trajectories,
+    options: FlowTrainingOptions,
+    where: object = "flow",
+    validation: Trajectories | None = None,
+    progress: Progress | None = None,
+) -> StoredModel:
+    """Learn the posterior of a trained model from its own draws; the model stays as it is.
+
+    Arguments:
+        stored: a trained hybrid model, or one of kind alternating, whose fits the flow then amortises.
+        train: the set that it was trained on.
+        options: how to train, and what to call it.
+        where: for messages.
+        validation: whose misfits are kept for alarms; None: none are.
+        progress: is told of the training while it runs.
+
+    Raises:
+        InputError: the model is no hybrid one, the prior does not name its expert parameters, or draws are to begin
+            anywhere and the system does not say where that is.
+        SolveError: no seed can be trained.
+    """
+    return prepare(stored, train, options, where, validation).run(progress)
 
 
 def prepare(
     stored: StoredModel,
     train: Trajectories,
-    settings: FlowJob,
+    settings: FlowTrainingOptions,
     where: object = "flow",
     validation: Trajectories | None = None,
 ) -> Training:
-    """Make the training of a flow in memory.
-
-    Arguments:
-        stored: a trained hybrid model, or one of kind alternating, whose fits the flow then amortises.
-        train: the set that it was trained on.
-        settings: how to train, and what to call it.
-        where: for messages.
-        validation: whose misfits are kept for alarms; None: none are.
-
-    Raises:
-        InputError: the model is no hybrid one, the prior does not name its expert parameters, or draws are to begin
-            anywhere and the system does not say where that is.
-    """
+    """Make the training of a flow; arguments and errors are those of :func:`fit_flow`."""
     base, device, prior = stored.card, stored.device, given_ranges(settings.prior)
     if base.kind not in ("hybrid", "alternating"):
         raise InputError(where, f"a {base.kind} model", "a flow learns from a trained hybrid model")

@@ -177,14 +177,19 @@ class AlternateJob(AlternateOptions, RecipeKeys):
         return self
 
 
-class FlowJob(LabelledJob, ModelFileJob):
-    """The training of a flow."""
+class FlowTrainingOptions(LabelledJob):
+    """How a flow is trained, in memory too."""
 
     OBEYS = ("augmentation_noise", "augmented_x", "augmented_z_a")
 
     flow: FlowSettings = key(..., "how it is trained and used")
     prior: Prior = key(..., "p⁺; own = --prior has it")
     noise: Noise = key(..., "standard deviation of the data's noise")
+
+
+class FlowJob(FlowTrainingOptions, ModelFileJob):
+    """The training of a flow."""
+
     worst: Literal[0.0] = key(0.0, "a flow's draws are all uniform")
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -15,7 +16,7 @@ from expertaug.errors import InputError
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback, within_bound
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.settings import AugmentJob
-from expertaug.learning.training_data import StackedSet, Task, task_of
+from expertaug.learning.training_data import StackedSet, Task, set_files, task_of
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.observation_noise import GivenNoise, NoiseLike, noise_of, shaped
@@ -36,36 +37,70 @@ NEAR = 0.05  # of p⁺'s width: the neighbourhood of a hard z_e
 
 
 @dataclass(frozen=True)
+class Drawing:
+    """How augmented samples are drawn.
+
+    Attributes:
+        prior: ranges of p⁺ by expert parameter.
+        noise: standard deviation of the noise added to every point, the first one too; of each component, where there
+            are several.
+        seeds: in the group's order; samples depend on the seed and the number of the draw alone.
+        resample_x: whether x is drawn anew (:meth:`System.resample_known`) instead of taken from the data.
+        z_a_from: posterior: a sample of q(z_a | x, y); prior: of N(0, I), where the posterior is not a point.
+        worst: share of the samples whose z_e are drawn where the model's own estimates are bad
+            (:func:`hardest_parameters`) instead of uniformly; with 0 the samples have the same bits as without it.
+    """
+
+    prior: Mapping[str, Sequence[float]]
+    noise: NoiseLike
+    seeds: Sequence[int]
+    resample_x: bool = False
+    z_a_from: str = "posterior"
+    worst: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """What a file of samples says."""
+        options = {"resample_x": self.resample_x, "z_a_from": self.z_a_from}
+        options |= {"worst": self.worst} if self.worst else {}
+        prior = {name: list(ends) for name, ends in self.prior.items()}
+        return {"prior": prior, "noise": self.noise, "seeds": list(self.seeds), "options": options}
+
+    @classmethod
+    def of_json(cls, header: Mapping[str, Any]) -> Drawing:
+        """As a file says."""
+        return cls(header["prior"], header["noise"], header["seeds"], **header["options"])
+
+
+@dataclass(frozen=True)
 class Augmented:
     """Augmented samples of every seed.
 
     Attributes:
         train, validation: y (T, S, N, *state), z_e (S, N, P); the second selects in fine-tuning.
-        header: {prior, noise, seeds, options}: how they were drawn.
+        drawing: how they were drawn.
     """
 
     train: StackedSet
     validation: StackedSet
-    header: Mapping
+    drawing: Drawing
 
 
-def augment(model: Path, data: Path, output: Path, settings: AugmentJob) -> None:
+def run_stage(model: Path, data: Path, output: Path, job: AugmentJob) -> None:
     """Stage: draw D⁺ for every seed of a trained model, and an augmented validation set that selects in fine-tuning.
 
     Arguments:
         model: file of the trained model.
         data: folder of the sets.
         output: file of D⁺.
-        settings: of the job.
+        job: its settings.
     """
-    stored = store.load(model, device_of(settings.device), settings.classes or ())
-    train, validation = (Trajectories.load(Path(data) / f"{name}.npz") for name in ("train", "validation"))
-    prior, noise, choices = given_ranges(settings.prior), settings.noise, settings.choices
-    plus = draw(stored, train, validation, prior, noise, choices, settings.worst, model)
-    save(output, plus.train, plus.validation, plus.header)
+    stored = store.load(model, device_of(job.device), job.classes or ())
+    train, validation = map(Trajectories.load, set_files(data))
+    prior = given_ranges(job.prior)
+    save(output, augment(stored, train, validation, prior, job.noise, job.choices, job.worst, model))
 
 
-def draw(
+def augment(
     stored: store.StoredModel,
     train: Trajectories,
     validation: Trajectories,
@@ -75,7 +110,7 @@ def draw(
     worst: float = 0.0,
     where: object = "augmentation",
 ) -> Augmented:
-    """Draw D⁺ in memory (paper, Algorithm 1).
+    """Draw D⁺ (paper, Algorithm 1); the model stays as it is.
 
     Arguments:
         stored: a trained hybrid model.
@@ -83,7 +118,7 @@ def draw(
         prior: ranges of p⁺.
         noise: standard deviation of the data's noise.
         choices: rows of the preset.
-        worst: as of :func:`expertaug.learning.augment.generate`.
+        worst: as of :class:`Drawing`.
         where: for messages.
 
     Raises:
@@ -98,19 +133,13 @@ def draw(
     added: NoiseLike = 0.0
     if choices.augmentation_noise == "as_data":
         added = noise_of(noise, stored.model.system, stored.card)
-    options = {"resample_x": choices.augmented_x == "resampled", "z_a_from": choices.augmented_z_a}
-    options |= {"worst": float(worst)} if worst else {}
+    resampled, z_a_from = choices.augmented_x == "resampled", choices.augmented_z_a
+    drawing = Drawing(prior, added, stored.seeds, resampled, z_a_from, float(worst))
     plus, plus_validation = (
-        generate(stored.model, StackedSet.of(part, device), task, stored.seeds, prior, added, number, **options)
+        generate(stored.model, StackedSet.of(part, device), task, drawing, number)
         for number, part in enumerate((train, validation))
     )
-    header = {
-        "prior": {name: list(ends) for name, ends in prior.items()},
-        "noise": added,
-        "seeds": stored.seeds,
-        "options": options,
-    }
-    return Augmented(plus, plus_validation, header)
+    return Augmented(plus, plus_validation, drawing)
 
 
 def prior_ends(system: System, prior: Mapping[str, Sequence[float]]) -> tuple[Tensor, Tensor]:
@@ -137,13 +166,8 @@ def generate(
     model: HybridNet,
     data: StackedSet,
     task: Task,
-    seeds: list[int],
-    prior: Mapping,
-    noise: NoiseLike,
-    draw: int,
-    resample_x: bool = False,
-    z_a_from: str = "posterior",
-    worst: float = 0.0,
+    drawing: Drawing,
+    number: int,
 ) -> StackedSet:
     """One augmented sample for each of ``data``: x from the data, z_a ~ q(z_a | x, y), z_e ~ p⁺, y by the model.
 
@@ -151,15 +175,8 @@ def generate(
         model: stacked, trained; it is not changed.
         data: (T, 1, N, *state); only its observed window is used.
         task: of the training: ``t``, ``observed`` and ``solver``.
-        seeds: in the group's order; samples depend on the seed and ``draw`` alone.
-        prior: ranges of p⁺.
-        noise: standard deviation of the noise added to every point, the first one too; of each component, where there
-            are several.
-        draw: number of the draw (sets, passes).
-        resample_x: whether x is drawn anew (:meth:`System.resample_known`) instead of taken from the data.
-        worst: share of the samples whose z_e are drawn where the model's own estimates are bad
-            (:func:`hardest_parameters`) instead of uniformly; with 0 the samples have the same bits as without it.
-        z_a_from: posterior: a sample of q(z_a | x, y); prior: of N(0, I), where the posterior is not a point.
+        drawing: how to draw.
+        number: of the draw (sets, passes).
 
     Returns:
         y (T, S, N, *state), NaN where the sample that it came from has a gap, z_e (S, N, P), all supervised, z_a
@@ -167,9 +184,10 @@ def generate(
         (:mod:`expertaug.learning.divergence`); where that does not help either, another sample of its seed stands in
         its place, and a warning tells how many these are.
     """
-    low, high = prior_ends(model.system, prior)
-    random = RandomStreams(seeds, draw, 1, device=data.y.device)
-    hard = hardest_parameters(model, data, task, seeds, (low, high), noise, draw) if worst else None
+    seeds, noise = drawing.seeds, drawing.noise
+    low, high = prior_ends(model.system, drawing.prior)
+    random = RandomStreams(seeds, number, 1, device=data.y.device)
+    hard = hardest_parameters(model, data, task, drawing, number) if drawing.worst else None
     lost = torch.zeros(len(seeds), dtype=torch.long)
     parts, size = [], max(min(CHUNK, NUMBERS // data.y[0, 0, 0].numel()), 1)
     for start in range(0, len(data), size):
@@ -177,10 +195,10 @@ def generate(
         batch = data.at(index).whole(len(seeds))
         windows, u = batch.windows(task.observed), batch.inputs(len(task.t))
         y0 = model.start(windows)
-        z_a = sample_latent(model.encode(windows), z_a_from, partial(random.normal, len(index)))
-        if resample_x:
+        z_a = sample_latent(model.encode(windows), drawing.z_a_from, partial(random.normal, len(index)))
+        if drawing.resample_x:
             y0 = model.system.resample_known(y0, partial(random.uniform, len(index)))
-        y, z_e = _simulate(model, y0, z_a, low, high, task, random, u, hard, worst)
+        y, z_e = _simulate(model, y0, z_a, low, high, task, random, u, hard, drawing.worst)
         good = within_bound(y, task.bound)
         for _ in range(ATTEMPTS):
             if good.all():
@@ -221,27 +239,22 @@ def hardest_parameters(
     model: HybridNet,
     data: StackedSet,
     task: Task,
-    seeds: list[int],
-    ends: tuple[Tensor, Tensor],
-    noise: NoiseLike,
-    draw: int,
+    drawing: Drawing,
+    number: int,
 ) -> Tensor:
     """z_e (S, M, P) of p⁺ where the model's own estimates are worst: the hardest quarter of a uniform trial.
 
     Windows are simulated from the first of ``data``, with z_e of the whole range, and estimated; how bad an estimate is
-    is the error of z_e in the range's widths, the largest over parameters.
-
-    Arguments:
-        ends: low and high (P,) of p⁺.
-        others: as of :func:`generate`.
+    is the error of z_e in the range's widths, the largest over parameters.  Arguments are those of :func:`generate`.
     """
-    random, (low, high) = RandomStreams(seeds, draw, 5, device=data.y.device), ends
-    batch = data.at(torch.arange(TRIED, device=data.y.device) % len(data)).whole(len(seeds))
+    random = RandomStreams(drawing.seeds, number, 5, device=data.y.device)
+    low, high = prior_ends(model.system, drawing.prior)
+    batch = data.at(torch.arange(TRIED, device=data.y.device) % len(data)).whole(len(drawing.seeds))
     windows, u = batch.windows(task.observed), batch.inputs(task.observed)
     z_a = sample_latent(model.encode(windows), "posterior", partial(random.normal, TRIED))
     y, z_e = _simulate(model, model.start(windows), z_a, low, high, task.shortened(task.observed), random, u)
     y = clamp_to_bound(y, task.bound)
-    y = y + shaped(noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+    y = y + shaped(drawing.noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
     found = model.encode(joined(_as_measured(y, batch.y), u)).z_e.mean
     width = (high - low).clamp_min(1e-12).to(y)
     error = ((found - z_e) / width).abs().amax(-1).nan_to_num(torch.inf)
@@ -296,22 +309,22 @@ def _replace_diverged(
     return y, z_e, z_a, u
 
 
-def save(path: Path, train: StackedSet, validation: StackedSet, header: Mapping) -> None:
-    """Write the augmented training and validation sets."""
+def save(path: Path, plus: Augmented) -> None:
+    """Write augmented samples."""
     tensors = {}
-    for name, part in (("train", train), ("validation", validation)):
+    for name, part in (("train", plus.train), ("validation", plus.validation)):
         tensors |= {f"{name}_y": part.y, f"{name}_z_e": part.z_e}
         tensors |= {} if part.u is None else {f"{name}_u": part.u.contiguous()}
         tensors |= {} if part.z_a is None else {f"{name}_z_a": part.z_a.contiguous()}
-    write_tensors(path, tensors, header)
+    write_tensors(path, tensors, plus.drawing.to_json())
 
 
-def load(path: Path, device: torch.device) -> tuple[StackedSet, StackedSet, dict]:
-    """Read what :func:`save` wrote: training set, validation set, header."""
+def load(path: Path, device: torch.device) -> Augmented:
+    """Read what :func:`save` wrote."""
     header, tensors = read_tensors(path)
     sets = []
     for name in ("train", "validation"):
         y, z_e = tensors[f"{name}_y"].to(device), tensors[f"{name}_z_e"].to(device)
         u, z_a = (tensors[f"{name}_{k}"].to(device) if f"{name}_{k}" in tensors else None for k in ("u", "z_a"))
         sets.append(StackedSet(y, z_e, torch.ones(z_e.shape[1], device=device), u, z_a))
-    return sets[0], sets[1], header
+    return Augmented(sets[0], sets[1], Drawing.of_json(header))

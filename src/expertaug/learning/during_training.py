@@ -8,10 +8,8 @@ from pathlib import Path
 
 import torch
 
-from expertaug.learning import snapshots
-from expertaug.learning.augment import augment
-from expertaug.learning.checkpoint import fingerprint
-from expertaug.learning.finetune import finetune
+from expertaug.learning import augment, finetune, snapshots
+from expertaug.learning.job import fingerprint
 from expertaug.learning.settings import AugmentJob, FinetuneJob, named_modules
 from expertaug.models import store
 
@@ -53,12 +51,12 @@ def stages(
         model, augmented = folder / f"{epoch}/model.safetensors", folder / f"{epoch}/augmented.safetensors"
         if not augmented.exists():
             store.save(model, stored.model, stored.card)
-            augment(model, data, augmented, drawing)
+            augment.run_stage(model, data, augmented, drawing)
         for count in lengths:
             tuned = folder / f"{epoch}_{count}/model.safetensors"
             if not tuned.exists():
                 training = tuning.training.model_copy(update={"epochs": count})
                 options = tuning.model_copy(update={"training": training})
-                finetune(model, augmented, data, tuned, tuned.with_name("work"), options, None)
+                finetune.run_stage(model, augmented, data, tuned, tuned.with_name("work"), options, None)
             yield epoch, count, store.load(tuned, device, classes)
     shutil.rmtree(work)

@@ -6,15 +6,17 @@ import copy
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 
 from expertaug.errors import InputError
-from expertaug.learning import augment, fitting, job
+from expertaug.learning import augment
 from expertaug.learning.augment import Augmented
-from expertaug.learning.fitting import Training
-from expertaug.learning.settings import FinetuneJob, TrainSettings
-from expertaug.learning.training_data import StackedSet, Task, task_of
+from expertaug.learning.job import Job
+from expertaug.learning.settings import FinetuneJob, FinetuneOptions, TrainSettings
+from expertaug.learning.trainer import Progress, Training, latent_of, prepare_training
+from expertaug.learning.training_data import StackedSet, Task, set_files, task_of
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.store import device_of
@@ -25,10 +27,11 @@ from expertaug.trajectories import Trajectories
 
 # Of the options, what a model file says.
 KEPT = ("experiment", "method", "label", "preset", "choices", "training")
+Options = TypeVar("Options", bound=FinetuneOptions)
 SMALLEST_SPREAD = 1e-3  # of z_a over the training windows: a component that none of them uses is not held to a point
 
 
-def finetune(
+def run_stage(
     model: Path,
     augmented: Path | None,
     data: Path,
@@ -37,7 +40,7 @@ def finetune(
     settings: FinetuneJob,
     tracking: Tracking | None,
 ) -> None:
-    """Stage: fine-tune the encoder on D ∪ D⁺ with θ frozen (paper, Algorithm 1); θ is asserted unchanged.
+    """Stage: fine-tune the encoder of a trained model.
 
     Arguments:
         model: file of the trained model.
@@ -55,12 +58,37 @@ def finetune(
         raise InputError("--augmented", "missing", "give the augmented samples, or prior in the settings for a control")
     device = device_of(settings.device)
     stored = store.load(model, device, settings.classes or ())
-    plus = None if augmented is None else Augmented(*augment.load(augmented, device))
-    sets = [Path(data) / f"{name}.npz" for name in ("train", "validation")]
+    plus = None if augmented is None else augment.load(augmented, device)
+    sets = set_files(data)
     train, validation = map(Trajectories.load, sets)
-    training = prepare(stored, plus, train, validation, settings)
     inputs = [Path(model), *([] if augmented is None else [Path(augmented)]), *sets]
-    job.run(training, output, work, inputs, complete(stored, plus, settings), tracking)
+    options = inherit_options(stored, plus, settings)
+    with Job(output, work, inputs, options, tracking, __name__) as job:
+        job.write(finetune(stored, plus, train, validation, options, job))
+
+
+def finetune(
+    stored: store.StoredModel,
+    plus: Augmented | None,
+    train: Trajectories,
+    validation: Trajectories,
+    options: FinetuneOptions,
+    progress: Progress | None = None,
+) -> store.StoredModel:
+    """Fine-tune the encoder on D ∪ D⁺ with θ frozen (paper, Algorithm 1); θ is asserted unchanged.
+
+    Arguments:
+        stored: a trained hybrid model; it stays as it is.
+        plus: its D⁺; None for the control: every real sample stands twice in a pass, so that steps, batches and
+            schedule are those of D ∪ D⁺.
+        train, validation: the sets of its training.
+        options: how to fine-tune; method and label name the augmented method; ``prior``, p⁺, for the control.
+        progress: is told of the training while it runs.
+
+    Raises:
+        SolveError: no seed can be trained.
+    """
+    return prepare(stored, plus, train, validation, options).run(progress)
 
 
 def prepare(
@@ -68,18 +96,10 @@ def prepare(
     plus: Augmented | None,
     train: Trajectories,
     validation: Trajectories,
-    options: FinetuneJob,
+    options: FinetuneOptions,
 ) -> Training:
-    """Make the fine-tuning of a trained model in memory; the model itself stays as it is.
-
-    Arguments:
-        stored: a trained hybrid model.
-        plus: its D⁺; None for the control: every real sample stands twice in a pass, so that steps, batches and
-            schedule are those of D ∪ D⁺.
-        train, validation: the sets of its training.
-        options: how to fine-tune; method and label name the augmented method; ``prior``, p⁺, for the control.
-    """
-    options = complete(stored, plus, options)
+    """Make the fine-tuning of a trained model; arguments are those of :func:`finetune`."""
+    options = inherit_options(stored, plus, options)
     device, choices, base = stored.device, options.choices, stored.card
     hybrid, before = _frozen(stored.model, choices)
     scale = augment.prior_scale(hybrid, given_ranges(options.prior)).to(device)
@@ -89,7 +109,7 @@ def prepare(
         if plus.train.z_a is None:
             found, remedy = "do not say with which z_a they were made", "draw them again (augment)"
             raise InputError("augmented samples", found, remedy)
-        std = fitting.latent_of(hybrid, real.windows(base.observed), len(stored.seeds)).std
+        std = latent_of(hybrid, real.windows(base.observed), len(stored.seeds)).std
         spread = torch.tensor(std, dtype=torch.float32, device=device).clamp_min(SMALLEST_SPREAD).unsqueeze(1)
     task = task_of(options.training, base, device, scale, spread)
     card = base.but(
@@ -98,7 +118,7 @@ def prepare(
         augmented_prior=options.prior,
         base_wall_s=base.wall_s,
     )
-    return fitting.prepare(
+    return prepare_training(
         hybrid,
         partial(_sets, stored, plus, real, check, task, choices),
         task,
@@ -111,14 +131,14 @@ def prepare(
     )
 
 
-def complete(stored: store.StoredModel, plus: Augmented | None, options: FinetuneJob) -> FinetuneJob:
+def inherit_options(stored: store.StoredModel, plus: Augmented | None, options: Options) -> Options:
     """Options with what they inherit: of the training its solver, horizon and objective, of D⁺ its prior."""
     base = stored.card
     inherited = {k: getattr(base.training, k) for k in ("solver", "horizon_s")}
     inherited = {k: value for k, value in inherited.items() if value is not None}
     objective = {**(base.training.objective or {}), **(base.carried or {}), **(options.training.objective or {})}
     training = TrainSettings.of(**inherited | options.training.to_json() | {"objective": objective})
-    prior = options.prior if plus is None else {name: tuple(ends) for name, ends in plus.header["prior"].items()}
+    prior = options.prior if plus is None else {name: tuple(ends) for name, ends in plus.drawing.prior.items()}
     return options.model_copy(update={"training": training, "prior": prior, "seeds": stored.seeds})
 
 
@@ -154,12 +174,9 @@ def _sets(
     checks.append((plus.validation, range(1, len(plus.validation.y))))
     if choices.resample == "once":
         return real | plus.train, checks
-    header, short = plus.header, task.shortened(points)
+    drawing, short = plus.drawing, task.shortened(points)
 
     def of_pass(epoch: int) -> StackedSet:
-        drawn = augment.generate(
-            stored.model, train, short, stored.seeds, header["prior"], header["noise"], 2 + epoch, **header["options"]
-        )
-        return real | drawn
+        return real | augment.generate(stored.model, train, short, drawing, 2 + epoch)
 
     return of_pass, checks

@@ -332,13 +332,17 @@ class AugmentJob(ModelFileJob):
     worst: Share = key(0.0, "share of the samples that are drawn where the model's own estimates are bad")
 
 
-class FinetuneJob(LabelledJob, ModelFileJob):
-    """A fine-tuning."""
+class FinetuneOptions(LabelledJob):
+    """How a model is fine-tuned, in memory too."""
 
     OBEYS = (*OBEYED_IN_TRAINING, "frozen", "resample")
 
     training: TrainSettings = key(..., "how it is fine-tuned")
     prior: Prior = key(LEFT_OUT, "p⁺, of a control alone; own = --prior has it")
+
+
+class FinetuneJob(FinetuneOptions, ModelFileJob):
+    """A fine-tuning."""
 
 
 def train_job_kind(settings: Mapping[str, object]) -> type[TrainJob] | type[UntrainedJob]:

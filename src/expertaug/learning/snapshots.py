@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
+from typing import Any, TypedDict
 
 import torch
 from torch import Tensor
@@ -15,12 +16,24 @@ from expertaug.models.card import ModelCard
 NAME = "snapshots.safetensors"
 
 
-def save(path: Path, snapshots: Mapping[int, Mapping], card: ModelCard) -> None:
-    """Write the snapshots by pass.
+class Snapshot(TypedDict):
+    """State of a model after a pass of its training.
+
+    Attributes:
+        carried: options that fine-tuning takes over (:meth:`expertaug.learning.objectives.Objective.carried`).
+        wall_s: seconds of training so far.
+        model: state_dict of the stacked model.
+    """
+
+    carried: dict[str, Any]
+    wall_s: float
+    model: dict[str, Tensor]
+
+
+def save(path: Path, snapshots: Mapping[int, Snapshot], card: ModelCard) -> None:
+    """Write the snapshots by pass; what they hold beside the model is what a model file says of its training.
 
     Arguments:
-        snapshots: of each pass the state_dict of the stacked model as ``model``; the rest is what a model file says of
-            its training.
         card: of the model that they are states of.
     """
     tensors = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,8 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.files import read_json
-from expertaug.learning import fitting, job
 from expertaug.learning.divergence import divergence_bound
-from expertaug.learning.fitting import Training
+from expertaug.learning.job import Job
 from expertaug.learning.settings import (
     DEFAULT_OBJECTIVE,
     OBJECTIVE,
@@ -25,7 +25,8 @@ from expertaug.learning.settings import (
     UntrainedOptions,
     objective_of,
 )
-from expertaug.learning.training_data import StackedSet, task_of
+from expertaug.learning.trainer import Progress, Training, prepare_training
+from expertaug.learning.training_data import StackedSet, set_files, task_of
 from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder, MeanModel, TruthDecoder
@@ -34,6 +35,7 @@ from expertaug.models.hybrid import HybridModel
 from expertaug.models.store import device_of
 from expertaug.presets import Choices
 from expertaug.registry import short_name
+from expertaug.settings import Range
 from expertaug.systems.inputs import check_given, check_trainable
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
@@ -43,7 +45,29 @@ from expertaug.trajectories import Trajectories, points_until
 KEPT = ("experiment", "method", "label", "preset", "choices", "seeds", "training")
 
 
-def train(
+@dataclass(frozen=True)
+class Calibration:
+    """Constants of the double pendulum that the stage calibrate fitted, and those fitted together with a friction."""
+
+    constants: Mapping[str, float]
+    constants_with_friction: Mapping[str, float]
+    friction: Sequence[float]
+
+    @classmethod
+    def load(cls, path: Path) -> Calibration:
+        """What the stage calibrate wrote.
+
+        Raises:
+            InputError: the file has no constants.
+        """
+        report = read_json(path)
+        if not isinstance(report, dict) or "constants" not in report or "with_friction" not in report:
+            raise InputError(path, "has no constants", "make it again with calibrate")
+        rubbed = report["with_friction"]
+        return cls(report["constants"], rubbed["constants"], rubbed["friction"])
+
+
+def run_stage(
     data: Path,
     output: Path,
     work: Path,
@@ -65,46 +89,31 @@ def train(
         InputError: unusable data or settings.
         SolveError: a seed cannot be trained.
     """
-    build, inputs = settings.build, inputs_of(data)
-    system, described, train_data, validation_data = taken_in(inputs, settings, calibration)
+    inputs = set_files(data)
+    described = describe_recipe(settings, None if calibration is None else Calibration.load(calibration))
+    train_set, validation_set = map(Trajectories.load, inputs)
+    system, build = systems.load(described.system), settings.build
     if isinstance(settings, UntrainedJob):
         if build.kind == "mean":
-            stored = mean(system, train_data, settings, described)
+            stored = make_mean(system, train_set, settings, described)
         else:
-            stored = expert_alone(system, train_data, settings, described, bool(build.truth))
+            stored = make_expert_alone(system, train_set, settings, described, bool(build.truth))
         store.save(output, stored.model, stored.card)
         return
     recipe = describe.recipe_of(system, described)
-    training = prepare(recipe, train_data, validation_data, settings, described, build.objective_kind)
-    job.run(training, output, work, inputs, settings, tracking)
+    with Job(output, work, inputs, settings, tracking, __name__) as job:
+        job.write(train(recipe, train_set, validation_set, settings, described, build.objective_kind, progress=job))
 
 
-def inputs_of(data: Path) -> list[Path]:
-    """Files of the sets that a training reads."""
-    return [Path(data) / f"{name}.npz" for name in ("train", "validation")]
-
-
-def taken_in(
-    inputs: Sequence[Path], settings: RecipeKeys, calibration: Path | None
-) -> tuple[systems.System, RecipeRecord, Trajectories, Trajectories]:
-    """What a stage of training is given, read: the system, what a file will say of the recipe, and both sets.
-
-    Arguments as of :func:`train`; ``inputs`` of :func:`inputs_of`.
-    """
-    described = described_by(settings, None if calibration is None else constants_of(calibration))
-    first, second = map(Trajectories.load, inputs)
-    return systems.load(described.system), described, first, second
-
-
-def described_by(settings: RecipeKeys, constants: Mapping | None = None) -> RecipeRecord:
-    """What a file will say of the recipe of a training's settings; ``constants`` are those that calibrate fitted."""
+def describe_recipe(settings: RecipeKeys, calibration: Calibration | None = None) -> RecipeRecord:
+    """What a file will say of the recipe of a training's settings, with a double pendulum's constants as calibrated."""
     build = settings.build
     system = settings.system | (build.system or {})
-    if constants is not None and system.get("expert") != "point_mass":
+    if calibration is not None and system.get("expert") != "point_mass":
         rubbed = system.get("friction") == "calibrated"
-        system["constants"] = constants["with_friction"]["constants"] if rubbed else constants["constants"]
+        system["constants"] = calibration.constants_with_friction if rubbed else calibration.constants
         if rubbed:
-            system["friction"] = constants["with_friction"]["friction"]
+            system["friction"] = calibration.friction
     return RecipeRecord.of(
         system=system,
         model=settings.model.to_json(),
@@ -113,17 +122,34 @@ def described_by(settings: RecipeKeys, constants: Mapping | None = None) -> Reci
     )
 
 
+def train(
+    recipe: HybridModel,
+    train_set: Trajectories,
+    validation_set: Trajectories,
+    options: TrainOptions,
+    described: RecipeRecord,
+    objective: str = DEFAULT_OBJECTIVE,
+    classes: Mapping[str, Callable] | None = None,
+    forecast_solver: Solver | None = None,
+    progress: Progress | None = None,
+) -> store.StoredModel:
+    """Train a hybrid model for a group of seeds (paper, section 2); the best state of each, by validation.
+
+    Arguments:
+        progress: is told of the training while it runs.
+        others: as of :func:`prepare`.
+
+    Raises:
+        InputError: as of :func:`prepare`.
+        SolveError: no seed can be trained.
+    """
+    prepared = prepare(recipe, train_set, validation_set, options, described, objective, classes, forecast_solver)
+    return prepared.run(progress)
+
+
 def observed_points(t: Sequence[float], t1_s: float, choices: Choices) -> int:
     """Points of the times t that an encoder sees: those up to t1."""
     return points_until(t, t1_s) - (choices.observed_points == "exclusive")
-
-
-def constants_of(calibration: Path) -> Mapping:
-    """What the stage calibrate wrote."""
-    found = read_json(calibration)
-    if not isinstance(found, dict) or "constants" not in found or "with_friction" not in found:
-        raise InputError(calibration, "has no constants", "make it again with calibrate")
-    return found
 
 
 def prepare(
@@ -156,7 +182,7 @@ def prepare(
     kind = objective_of(objective, classes)
     card = ModelCard.of(
         kind="hybrid",
-        **of_data(train, recipe.system, options),
+        **card_fields(train, recipe.system, options),
         **dict(described),
         likelihood=kind.learns_likelihood,
         stage="train",
@@ -172,7 +198,7 @@ def prepare(
     windows = train_set.windows(observed)
     model.fit(windows[:, 0])
     task = task_of(options.training, card, device)
-    return fitting.prepare(
+    return prepare_training(
         model,
         lambda points: (train_set.window(points), [(validation_set, task.selection(options.choices))]),
         task,
@@ -184,11 +210,13 @@ def prepare(
     )
 
 
-def mean(
+def make_mean(
     system: systems.System, train: Trajectories, options: UntrainedOptions, described: RecipeRecord
 ) -> store.StoredModel:
     """The baseline that forecasts the training set's mean; ``described`` as of :func:`prepare`."""
-    card = ModelCard.of(kind="mean", **of_data(train, system, options), **dict(described), wall_s=0.0, best_score=None)
+    card = ModelCard.of(
+        kind="mean", **card_fields(train, system, options), **dict(described), wall_s=0.0, best_score=None
+    )
     return store.StoredModel(MeanModel(system, _mean(train)), card)
 
 
@@ -199,7 +227,7 @@ def _mean(train: Trajectories) -> torch.Tensor:
     return torch.from_numpy(train.y).sum(0) / torch.from_numpy(train.mask).sum(0).clamp_min(1)
 
 
-def expert_alone(
+def make_expert_alone(
     system: systems.System, train: Trajectories, options: UntrainedOptions, described: RecipeRecord, truth: bool = False
 ) -> store.StoredModel:
     """The decoder of the expert alone, whose estimates are to be found by least squares; nothing is trained.
@@ -212,7 +240,7 @@ def expert_alone(
     Raises:
         InputError: the true equation of data that were not simulated.
     """
-    said = {**of_data(train, system, options), "system": described.system, "expert": True, "interaction": False}
+    said = {**card_fields(train, system, options), "system": described.system, "expert": True, "interaction": False}
     said |= {"refinement": options.refinement, "wall_s": 0.0, "best_score": None}
     card = ModelCard.of(kind="least_squares", **said)
     if not truth:
@@ -224,7 +252,7 @@ def expert_alone(
     return store.StoredModel(TruthDecoder(system), card.but(truth=True, latent=latent))
 
 
-def _first_values(train: Trajectories, system: systems.System, given: Mapping) -> dict[str, list[float]]:
+def _first_values(train: Trajectories, system: systems.System, given: Mapping[str, Range]) -> dict[str, list[float]]:
     """The range of each component of first points, in the state's order."""
     axes, names = (0, 1, *range(3, train.y.ndim)), [p.name for p in system.state]
     y = train.seen
@@ -237,7 +265,7 @@ def _first_values(train: Trajectories, system: systems.System, given: Mapping) -
     return {name: found[name] for name in names}
 
 
-def of_data(train: Trajectories, system: systems.System, options: DataOptions) -> dict:
+def card_fields(train: Trajectories, system: systems.System, options: DataOptions) -> dict:
     """What a card says of data and options.
 
     Raises:

@@ -1,34 +1,79 @@
-"""Training a group of seeds as one batched computation."""
+"""Training a group of seeds as one batched computation, in memory."""
 
 from __future__ import annotations
 
 import copy
+import inspect
 import logging
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 import torch
 from torch import Tensor
 
-from expertaug.errors import SolveError
+from expertaug.errors import InputError, SolveError
 from expertaug.learning.check_parts import check_loss
-from expertaug.learning.checkpoint import Checkpoint
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback, within_bound
 from expertaug.learning.objectives import Objective
 from expertaug.learning.optimiser import Adam, clip_each_seed
-from expertaug.learning.residuals import mean_squared_error
-from expertaug.learning.settings import TrainSettings
+from expertaug.learning.residuals import mean_squared_error, record_residuals
+from expertaug.learning.settings import FinetuneOptions, TrainOptions, TrainSettings, objective_of
+from expertaug.learning.snapshots import Snapshot
 from expertaug.learning.training_data import Batch, StackedSet, Task
+from expertaug.models.card import LatentRecord, ModelCard
 from expertaug.models.hybrid import HybridNet
-from expertaug.tracking.run_log import RunLog
+from expertaug.models.posterior import principal_axes
+from expertaug.models.settings import AXES
+from expertaug.models.store import StoredModel
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0
 FLUSH_S = 5.0
 SKIPPED_LIMIT = 50
+LATENT_PART = 1000  # windows that are encoded at a time
+# Of a running training: tensors, numbers, text, and lists and dicts of them.
+State: TypeAlias = dict[str, Any]
+
+
+class Progress:
+    """What a training tells while it runs, and whence it goes on; this one listens to nothing and begins afresh."""
+
+    def begin(self, card: ModelCard) -> State | None:
+        """The state of a killed run of the training of a card, to go on from; None to begin afresh."""
+        return None
+
+    def metrics(self, step: int, values: Mapping[str, list[float]]) -> None:
+        """A step: values by metric, one a seed."""
+
+    def event(self, name: str, **values: object) -> None:
+        """What happened, and to what; what failed is warned of too, and stands on the model's card."""
+
+    def flush(self) -> None:
+        """Bring to a disk what was told."""
+
+    def save(self, state: State) -> None:
+        """A state to go on from."""
+
+    def snapshots(self, snapshots: Mapping[int, Snapshot]) -> None:
+        """States of the passes after which they were asked for, once all passes are done."""
+
+
+class History(Progress):
+    """Keeps the metrics in memory.
+
+    Attributes:
+        lines: (step, values by metric, one a seed), in order.
+    """
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[int, dict[str, list[float]]]] = []
+
+    def metrics(self, step: int, values: Mapping[str, list[float]]) -> None:
+        self.lines.append((step, dict(values)))
 
 
 class Trainer:
@@ -81,7 +126,8 @@ class Trainer:
         self.best_score = torch.full((len(seeds),), math.inf)
         self.best_epoch = torch.zeros(len(seeds), dtype=torch.long)
         self.epoch, self.seconds = 0, 0.0
-        self.keep, self.snapshots = keep, {}
+        self.keep: Collection[int] = keep
+        self.snapshots: dict[int, Snapshot] = {}
         self.skipped = torch.zeros(len(seeds), dtype=torch.long)
         self.failed = dict(failed or {})
 
@@ -176,8 +222,8 @@ class Trainer:
             scores.append(torch.log(error))
         return torch.stack(scores).mean(0).nan_to_num(math.inf, math.inf).cpu()
 
-    def run(self, log: RunLog, checkpoint: Checkpoint) -> None:
-        """Train to the end, from the checkpoint's state if it has one; the best models are then in ``best``."""
+    def run(self, progress: Progress) -> None:
+        """Train to the end; the best models are then in ``best``."""
         settings, per_pass = self.settings, self.sets(self.epoch).steps(self.settings.batch_size)
         steps, told = settings.epochs * per_pass, 0.0
         saved = flushed = time.monotonic()
@@ -187,7 +233,7 @@ class Trainer:
             for number, batch in enumerate(self.sets(self.epoch).batches(self.seeds, self.epoch, settings.batch_size)):
                 step = self.epoch * per_pass + number
                 parts = self.step(batch, step, steps)
-                told_of = self._log_failures(log, told_of)
+                told_of = self._tell_failures(progress, told_of)
                 if time.monotonic() - told > PROGRESS_S:
                     told = time.monotonic()
                     self._progress(step + 1, steps, parts, told - begun)
@@ -198,26 +244,26 @@ class Trainer:
             }
             if self.epoch % settings.validate_every == 0 or self.epoch == settings.epochs:
                 record["validation_score"] = self._select().tolist()
-            log.metrics(step + 1, record)
+            progress.metrics(step + 1, record)
             self.seconds += time.monotonic() - begun
             if self.epoch in self.keep:
                 kept = {k: v.detach().clone() for k, v in self.model.state_dict().items()}
-                record = {"carried": self.objective.carried(), "wall_s": self.seconds}
-                self.snapshots[self.epoch] = record | {"model": kept}
+                carried = self.objective.carried()
+                self.snapshots[self.epoch] = {"carried": carried, "wall_s": self.seconds, "model": kept}
             if time.monotonic() - flushed > FLUSH_S:
-                log.flush()
+                progress.flush()
                 flushed = time.monotonic()
             if time.monotonic() - saved > settings.checkpoint_s and self.epoch < settings.epochs:
-                checkpoint.save(self.state() | {"log": log.state()})
+                progress.save(self.state())
                 saved = time.monotonic()
         self._progress(steps, steps, parts, 0.0)
         reason = "no validation forecast had a finite error; lower training.learning_rate"
         self._fail(~torch.isfinite(self.best_score), reason)
-        self._log_failures(log, told_of)
+        self._tell_failures(progress, told_of)
 
-    def _log_failures(self, log: RunLog, told_of: set[int]) -> set[int]:
+    def _tell_failures(self, progress: Progress, told_of: set[int]) -> set[int]:
         for seed in sorted(self.failed.keys() - told_of):
-            log.event("seed_failed", seed=seed, reason=self.failed[seed])
+            progress.event("seed_failed", seed=seed, reason=self.failed[seed])
         return set(self.failed)
 
     def _select(self) -> Tensor:
@@ -239,7 +285,7 @@ class Trainer:
             self.name, step, steps, parts["loss"].mean(), self.SCORE, best, seconds, left,
         )  # fmt: skip
 
-    def state(self) -> dict:
+    def state(self) -> State:
         """Everything that a resumed run needs to reach the same bits; data orders follow from seed and epoch."""
         return {
             "model": self.model.state_dict(),
@@ -255,7 +301,7 @@ class Trainer:
             "snapshots": self.snapshots,
         }
 
-    def restore(self, state: Mapping) -> None:
+    def restore(self, state: State) -> None:
         """Take up what :meth:`state` gave."""
         self.model.load_state_dict(state["model"])
         self.optimiser.load_state_dict(state["optimiser"])
@@ -267,3 +313,124 @@ class Trainer:
 def _chosen(which: Tensor, one: Tensor, other: Tensor) -> Tensor:
     """For each seed ``which`` (S,) its part of the first stacked tensor, for the others of the second."""
     return torch.where(which.to(one.device).view(-1, *[1] * (one.dim() - 1)), one, other)
+
+
+@dataclass(frozen=True)
+class Training:
+    """A trainer and what will be known about the model that it gives.
+
+    Attributes:
+        trainer: with model, sets, objective and settings.
+        card: of the model, apart from the record of its training.
+        classes: see :class:`StoredModel`.
+        unchanged: tensors of the model, by name, that the training must leave as they are.
+        windows: observed windows (T1, 1, N, *observed) of the data: where their z_a lie is kept for refinement.
+        checked: observed windows of the validation set: their misfits are kept, for alarms.
+    """
+
+    trainer: Trainer
+    card: ModelCard
+    classes: Mapping[str, Callable] = field(default_factory=dict)
+    unchanged: Mapping[str, Tensor] = field(default_factory=dict)
+    windows: Tensor | None = None
+    checked: Tensor | None = None
+
+    def run(self, progress: Progress | None = None) -> StoredModel:
+        """Train to the end, from the state at which a killed run stopped where ``progress`` has one; the best state of
+        each seed, by validation.
+
+        Raises:
+            SolveError: no seed can be trained.
+        """
+        trainer, progress = self.trainer, progress or Progress()
+        state = progress.begin(self.card)
+        if state is not None:
+            trainer.restore(state)
+        trainer.run(progress)
+        if trainer.keep:
+            progress.snapshots(trainer.snapshots)
+        model = trainer.model
+        model.load_state_dict(trainer.best)
+        for key, value in self.unchanged.items():
+            if not torch.equal(model.state_dict()[key], value):
+                raise RuntimeError(f"{trainer.name}: fine-tuning changed {key}, which is frozen")
+        record = {
+            "wall_s": trainer.seconds,
+            "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],
+            "best_epoch": trainer.best_epoch.tolist(),
+            "carried": trainer.objective.carried(),
+            "failed": sorted(trainer.failed),
+        }
+        if self.windows is not None:
+            record["latent"] = latent_of(model, self.windows, len(trainer.seeds))
+        stored = StoredModel(model, self.card.but(**record), self.classes)
+        if self.checked is not None:
+            record["misfit"] = record_residuals(stored, self.checked)
+        return replace(stored, card=self.card.but(**record))
+
+
+def prepare_training(
+    model: HybridNet,
+    sets: Callable[[int], tuple[StackedSet | Callable[[int], StackedSet], list]],
+    task: Task,
+    card: ModelCard,
+    options: TrainOptions | FinetuneOptions,
+    classes: Mapping[str, Callable],
+    unchanged: Mapping[str, Tensor] | None = None,
+    windows: Tensor | None = None,
+    checked: Tensor | None = None,
+) -> Training:
+    """Make the training of a described model.
+
+    Arguments:
+        sets: number of points needed → training set (or a function from the pass to one) and validation sets.
+        options: how to train.
+        windows, checked: see :class:`Training`.
+
+    Raises:
+        InputError: an unknown option, or an objective without the prior that it needs.
+    """
+    seeds, keep = options.seeds, options.snapshots if isinstance(options, TrainOptions) else ()
+    train_set, validation = sets(task.points(options.choices))
+    objective = make_objective(objective_of(card.objective, classes), seeds, options)
+    name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
+    failed = dict.fromkeys(card.failed or (), "it failed in the training before")
+    trainer = Trainer(model, objective, task, train_set, validation, seeds, options.training, name, keep, failed)
+    return Training(trainer, card, classes, unchanged or {}, windows, checked)
+
+
+@torch.no_grad()
+def latent_of(model: HybridNet, windows: Tensor, seeds: int) -> LatentRecord:
+    """Mean and standard deviation of z_a (S, Q) over the windows (T1, 1, N, *observed), and the first principal axes
+    (S, C, Q) of a z_a of several components."""
+    parts = [
+        model.encode(part.expand(-1, seeds, *part.shape[2:])).z_a.mean for part in windows.split(LATENT_PART, dim=2)
+    ]
+    z_a = torch.cat(parts, dim=1).double().nan_to_num(0.0, 0.0, 0.0)
+    mean, std = moments(z_a)
+    axes = [principal_axes(one, AXES).tolist() for one in z_a] if z_a.shape[-1] > 1 else None
+    known = {"mean": mean.tolist(), "std": std.tolist()}
+    return LatentRecord.of(**known if axes is None else known | {"axes": axes})
+
+
+def moments(z_a: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and standard deviation of z_a (S, N, Q) over samples."""
+    mean = z_a.mean(1)
+    return mean, z_a.std(1, correction=0) if mean.numel() else mean  # torch warns of the spread of nothing
+
+
+def make_objective(kind: type[Objective], seeds: Sequence[int], options: TrainOptions | FinetuneOptions) -> Objective:
+    """The objective of a training of these seeds.
+
+    Raises:
+        InputError: the prior that it needs is missing, or an option is unknown.
+    """
+    arguments, named = dict(options.training.objective or {}), inspect.signature(kind).parameters
+    given = {"prior": options.prior} if "prior" in named else {}
+    if given and not isinstance(options.prior, Mapping):
+        raise InputError("prior", f"missing, {kind.__name__} needs it", "give a range [low, high] by parameter")
+    try:
+        inspect.signature(kind).bind(seeds, options.choices, **given, **arguments)
+    except TypeError as error:
+        raise InputError("training.objective", f"{kind.__name__}: {error}", "give what its constructor needs") from None
+    return kind(seeds, options.choices, **given, **arguments)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -202,6 +203,11 @@ class Task:
     def selection(self, choices: Choices) -> range:
         """Points of the validation set that select the best model."""
         return range(1, self.horizon) if choices.selection == "observed" else range(self.observed, len(self.t))
+
+
+def set_files(data: Path) -> list[Path]:
+    """Files of the two sets in a folder that a training reads."""
+    return [Path(data) / f"{name}.npz" for name in ("train", "validation")]
 
 
 class TrainedWith(Protocol):

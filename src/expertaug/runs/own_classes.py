@@ -22,6 +22,7 @@ from expertaug.models.settings import SystemKeys
 from expertaug.settings import read
 
 if TYPE_CHECKING:
+    from expertaug.learning.train import Calibration
     from expertaug.systems import System
     from expertaug.trajectories import Trajectories
 
@@ -148,9 +149,9 @@ class _Experiment:
     def _method(self, method: str, data: Trajectories | None) -> bool:
         """Make a method's system and model as its training does, and try them; whether all is well."""
         from expertaug.learning.check_parts import check_parts
-        from expertaug.learning.fitting import make_objective
         from expertaug.learning.settings import objective_of
-        from expertaug.learning.train import described_by
+        from expertaug.learning.train import describe_recipe
+        from expertaug.learning.trainer import make_objective
         from expertaug.models import describe
 
         group, seeds = next(iter(jobs.seed_groups(self.config, self.name).items()))
@@ -158,7 +159,7 @@ class _Experiment:
         alternates = self.config.methods[method].kind == "alternating"
         settings = read(AlternateJob if alternates else train_job_kind(job), job)
         calibrated = self.config.experiments[self.name].data.calibrate
-        described = described_by(settings, _stand_in() if calibrated else None)
+        described = describe_recipe(settings, _stand_in() if calibrated else None)
         system = self._system(described.system)
         if system is None or not isinstance(settings, TrainJob):
             return system is not None
@@ -256,10 +257,12 @@ def _for_two_seeds(settings: TrainJob, seeds: int) -> TrainJob:
     return settings.model_copy(update={"training": training})
 
 
-def _stand_in() -> dict[str, float]:
-    """Constants like those that a calibration will give: those of point masses on arms of the default lengths."""
+def _stand_in() -> Calibration:
+    """What a calibration will give, stood in for by point masses on arms of the default lengths, without friction."""
+    from expertaug.learning.train import Calibration
     from expertaug.systems.double_pendulum import point_masses
     from expertaug.systems.settings import DoublePendulumSettings
 
     default = DoublePendulumSettings()
-    return point_masses(default.l1, default.l2).to_dict()
+    constants = point_masses(default.l1, default.l2).to_dict()
+    return Calibration(constants, constants, (0.0, 0.0))

@@ -71,9 +71,9 @@ class Train(_Training):
 
     @staticmethod
     def run(a: argparse.Namespace, job: TrainJob | UntrainedJob) -> None:
-        from expertaug.learning.train import train
+        from expertaug.learning.train import run_stage
 
-        train(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
+        run_stage(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
 
 
 class Alternate(_Training):
@@ -89,9 +89,9 @@ class Alternate(_Training):
 
     @staticmethod
     def run(a: argparse.Namespace, job: AlternateJob) -> None:
-        from expertaug.inference.alternating import alternate
+        from expertaug.inference.alternating import run_stage
 
-        alternate(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
+        run_stage(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
 
 
 class OwnPrior(Stage):
@@ -139,9 +139,9 @@ class Augment(_Training):
 
     @staticmethod
     def run(a: argparse.Namespace, job: AugmentJob) -> None:
-        from expertaug.learning.augment import augment
+        from expertaug.learning.augment import run_stage
 
-        augment(a.model, a.data, a.output, job)
+        run_stage(a.model, a.data, a.output, job)
 
 
 class Finetune(_Training):
@@ -165,9 +165,9 @@ class Finetune(_Training):
 
     @staticmethod
     def run(a: argparse.Namespace, job: FinetuneJob) -> None:
-        from expertaug.learning.finetune import finetune
+        from expertaug.learning.finetune import run_stage
 
-        finetune(a.model, a.augmented, a.data, a.output, a.work, job, tracking_of(a))
+        run_stage(a.model, a.augmented, a.data, a.output, a.work, job, tracking_of(a))
 
 
 class Flow(_Training):
@@ -189,6 +189,6 @@ class Flow(_Training):
 
     @staticmethod
     def run(a: argparse.Namespace, job: FlowJob) -> None:
-        from expertaug.inference.flow_training import flow
+        from expertaug.inference.flow_training import run_stage
 
-        flow(a.model, a.data, a.output, a.work, job, tracking_of(a))
+        run_stage(a.model, a.data, a.output, a.work, job, tracking_of(a))

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from expertaug.errors import InputError
-from expertaug.learning.checkpoint import MAGIC, Checkpoint, _digest
+from expertaug.learning.job import MAGIC, Checkpoint, _digest
 from expertaug.models import store
 from typed_jobs import train
 
