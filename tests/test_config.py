@@ -549,8 +549,8 @@ def test_null_takes_an_inherited_set_away(base: dict) -> None:
     def over(name: str) -> dict:
         return config.merge(base, {"run": ["pendulum"], "experiments": {"pendulum": {"data": {"sets": {name: None}}}}})
 
-    assert "iid" in jobs.sets(config.validate(base), "pendulum")
-    assert "iid" not in jobs.sets(config.validate(over("iid")), "pendulum")
+    assert "iid" in config.validate(base).experiments["pendulum"].data.set_names
+    assert "iid" not in config.validate(over("iid")).experiments["pendulum"].data.set_names
     with pytest.raises(InputError, match=r"pendulum\.data\.sets\.train: missing"):
         config.validate(over("train"))
 
@@ -601,9 +601,9 @@ def test_horizons_and_dissipation_of_recordings(base):
     over = yaml.safe_load("experiments: {double_pendulum: {data: {split: {horizons_s: [1.0, 0.5]}}}}")
     found = config.validate(config.merge(base, over))
     sets = ["train", "validation", "test", "validation_1s", "test_1s", "validation_500ms", "test_500ms"]
-    assert jobs.sets(found, "double_pendulum") == sets
+    assert found.experiments["double_pendulum"].data.set_names == sets
     assert stage_settings.evaluate(found, "double_pendulum", "aphynity", "seeds_0_1_2")["sets"] == sets
-    assert jobs.sets(found, "pendulum") == ["train", "validation", "iid", "test"]
+    assert found.experiments["pendulum"].data.set_names == ["train", "validation", "iid", "test"]
     assert not recording_settings.split_chunks(found, "double_pendulum").horizons_s, "a horizon redoes no training"
     one = recording_settings.cut_horizon(found, "double_pendulum", "test_500ms")
     assert one.set == "test_500ms" and one.split.horizons_s == [0.5]
@@ -628,7 +628,7 @@ def test_horizons_of_tables(base, tmp_path):
     lab |= {"augmented": ["aphynity"], "controls": [], "refined": [], "flows": []}
     given = config.merge(base, {"run": ["lab"], "experiments": {"lab": lab}})
     found = config.validate(given)
-    assert jobs.sets(found, "lab") == ["train", "validation", "test", "validation_1s", "test_1s"]
+    assert found.experiments["lab"].data.set_names == ["train", "validation", "test", "validation_1s", "test_1s"]
     cut = recording_settings.cut_measurements(found, "lab")
     assert "horizons_s" not in cut["files"], "a horizon redoes no training"
     one = recording_settings.cut_measured_horizon(found, "lab", "test_1s")

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cards import card
-from expertaug.config import jobs, methods, shown_settings, stage_settings
+from expertaug.config import jobs, shown_settings, stage_settings
 from expertaug.config import load as configuration
 from expertaug.errors import InputError
 from expertaug.evaluation.grid import grid as stage
@@ -37,7 +37,7 @@ def train(config, method):
 
 def test_every_combination_is_a_training_on_the_same_data():
     config = expanded(KEYS, overrides={"aphynity": {"training": {"learning_rate": 7.0}}})
-    assert jobs.grid(config, "rlc") == [f"aphynity@{k}" for k in range(1, 9)]
+    assert config.experiments["rlc"].points == [f"aphynity@{k}" for k in range(1, 9)]
     base, last = train(config, "aphynity"), train(config, "aphynity@8")
     assert last["training"] == base["training"] | {"learning_rate": 3e-3}, "a point wins over the method's overrides"
     assert last["model"]["interaction"] == base["model"]["interaction"] | {"layers": [50, 50]}
@@ -47,7 +47,7 @@ def test_every_combination_is_a_training_on_the_same_data():
         "lagrangian",
     )
     assert (last["method"], last["label"]) == ("aphynity@8", f"{base['label']} @8")
-    assert methods.modules(config, "rlc", "aphynity@8") == methods.modules(config, "rlc", "aphynity")
+    assert jobs.modules(config, "rlc", "aphynity@8") == jobs.modules(config, "rlc", "aphynity")
 
 
 def test_points_are_no_methods_of_the_experiment_and_change_none_of_its_jobs():

@@ -10,7 +10,7 @@ import pytest
 from running import LEARNING_TARGETS, ROOT, SMOKE, TARGETS, copy_project, override, planned, snakemake
 
 from expertaug import source_files
-from expertaug.config import jobs, methods
+from expertaug.config import jobs
 from expertaug.config import load as config
 from expertaug.stages import STAGES
 
@@ -68,7 +68,7 @@ ELSEWHERE = (
 def test_declared_modules_cover_what_every_job_has_loaded(smoke_run):
     files = [smoke_run / name for name in ("config/config.yaml", "config/smoke.yaml", "studies.yaml")]
     found = config.validate(config.load(files))
-    named = {m for e in found.run for m in methods.modules(found, e, "aphynity")}
+    named = {m for e in found.run for m in jobs.modules(found, e, "aphynity")}
     package = smoke_run / "src"
     without = {file for m in source_files.WITHOUT_EFFECT for file in without_effect(package, m)}
     stages = set()

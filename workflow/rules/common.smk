@@ -11,7 +11,6 @@ from pathlib import Path
 from expertaug.config import jobs
 from expertaug.config import recording_settings
 from expertaug.config import shown_settings
-from expertaug.config import methods
 from expertaug.evaluation import products
 from expertaug.files import sha256
 from expertaug.measurements.paths import read_checksums
@@ -56,7 +55,7 @@ def modules_of(stage, wildcards):
     if not stage.runs_methods:
         return ()
     method = wildcards.get("method") or (method_of(wildcards.variant) if "variant" in wildcards.keys() else None)
-    return methods.modules(CONFIG, wildcards.experiment, method)
+    return jobs.modules(CONFIG, wildcards.experiment, method)
 
 
 def code(stage):

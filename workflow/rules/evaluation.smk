@@ -12,7 +12,7 @@ OVERVIEWS |= {"za_shifted": "log-MSE, z_a shifted"} if any(e["shifted"] for e in
 rule evaluate_seed_group:
     input:
         model=trained_model,
-        sets=lambda w: sets(w.experiment, jobs.sets(CONFIG, w.experiment)),
+        sets=lambda w: sets(w.experiment, CONFIG.experiments[w.experiment].data.set_names),
         prior=prior,
         code=code("evaluate"),
     output:

@@ -45,7 +45,7 @@ rule cut_horizon_of_measurements:
         results("logs/cut_horizon/{experiment}_{set}.log"),
     wildcard_constraints:
         experiment=one_of(MEASURED),
-        set=one_of({name for e in MEASURED for name in jobs.horizons(CONFIG, e)}),
+        set=one_of({name for e in MEASURED for name in CONFIG.experiments[e].data.horizons}),
     conda:
         "../envs/expertaug.yaml"
     resources:

@@ -402,7 +402,7 @@ rule cut_horizon_of_experiment:
         results("logs/cut_horizon/{experiment}_{set}.log"),
     wildcard_constraints:
         experiment=one_of(RECORDED),
-        set=one_of({name for e in RECORDED for name in jobs.horizons(CONFIG, e)}),
+        set=one_of({name for e in RECORDED for name in CONFIG.experiments[e].data.horizons}),
     conda:
         "../envs/expertaug.yaml"
     resources:

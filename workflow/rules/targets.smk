@@ -73,7 +73,7 @@ TARGETS = {
     "split_chunks": [split(e) for e in RECORDED],
     "cut_measurements": [sets(e, MAIN_SETS) for e in MEASURED],
     "calibrate": [of_experiment(e, sets(e, ["train"]), FILES.calibration(e)) for e in CALIBRATED],
-    "simulate": [sets(e, jobs.sets(CONFIG, e)) for e in SIMULATED],
+    "simulate": [sets(e, CONFIG.experiments[e].data.set_names) for e in SIMULATED],
     "train": of_each(FILES.to_trainings, FILES.methods),
     "augment": of_each(FILES.to_augmented, FILES.augmented),
     "finetune": of_each(FILES.to_models, FILES.finetuned),

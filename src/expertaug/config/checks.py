@@ -9,7 +9,6 @@ from pathlib import Path
 
 from expertaug.config import options
 from expertaug.config.layers import overridden
-from expertaug.config.methods import FITTED
 from expertaug.config.models import Common, Experiment, Method, Override
 from expertaug.config.recording_settings import is_single
 from expertaug.config.sources import wrong_measurements
@@ -204,7 +203,11 @@ def _versions(where: str, experiment: Experiment, methods: dict[str, Method]) ->
             yield InputError(here, f"'{variant}' is there twice", "name each version once")
         elif kind == "mean":
             yield InputError(here, f"'{variant}' is of kind mean", "name a version with an expert")
-        elif kind in FITTED and FLOW not in Version.parse(variant).estimators:
+        elif (
+            base(variant) in methods
+            and methods[base(variant)].is_fitted
+            and FLOW not in Version.parse(variant).estimators
+        ):
             yield InputError(here, f"'{variant}' is of kind {kind}", "it is fitted to each window already")
 
 
@@ -212,7 +215,7 @@ def _fits(
     where: str, experiment: Experiment, methods: dict[str, Method], system: options.KnownSystem | None
 ) -> Iterator[InputError]:
     """Least squares on each window."""
-    for method in [m for m in experiment.methods if _kind(methods, m) in FITTED]:
+    for method in [m for m in experiment.methods if methods[m].is_fitted]:
         over = experiment.overrides.get(method)
         own = over.refinement if over is not None else None
         says = own is not None and "starts" in own.model_fields_set

@@ -5,7 +5,6 @@ Each point of the grid becomes a method of its own, ``method@1``, ``method@2``, 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 
 from expertaug.config.layers import Located
@@ -14,15 +13,6 @@ from expertaug.errors import InputError
 from expertaug.wording import unknown_one
 
 OF_METHOD, OF_EXPERIMENT = ("model", "training"), ("system", "choices")
-
-
-def points(config: Configuration, experiment: str) -> dict[str, dict[str, object]]:
-    """Values by dotted key of each point of an experiment's grid, by the name of the point's method."""
-    study = config.experiments[experiment].studies.grid
-    if study is None:
-        return {}
-    combinations = itertools.product(*study.keys.values())
-    return {f"{study.method}@{k}": dict(zip(study.keys, v, strict=True)) for k, v in enumerate(combinations, 1)}
 
 
 def expand(config: Configuration, complete: Callable[[Located], Configuration]) -> Configuration:
@@ -41,7 +31,7 @@ def expand(config: Configuration, complete: Callable[[Located], Configuration]) 
             continue
         _check(f"experiments.{experiment}.studies.grid", settings, settings.studies.grid, config.methods)
         overrides = dict(settings.overrides)
-        for name, values in points(config, experiment).items():
+        for name, values in settings.studies.grid.points.items():
             method, _, number = name.partition("@")
             change = Located({"experiments": {experiment: _change(method, values)}})
             overrides[name] = _override(complete(change).experiments[experiment], method)

@@ -1,13 +1,13 @@
-"""Which jobs a configuration means: groups of seeds, versions of methods, sets, studies; only names."""
+"""Which jobs a configuration means: groups of seeds, versions of methods, studies, classes; only names."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from expertaug.config import grid as grids
 from expertaug.config import options
-from expertaug.config.methods import FITTED, build_of, experiment_of
 from expertaug.config.models import Configuration, Experiment
+from expertaug.learning.settings import named_modules
 from expertaug.systems.settings import CONSERVING
 from expertaug.versions import AUGMENTED, CONTROL, FLOW, REFINED, Version
 
@@ -67,18 +67,20 @@ def finds_prior(config: Configuration, experiment: str, variant: str) -> str | N
     """The augmented version (METHOD+, METHOD+NAME) whose p⁺ a version uses, where that is to find its own ranges from
     the trained METHOD; empty where they are found before anything is trained; None where ranges are given."""
     version = Version.parse(variant)
-    settings = experiment_of(config, experiment, version.method)
+    settings = config.experiment_of(experiment, version.method)
     if settings.augmentation_of(version.prior).prior is not None:
         return None
-    untrained = config.methods[version.method].kind in FITTED
+    untrained = config.methods[version.method].is_fitted
     return "" if untrained and FLOW not in version.estimators else f"{version.method}+{version.prior or ''}"
 
 
 def finds_prior_to_train(config: Configuration, experiment: str, method: str) -> bool:
     """Whether the training of a method needs ranges of p⁺, and they are to be found."""
-    build = build_of(config, experiment, method)
-    needed = build.kind in FITTED or (build.kind == "hybrid" and options.needs_prior(build.objective_kind, "objective"))
-    return needed and experiment_of(config, experiment, method).augmentation.prior is None
+    build = config.build_of(experiment, method)
+    learned = build.kind == "hybrid" and options.needs_prior(build.objective_kind, "objective")
+    return (learned or config.methods[method].is_fitted) and config.experiment_of(
+        experiment, method
+    ).augmentation.prior is None
 
 
 def found_priors(config: Configuration, experiment: str) -> list[str]:
@@ -95,7 +97,7 @@ def with_interaction(config: Configuration, experiment: str) -> list[str]:
     """Methods of an experiment that learn an interaction model beside an expert; points of grids aside."""
     methods = []
     for method in config.experiments[experiment].methods:
-        build = build_of(config, experiment, method)
+        build = config.build_of(experiment, method)
         learns = build.kind in ("hybrid", "alternating") and build.has_interaction
         methods += [method] if learns and build.has_expert and "@" not in method else []
     return methods
@@ -110,7 +112,7 @@ def studies(config: Configuration, experiment: str) -> list[str]:
     """Names of an experiment's studies."""
     named = config.experiments[experiment].studies.names
     named += ["prior_width"] if further_variants(config, experiment) else []
-    return named + (["horizons"] if horizons(config, experiment) else [])
+    return named + (["horizons"] if config.experiments[experiment].data.horizons else [])
 
 
 def studied(config: Configuration, experiment: str, name: str) -> list[str]:
@@ -121,21 +123,6 @@ def studied(config: Configuration, experiment: str, name: str) -> list[str]:
         methods = [m for m in settings.methods if any(Version.parse(v).method == m for v in further)]
         return [*methods, *(f"{m}+" for m in methods), *further]
     return variants(config, experiment)
-
-
-def grid(config: Configuration, experiment: str) -> list[str]:
-    """Names of the methods that are the points of an experiment's grid."""
-    return list(grids.points(config, experiment))
-
-
-def sets(config: Configuration, experiment: str) -> list[str]:
-    """Names of an experiment's sets."""
-    return config.experiments[experiment].data.set_names
-
-
-def horizons(config: Configuration, experiment: str) -> dict[str, tuple[str, float]]:
-    """An experiment's sets of long chunks by name: the split that each is of, and its length in s."""
-    return config.experiments[experiment].data.horizons
 
 
 def dissipating(config: Configuration, experiment: str) -> list[str]:
@@ -152,7 +139,7 @@ def dissipating(config: Configuration, experiment: str) -> list[str]:
 
 
 def _dissipates(config: Configuration, experiment: str, method: str) -> bool:
-    build = build_of(config, experiment, method)
+    build = config.build_of(experiment, method)
     if build.kind == "mean" or not build.has_expert:
         return False
     rubs = (config.experiments[experiment].system | (build.system or {})).get("friction") is not None
@@ -168,3 +155,23 @@ def snapshots(config: Configuration, experiment: str, method: str) -> list[int]:
     """Passes after which the training of a method keeps its state for the study along training."""
     study = config.experiments[experiment].studies.during_training
     return sorted(study.epochs) if study is not None and study.method == method else []
+
+
+def modules(config: Configuration, experiment: str, method: str | None = None) -> list[str]:
+    """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
+    settings = config.experiment_of(experiment, method)
+    system, parts = settings.system["name"], settings.model.dump()
+    build = config.build_of(experiment, method) if method else None
+    if build is None or build.kind in ("mean", "least_squares"):
+        return named_modules(system, {}, None)
+    if build.kind == "alternating":
+        return named_modules(system, {"interaction": parts["interaction"]}, None)
+    if not build.has_interaction:
+        del parts["interaction"]
+    return named_modules(system, parts, build.objective_kind)
+
+
+def foreign(config: Configuration, experiment: str, method: str) -> dict[str, Any]:
+    """Classes from elsewhere that a method's model file may name; nothing where there is none."""
+    classes = [name for name in modules(config, experiment, method) if not name.startswith("expertaug.")]
+    return {"classes": classes} if classes else {}

@@ -6,6 +6,7 @@ What a class of the package takes (a system, an encoder, an interaction model, a
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
@@ -13,8 +14,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, field_serializer
 from pydantic_core import PydanticCustomError
 
+from expertaug.config.layers import overridden
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, ValiditySettings
-from expertaug.learning.settings import MethodKeys, TrainSettings
+from expertaug.learning.settings import Build, MethodKeys, TrainSettings
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.models.settings import RefinementSettings
 from expertaug.presets import NAMES, Choices
@@ -58,6 +60,11 @@ class Method(MethodKeys):
     RENAMED: ClassVar = {"system": "say it in the experiment: overrides: {METHOD: {system: …}}"}
 
     label: str = key(..., "name printed in tables and figures; augmented versions get a +", min_length=1)
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether its estimates are fits of each window."""
+        return self.kind in ("alternating", "least_squares")
 
 
 class Model(Settings):
@@ -292,6 +299,12 @@ class Grid(Settings):
         ..., "values to try, by dotted key of the experiment, below model, training, system or choices", min_length=1
     )
 
+    @property
+    def points(self) -> dict[str, dict[str, Any]]:
+        """Values by dotted key of each point, by the name of the point's method."""
+        combinations = itertools.product(*self.keys.values())
+        return {f"{self.method}@{k}": dict(zip(self.keys, v, strict=True)) for k, v in enumerate(combinations, 1)}
+
 
 class Studies(Settings):
     """Further questions to the experiment's models, each with a table and a figure of its own."""
@@ -403,6 +416,11 @@ class Experiment(Settings):
     )
 
     @property
+    def points(self) -> list[str]:
+        """Names of the methods that are the points of its grid."""
+        return list(self.studies.grid.points) if self.studies.grid is not None else []
+
+    @property
     def further_priors(self) -> dict[str, FurtherPrior]:
         """The further priors by name."""
         return {name: prior for name, prior in self.augmentations.items() if prior is not None}
@@ -456,6 +474,18 @@ class Configuration(Common):
     experiments: Annotated[dict[Name, Experiment], Field(min_length=1)] = key(
         ..., "experiments by name; based_on inherits the keys of another one, which can then be overridden"
     )
+
+    def experiment_of(self, experiment: str, method: str | None) -> Experiment:
+        """An experiment with what it overrides for a method."""
+        settings = self.experiments[experiment]
+        over = settings.overrides.get(method) if method is not None else None
+        return settings if over is None else overridden(settings, over)
+
+    def build_of(self, experiment: str, method: str) -> Build:
+        """How a method is built, with what the experiment's system is otherwise for it."""
+        over = self.experiments[experiment].overrides.get(method)
+        system = {} if over is None or over.system is None else {"system": over.system}
+        return Build.of(**self.methods[method].dump(exclude=("label",)), **system)
 
     @property
     def on_recordings(self) -> list[str]:

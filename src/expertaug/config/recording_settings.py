@@ -124,7 +124,7 @@ def cut_measurements(config: Configuration, experiment: str) -> dict[str, Any]:
 
 def cut_measured_horizon(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
     """Of a set of long chunks, by its name."""
-    _, seconds = jobs.horizons(config, experiment)[name]
+    _, seconds = config.experiments[experiment].data.horizons[name]
     settings = cut_measurements(config, experiment)
     return settings | {"files": settings["files"] | {"horizons_s": [seconds]}, "set": name}
 
@@ -140,7 +140,7 @@ def _split(config: Configuration, experiment: str) -> dict[str, Any]:
 
 def cut_horizon(config: Configuration, experiment: str, name: str) -> CutHorizonJob:
     """Of a set of long chunks, by its name."""
-    _, seconds = jobs.horizons(config, experiment)[name]
+    _, seconds = config.experiments[experiment].data.horizons[name]
     return CutHorizonJob.from_mapping({"split": _split(config, experiment) | {"horizons_s": [seconds]}, "set": name})
 
 

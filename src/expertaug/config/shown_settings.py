@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from expertaug.config.grid import points
-from expertaug.config.jobs import found_priors, horizons, label, seed_groups, studied, variants
-from expertaug.config.methods import experiment_of
+from expertaug.config.jobs import found_priors, label, seed_groups, studied, variants
 from expertaug.config.models import Augmentation, Configuration, Experiment, OutOfExpertise
 from expertaug.versions import Version, base
 
@@ -34,7 +32,7 @@ def study(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
     if name == "prior_width":
         further = {k: prior_of(v) for k, v in settings.further_priors.items()}
         methods = dict.fromkeys(base(variant) for variant in studied(config, experiment, name))
-        own = {m: prior_of(experiment_of(config, experiment, m).augmentation) for m in methods}
+        own = {m: prior_of(config.experiment_of(experiment, m).augmentation) for m in methods}
         return job | {"priors": {m: {"": own[m]} | further for m in methods}}
     if name == "horizons":
         return job | {"options": _horizons(config, experiment)}
@@ -48,7 +46,7 @@ def study(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
 def _horizons(config: Configuration, experiment: str) -> dict[str, Any]:
     """As of out_of_expertise: the ends of the sets' times, and by split the sets in that order."""
     data = config.experiments[experiment].data
-    long = horizons(config, experiment).items()
+    long = data.horizons.items()
     panels = [[name, [name, *(other for other, (of, _) in long if of == name)]] for name in ("validation", "test")]
     if data.source == "files":
         step_s, cut = data.files.step_s, data.files
@@ -62,13 +60,13 @@ def _horizons(config: Configuration, experiment: str) -> dict[str, Any]:
 
 def grid(config: Configuration, experiment: str) -> dict[str, Any]:
     """What a sweep's table and figure say: the method, the varied keys and their values at each point."""
-    study, values = config.experiments[experiment].studies.grid, points(config, experiment)
+    study = config.experiments[experiment].studies.grid
     assert study is not None
     return {
         "experiment": experiment,
         "label": label(config, study.method),
-        "keys": list(next(iter(values.values()))),
-        "points": [[name, list(of_point.values())] for name, of_point in values.items()],
+        "keys": list(study.keys),
+        "points": [[name, list(of_point.values())] for name, of_point in study.points.items()],
     }
 
 
@@ -135,7 +133,7 @@ def _traced(config: Configuration, experiment: str) -> list[str]:
             return 4
         if build.expert is False or build.interaction is False:
             return 3
-        if version.is_control or experiment_of(config, experiment, method).system != settings.system:
+        if version.is_control or config.experiment_of(experiment, method).system != settings.system:
             return 3
         return 2 if version.estimators else 0 if method in settings.augmented else 1
 
@@ -157,7 +155,7 @@ def plot(config: Configuration, experiment: str) -> dict[str, Any]:
     """The order of the methods, and the ranges of the expert parameters in training and in each one's augmentation."""
     settings = config.experiments[experiment]
     priors = {
-        v: prior_of(experiment_of(config, experiment, base(v)).augmentation) or {} for v in variants(config, experiment)
+        v: prior_of(config.experiment_of(experiment, base(v)).augmentation) or {} for v in variants(config, experiment)
     }
     return {
         "labels": _labels(config, variants(config, experiment)),

@@ -10,8 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from expertaug.config import options
-from expertaug.config.jobs import checked, dissipating, label, seed_groups, sets, snapshots
-from expertaug.config.methods import FITTED, build_of, experiment_of, foreign
+from expertaug.config.jobs import checked, dissipating, foreign, label, seed_groups, snapshots
 from expertaug.config.models import Augmentation, Configuration, Experiment
 from expertaug.config.shown_settings import READING, all_methods, prior_of, reading
 from expertaug.inference.settings import FlowJob
@@ -36,7 +35,7 @@ def simulate(config: Configuration, experiment: str, name: str) -> dict[str, Any
 
 
 def train(config: Configuration, experiment: str, method: str, group: str) -> dict[str, Any]:
-    settings, build = experiment_of(config, experiment, method), build_of(config, experiment, method)
+    settings, build = config.experiment_of(experiment, method), config.build_of(experiment, method)
     model, training, prior = {}, _solver(settings.training), {}
     if build.kind == "alternating":
         model, training = settings.model.dump(include=("interaction",)), settings.alternation.dump()
@@ -63,7 +62,7 @@ def train(config: Configuration, experiment: str, method: str, group: str) -> di
 
 def augment(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
     version = Version.parse(variant)
-    settings = experiment_of(config, experiment, version.method)
+    settings = config.experiment_of(experiment, version.method)
     augmentation = settings.augmentation_of(version.prior)
     return {
         "experiment": experiment,
@@ -80,7 +79,7 @@ def augment(config: Configuration, experiment: str, variant: str, group: str) ->
 
 def finetune(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
     version = Version.parse(variant)
-    settings, build = experiment_of(config, experiment, version.method), build_of(config, experiment, version.method)
+    settings, build = config.experiment_of(experiment, version.method), config.build_of(experiment, version.method)
     return {
         **_identity(config, experiment, variant),
         "training": _with_own_options(settings.finetuning, build),
@@ -93,7 +92,7 @@ def finetune(config: Configuration, experiment: str, variant: str, group: str) -
 
 
 def flow(config: Configuration, experiment: str, variant: str, group: str) -> dict[str, Any]:
-    settings = experiment_of(config, experiment, Version.parse(variant).method)
+    settings = config.experiment_of(experiment, Version.parse(variant).method)
     augmented = augment(config, experiment, variant, group) | _identity(config, experiment, variant)
     return augmented | {"flow": settings.flow.dump(), "choices": _choices(settings, FlowJob.OBEYS), "worst": 0.0}
 
@@ -101,7 +100,7 @@ def flow(config: Configuration, experiment: str, variant: str, group: str) -> di
 def own_prior(config: Configuration, experiment: str, variant: str, group: str | None) -> dict[str, Any]:
     """Of an augmented version whose p⁺ finds its own ranges; of none ("") before anything is trained."""
     version = Version.parse(variant)
-    settings = experiment_of(config, experiment, version.method or None)
+    settings = config.experiment_of(experiment, version.method or None)
     search = settings.augmentation_of(version.prior).dump(include=("windows", "budget"))
     search |= {"noise": _noise(settings), "refinement": settings.refinement.dump()}
     if version.method:
@@ -127,7 +126,7 @@ def evaluate(config: Configuration, experiment: str, variant: str, group: str) -
         "evaluation": config.experiments[experiment].evaluation.dump(exclude=SHOWING),
         **(_estimator(config, experiment, variant) if Version.parse(variant).is_refined else {}),
         **_drawn(config, experiment, variant),
-        "sets": sets(config, experiment),
+        "sets": config.experiments[experiment].data.set_names,
         "choices": _choices(config.experiments[experiment], OF_EVALUATION),
         "seeds": seed_groups(config, experiment)[group],
         "device": config.device,
@@ -177,7 +176,7 @@ def validity(config: Configuration, experiment: str) -> dict[str, Any]:
     assert settings.validity is not None
     versions = []
     for method in methods:
-        own = experiment_of(config, experiment, method)
+        own = config.experiment_of(experiment, method)
         fit = {"settings": own.refinement.dump(), "noise": _noise(own), "prior": prior_of(own.augmentation)}
         versions.append([method, label(config, method), fit])
     return {
@@ -198,9 +197,9 @@ def _identity(config: Configuration, experiment: str, variant: str) -> dict[str,
 def _estimator(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
     """What least squares on each window needs, where a version's estimates come from it."""
     version = Version.parse(variant)
-    if not version.is_refined and config.methods[version.method].kind not in FITTED:
+    if not version.is_refined and not config.methods[version.method].is_fitted:
         return {}
-    settings = experiment_of(config, experiment, version.method)
+    settings = config.experiment_of(experiment, version.method)
     return {
         "refinement": {
             "settings": settings.refinement.dump(),
@@ -213,7 +212,7 @@ def _estimator(config: Configuration, experiment: str, variant: str) -> dict[str
 def _drawn(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
     """The data's noise, and what a version's own windows are made with, where the experiment has p⁺."""
     version = Version.parse(variant)
-    settings = experiment_of(config, experiment, version.method)
+    settings = config.experiment_of(experiment, version.method)
     if config.methods[version.method].kind == "mean":
         return {"noise": _noise(settings)}
     anew = settings.choices.augmented_x == "resampled"

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from expertaug.config import jobs, stage_settings
-from expertaug.config.methods import experiment_of, foreign
+from expertaug.config.jobs import foreign
 from expertaug.config.models import Augmentation, Configuration
 from expertaug.errors import InputError, InputErrors, SolveError
 from expertaug.inference.settings import AlternateJob
@@ -47,7 +47,7 @@ def check_classes(config: Configuration, only_own: bool = False, device: bool = 
     lines: list[str] = []
     wrong: dict[str, InputError] = {}
     for experiment in config.run:
-        methods = [*config.experiments[experiment].methods, *jobs.grid(config, experiment)]
+        methods = [*config.experiments[experiment].methods, *config.experiments[experiment].points]
         methods = [m for m in methods if not only_own or foreign(config, experiment, m)]
         if methods:
             one = _Experiment(config, experiment, methods)
@@ -125,7 +125,7 @@ class _Experiment:
             priors: dict[str, Augmentation] = {"augmentation": one.augmentation}
             priors |= {f"augmentations.{name}": prior for name, prior in one.further_priors.items()}
             for method in self.methods:
-                own = experiment_of(self.config, self.name, method).augmentation
+                own = self.config.experiment_of(self.name, method).augmentation
                 if own != one.augmentation:
                     priors[f"overrides.{method}.augmentation"] = own
             given |= {f"{where}.{key}.prior": a.prior for key, a in priors.items() if a.prior}

@@ -277,9 +277,8 @@ class Validity(StudyStage):
 
     @classmethod
     def sets(cls, files: Files, experiment: str) -> list[str]:
-        from expertaug.config import jobs
 
-        inside = "iid" if "iid" in jobs.sets(files.config, experiment) else "validation"
+        inside = "iid" if "iid" in files.config.experiments[experiment].data.set_names else "validation"
         return files.sets(experiment, ["train", inside, "test"])
 
 
@@ -338,9 +337,8 @@ class Grid(StudyStage):
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
-        from expertaug.config import jobs
 
-        return files.of_versions(experiment, jobs.grid(files.config, experiment), "model.safetensors")
+        return files.of_versions(experiment, files.config.experiments[experiment].points, "model.safetensors")
 
 
 class Dissipation(StudyStage):

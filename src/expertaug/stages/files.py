@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import PurePosixPath
 
-from expertaug.config import jobs, methods
+from expertaug.config import jobs
 from expertaug.config.models import Configuration
 from expertaug.versions import MAIN_SETS, Version
 
@@ -119,7 +119,7 @@ class Files:
     def sets_to_cover(self, experiment: str, variant: str = "") -> list[str]:
         """The training set, and those whose observed windows p⁺ of a version is to cover; of none before training."""
         version = Version.parse(variant)
-        block = methods.experiment_of(self.config, experiment, version.method or None).augmentation_of(version.prior)
+        block = self.config.experiment_of(experiment, version.method or None).augmentation_of(version.prior)
         return self.sets(experiment, ["train", *block.windows])
 
     def before_training(self, experiment: str, variants: Iterable[str]) -> list[str]:
@@ -162,7 +162,7 @@ class Files:
     def to_scores(self, experiment: str, variants: Iterable[str]) -> list[str]:
         """Metrics and forecasts of versions."""
         scores = self.of_versions(experiment, variants, "metrics.csv", "forecasts.npz")
-        sets = self.sets(experiment, jobs.sets(self.config, experiment)) if scores else []
+        sets = self.sets(experiment, self.config.experiments[experiment].data.set_names) if scores else []
         return [*sets, *self.to_models(experiment, variants), *scores]
 
     def to_stages_of_training(self, experiment: str) -> list[str]:

@@ -66,7 +66,7 @@ def _of_recordings(config: Configuration) -> Iterator[tuple[str, tuple]]:
 def _of_experiment(config: Configuration, experiment: str) -> Iterator[tuple[str, tuple]]:
     yield from _of_data(config, experiment)
     groups = list(jobs.seed_groups(config, experiment))
-    for method in (*config.experiments[experiment].methods, *jobs.grid(config, experiment)):
+    for method in (*config.experiments[experiment].methods, *config.experiments[experiment].points):
         alternates = config.methods[method].kind == "alternating"
         yield from (("alternate" if alternates else "train", (experiment, method, group)) for group in groups)
     for version in jobs.found_priors(config, experiment):
@@ -82,7 +82,7 @@ def _of_experiment(config: Configuration, experiment: str) -> Iterator[tuple[str
 
 
 def _of_data(config: Configuration, experiment: str) -> Iterator[tuple[str, tuple]]:
-    data, horizons = config.experiments[experiment].data, jobs.horizons(config, experiment)
+    data, horizons = config.experiments[experiment].data, config.experiments[experiment].data.horizons
     if data.source == "simulation":
         yield from (("simulate", (experiment, name)) for name in data.simulated)
     elif data.source == "files":
