@@ -21,7 +21,7 @@ from expertaug.config import shown_settings, stage_settings
 from expertaug.config.load import completed
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.evaluate import evaluate
-from expertaug.evaluation.settings import WindowStudyJob
+from expertaug.evaluation.settings import EvaluateJob, WindowStudyJob
 
 
 def main() -> None:
@@ -43,11 +43,11 @@ def main() -> None:
             for version in (method, f"{method}~refined"):
                 for model in sorted((folder / method).glob("*/model.safetensors")):
                     settings = stage_settings.evaluate(config, options.experiment, version, model.parent.name)
-                    fewer = {"max_samples": options.windows, "draws": options.draws, "drawn_samples": 0, "samples": 1}
+                    fewer = {"max_samples": options.windows, "draws": options.draws, "drawn_samples": 1, "samples": 1}
                     fewer["expected_draws"] = options.draws
-                    settings = settings | {"evaluation": settings["evaluation"] | fewer}
+                    job = EvaluateJob.from_mapping(settings | {"evaluation": settings["evaluation"] | fewer})
                     made.append(Path(temporary) / f"{version}_{model.parent.name}.npz")
-                    evaluate(model, folder / "data", Path(temporary) / "metrics.csv", made[-1], settings)
+                    evaluate(model, folder / "data", Path(temporary) / "metrics.csv", made[-1], job)
         table = Path(temporary) / "alarm.md"
         alarm(made, [table], WindowStudyJob.from_mapping(shown_settings.windows(config, options.experiment)))
         print(table.read_text(encoding="utf-8"))

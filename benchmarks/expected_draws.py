@@ -21,12 +21,11 @@ from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import stage_settings
 from expertaug.config.load import completed
-from expertaug.evaluation.diverged import forecast
-from expertaug.evaluation.drawn_forecasts import ExpectedError, drawing_of
-from expertaug.evaluation.samples import EXPECTED
+from expertaug.evaluation.forecasting import ExpectedError, drawing_of, forecast
 from expertaug.evaluation.score import score
+from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.diagnostics.alarm import auroc, failing
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import refined_by
 from expertaug.inference.simulations import own_draws
 from expertaug.inference.store import load
 from expertaug.learning.divergence import bound_of_card
@@ -53,16 +52,15 @@ def main() -> None:
     print("version: failing [%], AUROC of", ", ".join(map(str, options.draws)), "draws")
     for version in options.versions:
         model = sorted((folder / version.removesuffix("~refined")).glob("*/model.safetensors"))[0]
-        settings = stage_settings.evaluate(config, options.experiment, version, model.parent.name)
-        start = settings["choices"]["forecast_start"]
-        how = {**settings["evaluation"], "noise": settings["noise"], "draws": 0}
+        job = EvaluateJob.from_mapping(stage_settings.evaluate(config, options.experiment, version, model.parent.name))
+        start, how = job.choices.forecast_start, job.evaluation.without_draws
         stored = load(model, device)
-        if settings.get("refinement"):
-            stored = replace(stored, model=estimator_of(stored, **settings["refinement"]))
+        if job.refinement is not None:
+            stored = replace(stored, model=refined_by(stored, job.refinement))
         usual = score(stored, validation, how, start, device).errors.numpy()
-        own = {**settings["own"], "noise": settings["noise"]}
-        y, _ = own_draws(stored, StackedSet.of(train, device).windows(len(train.t))[:, 0], own, options.windows)
-        drawing, bound = drawing_of(stored, how, train.t, start, device), bound_of_card(stored.card, device)
+        whole = StackedSet.of(train, device).windows(len(train.t))[:, 0]
+        y, _ = own_draws(stored, whole, job.own, job.noise, options.windows)
+        drawing, bound = drawing_of(stored, how, job.noise, train.t, start, device), bound_of_card(stored.card, device)
         made = forecast(stored.model, y[: drawing.observed], drawing.t, drawing.solver, start, bound)
         errors = squared_errors(stored.model.system, made.states[drawing.begin :], y[drawing.begin :]).numpy()
         bad = np.stack([failing(one, of_set) for one, of_set in zip(errors, usual, strict=True)])
@@ -70,8 +68,8 @@ def main() -> None:
         for count in options.draws:
             expected = ExpectedError(stored.model, replace(drawing, count=count))
             expected.add(made, y, y[: drawing.observed], bound, None)
-            found = expected.joined()[EXPECTED].numpy()
-            areas.append(np.mean([auroc(one, of_seed).value for one, of_seed in zip(found, bad, strict=True)]))
+            scores = expected.joined()[0].numpy()
+            areas.append(np.mean([auroc(one, of_seed).value for one, of_seed in zip(scores, bad, strict=True)]))
         print(f"{version}: {100 * bad.mean():.1f}, {' '.join(f'{area:.3f}' for area in areas)}", flush=True)
 
 

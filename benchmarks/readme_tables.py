@@ -18,7 +18,7 @@ import pandas as pd
 import yaml
 
 from expertaug.evaluation.metrics import metric_of
-from expertaug.evaluation.summary import experiment_title, set_title
+from expertaug.evaluation.settings import Titles
 from expertaug.evaluation.table import Cell, grid
 from expertaug.files import write_text
 
@@ -36,7 +36,8 @@ def of_paper(folder: Path, name: str) -> list[str]:
     labels = sorted(table["label"].unique(), key=lambda label: (label.rstrip("+"), label))
     rows = []
     for (experiment, one_set), part in table.groupby(["experiment", "set"], sort=False):
-        row = [experiment_title(experiment, experiments[experiment]["evaluation"]), set_title(one_set, {})]
+        titles = Titles(title=experiments[experiment]["evaluation"].get("title"))
+        row = [titles.of_experiment(experiment), titles.of_set(one_set)]
         for label in labels:
             cell = part[part["label"] == label].iloc[0]
             theirs = digits.format(cell["published_mean"], cell["published_std"]).replace("-", "−")

@@ -25,8 +25,9 @@ from expertaug.config import load as configuration
 from expertaug.config import stage_settings
 from expertaug.config.load import completed
 from expertaug.evaluation.score import score, spread
+from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference import store
-from expertaug.inference.least_squares import estimator_of
+from expertaug.inference.least_squares import refined_by
 from expertaug.trajectories import Trajectories
 
 
@@ -45,17 +46,18 @@ def main() -> None:
     config = completed(configuration.load(options.files))
     device, folder = torch.device("cpu"), Path(config.results) / options.experiment
     model = sorted((folder / options.method).glob("*/model.safetensors"))[0]
-    settings = stage_settings.evaluate(config, options.experiment, f"{options.method}~refined", model.parent.name)
-    refinement, evaluation = settings["refinement"], {**settings["evaluation"], "noise": settings["noise"], "draws": 0}
+    version = f"{options.method}~refined"
+    job = EvaluateJob.from_mapping(stage_settings.evaluate(config, options.experiment, version, model.parent.name))
+    assert job.refinement is not None
     stored = store.load(model, device)
     windows = spread(Trajectories.load(folder / "data" / f"{options.set}.npz"), options.windows)
     for text in options.settings:
         names = ("starts", "tries", "steps", "sufficient", "agreement")
         given = [float(value) if "." in value else int(value) for value in text.split(",")]
-        how = {**refinement["settings"], **dict(zip(names, given, strict=False))}
+        how = job.refinement.settings.model_copy(update=dict(zip(names, given, strict=False)))
         before = time.process_time()
-        refined = replace(stored, model=estimator_of(stored, **{**refinement, "settings": how}))
-        values = score(refined, windows, evaluation, settings["choices"]["forecast_start"], device).values
+        refined = replace(stored, model=refined_by(stored, job.refinement.model_copy(update={"settings": how})))
+        values = score(refined, windows, job.evaluation.without_draws, job.choices.forecast_start, device).values
         taken = time.process_time() - before
         mean, median = (values[f"log_mse{kind}_dim"].tolist() for kind in ("", "_median"))
         found = [" ".join(f"{value:.2f}" for value in each) for each in (mean, median)]

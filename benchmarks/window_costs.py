@@ -20,6 +20,7 @@ from expertaug.config import jobs, stage_settings
 from expertaug.config import load as configuration
 from expertaug.config.load import completed
 from expertaug.evaluation.score import score, spread
+from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference import store
 from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.trajectories import Trajectories
@@ -42,16 +43,15 @@ def main() -> None:
         model = next(iter(sorted((folder / variant.replace("~refined", "")).glob("*/model.safetensors"))), None)
         if model is None:
             continue
-        settings = stage_settings.evaluate(config, options.experiment, variant, model.parent.name)
-        stored = store.load(model, device, settings.get("classes", ()))
-        refinement = refinement_of(stored, settings.get("refinement"))
+        job = EvaluateJob.from_mapping(stage_settings.evaluate(config, options.experiment, variant, model.parent.name))
+        stored = store.load(model, device, job.classes or ())
+        refinement = refinement_of(stored, job.refinement)
         if refinement is not None:
             stored = replace(stored, model=refined_by(stored, refinement))
-        evaluation = {**settings["evaluation"], "noise": settings["noise"], "draws": 0}
         for data in (spread(windows, 2), windows):
-            values = score(stored, data, evaluation, settings["choices"]["forecast_start"], device).values
+            values = score(stored, data, job.evaluation.without_draws, job.choices.forecast_start, device).values
         cost = f"{values['estimate_ms'].mean():.3g}" if "estimate_ms" in values else "–"
-        print(f"| {settings['label']} | {cost} | {values['log_mse_sum'].mean():.2f} |", flush=True)
+        print(f"| {job.label} | {cost} | {values['log_mse_sum'].mean():.2f} |", flush=True)
 
 
 if __name__ == "__main__":

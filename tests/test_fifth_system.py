@@ -12,10 +12,9 @@ import yaml
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
 from expertaug.errors import InputError
-from expertaug.evaluation.evaluate import evaluate
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
-from typed_jobs import augment, finetune, train
+from typed_jobs import augment, evaluate, finetune, train
 
 SYSTEM = """
 import torch

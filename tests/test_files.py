@@ -15,7 +15,7 @@ import torch
 from safetensors import SafetensorError
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.files import atomic, memory_limit, read_json, read_npz, write_json, write_text
 from expertaug.learning.job import Checkpoint
 from expertaug.models.tensor_file import write_tensors

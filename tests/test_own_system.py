@@ -19,7 +19,6 @@ import yaml
 from expertaug.config import jobs, shown_settings, stage_settings
 from expertaug.config import load as config
 from expertaug.config.jobs import variants
-from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.plot import NAMES, plot
 from expertaug.evaluation.settings import PlotJob, TabulateJob
 from expertaug.evaluation.tabulate import tabulate
@@ -27,7 +26,7 @@ from expertaug.models import store
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.tracking.log import read_log
-from typed_jobs import augment, finetune, train
+from typed_jobs import augment, evaluate, finetune, train
 
 SYSTEM = '''
 """Predator and prey (Lotka 1925; Volterra 1926), in truth with a saturating appetite (Holling 1959)."""

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
+from expertaug.evaluation import during_training as following
+from expertaug.evaluation import evaluate as evaluating
+from expertaug.evaluation.settings import DuringTrainingJob, EvaluateJob
 from expertaug.inference import adaptive_prior, alternating, flow_training
 from expertaug.inference.settings import AlternateJob, FirstPriorJob, FlowJob, OwnPriorJob
 from expertaug.learning import augment as augmenting
@@ -50,3 +53,11 @@ def flow(model, data, output, work, settings, tracking):
 def own_prior(model, data, output, settings, calibration=None):
     kind = FirstPriorJob if model is None else OwnPriorJob
     return adaptive_prior.find_prior(model, data, output, job(kind, settings), calibration)
+
+
+def evaluate(model, data, metrics, forecasts, settings):
+    evaluating.evaluate(model, data, metrics, forecasts, job(EvaluateJob, settings))
+
+
+def during_training(snapshots, data, output, work, settings, tracking):
+    following.during_training(snapshots, data, output, work, job(DuringTrainingJob, settings), tracking)

@@ -14,13 +14,12 @@ from expertaug.cli import main
 from expertaug.config import stage_settings
 from expertaug.config.jobs import seed_groups
 from expertaug.config.load import load, validate, with_defaults
-from expertaug.evaluation.evaluate import evaluate
-from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.learning.augment import load as load_augmented
 from expertaug.presets import resolve
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
-from typed_jobs import augment, finetune, train
+from typed_jobs import augment, evaluate, finetune, train
 
 RANGES = {"z_e": {"omega0": list(SEEN["omega0"])}, "z_a": {"alpha": list(FRICTION["alpha"])}}
 SIZES = {"train": 40, "validation": 10, "test": 10}
@@ -91,7 +90,7 @@ def test_metrics_and_forecasts(stages, sets, plus):
     assert all(found[key] == pytest.approx(table[key], rel=1e-15) for key in same)
     kept = Forecasts.load(stages / "forecasts.npz")
     whole = plus.forecast(sets["test"].y[:, :11], sets["test"].t)
-    np.testing.assert_array_equal(whole.y[:, kept.index["test"]], kept.prediction["test"])
+    np.testing.assert_array_equal(whole.y[:, kept.kept["test"].index], kept.kept["test"].prediction)
     np.testing.assert_array_equal(whole.z_e["omega0"], kept.estimates["test"][..., 0])
 
 

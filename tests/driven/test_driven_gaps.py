@@ -8,7 +8,7 @@ import torch
 from driven_sets import ENCODER, INTERACTION, OPTIONS, WIDER
 
 import expertaug as ea
-from expertaug.evaluation.drawn_forecasts import of_own_windows
+from expertaug.evaluation.forecasting import of_own_windows
 from expertaug.inference.diagnostics.validity import refit
 from expertaug.learning.training_data import StackedSet
 from expertaug.models.gaps import Gaps, fill
@@ -111,21 +111,23 @@ def test_ranges_are_found_with_and_without_windows(fit, gappy):
 
 
 def test_drawn_forecasts_are_scored_where_something_was_measured(fit, gappy):
-    from expertaug.evaluation.drawn_forecasts import drawing_of
+    from expertaug.evaluation.forecasting import drawing_of
     from expertaug.evaluation.score import score
+    from expertaug.evaluation.settings import Scoring
+    from expertaug.inference.settings import OwnWindows
 
     untold = replace(gappy["test"], mask=gappy["test"].mask.copy())
     untold.mask[2, fit.observed :] = False
     untold = replace(untold, mask=untold.mask)
     refined = fit.refined(noise=0.01, prior=PRIOR, starts=8, tries=1)
     stored = replace(fit.stored, model=refined.predictor)
-    options = {"draws": 9, "drawn_samples": 10, "noise": 0.01}
-    scored = score(stored, untold, options, "y0", CPU, keep=2)
+    scoring = Scoring(draws=9, drawn_samples=10)
+    scored = score(stored, untold, scoring, "y0", CPU, keep=2, noise=0.01)
     assert np.isnan(scored.drawn.crps[:, 2]).all() and np.isfinite(np.delete(scored.drawn.crps, 2, 1)).all()
     assert np.isfinite(scored.values["crps"]).all() and np.isfinite(scored.values["forecast_coverage_90"]).all()
-    own = {"prior": PRIOR, "resample_x": False, "z_a_from": "posterior", "noise": 0.01}
-    found = of_own_windows(stored, gappy["train"], own, 6, drawing_of(stored, options, gappy["train"].t, "y0", CPU))
-    assert found["own_ranks"].shape[1] == found["own_crps"].shape[1] > 0
+    drawing = drawing_of(stored, scoring, 0.01, gappy["train"].t, "y0", CPU)
+    own, _ = of_own_windows(stored, gappy["train"], OwnWindows.of(prior=PRIOR), 0.01, 6, drawing)
+    assert own.ranks.shape[1] == own.crps.shape[1] > 0
 
 
 def test_a_flow_and_an_alternating_training_take_them(fit, gappy):

@@ -12,12 +12,11 @@ import yaml
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
 from expertaug.errors import InputErrors
-from expertaug.evaluation.evaluate import evaluate
 from expertaug.learning.augment import load as load_augmented
 from expertaug.runs.own_classes import check_classes
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
-from typed_jobs import augment, finetune, train
+from typed_jobs import augment, evaluate, finetune, train
 
 EXPERIMENT = """
 seeds: [0]

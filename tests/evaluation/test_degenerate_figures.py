@@ -18,7 +18,15 @@ from expertaug.evaluation import dissipation, dots, grid, parameters, studies, t
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.coverage import coverage
 from expertaug.evaluation.distance import distance
-from expertaug.evaluation.settings import GridJob, OverviewJob, PlotJob, StudyJob, WindowStudyJob
+from expertaug.evaluation.settings import (
+    DissipationJob,
+    GridJob,
+    OverviewJob,
+    PlotJob,
+    StudyJob,
+    ValidityJob,
+    WindowStudyJob,
+)
 from expertaug.evaluation.studies import study
 from expertaug.inference.diagnostics.validity import Refit, Validity
 
@@ -109,8 +117,8 @@ def test_grid(value):
 def test_dissipation(value):
     table = pd.DataFrame({"expert": ["", ""], "set": ["train", "test"], "recording": "all", "method": "a"})
     numbers = table.assign(measured=value, dissipated=value, label="A", seed=0, chunks=1)
-    settings = {"experiment": "e", "versions": [["a", "A", None]], "all_methods": [], "set_titles": {}, "title": None}
-    drawn(dissipation.draw(numbers, settings))
+    job = DissipationJob.from_mapping({"experiment": "e", "versions": [["a", "A", None]], "device": "cpu"})
+    drawn(dissipation.draw(numbers, job))
 
 
 def test_validity(value):
@@ -119,7 +127,8 @@ def test_validity(value):
     edges = np.linspace(0.0, 1.0, 4)
     along = Validity("omega0", edges, np.full(3, value), np.full(3, value), value, (0.0, 1.0))
     found = {"a": ("A", {"train": refit, "test": refit}, {"omega0": along}, "1/s")}
-    drawn(validity._draw(found, {"all_methods": []}, "title"))
+    job = ValidityJob.from_mapping({"experiment": "e", "versions": [], "validity": {}, "device": "cpu"})
+    drawn(validity._draw(found, job, "title"))
 
 
 def drawn(figure):

@@ -19,6 +19,7 @@ from pendulum_motion import CONSTANTS, FRICTION
 from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.evaluation.dissipation import dissipated_power, dissipation, measured_loss
+from expertaug.evaluation.settings import DissipationJob
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates
@@ -138,6 +139,7 @@ SETTINGS = {
     "title": None,
     "device": "cpu",
 }
+JOB = DissipationJob.from_mapping(SETTINGS)
 
 
 @pytest.fixture
@@ -152,7 +154,7 @@ def folder(tmp_path):
 def test_the_stage_by_recording(folder, drawn):
     outputs = [folder / f"out.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
     models = [folder / "b.safetensors", folder / "a.safetensors"]
-    dissipation(models, folder, outputs, SETTINGS)
+    dissipation(models, folder, outputs, JOB)
     table = pd.read_csv(outputs[0])
     assert len(table) == 2 * 2 * 3 * 2, "versions, seeds, sets, recordings"
     assert set(table["recording"]) == {"a", "b"} and (table["chunks"] == 10).all()
@@ -172,10 +174,10 @@ def test_the_stage_by_recording(folder, drawn):
 
 def test_refusals(folder, capsys):
     with pytest.raises(InputError, match="half: no model of this version"):
-        dissipation([folder / "a.safetensors"], folder, [folder / "o.csv"], SETTINGS)
+        dissipation([folder / "a.safetensors"], folder, [folder / "o.csv"], JOB)
     other = save(folder / "c.safetensors", "third")
     with pytest.raises(InputError, match="a model of 'third'; give those of rubbing, half"):
-        dissipation([other], folder, [folder / "o.csv"], SETTINGS)
+        dissipation([other], folder, [folder / "o.csv"], JOB)
     arguments = ["dissipation", str(other), "--data", str(folder), "--output", str(folder / "o.csv")]
     assert main([*arguments, "--settings", json.dumps(SETTINGS)]) == 2
     assert "third" in capsys.readouterr().err

@@ -14,9 +14,8 @@ import torch
 import tiny
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation import score
-from expertaug.evaluation.diverged import forecast
-from expertaug.evaluation.evaluate import evaluate
-from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.forecasting import forecast
+from expertaug.evaluation.forecasts import Forecasts, read_forecasts
 from expertaug.evaluation.log_evaluations import log_evaluations
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.tabulate import tabulate
@@ -29,7 +28,7 @@ from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.tracking.store import initialise
 from expertaug.trajectories import Trajectories
-from typed_jobs import train
+from typed_jobs import evaluate, train
 
 RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}
@@ -86,8 +85,8 @@ def test_metrics_of_every_seed_and_set_follow_from_the_forecasts(folder):
     assert {seed for seed, *_ in values.index} == {4, 7}
     assert forecasts.observed == 10 and forecasts.parameter_units == ["rad/s"]
     for place, seed in enumerate([4, 7]):
-        error = (forecasts.prediction["test"][place] - forecasts.truth["test"]) ** 2
-        index = forecasts.index["test"]
+        error = (forecasts.kept["test"].prediction[place] - forecasts.kept["test"].truth) ** 2
+        index = forecasts.kept["test"].index
         assert len(set(index.tolist())) >= 10
         late = error[:, 11:].sum(-1).mean()
         assert values[seed, "test", "log_mse_sum"] == pytest.approx(np.log(late), abs=0.4)
@@ -97,7 +96,7 @@ def test_metrics_of_every_seed_and_set_follow_from_the_forecasts(folder):
 
 
 def test_forecasts_carry_where_their_samples_come_from(folder, tmp_path):
-    assert run(folder)[1].id == {}
+    assert all(kept.id is None for kept in run(folder)[1].kept.values())
     for name in DATA["sets"]:
         one = Trajectories.load(folder / f"{name}.npz")
         names = None if name == "train" else np.array([f"r{k % 3}/{10 * k}" for k in range(len(one))])
@@ -106,11 +105,11 @@ def test_forecasts_carry_where_their_samples_come_from(folder, tmp_path):
     forecasts = run(tmp_path, samples=3, max_samples=9)[1]
     truth = Trajectories.load(tmp_path / "test.npz")
     own = {str(name): y for name, y in zip(truth.id, truth.y, strict=True)}
-    assert set(forecasts.id) == {"validation", "test"}
+    assert set(forecasts.kept) == {"validation", "test"}
     arrays = np.load(tmp_path / "model.npz")
     assert list(arrays["test_sample_id"]) == list(truth.id[np.linspace(0, 11, 9).astype(int)])
     assert "train_sample_id" not in arrays
-    for name, y in zip(forecasts.id["test"], forecasts.truth["test"], strict=True):
+    for name, y in zip(forecasts.kept["test"].id, forecasts.kept["test"].truth, strict=True):
         np.testing.assert_array_equal(y, own[str(name)])
 
 
@@ -120,14 +119,14 @@ def test_parts_of_a_set_give_the_metrics_of_the_whole(folder, monkeypatch):
     parts, again = run(folder, samples=3)
     whole, parts = (one[one.index.get_level_values("metric") != "estimate_ms"] for one in (whole, parts))
     np.testing.assert_allclose(parts, whole, rtol=1e-3)
-    np.testing.assert_allclose(again.prediction["test"], kept.prediction["test"], atol=2e-3)
-    np.testing.assert_array_equal(again.index["test"], kept.index["test"])
+    np.testing.assert_allclose(again.kept["test"].prediction, kept.kept["test"].prediction, atol=2e-3)
+    np.testing.assert_array_equal(again.kept["test"].index, kept.kept["test"].index)
 
 
 def test_what_an_estimate_costs_is_told_for_each_window(folder, monkeypatch):
     """Processor time by the window and seed, without that of the forecast."""
     clock = itertools.count(10.0, 0.6)
-    monkeypatch.setattr("expertaug.evaluation.diverged.time.process_time", lambda: next(clock))
+    monkeypatch.setattr("expertaug.evaluation.forecasting.time.process_time", lambda: next(clock))
     values, _ = run(folder)
     sizes = {name: len(Trajectories.load(folder / f"{name}.npz")) for name in ("train", "test")}
     for seed in (4, 7):
@@ -144,7 +143,7 @@ def test_further_sets_are_scored_but_no_forecasts_kept(folder):
     evaluate(folder / "model.safetensors", folder, *outputs, settings | {"sets": sets})
     table = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
     assert table[4, "near", "log_mse_sum"] == table[4, "test", "log_mse_sum"]
-    assert list(Forecasts.load(outputs[1]).truth) == ["validation", "test"]
+    assert list(Forecasts.load(outputs[1]).kept) == ["validation", "test"]
 
 
 def test_errors_of_every_sample_are_kept_and_give_the_metrics(folder):
@@ -165,7 +164,7 @@ def test_errors_of_every_sample_are_kept_and_give_the_metrics(folder):
     wrong = np.abs(arrays["near_z_e_hat"] / arrays["near_z_e"] - 1)
     assert 100 * wrong[1].mean() == pytest.approx(values[7, "near", "relative_error"], rel=1e-4)
     assert "iid_truth" in arrays and "near_truth" not in arrays
-    samples = Samples([outputs[1]])
+    samples = Samples(read_forecasts(outputs[1:]))
     for metric in ("log_mse_sum", "log_mse_median", "relative_error", "relative_error_omega0"):
         found = samples.resampled(("pendulum", "corrected", "a"), "iid", metric)
         assert found.value == pytest.approx([values[seed, "iid", metric] for seed in (4, 7)], rel=1e-4)
@@ -241,14 +240,16 @@ def test_the_mean_of_fields_is_forecast_for_any_number_of_windows(count):
 
 def test_a_forecast_from_the_last_observed_point_shows_the_observation(folder):
     _, forecasts = run(folder, choices={"forecast_start": "y_t1"})
-    np.testing.assert_allclose(forecasts.prediction["test"][0, :, :11], forecasts.truth["test"][:, :11], atol=1e-6)
+    np.testing.assert_allclose(
+        forecasts.kept["test"].prediction[0, :, :11], forecasts.kept["test"].truth[:, :11], atol=1e-6
+    )
 
 
 def test_the_mean_has_no_parameters(folder):
     values, forecasts = run(folder, "mean")
     assert not [metric for *_, metric in values.index if "error" in metric]
     assert forecasts.estimates == {}
-    assert np.ptp(forecasts.prediction["test"], axis=1).max() == 0
+    assert np.ptp(forecasts.kept["test"].prediction, axis=1).max() == 0
 
 
 def test_the_same_evaluation_gives_the_same_bytes(folder):
@@ -329,7 +330,7 @@ def test_other_seeds_are_refused(folder):
             folder,
             folder / "x.csv",
             folder / "x.npz",
-            COMMON | {"seeds": [1], "method": "a", "label": "a", "evaluation": {}, "choices": {}},
+            COMMON | {"seeds": [1], "method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}},
         )
     assert not (folder / "x.csv").exists()
 
@@ -350,7 +351,7 @@ def test_forecasts_that_are_not_finite_count_at_the_bound(folder):
     good, _ = run(folder, solver={"method": "rk4"})
     assert values[4, "test", "runaway_share"] == 0 and values[7, "test", "runaway_share"] == 1
     assert values[4, "test", "log_mse_sum"] == good[4, "test", "log_mse_sum"]
-    assert np.isfinite(values).all() and np.isfinite(forecasts.prediction["test"]).all()
+    assert np.isfinite(values).all() and np.isfinite(forecasts.kept["test"].prediction).all()
     bound = 10 * np.abs(np.load(folder / "train.npz")["y"]).max((0, 1))
     truth = np.load(folder / "test.npz")["y"][:, 11:].astype(float)
     assert values[7, "test", "log_mse_sum"] == pytest.approx(np.log(((truth - bound) ** 2).sum(-1).mean()), abs=1e-5)
@@ -370,15 +371,15 @@ def test_a_solver_that_gives_up_on_one_sample_costs_that_sample_alone(folder, mo
     values, forecasts = run(folder, samples=12)
     assert values[4, "test", "runaway_share"] == pytest.approx(1 / 12)
     assert values[4, "test", "log_mse_sum"] == pytest.approx(whole[4, "test", "log_mse_sum"], abs=0.05)
-    assert np.isfinite(forecasts.prediction["test"]).all()
+    assert np.isfinite(forecasts.kept["test"].prediction).all()
 
 
 def test_the_truth_itself_is_no_runaway(folder):
     """Of samples that reach beyond the bound a forecast is kept as far as the truth goes."""
     save_as(folder, "tight", lambda model: {"bound": [1e-3, 1e-3]})
     values, forecasts = run(folder, "tight", samples=12)
-    largest = np.abs(forecasts.truth["test"]).max(1)
-    assert (np.abs(forecasts.prediction["test"]).max(2) <= largest * (1 + 1e-6)).all()
+    largest = np.abs(forecasts.kept["test"].truth).max(1)
+    assert (np.abs(forecasts.kept["test"].prediction).max(2) <= largest * (1 + 1e-6)).all()
     assert 0 <= values[4, "test", "runaway_share"] < 1
 
 

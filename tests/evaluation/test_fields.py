@@ -7,10 +7,12 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug.evaluation import traces
-from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.forecasts import Forecasts
+from expertaug.evaluation.settings import FigureReading
+from expertaug.evaluation.traces import View
 
 METHODS = ("mean", "hybrid", "hybrid+")
-LABELS = {"labels": [["hybrid", "Hybrid"], ["hybrid+", "Hybrid+"]]}
+LABELS = FigureReading.of(labels=[["hybrid", "Hybrid"], ["hybrid+", "Hybrid+"]])
 
 
 def write(folder, space=(8, 8), methods=METHODS):
@@ -29,7 +31,7 @@ def write(folder, space=(8, 8), methods=METHODS):
 
 def test_states_and_errors_of_truth_method_and_augmented_method(tmp_path, drawn):
     paths, truth = write(tmp_path)
-    traces.forecasts(paths, tmp_path / "f", {"seed": 5} | LABELS)
+    traces.forecasts(paths, tmp_path / "f", LABELS, View(seed=5))
     panels = [axis for axis in drawn[0].axes if axis.images]
     assert len(panels) == 3 * 4 + 2 * 2, "states of truth, Hybrid and Hybrid+; errors of two forecast times"
     np.testing.assert_array_equal(panels[2].images[0].get_array(), truth[0, 7, 0])
@@ -47,11 +49,11 @@ def test_states_and_errors_of_truth_method_and_augmented_method(tmp_path, drawn)
 
 def test_other_samples_and_spaces(tmp_path, drawn):
     paths, truth = write(tmp_path, space=(8,), methods=("hybrid",))
-    traces.forecasts(paths, [tmp_path / "f.png"], {"samples": [1]})
+    traces.forecasts(paths, [tmp_path / "f.png"], view=View(samples=[1]))
     lines = [axis.lines[0] for axis in drawn[0].axes if axis.lines]
     np.testing.assert_array_equal(lines[3].get_ydata(), truth[1, 10, 0])
     with pytest.raises(InputError, match="no seed 9"):
-        traces.forecasts(paths, tmp_path / "f", {"seed": 9})
+        traces.forecasts(paths, tmp_path / "f", view=View(seed=9))
 
 
 @pytest.mark.parametrize(("z_e", "drawn_sample"), [((0.5, 0.5), 0), ((0.5, 1.1), 1), ((-0.3, 1.2), 0)])
@@ -61,7 +63,7 @@ def test_the_sample_farthest_outside_the_training_range_is_drawn(tmp_path, drawn
     arrays["train_z_e"] = np.array([[0.0], [1.0]])
     arrays["test_z_e"][[4, 9], 0] = z_e
     np.savez(paths["hybrid"], **arrays)
-    traces.forecasts(paths, [tmp_path / "f.png"], {})
+    traces.forecasts(paths, [tmp_path / "f.png"])
     first = next(axis for axis in drawn[0].axes if axis.images)
     np.testing.assert_array_equal(first.images[0].get_array(), truth[drawn_sample, 0, 0])
 

@@ -14,8 +14,8 @@ from matplotlib.image import imread
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation import dots, parameters, traces
-from expertaug.evaluation.settings import PlotJob
-from expertaug.evaluation.summary import experiment_title, set_title
+from expertaug.evaluation.settings import FigureReading, ParameterReading, PlotJob, Titles
+from expertaug.evaluation.traces import View
 
 
 def assert_nothing_is_cut(figure):
@@ -131,15 +131,15 @@ def test_symbols():
 
 def test_names_with_underscores_are_made_readable():
     assert plotting.text("APHYNITY, F_a sees z_e+") == "APHYNITY, $F_a$ sees $z_e$+"
-    assert set_title("both_small", {}) == "both small" and set_title("z_a_small", {}) == "z_a small"
-    assert set_title("z_a_small", {"set_titles": {"z_a_small": "near"}}) == "near"
-    assert experiment_title("double_swing", {"title": None}) == "double swing"
-    assert experiment_title("rlc", {"title": "RLC circuit"}) == "RLC circuit"
+    assert Titles().of_set("both_small") == "both small" and Titles().of_set("z_a_small") == "z_a small"
+    assert Titles(set_titles={"z_a_small": "near"}).of_set("z_a_small") == "near"
+    assert Titles().of_experiment("double_swing") == "double swing"
+    assert Titles(title="RLC circuit").of_experiment("rlc") == "RLC circuit"
 
 
 def test_forecasts(tmp_path, drawn):
     paths = write_forecasts(tmp_path)
-    traces.forecasts(paths, [tmp_path / "f.png"], {"seed": 1} | pairs())
+    traces.forecasts(paths, [tmp_path / "f.png"], FigureReading(**pairs()), View(seed=1))
     panels = drawn[-1].axes
     assert len(panels) == 6
     assert [panels[0].get_ylabel(), panels[3].get_ylabel()] == [r"$\theta$ [rad]", r"$\omega$ [rad/s]"]
@@ -153,7 +153,7 @@ def test_forecasts(tmp_path, drawn):
 
 def test_forecasts_of_four_dimensions(tmp_path, drawn):
     paths = write_double_forecasts(tmp_path)
-    traces.forecasts(paths, [tmp_path / "f.png"], {"set": "validation", "samples": [0, 2]})
+    traces.forecasts(paths, [tmp_path / "f.png"], view=View(set="validation", samples=[0, 2]))
     assert len(drawn[-1].axes) == 8
     assert_nothing_is_cut(drawn[-1])
 
@@ -171,8 +171,8 @@ def test_a_runaway_forecast_leaves_the_truth_visible(tmp_path, drawn):
 def test_parameters(tmp_path, drawn, write):
     paths = write(tmp_path)
     ranges = {"omega0": [1.5, 3.1], "omega1": [-20, 20], "omega2": [-40, 40]}
-    settings = {"training_range": ranges, "priors": {"hybrid": {"omega0": [0.25, 3.5]}}} | pairs()
-    parameters.parameters(paths, [tmp_path / "p.png"], settings)
+    reading = ParameterReading(training_range=ranges, priors={"hybrid": {"omega0": [0.25, 3.5]}}, **pairs())
+    parameters.parameters(paths, [tmp_path / "p.png"], reading)
     panels = drawn[-1].axes
     estimating = [label for label in LABELS if method_of(label) in paths and label not in ("Mean", "ML only")]
     assert [axis.get_title() for axis in panels[: len(estimating)]] == estimating
@@ -221,7 +221,7 @@ def test_estimates_outside_are_counted(tmp_path, drawn):
 
 def test_curves(tmp_path, drawn):
     logs = write_logs(tmp_path, steps=40) + write_logs(tmp_path, "double_swing", steps=1000)
-    traces.curves(logs, [tmp_path / "c.png"], pairs())
+    traces.curves(logs, [tmp_path / "c.png"], FigureReading(**pairs()))
     loss, score, long_loss, _ = drawn[-1].axes
     assert len(loss.lines) == 3
     assert list(loss.lines[0].get_xdata()) == list(range(1, 41))
@@ -229,7 +229,7 @@ def test_curves(tmp_path, drawn):
     assert len(long_loss.lines[0].get_xdata()) <= traces.CURVE_POINTS
     assert long_loss.get_yscale() == "log"
     assert_nothing_is_cut(drawn[-1])
-    traces.curves(logs, [tmp_path / "c.png"], pairs() | {"traced": ["hybrid", "hybrid+"]})
+    traces.curves(logs, [tmp_path / "c.png"], FigureReading(**pairs()), ["hybrid", "hybrid+"])
     assert len(drawn[-1].axes[0].lines) == 2
     assert drawn[-1].get_suptitle() == "curves of 1 more are in the dashboard"
     assert_nothing_is_cut(drawn[-1])
@@ -262,11 +262,11 @@ def test_bad_input(tmp_path):
     with pytest.raises(InputError, match="no log_mse_sum on train, validation, iid, test"):
         dots.log_mse([tmp_path / "other.csv"], output, PlotJob(labels=[]))
     with pytest.raises(InputError, match="no seed 9; it has 0, 1"):
-        traces.forecasts(paths, output, {"seed": 9})
+        traces.forecasts(paths, output, view=View(seed=9))
     with pytest.raises(InputError, match="no set 'held_out'"):
-        traces.forecasts(paths, output, {"set": "held_out"})
+        traces.forecasts(paths, output, view=View(set="held_out"))
     with pytest.raises(InputError, match="no sample 5"):
-        traces.forecasts(paths, output, {"samples": [5]})
+        traces.forecasts(paths, output, view=View(samples=[5]))
     with pytest.raises(InputError, match="other samples"):
         traces.forecasts(paths | {"other": write_forecasts(tmp_path / "g", count=50)["hybrid"]}, output)
     (tmp_path / "torn.npz").write_bytes(paths["mean"].read_bytes()[:500])
@@ -298,7 +298,7 @@ def test_a_label_may_look_like_another_methods_version(tmp_path, drawn):
     logs = write_logs(tmp_path, labels=("Hybrid", "Hybrid+"), steps=20)
     for path, label in zip(logs, ("A+ (x)", "B"), strict=True):
         path.write_text(path.read_text().replace(f'"label": "Hybrid{"+" * (label == "B")}"', f'"label": "{label}"'))
-    traces.curves(logs, [tmp_path / "c.png"], {"all_methods": ["hybrid"]})
+    traces.curves(logs, [tmp_path / "c.png"], FigureReading(labels=[], all_methods=["hybrid"]))
     plain, augmented = drawn[-1].axes[0].lines
     assert [handle.get_label() for handle in drawn[-1].legends[0].legend_handles[:2]] == ["A+ (x)", "B"]
     assert (plain.get_linestyle(), augmented.get_linestyle()) == ("--", "-")

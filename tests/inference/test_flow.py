@@ -6,7 +6,7 @@ from known_posterior import COMMON, NOISE, lines
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.evaluation.diverged import forecast
+from expertaug.evaluation.forecasting import forecast
 from expertaug.inference import store
 from expertaug.inference.coordinates import PriorTransform
 from expertaug.inference.flow import SummaryNetwork

@@ -13,13 +13,14 @@ from test_flow import settings as flow_settings
 from test_least_squares import NOISE, OBSERVED, PRIOR, T, expert_alone, pendulum
 
 from expertaug import systems
-from expertaug.evaluation.drawn_forecasts import Drawing, DrawnScores, of_own_windows
+from expertaug.evaluation.forecasting import Drawing, DrawnScores, of_own_windows
 from expertaug.evaluation.score import score
+from expertaug.evaluation.settings import Scoring
 from expertaug.inference import simulations as own_windows_of
 from expertaug.inference.flow_training import prepare
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.posterior_predictive import joint_draws
-from expertaug.inference.settings import FlowJob
+from expertaug.inference.settings import FlowJob, OwnWindows
 from expertaug.inference.simulations import own_draws
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
@@ -27,8 +28,8 @@ from expertaug.models.posterior import Delta, Estimates, Gaussian, Posterior
 from expertaug.systems.solvers.solver import Solver
 from typed_jobs import job
 
-OPTIONS = {"draws": 39, "drawn_samples": 60, "noise": NOISE, "solver": {"method": "rk4"}}
-OWN = {"prior": {"omega0": [0.5, 3.5]}, "noise": NOISE, "resample_x": False, "z_a_from": "posterior"}
+SCORING = Scoring.of(draws=39, drawn_samples=60, solver={"method": "rk4"})
+OWN = OwnWindows.of(prior={"omega0": [0.5, 3.5]})
 CPU = torch.device("cpu")
 
 
@@ -42,7 +43,7 @@ def fitted():
 
 def test_bands_of_laplaces_approximation_hold(fitted):
     stored, data = fitted
-    found = score(stored, data, OPTIONS, "y0", CPU, keep=3)
+    found = score(stored, data, SCORING, "y0", CPU, keep=3, noise=NOISE)
     assert found.drawn.crps.shape == (2, 60) and found.band.shape == (2, 2, 3, len(T) - OBSERVED, 2)
     assert 84 < float(found.values["forecast_coverage_90"][0]) < 95
     assert 42 < float(found.values["forecast_coverage_50"][0]) < 58
@@ -50,11 +51,11 @@ def test_bands_of_laplaces_approximation_hold(fitted):
     # Noise alone has a CRPS of .23 standard deviations and half of √π for the vectors of two.
     assert 0.2 * NOISE < float(found.values["crps"][0]) < 0.6 * NOISE
     assert float(found.values["energy_score"][0]) > float(found.values["crps"][0])
-    sure = score(stored, data, OPTIONS | {"noise": 0.0}, "y0", CPU)
+    sure = score(stored, data, SCORING, "y0", CPU)
     assert float(sure.values["forecast_coverage_90"][0]) < 75, "draws without the data's noise are too sure"
-    again = score(stored, data, OPTIONS, "y0", CPU, keep=3)
+    again = score(stored, data, SCORING, "y0", CPU, keep=3, noise=NOISE)
     assert np.array_equal(again.drawn.crps, found.drawn.crps) and torch.equal(again.band, found.band)
-    assert "crps" not in score(stored, data, OPTIONS | {"draws": 0}, "y0", CPU).values
+    assert "crps" not in score(stored, data, SCORING.without_draws, "y0", CPU).values
 
 
 def test_the_joint_draws_keep_what_the_fit_knows_of_start_and_parameter_together(fitted):
@@ -106,14 +107,14 @@ def drawing(stored, **changed):
 
 def test_own_windows_lie_over_p_plus_and_fits_of_them_are_calibrated(fitted):
     stored, data = fitted
-    y, z_e = own_draws(stored, torch.from_numpy(data.y).movedim(1, 0), OWN, 60)
+    y, z_e = own_draws(stored, torch.from_numpy(data.y).movedim(1, 0), OWN, NOISE, 60)
     assert y.shape == (len(T), 2, 60, 2) and z_e.shape == (2, 60, 1)
     assert z_e.min() < 0.7 and z_e.max() > 3.3 and not torch.equal(z_e[0], z_e[1])
-    arrays = of_own_windows(stored, data, OWN, 60, drawing(stored))
-    assert arrays["own_ranks"].shape == (2, 60, 1) and arrays["own_tarp"].shape == (2, 60)
-    inside = np.abs(2 * arrays["own_ranks"] - 119) < 0.9 * 120
+    own, draws = of_own_windows(stored, data, OWN, NOISE, 60, drawing(stored))
+    assert own.ranks.shape == (2, 60, 1) and own.tarp.shape == (2, 60) and draws == 119
+    inside = np.abs(2 * own.ranks - 119) < 0.9 * 120
     assert 0.82 < inside.mean() < 0.97
-    assert 0.84 < arrays["own_inside"][..., 1].mean() < 0.95
+    assert 0.84 < own.inside[..., 1].mean() < 0.95
 
 
 def test_own_windows_take_z_a_from_so_many_training_windows_at_most(fitted, monkeypatch):
@@ -121,7 +122,7 @@ def test_own_windows_take_z_a_from_so_many_training_windows_at_most(fitted, monk
     asked, seen = own_windows_of.latents_of, []
     monkeypatch.setattr(own_windows_of, "WINDOWS", 7)
     monkeypatch.setattr(own_windows_of, "latents_of", lambda *told: seen.append(told[2].shape[2]) or asked(*told))
-    y, _ = own_draws(stored, torch.from_numpy(data.y).movedim(1, 0), OWN, 20)
+    y, _ = own_draws(stored, torch.from_numpy(data.y).movedim(1, 0), OWN, NOISE, 20)
     assert len(data) > 7 and seen == [7] and y.shape[2] == 20
 
 
@@ -130,12 +131,12 @@ def test_a_flow_is_ranked_on_the_draws_that_it_learns_from():
     told = flow_settings({"slope": [-2.0, 2.0]}, LINE_NOISE)
     stored = prepare(base, data, job(FlowJob, told)).run()
     stored.model.eval()
-    own = {**OWN, "prior": told["prior"], "noise": LINE_NOISE}
+    own = OwnWindows.of(prior=told["prior"])
     t = torch.from_numpy(data.t).float()
     how = drawing(stored, t=t, begin=1, observed=stored.card.observed, noise=LINE_NOISE)
-    arrays = of_own_windows(stored, data, own, 30, how)
-    assert arrays["own_ranks"].shape == (len(stored.seeds), 30, 1) and int(arrays["rank_draws"]) == 8
-    assert np.isfinite(arrays["own_crps"]).all()
+    scores, draws = of_own_windows(stored, data, own, LINE_NOISE, 30, how)
+    assert scores.ranks.shape == (len(stored.seeds), 30, 1) and draws == 8
+    assert np.isfinite(scores.crps).all()
 
 
 def test_parts_are_joined_in_order():

@@ -11,6 +11,7 @@ from torch import nn
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation import validity
+from expertaug.evaluation.settings import ValidityJob
 from expertaug.inference.diagnostics.validity import refit
 from expertaug.inference.settings import ValiditySettings
 from expertaug.models.decoder import Decoder
@@ -84,7 +85,7 @@ def test_the_study_has_a_sentence_a_version(tmp_path, monkeypatch):
     told = {"experiment": "pendulum", "versions": [["aphynity", "APHYNITY", fit]], "all_methods": ["aphynity"]}
     told |= {"validity": {"samples": 10, "steps": 2}, "device": "cpu", "title": None}
     outputs = [tmp_path / f"validity.{end}" for end in ("csv", "md", "tex", "png")]
-    validity.validity([tmp_path / "m"], tmp_path, outputs, told)
+    validity.validity([tmp_path / "m"], tmp_path, outputs, ValidityJob.from_mapping(told))
     table = pd.read_csv(outputs[0]).set_index("set")
     assert list(table.index) == ["train", "validation", "test"] and table.loc["test", "windows"] == 10
     assert table.loc["test", "wrong"] < 30 and table.loc["test", "explained"] > 50

@@ -6,14 +6,13 @@ import pandas as pd
 import pytest
 import torch
 
-from expertaug.evaluation.during_training import during_training
 from expertaug.learning import finetune, snapshots
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.tracking.log import read_log
 from expertaug.tracking.settings import Tracking
 from expertaug.tracking.store import initialise
-from typed_jobs import train
+from typed_jobs import during_training, train
 
 PRIOR = {"omega0": [0.5, 3.5]}
 CPU = torch.device("cpu")

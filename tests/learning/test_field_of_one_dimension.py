@@ -7,7 +7,6 @@ import torch
 
 from cards import card
 from expertaug import systems
-from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.log_evaluations import log_evaluations
 from expertaug.models import store
 from expertaug.models.describe import describe
@@ -16,7 +15,7 @@ from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.log import read_log
-from typed_jobs import augment, finetune, train
+from typed_jobs import augment, evaluate, finetune, train
 
 SYSTEM = {"name": "field_systems:Fisher"}
 RANGES = {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.5, 1.5]}}

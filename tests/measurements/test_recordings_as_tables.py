@@ -12,7 +12,6 @@ import pytest
 
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
-from expertaug.evaluation.evaluate import evaluate
 from expertaug.measurements.horizons import cut_measured_horizon
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings
@@ -23,7 +22,7 @@ from expertaug.trajectories import Trajectories
 from expertaug_recordings.chunks import cut_horizon, split_chunks
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.settings import CutHorizonJob, SplitChunksJob
-from typed_jobs import train
+from typed_jobs import evaluate, train
 
 CONFIG = Path(__file__).parents[2] / "config"
 STATE = ["theta1", "theta2", "omega1", "omega2"]

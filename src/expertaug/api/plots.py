@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,11 +16,13 @@ from expertaug.evaluation import parameters as parameter_figures
 from expertaug.evaluation import traces
 from expertaug.evaluation.diagnostic_figures import draw_alarm as alarm
 from expertaug.evaluation.diagnostic_figures import draw_calibration as calibration
-from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.forecasts import Forecasts, KeptForecasts, SetForecasts
+from expertaug.evaluation.settings import FigureReading, ParameterReading
 from expertaug.trajectories import Trajectories
 
 __all__ = ["alarm", "calibration", "course", "forecasts", "parameters"]
 
+SET = "data"  # the name of the set that is given
 Models = TrainedModel | Mapping[str, TrainedModel]
 
 
@@ -44,10 +45,10 @@ def forecasts(
         raise InputError("samples", f"found {list(samples)}", f"the set has {len(data)}")
     shown = data.subset(np.array(chosen))
     found = {label: _forecasts(model, shown) for label, model in _labelled(models).items()}
-    settings = {"labels": [(label, label) for label in found], "set": "data", "samples": list(range(len(chosen)))}
-    settings |= {"set_titles": {"data": "given"}} | ({} if seed is None else {"seed": seed})
+    reading = FigureReading(labels=[(label, label) for label in found], set_titles={SET: "given"})
+    view = traces.View(set=SET, samples=range(len(chosen)), seed=seed)
     with plotting.styled():
-        return traces.draw_forecasts(found, settings, {label: f"model {label}" for label in found})
+        return traces.draw_forecasts(found, reading, view, {label: f"model {label}" for label in found})
 
 
 def parameters(
@@ -70,19 +71,24 @@ def parameters(
             name: model.estimate(part.seen[:, : model.observed], part.t, u=part.u) for name, part in named.items()
         }
         if any(estimates.values()):
-            found[label] = _empty(model, next(iter(named.values())).t) | {
-                "truths": {name: part.z_e for name, part in named.items()},
-                "estimates": {
-                    name: np.stack([np.atleast_2d(v) for v in each.values()], axis=-1)
+            found[label] = _of_sets(
+                model,
+                next(iter(named.values())).t,
+                {
+                    name: SetForecasts(
+                        z_e=named[name].z_e,
+                        z_e_hat=np.stack([np.atleast_2d(v) for v in each.values()], axis=-1)
+                        if name != "train" or len(named) == 1
+                        else None,
+                    )
                     for name, each in estimates.items()
-                    if name != "train" or len(named) == 1
                 },
-            }
+            )
     if not found:
         raise InputError("models", "none estimates parameters", "give a hybrid model")
-    settings = {"labels": [(label, label) for label in found], "priors": {label: dict(prior or {}) for label in found}}
+    ranges = ParameterReading.of(labels=[(label, label) for label in found], priors=dict.fromkeys(found, prior or {}))
     with plotting.styled():
-        return parameter_figures.draw_parameters({label: Forecasts(**each) for label, each in found.items()}, settings)
+        return parameter_figures.draw_parameters(found, ranges)
 
 
 def course(model: TrainedModel, metrics: Sequence[str] = ("loss", "validation_score")) -> Figure:
@@ -115,24 +121,22 @@ def _labelled(models: Models) -> dict[str, TrainedModel]:
     return {models.label: models} if isinstance(models, TrainedModel) else dict(models)
 
 
-def _empty(model: TrainedModel, t: np.ndarray) -> dict[str, Any]:
-    """Fields of :class:`Forecasts` without any sample."""
+def _of_sets(model: TrainedModel, t: np.ndarray, sets: dict[str, SetForecasts]) -> Forecasts:
     system = model.system
-    return {
-        "t": t,
-        "observed": model.observed - 1,
-        "seeds": model.seeds,
-        "state_names": [p.name for p in system.state],
-        "state_units": [p.unit for p in system.state],
-        "parameter_names": [p.name for p in system.expert_parameters],
-        "parameter_units": [p.unit for p in system.expert_parameters],
-        **{name: {} for name in ("index", "truth", "prediction", "truths", "estimates")},
-    }
+    return Forecasts(
+        t=t,
+        observed=model.observed - 1,
+        seeds=model.seeds,
+        state_names=[p.name for p in system.state],
+        state_units=[p.unit for p in system.state],
+        parameter_names=[p.name for p in system.expert_parameters],
+        parameter_units=[p.unit for p in system.expert_parameters],
+        sets=sets,
+    )
 
 
 def _forecasts(model: TrainedModel, data: Trajectories) -> Forecasts:
     arguments.trajectories(data, "data")
     y = np.asarray(model.forecast(data.seen[:, : model.observed], data.t, u=data.u).y)
-    filled = {"index": np.arange(len(data)), "truth": data.seen, "prediction": y[None] if model.single else y}
-    sets: dict[str, Any] = {k: {"data": v} for k, v in (filled | {"truths": data.z_e}).items()}
-    return Forecasts(**_empty(model, data.t) | sets)
+    kept = KeptForecasts(index=np.arange(len(data)), truth=data.seen, prediction=y[None] if model.single else y)
+    return _of_sets(model, data.t, {SET: SetForecasts(z_e=data.z_e, kept=kept)})

@@ -19,6 +19,7 @@ from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast, standard_deviation
 from expertaug.errors import InputError
 from expertaug.evaluation.score import score, spread
+from expertaug.evaluation.settings import Scoring
 from expertaug.inference.diagnostics.alarm import threshold
 from expertaug.inference.least_squares import refined_by
 from expertaug.inference.store import load as load_any
@@ -221,10 +222,11 @@ class TrainedModel:
             raise InputError("data", f"z_e has shape {data.z_e.shape}", f"the expert parameters are {names}")
         if start not in STARTS:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
-        options = {"from_s": from_s, "solver": dict(vars(solver or self.solver))}
+        scoring = Scoring.of(from_s=from_s, solver=dict(vars(solver or self.solver)), draws=0)
         with arguments.one_thread():
-            scored = score(replace(self.stored, model=self.predictor), data, options, start, window.device)
-        return pd.DataFrame(scored.rows({}, self.seeds)).loc[:, ["seed", "metric", "value"]]
+            scored = score(replace(self.stored, model=self.predictor), data, scoring, start, window.device)
+        rows = [(seed, metric, value) for metric, seed, value in scored.of_seeds(self.seeds)]
+        return pd.DataFrame(rows, columns=["seed", "metric", "value"])
 
     def refined(
         self, *, noise: Noise = 0.0, prior: Ranges | None = None, **options: Unpack[RefinementOptions]

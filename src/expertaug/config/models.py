@@ -15,6 +15,7 @@ from pydantic import Field, field_serializer
 from pydantic_core import PydanticCustomError
 
 from expertaug.config.layers import overridden
+from expertaug.evaluation.settings import Scoring
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, ValiditySettings
 from expertaug.learning.settings import Build, MethodKeys, TrainSettings
 from expertaug.measurements.settings import MeasurementSettings
@@ -26,7 +27,6 @@ from expertaug.settings import (
     EachOnce,
     Name,
     Noise,
-    NotNegative,
     Positive,
     Range,
     Seed,
@@ -36,7 +36,7 @@ from expertaug.settings import (
     disagree,
     key,
 )
-from expertaug.systems.settings import SimulatedSet, SolverSettings
+from expertaug.systems.settings import SimulatedSet
 from expertaug.versions import MAIN_SETS
 from expertaug.wording import PATTERNS, is_multiple, other_parameters, show
 from expertaug_recordings.settings import CalibrationKeys, ChunkKeys, RecordingKeys
@@ -101,17 +101,15 @@ class FurtherPrior(Augmentation):
     methods: SomeNames = key(LEFT_OUT, "methods that get this version; left out = all under augmented")
 
 
-class Evaluation(Settings):
-    """What is measured and kept of each set."""
+class Evaluation(Scoring):
+    """What is measured and kept of each set, and how tables and figures show it."""
 
-    samples: Count = key(3, "number of forecasts of validation, iid and test that are kept for figures")
     published: str | None = key(
         None,
         "system whose published numbers (src/expertaug/evaluation/paper.csv) this experiment is compared with; "
         "null = none",
     )
     overview: bool = key(True, "whether the figures over all experiments of the run show this one")
-    from_s: NotNegative | None = key(None, "first time included in the metric; null = after the observed window", "s")
     convention: Literal["sum", "dim"] = key(
         "sum",
         "which log-MSE is shown in tables and figures: sum = squared errors summed over the observed dimensions, "
@@ -121,33 +119,6 @@ class Evaluation(Settings):
     set_titles: dict[str, str] = key(
         dict,
         "names of the sets in tables and figures; default train, validation (set of choices), IID test, test (OOD)",
-    )
-    max_samples: Count | None = key(None, "maximum number of samples from each set, spread evenly; null = all")
-    train_samples: Count | None = key(
-        200,
-        "maximum number of samples from the training set, spread evenly: no verdict rests on them; null = as for "
-        "every set",
-    )
-    draws: Annotated[int, Field(ge=0, le=1000)] = key(
-        19,
-        "number of forecasts drawn for each window, for the CRPS, the energy score and the bands of every version "
-        "with a distribution; 19 (or 39) give exact 50 % and 90 % bands, 0 = none",
-    )
-    drawn_samples: Count = key(
-        200, "maximum number of windows of each set for which forecasts are drawn, spread evenly"
-    )
-    expected_draws: Annotated[int, Field(ge=0, le=1000)] = key(
-        8,
-        "number of forecasts drawn for every window, whose distance from the forecast is the squared error to be "
-        "expected, a score of alarms; at most as many as `draws`",
-    )
-    solver: SolverSettings = key(
-        LEFT_OUT,
-        "solver for the forecasts; left out = dopri5 with tolerances of 1.0e-6, or rk4 with 10 substeps where there "
-        "are events",
-    )
-    draws_solver: SolverSettings = key(
-        LEFT_OUT, "solver for the drawn forecasts, of which there are `draws` times as many; left out = `solver`"
     )
 
 

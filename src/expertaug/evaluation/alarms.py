@@ -14,10 +14,9 @@ from expertaug.errors import InputError
 from expertaug.evaluation.diagnostic_figures import draw_alarm
 from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
-from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
+from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
 from expertaug.inference.diagnostics.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
-from expertaug.versions import REFINED
-from expertaug.versions import Version as MethodVersion
+from expertaug.versions import REFINED, Version
 
 KNOWN, IID = "validation", "iid"
 SCORES = {
@@ -58,7 +57,7 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJo
     if not rows:
         raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
     long = pd.DataFrame(rows)
-    title = f"{job.of_experiment(experiment_of(forecasts))}: alarms"
+    title = f"{job.of_experiment(versions[next(iter(found))].experiment)}: alarms"
     fewest = min(versions[v].sets[KNOWN].misfit.shape[1] for v in found)
     caption = CAPTION.format(share=f"{100 * attainable(fewest):.2g}")
     Study(long, [_table(long, job, title, caption)], lambda: _draw(found, labels, job, title)).save(outputs)
@@ -76,7 +75,7 @@ def _draw(found: Mapping[str, Mapping], labels: Mapping[str, str], job: WindowSt
 def _shown(found: Mapping[str, Mapping], traced: Collection[str]) -> str:
     """The version that the figure shows: the first with most scores, of those where some forecasts fail, augmented
     models before others."""
-    named = {v: MethodVersion.parse(v) for v in found}
+    named = {v: Version.parse(v) for v in found}
     ranked = sorted(found, key=lambda v: (not named[v].is_augmented or bool(named[v].estimators), v not in traced))
     scores = {}
     for v in ranked:
@@ -92,7 +91,7 @@ def _of_first_seed(found: Mapping[tuple[str, str, int], Assessment]) -> tuple[in
     return first, {score: one for (name, score, seed), one in found.items() if name == "test" and seed == first}
 
 
-def _assessed(version: Version, refined: Version | None) -> dict[tuple[str, str, int], Assessment]:
+def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[tuple[str, str, int], Assessment]:
     """By set, score and seed; sets that are like the training's are no shifts, but the IID test set is with each."""
     sets = version.sets
     if refined is not None and refined.seeds == version.seeds:

@@ -12,11 +12,10 @@ from matplotlib.figure import Figure
 
 from expertaug import plotting
 from expertaug.evaluation.diagnostic_figures import draw_calibration
-from expertaug.evaluation.samples import OWN
+from expertaug.evaluation.forecasts import OWN
 from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
-from expertaug.evaluation.windows import Drawn, experiment_of, read_windows
-from expertaug.evaluation.windows import Version as VersionWindows
+from expertaug.evaluation.windows import Drawn, VersionWindows, read_windows
 from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, Calibration, area_to_curve, interval_coverage
 from expertaug.versions import Version
 
@@ -60,7 +59,7 @@ def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStud
         "windows",
     ]
     long = pd.DataFrame(rows, columns=columns)
-    title = f"{job.of_experiment(experiment_of(forecasts))}: coverage of intervals"
+    title = f"{job.of_experiment(next(iter(versions.values())).experiment)}: coverage of intervals"
     Study(long, [_table(long, job, title)], lambda: _draw({v: versions[v] for v in known}, job, title)).save(outputs)
 
 

@@ -16,13 +16,15 @@ from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import Metric
 from expertaug.evaluation.score import spread
-from expertaug.evaluation.summary import experiment_title, order_sets, set_title
+from expertaug.evaluation.settings import DissipationJob
+from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.learning.training_data import StackedSet
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates
+from expertaug.models.settings import Refinement
 from expertaug.models.store import device_of
 from expertaug.systems import System
 from expertaug.systems.settings import CONSERVING
@@ -81,38 +83,35 @@ def dissipated_power(decoder: Decoder, states: Tensor, found: Estimates | None) 
 CHUNKS = 1000  # of each set, evenly spread
 
 
-def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], settings: Mapping) -> None:
+def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: DissipationJob) -> None:
     """Write the tables and draw the figure.
 
     Arguments:
         models: model files of every version that is trained, and of all groups of seeds.
         data: folder of train.npz, validation.npz and test.npz.
         outputs: any of .csv (a row for each version, seed, set and recording), .md, .tex, .png and .pdf.
-        settings: {experiment, versions, all_methods, set_titles, title, device}; ``versions`` has [version, label,
-            refinement] in the order of the tables, the last as in :func:`expertaug.evaluation.evaluate.evaluate`, null
-            where estimates are not refined; ``classes`` as there.
 
     Raises:
         InputError: a model is of another system or of no version, a version has no model, or an output's suffix is
             unknown.
     """
-    device = device_of(settings["device"])
+    device = device_of(job.device)
     chunks = {name: spread(Trajectories.load(Path(data) / f"{name}.npz"), CHUNKS) for name in MAIN_SETS}
-    files = _by_method(models, settings)
+    files = _by_method(models, job)
     parts = []
-    for version, label, refinement in settings["versions"]:
+    for version, label, refinement in job.versions:
         for path in files[str(Version.parse(version).trained)]:
-            stored = store.load(path, device, settings.get("classes", ()))
+            stored = store.load(path, device, job.classes or ())
             rows = _losses(stored, refinement, chunks, device)
-            parts.append(rows.assign(experiment=settings["experiment"], method=version, label=label))
+            parts.append(rows.assign(experiment=job.experiment, method=version, label=label))
     columns = ["experiment", "method", "label", "seed", "expert", "set", "recording", "chunks"]
     table = pd.concat(parts, ignore_index=True)[[*columns, "measured", "measured_se", "dissipated"]]
-    Study(table, tables(table, settings), lambda: draw(table, settings), precision="%.7g").save(outputs)
+    Study(table, tables(table, job), lambda: draw(table, job), precision="%.7g").save(outputs)
 
 
-def _by_method(models: Sequence[Path], settings: Mapping) -> dict[str, list[Path]]:
+def _by_method(models: Sequence[Path], job: DissipationJob) -> dict[str, list[Path]]:
     """Model files by the version that they were trained as."""
-    wanted = list(dict.fromkeys(str(Version.parse(version).trained) for version, *_ in settings["versions"]))
+    wanted = list(dict.fromkeys(str(Version.parse(version).trained) for version, *_ in job.versions))
     files: dict[str, list[Path]] = {name: [] for name in wanted}
     for path in map(Path, models):
         card = store.read_card(path)
@@ -127,7 +126,7 @@ def _by_method(models: Sequence[Path], settings: Mapping) -> dict[str, list[Path
 
 
 def _losses(
-    stored: store.StoredModel, refinement: Mapping | None, sets: Mapping[str, Trajectories], device: torch.device
+    stored: store.StoredModel, refinement: Refinement | None, sets: Mapping[str, Trajectories], device: torch.device
 ) -> pd.DataFrame:
     """Mean loss of energy, as a model's expert has it, of every seed on every set and recording: measured, its standard
     error over chunks, and dissipated by the model, which is NaN of seeds that could not be trained."""
@@ -185,10 +184,10 @@ TITLE = "loss of energy"
 THREE_DIGITS = Metric("dissipated", "dissipated")
 
 
-def tables(table: pd.DataFrame, settings: Mapping) -> list[Table]:
+def tables(table: pd.DataFrame, job: DissipationJob) -> list[Table]:
     """A table of methods and one of recordings."""
-    (head, rows), (second, by_recording) = _of_methods(table, settings), _of_recordings(table, settings)
-    name = str(settings["experiment"])
+    (head, rows), (second, by_recording) = _of_methods(table, job), _of_recordings(table, job)
+    name = job.experiment
     label, title = f"{name}-dissipation".replace("_", "-"), f"{name}: {TITLE}"
     first = Table(head, [("", rows)], 2, (), title, CAPTION, label)
     return [first, Table(second, [("", by_recording)], 2, caption="By recording:")]
@@ -211,29 +210,29 @@ def over_recordings(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _of_methods(table: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]]]:
+def _of_methods(table: pd.DataFrame, job: DissipationJob) -> tuple[list[str], list[list[str]]]:
     """A row for each set and version."""
     overall, rows = over_recordings(table), []
     for name in order_sets(table["set"]):
-        for version, label, _ in settings["versions"]:
+        for version, label, _ in job.versions:
             part = overall[(overall["set"] == name) & (overall["method"] == version)]
             cells = [_text(part["measured"].iloc[:1]), _text(part["dissipated"]), _text(part["correlation"])]
-            rows.append([set_title(name, settings), label, *(cell.replace("-", "−") for cell in cells)])
+            rows.append([job.of_set(name), label, *(cell.replace("-", "−") for cell in cells)])
     return ["set", "method", "measured", "dissipated", "correlation"], rows
 
 
-def _of_recordings(table: pd.DataFrame, settings: Mapping) -> tuple[list[str], list[list[str]]]:
+def _of_recordings(table: pd.DataFrame, job: DissipationJob) -> tuple[list[str], list[list[str]]]:
     """A row for each set and recording, a column for each expert's measured loss and each version."""
     experts = list(dict.fromkeys(table["expert"]))
     rows = []
     for (name, recording), part in table.groupby(["set", "recording"], sort=False):
         firsts = [part[part["expert"] == expert].iloc[0] for expert in experts]
         measured = [_number(row["measured"], row["measured_se"]) for row in firsts]
-        each = [_text(part.loc[part["method"] == version, "dissipated"]) for version, *_ in settings["versions"]]
+        each = [_text(part.loc[part["method"] == version, "dissipated"]) for version, *_ in job.versions]
         cells = [cell.replace("-", "−") for cell in (*measured, *each)]
-        rows.append([set_title(str(name), settings), str(recording), str(firsts[0]["chunks"]), *cells])
+        rows.append([job.of_set(str(name)), str(recording), str(firsts[0]["chunks"]), *cells])
     columns = ["measured"] if len(experts) == 1 else [f"measured, {expert}" for expert in experts]
-    return ["set", "recording", "chunks", *columns, *(label for _, label, _ in settings["versions"])], rows
+    return ["set", "recording", "chunks", *columns, *(label for _, label, _ in job.versions)], rows
 
 
 def _text(values: pd.Series) -> str:
@@ -251,12 +250,12 @@ def _number(mean: float, spread: float | None) -> str:
     return text(mean) if spread is None else f"{text(mean)} ± {text(spread)}"
 
 
-def draw(table: pd.DataFrame, settings: Mapping) -> Figure:
+def draw(table: pd.DataFrame, job: DissipationJob) -> Figure:
     """Dissipated against measured loss: a panel for each expert and set, a point for each recording, a colour for each
     method."""
     experts, sets = list(dict.fromkeys(table["expert"])), order_sets(table["set"])
-    labels = {version: label for version, label, _ in settings["versions"]}
-    colours = plotting.colours(list(labels), settings["all_methods"])
+    labels = {version: label for version, label, _ in job.versions}
+    colours = plotting.colours(list(labels), job.all_methods)
     looks = {v: _look(v, colours[v]) for v in labels}
     with plotting.styled():
         figure = plotting.new_figure(0.6 + 2.4 * len(experts))
@@ -270,7 +269,7 @@ def draw(table: pd.DataFrame, settings: Mapping) -> Figure:
                     own = part[part["method"] == version].groupby("recording", sort=False)
                     means = own[["measured", "dissipated"]].mean()
                     axis.plot(means["measured"], means["dissipated"], **look)
-                title = set_title(name, settings)
+                title = job.of_set(name)
                 axis.set_title(title if len(experts) == 1 else f"{title}, expert {expert.replace('_', ' ')}")
                 axis.grid()
             row[0].set_ylabel("dissipated by the model [s⁻³]")
@@ -278,7 +277,7 @@ def draw(table: pd.DataFrame, settings: Mapping) -> Figure:
             axis.set_xlabel("measured loss [s⁻³]")
         handles = [Line2D([], [], label=label, **looks[version]) for version, label in labels.items()]
         plotting.legend(figure, handles)
-        title = experiment_title(settings["experiment"], settings)
+        title = job.of_experiment(job.experiment)
         plotting.heading(figure, f"{title}: loss of energy per inertia; a point is a recording, mean over seeds")
     return figure
 

@@ -15,7 +15,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.alarms import KNOWN
 from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
-from expertaug.evaluation.windows import Version, WindowSet, experiment_of, read_windows
+from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
 from expertaug.inference.diagnostics.alarm import attainable, threshold
 from expertaug.versions import compared
 
@@ -63,7 +63,7 @@ def distance(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStud
             curve["skill"] = (mean - curve["log_mse"]) / (mean - floor)
         parts.append(curve.assign(method=v, label=labels[v]))
     long = pd.concat(parts, ignore_index=True)
-    title = f"{job.of_experiment(experiment_of(forecasts))}: distance from the training range"
+    title = f"{job.of_experiment(versions[known[0]].experiment)}: distance from the training range"
     Study(long, [_table(long, title)], lambda: _draw(long, job, title)).save(outputs)
 
 
@@ -76,7 +76,7 @@ def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequ
     return np.max(each, axis=0)
 
 
-def _curves(version: Version, job: WindowStudyJob) -> pd.DataFrame:
+def _curves(version: VersionWindows, job: WindowStudyJob) -> pd.DataFrame:
     """A row a bin of z_e's distance and, where windows are shifted in it, of z_a's: ``of`` (z_e or z_a), distance
     (median), windows, log_mse, parameter_error, alarms."""
     known = [name for name in version.sets if name not in ("train", "validation" if "iid" in version.sets else "")]
@@ -94,7 +94,7 @@ def _curves(version: Version, job: WindowStudyJob) -> pd.DataFrame:
 
 
 def _curve(
-    version: Version,
+    version: VersionWindows,
     sets: Sequence[WindowSet],
     distances: Sequence[np.ndarray],
     inside: Sequence[np.ndarray] | None = None,

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
-import pandas as pd
 from torch import Tensor
 
 from expertaug.evaluation.score import Scored, score, spread
-from expertaug.files import atomic
+from expertaug.evaluation.settings import DuringTrainingJob, Scoring
 from expertaug.learning import snapshots as states
 from expertaug.learning.during_training import BASE, stages
 from expertaug.learning.job import locked
-from expertaug.learning.settings import AugmentJob, FinetuneJob
 from expertaug.models.store import device_of
 from expertaug.tracking.log import Run
-from expertaug.tracking.metrics_csv import COLUMNS
+from expertaug.tracking.metrics_csv import MetricRow, write_rows
 from expertaug.tracking.run_log import RunLog
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
 from expertaug.versions import MAIN_SETS
 
+LOGGED = ("finetune_epochs", "augment", "finetune", "evaluation", "choices")  # of the job, in the log
+
 
 def during_training(
-    snapshots: Path, data: Path, output: Path, work: Path, settings: Mapping, tracking: Tracking | None
+    snapshots: Path, data: Path, output: Path, work: Path, job: DuringTrainingJob, tracking: Tracking | None
 ) -> None:
     """Write the metrics of every snapshot of a training and of its augmented, fine-tuned versions.
 
@@ -34,23 +33,25 @@ def during_training(
         output: CSV as of the stage evaluate, with the columns epoch (passes of training) and finetune_epochs (0 = as
             trained).
         work: folder for checkpoints.
-        settings: {experiment, method, label, preset, augment, finetune, finetune_epochs, evaluation, choices, seeds,
-            device}: settings of the stages augment, finetune and evaluate, and the lengths of the fine-tunings.
         tracking: as of :class:`expertaug.tracking.run_log.RunLog`; the log, during_training.jsonl beside ``output``,
             has the metrics with the passes of training as step.
     """
-    device = device_of(settings["device"])
-    drawing = AugmentJob.from_mapping(settings["augment"], "--settings.augment")
-    tuning = FinetuneJob.from_mapping(settings["finetune"], "--settings.finetune")
-    lengths = settings["finetune_epochs"]
-    options = settings["evaluation"]
+    device, scoring = device_of(job.device), Scoring.of_forecasts(job.evaluation)
     sets = {name: Trajectories.load(Path(data) / f"{name}.npz") for name in MAIN_SETS}
-    sets = {name: spread(found, options.get("max_samples")) for name, found in sets.items()}
+    sets = {name: spread(whole, scoring.max_samples) for name, whole in sets.items()}
     card, epochs = states.read_card(snapshots), states.passes(snapshots)
-    identity = {k: settings[k] for k in ("experiment", "method", "label", "preset")}
-    identity["system"] = card.system_name
-    params = {k: settings[k] for k in ("finetune_epochs", "augment", "finetune", "evaluation", "choices")}
-    run = Run(**identity, stage="during_training", seeds=card.seeds, params={"epochs": epochs} | params)
+    identity = (job.experiment, card.system_name, job.method, job.label, job.preset)
+    told = job.to_json()
+    run = Run(
+        experiment=job.experiment,
+        method=job.method,
+        label=job.label,
+        preset=job.preset,
+        system=card.system_name,
+        stage="during_training",
+        seeds=tuple(card.seeds),
+        params={"epochs": epochs} | {name: told[name] for name in LOGGED},
+    )
     rows = []
     with (
         locked(work),  # an orphan may still be writing the log
@@ -58,15 +59,17 @@ def during_training(
     ):
         for name in MAIN_SETS:
             log.dataset(name, Path(data) / f"{name}.npz")
-        for epoch, finetuned, stored in stages(snapshots, data, work, drawing, tuning, lengths, device):
-            place = {"epoch": epoch, "finetune_epochs": finetuned}
+        every = stages(snapshots, data, work, job.augment, job.finetune, job.finetune_epochs, device)
+        for epoch, finetuned, stored in every:
             for name, truth in sets.items():
-                scored = score(stored, truth, options, settings["choices"]["forecast_start"], device)
-                rows += scored.rows(identity | place | {"set": name}, stored.seeds)
+                scored = score(stored, truth, scoring, job.choices.forecast_start, device)
+                rows += [
+                    MetricRow(*identity, seed, name, metric, value, epoch, finetuned)
+                    for metric, seed, value in scored.of_seeds(stored.seeds)
+                ]
                 log.metrics(epoch, _named(name, finetuned, scored))
             log.flush()  # the next fine-tuning may take hours
-        with atomic(output) as temporary:
-            pd.DataFrame(rows)[[*COLUMNS, "epoch", "finetune_epochs"]].to_csv(temporary, index=False)
+        write_rows(Path(output), rows)
         log.artifact(output)
 
 

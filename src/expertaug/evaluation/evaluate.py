@@ -2,135 +2,132 @@
 
 from __future__ import annotations
 
-import csv
-import math
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from expertaug.errors import InputError
-from expertaug.evaluation.drawn_forecasts import drawing_of, of_own_windows
+from expertaug.evaluation.forecasting import drawing_of, of_own_windows, scored_draws
+from expertaug.evaluation.forecasts import Forecasts, KeptForecasts, SetForecasts, VersionKey
 from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
-from expertaug.evaluation.samples import MISFIT, VERSION, arrays_of, ranks_of
 from expertaug.evaluation.score import Scored, score, spread
-from expertaug.files import atomic
+from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.least_squares import refined_by, refinement_of
-from expertaug.inference.store import load
+from expertaug.inference.store import StoredModel, load
 from expertaug.models.store import device_of
 from expertaug.tracking.log import Run, read_log
-from expertaug.tracking.metrics_csv import COLUMNS
+from expertaug.tracking.metrics_csv import MetricRow, write_rows
 from expertaug.tracking.run_log import RunLog
 from expertaug.trajectories import Trajectories
-from expertaug.versions import MAIN_SETS, SHOWN_SETS
+from expertaug.versions import SHOWN_SETS
 
 
-def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, settings: Mapping) -> None:
+def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: EvaluateJob) -> None:
     """Write the metrics of every seed and set, and forecasts of chosen samples.
 
     Arguments:
         model: file of the trained model.
         data: folder of the sets.
-        metrics: CSV in long format (experiment, system, method, label, preset, seed, set, metric, value).
-        forecasts: npz; its arrays are named in :func:`_collect` and :func:`arrays_of`.
-        settings: {experiment, method, label, preset, sets, evaluation, choices, seeds, device}; ``sets`` names those to
-            evaluate (forecasts are kept of validation, iid and test alone, errors of every sample of all that are no
-            longer than the training's); ``evaluation`` has
-            ``samples`` (forecasts kept of each set), ``from_s`` (the metric sees times from there on; null = those
-            after the observed window, which ``log_mse_after_sum`` and ``_dim`` see alone where others count too),
-            ``max_samples`` and ``train_samples`` (of each set, and of the training set, evenly spread; null = all),
-            ``solver``, and ``draws`` and ``drawn_samples``: how many forecasts are drawn of how many windows of each
-            set, where a version has a distribution, ``expected_draws``, of every window, and ``draws_solver``, with
-            which (default the same);
-            ``noise``, standard deviation of the data's noise; ``refinement`` ({settings, noise, prior}, as
-            :func:`estimator_of`): the model's estimates are refined by least squares; ``own`` ({prior, resample_x,
-            z_a_from}): windows of the model's own making are one more set, of ranks and scores of draws alone.
+        metrics: CSV in long format (:class:`expertaug.tracking.metrics_csv.MetricRow`).
+        forecasts: npz (:mod:`expertaug.evaluation.forecasts`): forecasts are kept of validation, iid and test alone,
+            errors of every sample of all sets that are no longer than the training's.
 
     Raises:
-        InputError: the model and the settings disagree on the seeds.
+        InputError: the model and the job disagree on the seeds.
     """
-    device = device_of(settings["device"])
-    stored = load(model, device, settings.get("classes", ()))
-    if stored.seeds != list(settings["seeds"]):
-        raise InputError(model, f"holds seeds {stored.seeds}", f"expected {list(settings['seeds'])}: train again")
-    options = settings["evaluation"]
-    start = settings["choices"]["forecast_start"]
-    identity = {k: settings[k] for k in ("experiment", "method", "label", "preset")}
-    identity["system"] = stored.card.system_name
-    refinement = refinement_of(stored, settings.get("refinement"))
+    device, folder, scoring = device_of(job.device), Path(data), job.evaluation
+    stored = load(model, device, job.classes or ())
+    if stored.seeds != job.seeds:
+        raise InputError(model, f"holds seeds {stored.seeds}", f"expected {job.seeds}: train again")
+    start = job.choices.forecast_start
+    refinement = refinement_of(stored, job.refinement)
     if refinement is not None:
         stored = replace(stored, model=refined_by(stored, refinement))
-    rows, arrays, spread_out = [], {}, False
-    options = {**options, "noise": settings.get("noise", 0.0)}
-    for name in settings.get("sets", MAIN_SETS):
-        truth = spread(Trajectories.load(Path(data) / f"{name}.npz"), options.get("max_samples"))
+    identity = (job.experiment, stored.card.system_name, job.method, job.label, job.preset)
+    rows: list[MetricRow] = []
+    sets: dict[str, SetForecasts] = {}
+    t, rank_draws, distributed = np.array([]), None, False
+    for name in job.sets:
+        truth = spread(Trajectories.load(folder / f"{name}.npz"), scoring.max_samples)
         if name == "train":
-            truth = spread(truth, options.get("train_samples"))
-        kept = int(options.get("samples", 3)) if name in SHOWN_SETS[1:] else 0
-        plain = options if name in SHOWN_SETS[1:] else {**options, "draws": 0}
-        scored = score(stored, truth, plain, start, device, kept)
-        rows += scored.rows(identity | {"set": name}, stored.seeds)
+            truth = spread(truth, scoring.train_samples)
+        shown = name in SHOWN_SETS[1:]
+        how = scoring if shown else scoring.without_draws
+        scored = score(stored, truth, how, start, device, scoring.samples if shown else 0, job.noise)
+        rows += [
+            MetricRow(*identity, seed, name, metric, value) for metric, seed, value in scored.of_seeds(stored.seeds)
+        ]
+        one = SetForecasts(z_e=truth.z_e)
         if len(truth.t) <= len(stored.card.t):  # longer ones have other errors, of windows that others have
-            arrays |= {"t": truth.t, **arrays_of(name, truth, scored.errors, scored.z_e)}
-            arrays[f"{name}_{MISFIT}"] = scored.misfit.float().numpy()
-            arrays |= {f"{name}_{key}": value.float().numpy() for key, value in scored.expected.items()}
-            if name != "train":
-                arrays |= ranks_of(name, truth.z_e, scored.draws)
-                arrays |= {} if scored.drawn is None else scored.drawn.arrays(name)
-                spread_out |= scored.draws is not None
-        if kept:
-            arrays |= _collect(name, truth, scored)
-    if spread_out and settings.get("own") and options.get("draws"):
-        train, own = Trajectories.load(Path(data) / "train.npz"), {**settings["own"], "noise": options["noise"]}
-        drawing = drawing_of(stored, options, np.array(stored.card.t), start, device)
-        arrays |= of_own_windows(stored, train, own, options["drawn_samples"], drawing)
-    rows += [
-        {**identity, "seed": seed, "set": "train", "metric": "wall_s", "value": stored.card.wall_s}
-        for seed in stored.seeds
-    ]
+            t, one = truth.t, _of_every_sample(name, truth, scored)
+            distributed |= name != "train" and scored.draws is not None
+            if one.ranks is not None and scored.draws is not None:
+                rank_draws = scored.draws.shape[2]
+        if shown:
+            one = replace(one, kept=_of_chosen_samples(truth, scored))
+        if shown or one.errors is not None:
+            sets[name] = one
+    own = None
+    if distributed and job.own is not None and scoring.draws:
+        train = Trajectories.load(folder / "train.npz")
+        drawing = drawing_of(stored, scoring, job.noise, np.array(stored.card.t), start, device)
+        own, own_draws = of_own_windows(stored, train, job.own, job.noise, scoring.drawn_samples, drawing)
+        rank_draws = own_draws if own is not None and own.ranks is not None else rank_draws
+    rows += [MetricRow(*identity, seed, "train", "wall_s", stored.card.wall_s) for seed in stored.seeds]
     system = stored.model.system
-    arrays |= {
-        "version": np.array([identity[key] for key in VERSION]),
-        "observed": np.array(stored.card.observed - 1),
-        "seeds": np.array(stored.seeds),
-        "failed": np.array(stored.failed, dtype=int),
-        "state_names": np.array([p.name for p in system.state]),
-        "state_units": np.array([p.unit for p in system.state]),
-        "interaction_names": np.array([p.name for p in getattr(system, "interaction_parameters", ())], dtype=str),
-        "parameter_names": np.array([p.name for p in system.expert_parameters]),
-        "parameter_units": np.array([p.unit for p in system.expert_parameters]),
-    }
-    with atomic(forecasts) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(stream, **arrays)
-    with atomic(metrics) as temporary:
-        _write(temporary, rows)
-    write_log(Path(metrics), Path(model), identity, stored.seeds, settings)
+    Forecasts(
+        t=t,
+        observed=stored.card.observed - 1,
+        seeds=stored.seeds,
+        state_names=[p.name for p in system.state],
+        state_units=[p.unit for p in system.state],
+        parameter_names=[p.name for p in system.expert_parameters],
+        parameter_units=[p.unit for p in system.expert_parameters],
+        sets=sets,
+        failed=stored.failed,
+        interaction_names=[p.name for p in getattr(system, "interaction_parameters", ())],
+        version=VersionKey(job.experiment, job.preset, job.method),
+        rank_draws=rank_draws,
+        own=own,
+    ).save(forecasts)
+    write_rows(Path(metrics), rows)
+    write_log(Path(metrics), Path(model), stored, job)
 
 
-def _collect(name: str, truth: Trajectories, scored: Scored) -> dict[str, np.ndarray]:
-    """<set>_index (K,), _truth (K, T, *state), _prediction (S, K, T, *state), where forecasts are drawn _band
-    (2, S, K, T', *state), of the last T' times, and, where samples have one, _id (K,)."""
-    arrays = {
-        f"{name}_index": scored.index,
-        f"{name}_truth": truth.seen[scored.index],
-        f"{name}_prediction": scored.prediction.numpy(),
-    }
-    if scored.band is not None:
-        arrays[f"{name}_band"] = scored.band.numpy()
-    return arrays if truth.id is None else arrays | {f"{name}_id": truth.id[scored.index]}
+def _of_every_sample(name: str, truth: Trajectories, scored: Scored) -> SetForecasts:
+    """What is kept of every sample of a set; estimates and draws not of the training set."""
+
+    def array(values: torch.Tensor | None) -> np.ndarray | None:
+        return None if values is None else values.float().numpy()
+
+    is_train = name == "train"
+    one = SetForecasts() if is_train else scored_draws(truth.z_e, scored.draws, scored.drawn)
+    return replace(
+        one,
+        errors=array(scored.errors),
+        misfit=array(scored.misfit),
+        z_e=truth.z_e,
+        z_a=truth.z_a if truth.z_a.shape[1] else None,
+        z_e_hat=None if is_train or scored.z_e is None else scored.z_e.numpy(),
+        sample_id=truth.id,
+        expected=array(scored.expected),
+        moved=array(scored.moved),
+    )
 
 
-def _write(path: Path, rows: Sequence[Mapping]) -> None:
-    """A metrics.csv; nothing stands for a number that is none."""
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-        table.writeheader()
-        for row in rows:
-            table.writerow(row | ({"value": ""} if math.isnan(row["value"]) else {}))
+def _of_chosen_samples(truth: Trajectories, scored: Scored) -> KeptForecasts:
+    return KeptForecasts(
+        index=scored.index,
+        truth=truth.seen[scored.index],
+        prediction=scored.prediction.numpy(),
+        band=None if scored.band is None else scored.band.numpy(),
+        id=None if truth.id is None else truth.id[scored.index],
+    )
 
 
-def write_log(metrics: Path, model: Path, identity: Mapping, seeds: Sequence[int], settings: Mapping) -> None:
+def write_log(metrics: Path, model: Path, stored: StoredModel, job: EvaluateJob) -> None:
     """Write the log beside a metrics.csv; its figures are named in it before they are there.
 
     Its parameters are those of the training, where that has left its log beside the model, and its own: scores and
@@ -138,15 +135,23 @@ def write_log(metrics: Path, model: Path, identity: Mapping, seeds: Sequence[int
 
     Arguments:
         model: the model file that was evaluated.
-        identity: {experiment, method, label, preset, system}.
-        settings: as of :func:`evaluate`.
+        stored: what it holds.
     """
     training = model.with_name("log.jsonl")
     params = dict(read_log(training).header.params) if training.is_file() else {}
-    params["choices"] = {**params.get("choices", {}), **settings["choices"]}
-    params["evaluation"] = settings["evaluation"]
-    tags = {"rule": "evaluate", "table": f"tables/{identity['experiment']}.md"}
-    run = Run(**identity, stage="evaluate", seeds=seeds, params=params, tags=tags)
+    params["choices"] = {**params.get("choices", {}), **job.choices.to_json()}
+    params["evaluation"] = job.evaluation.to_json()
+    run = Run(
+        experiment=job.experiment,
+        method=job.method,
+        label=job.label,
+        preset=job.preset,
+        system=stored.card.system_name,
+        stage="evaluate",
+        seeds=tuple(stored.seeds),
+        params=params,
+        tags={"rule": "evaluate", "table": f"tables/{job.experiment}.md"},
+    )
     with RunLog(metrics.with_name(EVALUATION_LOG), run) as log:
         log.table(metrics)
         for path in (metrics, *map(metrics.with_name, OWN_FIGURES)):

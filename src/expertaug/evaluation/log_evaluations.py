@@ -13,6 +13,7 @@ from expertaug import files
 from expertaug.evaluation import traces
 from expertaug.evaluation.parameters import parameters
 from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
+from expertaug.evaluation.settings import ParameterReading
 from expertaug.tracking.log import read_log
 from expertaug.tracking.settings import Tracking
 from expertaug.tracking.sync import Sync
@@ -37,10 +38,10 @@ def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Tracking 
     for path in map(Path, forecasts):
         log = path.with_name(EVALUATION_LOG)
         header = read_log(log).header
-        names = {"labels": [[header.method, header.label]]}
+        reading = ParameterReading(labels=[(header.method, header.label)])
         drawn = [path.with_name(name) for name in OWN_FIGURES]
-        traces.forecasts({header.method: path}, drawn[0], names)
-        parameters({header.method: path}, drawn[1], names)
+        traces.forecasts({header.method: path}, drawn[0], reading)
+        parameters({header.method: path}, drawn[1], reading)
         logger.info("%s: drawn", path.parent)
         made = None
         if tracking is not None and all(stored.values()):  # a store that fails is not asked again for each log

@@ -12,11 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from expertaug import plotting
-from expertaug.evaluation.forecast_file import Forecasts
-from expertaug.evaluation.summary import (
-    drawn_sets,
-    set_title,
-)
+from expertaug.evaluation.forecasts import Forecasts
+from expertaug.evaluation.settings import ParameterReading
+from expertaug.evaluation.summary import drawn_sets
 from expertaug.versions import ordered
 
 MARKERS = {"train": "^", "validation": "o", "iid": "o", "test": "D"}
@@ -25,34 +23,36 @@ MARGIN = 0.12  # of an axis beyond the ranges that it shows
 BINS, TAIL = 25, 0.02  # of a histogram, and the part of all estimates that it leaves out at either end
 
 
-def parameters(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+PLAIN = ParameterReading(labels=[])
+
+
+def parameters(
+    forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], reading: ParameterReading = PLAIN
+) -> None:
     """Draw estimated against true expert parameters: a row per parameter, a column per method, all seeds.
 
     Arguments:
         forecasts: forecasts.npz by method; methods that estimate nothing are left out.
         outputs: as in :func:`log_mse`; where no method estimates anything the figure says so.
-        settings: all optional: ``labels`` (pairs of a method and what is printed for it), ``all_methods`` (those of the
-            configuration, in order), ``training_range`` as {parameter: [low, high]}, ``priors`` (p⁺) as the same by
-            method, ``set_titles``; without a training range that of the file's training values is shaded, and where it
-            has none that of its validation values.
+        reading: without a training range that of the file's training values is shaded, and where it has none that of
+            its validation values.
 
     Raises:
         InputError: a file is broken.
     """
-    found = {method: Forecasts.load(path) for method, path in forecasts.items()}
-    found = {method: data for method, data in found.items() if data.estimates}
-    if not found:
+    loaded = {method: Forecasts.load(path) for method, path in forecasts.items()}
+    estimating = {method: data for method, data in loaded.items() if data.estimates}
+    if not estimating:
         plotting.save_note("no method estimates parameters", outputs)
         return
     with plotting.styled():
-        plotting.save(draw_parameters(found, dict(settings or {})), outputs)
+        plotting.save(draw_parameters(estimating, reading), outputs)
 
 
-def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure:
+def draw_parameters(found: Mapping[str, Forecasts], reading: ParameterReading) -> Figure:
     """The figure of :func:`parameters` from forecasts in memory, all of which have estimates."""
-    labels, all_methods = dict(settings.get("labels", ())), settings.get("all_methods", ())
-    methods = ordered(found, all_methods)
-    colours = plotting.colours(methods, all_methods)
+    methods = ordered(found, reading.all_methods)
+    colours = plotting.colours(methods, reading.all_methods)
     first = found[methods[0]]
     count = len(first.parameter_names)
     with plotting.styled():
@@ -63,23 +63,23 @@ def draw_parameters(found: Mapping[str, Forecasts], settings: Mapping) -> Figure
         for row, name in enumerate(first.parameter_names):
             quantity = plotting.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
             if is_unknown(first, row):
-                priors = {method: settings.get("priors", {}).get(method, {}).get(name) for method in methods}
+                priors = {method: _prior(reading, method, name) for method in methods}
                 axes = dict(zip(methods, grid[row], strict=True))
                 _histograms(axes, found, row, colours, priors)
                 for method, axis in axes.items():
                     axis.set_xlabel(f"estimated {quantity}")
                     if row == 0:
-                        axis.set_title(plotting.wrapped(plotting.text(labels.get(method, method)), side))
+                        axis.set_title(plotting.wrapped(plotting.text(reading.printed(method)), side))
                 grid[row, 0].set_ylabel("windows\n(truth unknown)")
                 continue
-            low, high = _show_ranges(dict(zip(methods, grid[row], strict=True)), first, row, name, settings)
+            low, high = _show_ranges(dict(zip(methods, grid[row], strict=True)), first, row, name, reading)
             for axis, method in zip(grid[row], methods, strict=True):
                 _scatter(axis, found[method], row, (low, high), colours[method])
                 axis.set_xlabel(f"true {quantity}")
                 if row == 0:
-                    axis.set_title(plotting.wrapped(plotting.text(labels.get(method, method)), side))
+                    axis.set_title(plotting.wrapped(plotting.text(reading.printed(method)), side))
             grid[row, 0].set_ylabel(f"estimated {quantity}")
-        _parameter_legend(figure, first, settings)
+        _parameter_legend(figure, first, reading)
     return figure
 
 
@@ -117,14 +117,14 @@ def _histograms(
 
 
 def _show_ranges(
-    axes: Mapping[str, Axes], data: Forecasts, column: int, name: str, settings: Mapping
+    axes: Mapping[str, Axes], data: Forecasts, column: int, name: str, reading: ParameterReading
 ) -> tuple[float, float]:
     """Shade the training range, draw each method's p⁺ and set the limits, which are returned."""
-    training = (settings.get("training_range") or {}).get(name)
-    if training is None and _shaded(data, {}) is not None:
-        values = data.truths["validation" if _shaded(data, {}) == "validation range" else "train"][:, column]
+    training = reading.training_range.get(name)
+    if training is None and (shaded := _shaded(data)) is not None:
+        values = data.truths[shaded][:, column]
         training = (np.nanmin(values), np.nanmax(values)) if np.isfinite(values).any() else None
-    priors = {method: settings.get("priors", {}).get(method, {}).get(name) for method in axes}
+    priors = {method: _prior(reading, method, name) for method in axes}
     ends = [value for limits in (training, *priors.values()) if limits is not None for value in limits]
     shown = [data.truths[name][:, column] for name in drawn_sets(data.estimates)]
     known = [values[np.isfinite(values)] for values in shown]
@@ -142,12 +142,14 @@ def _show_ranges(
     return limits
 
 
-def _shaded(data: Forecasts, settings: Mapping) -> str | None:
-    """What the shaded range is."""
-    known = [name for name in ("train", "validation") if np.isfinite(data.truths.get(name, np.nan)).any()]
-    if settings.get("training_range") or "train" in known:
-        return "training range"
-    return "validation range" if "validation" in known else None
+def _prior(reading: ParameterReading, method: str, name: str) -> tuple[float, float] | None:
+    """The range of a parameter under a method's p⁺."""
+    return reading.priors.get(method, {}).get(name)
+
+
+def _shaded(data: Forecasts) -> str | None:
+    """The set whose range is shaded where that of the training is not told."""
+    return next((name for name in ("train", "validation") if np.isfinite(data.truths.get(name, np.nan)).any()), None)
 
 
 def _scatter(
@@ -180,19 +182,19 @@ def _scatter(
         axis.annotate(text, (0.03, 0.97), xycoords="axes fraction", va="top", fontsize=6.5, color="0.3")
 
 
-def _parameter_legend(figure: Figure, data: Forecasts, settings: Mapping) -> None:
+def _parameter_legend(figure: Figure, data: Forecasts, reading: ParameterReading) -> None:
     unknown = [is_unknown(data, row) for row in range(len(data.parameter_names))]
     handles = []
     for name in drawn_sets(data.estimates):
-        title, face = set_title(name, settings), "none" if name == "test" else "0.6"
+        title, face = reading.of_set(name), "none" if name == "test" else "0.6"
         if all(unknown):
             handles.append(Patch(facecolor=face, edgecolor="0.3", label=title))
             continue
         marker = {"marker": MARKERS.get(name, "s"), "markerfacecolor": face, "markeredgecolor": "0.3"}
         handles.append(Line2D([], [], linestyle="", markersize=4, label=title, **marker))
-    if text := _shaded(data, settings):
-        handles.append(Patch(facecolor="0.9", label=text))
-    if any(settings.get("priors", {}).values()):
+    if shaded := "train" if reading.training_range else _shaded(data):
+        handles.append(Patch(facecolor="0.9", label="training range" if shaded == "train" else "validation range"))
+    if any(reading.priors.values()):
         handles.append(Line2D([], [], color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), label="range of p⁺"))
     if not all(unknown):
         handles.append(Line2D([], [], color="0.25", linewidth=0.8, label="estimate = truth"))

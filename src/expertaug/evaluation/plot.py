@@ -26,15 +26,13 @@ def plot(metrics: Sequence[Path], forecasts: Sequence[Path], logs: Sequence[Path
     """
     by_method = dict(zip(job.label_of, forecasts, strict=True))
     traced = {method: by_method[method] for method in job.traced}
-    shared = {key: getattr(job, key) for key in ("labels", "all_methods", "set_titles", "title")}
-    ranges = {key: getattr(job, key) for key in ("training_range", "priors") if getattr(job, key)}
-    rest = {"left_out": len(by_method) - len(traced), "measured": job.measured}
 
     def output(name: str) -> Path:
         return Path(f"{prefix}_{name}")
 
     dots.log_mse(metrics, output("log_mse"), job)
     dots.parameter_errors(metrics, output("parameter_errors"), job)
-    parameters(traced, output("parameters"), shared | ranges)
-    traces.forecasts(traced, output("forecasts"), shared | rest)
-    traces.curves(logs, output("curves"), shared | {"traced": list(traced)})
+    parameters(traced, output("parameters"), job)
+    view = traces.View(left_out=len(by_method) - len(traced), measured=job.measured)
+    traces.forecasts(traced, output("forecasts"), job, view)
+    traces.curves(logs, output("curves"), job, job.traced)

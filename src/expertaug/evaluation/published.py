@@ -12,6 +12,7 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
+from expertaug.evaluation.forecasts import VersionKey, read_forecasts
 from expertaug.evaluation.intervals import Interval, Resampled, against, interval
 from expertaug.evaluation.metrics import metric_of
 from expertaug.evaluation.samples import Samples
@@ -96,7 +97,7 @@ def compare(metrics: Sequence[Path], outputs: Sequence[Path], job: CompareJob, f
     Raises:
         InputError: a file is broken, a system is unknown, samples' errors are missing, or an output's suffix.
     """
-    table = comparison(summarise(read_metrics(metrics)), Samples(forecasts), job)
+    table = comparison(summarise(read_metrics(metrics)), Samples(read_forecasts(forecasts)), job)
     Study(table, _tables(table)).save(outputs)
 
 
@@ -144,7 +145,9 @@ def _ours(one: Published, cell: pd.Series | None, samples: Samples) -> dict[str,
         return nothing | {"n": 0, "of": 0, "at_or_below": None, "verdict": NO_VALUE}
     mean, difference, ends = float(cell["mean"]), None, (math.nan, math.nan)
     if cell["n"]:
-        found = samples.resampled((cell["experiment"], cell["preset"], cell["method"]), cell["set"], cell["metric"])
+        found = samples.resampled(
+            VersionKey(cell["experiment"], cell["preset"], cell["method"]), cell["set"], cell["metric"]
+        )
         if found is None:
             what = f"{cell['label']} of {cell['experiment']}"
             raise InputError(what, f"no errors of the samples of {cell['set']}", "give the forecasts.npz of every run")

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.evaluation.diverged import forecast
-from expertaug.evaluation.drawn_forecasts import DRAWN, DrawnScores, ExpectedError, drawing_of
+from expertaug.evaluation.forecasting import DRAWN, DrawnScores, ExpectedError, drawing_of, forecast
 from expertaug.evaluation.metrics import Outcome, values_of
+from expertaug.evaluation.settings import Scoring
 from expertaug.inference.posterior_predictive import z_e_draws
 from expertaug.learning.divergence import bound_of_card, largest_sizes
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors, window_residual
-from expertaug.models import store
+from expertaug.models.observation_noise import GivenNoise
+from expertaug.models.store import StoredModel
 from expertaug.systems.inputs import check_given, joined
 from expertaug.trajectories import Trajectories
 
@@ -36,7 +37,8 @@ class Scored:
         errors: squared error of every sample (S, N), as of :func:`squared_errors`; NaN of seeds that failed.
         draws: of z_e (S, N, K, P), where the estimator has a distribution.
         misfit: the same over the observed window after its first point, which needs no truth.
-        expected: what is expected of the errors (:class:`ExpectedError`), each (S, N).
+        expected, moved: what is expected of the errors, and of the encoder's (:class:`ExpectedError`), each (S, N),
+            where it is.
         drawn: scores of forecasts from draws, where there are any.
         band: of the kept forecasts, (2, S, K, T, *state): ends of the 90 % band.
     """
@@ -47,18 +49,16 @@ class Scored:
     z_e: Tensor | None
     errors: Tensor
     misfit: Tensor
-    expected: Mapping[str, Tensor]
+    expected: Tensor | None
+    moved: Tensor | None
     draws: Tensor | None
     drawn: DrawnScores | None = None
     band: Tensor | None = None
 
-    def rows(self, identity: Mapping, seeds: Sequence[int]) -> list[dict]:
-        """Rows of a metrics.csv."""
-        return [
-            {**identity, "seed": seed, "metric": metric, "value": float(value[k])}
-            for metric, value in self.values.items()
-            for k, seed in enumerate(seeds)
-        ]
+    def of_seeds(self, seeds: Sequence[int]) -> Iterator[tuple[str, int, float]]:
+        """Metric, seed and value."""
+        for metric, value in self.values.items():
+            yield from ((metric, seed, float(value[k])) for k, seed in enumerate(seeds))
 
 
 def spread(data: Trajectories, count: int | None) -> Trajectories:
@@ -70,7 +70,13 @@ def spread(data: Trajectories, count: int | None) -> Trajectories:
 
 @torch.no_grad()
 def score(
-    stored: store.StoredModel, truth: Trajectories, options: Mapping, start: str, device: torch.device, keep: int = 0
+    stored: StoredModel,
+    truth: Trajectories,
+    scoring: Scoring,
+    start: str,
+    device: torch.device,
+    keep: int = 0,
+    noise: GivenNoise = 0.0,
 ) -> Scored:
     """Forecast a set, part by part, and score it; seeds that could not be trained have NaN.
 
@@ -78,12 +84,13 @@ def score(
     is the processor time in which one seed estimates one window's parameters, all windows at once.
 
     Arguments:
-        options: what ``evaluation`` has in :func:`evaluate`, and ``noise``.
+        scoring: how; which samples of the set are scored is the caller's.
         start: y0 or y_t1 (:meth:`Predictor.predicted`).
         keep: number of forecasts to keep, evenly spread.
+        noise: standard deviation of the data's noise, which drawn forecasts get too.
     """
     system, observed, seeds = stored.model.system, stored.card.observed, len(stored.seeds)
-    drawing = drawing_of(stored, options, truth.t, start, device)
+    drawing = drawing_of(stored, scoring, noise, truth.t, start, device)
     t, begin, solver = drawing.t, drawing.begin, drawing.solver
     bound = bound_of_card(stored.card, device)
     if bound is not None:  # what turns at one speed goes as far as the time is long
@@ -92,9 +99,9 @@ def score(
     check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0
-    few = min(drawing.count, options.get("expected_draws", drawing.count))
+    few = min(drawing.count, scoring.expected_draws)
     expected = ExpectedError(stored.model, replace(drawing, count=few))
-    chosen = np.linspace(0, len(truth) - 1, min(options.get("drawn_samples", 0), len(truth))).astype(int)
+    chosen = np.linspace(0, len(truth) - 1, min(scoring.drawn_samples, len(truth))).astype(int)
     scores, bands, random = [], [], RandomStreams(stored.seeds, DRAWN, device=device)
     seen = truth.seen
     for first in range(0, len(truth), size):
@@ -154,7 +161,7 @@ def score(
         z_e,
         errors,
         misfit,
-        expected.joined(),
+        *expected.joined(),
         torch.cat(drawn, dim=1) if drawn else None,
         of_draws,
         torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,

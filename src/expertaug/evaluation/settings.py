@@ -1,17 +1,22 @@
-"""Typed settings of the stages that make tables and figures of scores."""
+"""Typed settings of the stages that score models and that make tables and figures of scores; torch is not loaded
+here."""
 
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from expertaug.settings import LEFT_OUT, NotNegative, Range, Settings, key
+from expertaug.inference.settings import OwnWindows, ValiditySettings
+from expertaug.learning.settings import AugmentJob, FinetuneJob, LabelledJob, ModelFileJob
+from expertaug.models.settings import Refinement
+from expertaug.settings import LEFT_OUT, Count, Device, Noise, NotNegative, Range, Settings, key
+from expertaug.systems.settings import SolverSettings
+from expertaug.versions import MAIN_SETS
 
 Pair = Annotated[tuple[str, str], Field(strict=False)]
 Ranges = dict[str, Range]
-Device = Literal["auto", "cpu", "cuda"]
 CONVENTIONS = {
     "sum": "summed over the observed dimensions",
     "dim": "averaged over the observed dimensions",
@@ -22,6 +27,79 @@ SET_TITLES = {
     "iid": "IID test",
     "test": "test (OOD)",
 }
+
+
+class ForecastScoring(Settings):
+    """Which forecasts are scored, and how they are solved."""
+
+    WHERE: ClassVar[str] = "evaluation"
+
+    from_s: NotNegative | None = key(None, "first time included in the metric; null = after the observed window", "s")
+    max_samples: Count | None = key(None, "maximum number of samples from each set, spread evenly; null = all")
+    solver: SolverSettings = key(
+        LEFT_OUT,
+        "solver for the forecasts; left out = dopri5 with tolerances of 1.0e-6, or rk4 with 10 substeps where there "
+        "are events",
+    )
+
+
+class Scoring(ForecastScoring):
+    """What is measured and kept of each set."""
+
+    samples: Count = key(3, "number of forecasts of validation, iid and test that are kept for figures")
+    train_samples: Count | None = key(
+        200,
+        "maximum number of samples from the training set, spread evenly: no verdict rests on them; null = as for "
+        "every set",
+    )
+    draws: Annotated[int, Field(ge=0, le=1000)] = key(
+        19,
+        "number of forecasts drawn for each window, for the CRPS, the energy score and the bands of every version "
+        "with a distribution; 19 (or 39) give exact 50 % and 90 % bands, 0 = none",
+    )
+    drawn_samples: Count = key(
+        200, "maximum number of windows of each set for which forecasts are drawn, spread evenly"
+    )
+    expected_draws: Annotated[int, Field(ge=0, le=1000)] = key(
+        8,
+        "number of forecasts drawn for every window, whose distance from the forecast is the squared error to be "
+        "expected, a score of alarms; at most as many as `draws`",
+    )
+    draws_solver: SolverSettings = key(
+        LEFT_OUT, "solver for the drawn forecasts, of which there are `draws` times as many; left out = `solver`"
+    )
+
+    @classmethod
+    def of_forecasts(cls, forecasts: ForecastScoring) -> Scoring:
+        """The same without any draws."""
+        return cls(**{name: getattr(forecasts, name) for name in forecasts.model_fields_set}, draws=0)
+
+    @property
+    def without_draws(self) -> Scoring:
+        return self.model_copy(update={"draws": 0})
+
+
+class EvaluateJob(LabelledJob, ModelFileJob):
+    """An evaluation."""
+
+    OBEYS = ("forecast_start",)
+
+    evaluation: Scoring = key(..., "what is computed")
+    refinement: Refinement = key(LEFT_OUT, "least squares on each window, where the estimates come from it")
+    sets: list[str] = key(lambda: list(MAIN_SETS), "names of the sets")
+    noise: Noise = key(0.0, "standard deviation of the data's noise")
+    own: OwnWindows = key(LEFT_OUT, "windows of the model's own making, on which draws are ranked and scored")
+
+
+class DuringTrainingJob(LabelledJob):
+    """A study during training."""
+
+    OBEYS = ("forecast_start",)
+
+    augment: AugmentJob = key(..., "settings of augment")
+    finetune: FinetuneJob = key(..., "settings of finetune")
+    finetune_epochs: list[int] = key(..., "lengths of the fine-tunings")
+    evaluation: ForecastScoring = key(..., "what is computed")
 
 
 class Titles(Settings):
@@ -62,6 +140,10 @@ class LabelledReading(Reading):
         """What is printed for each version, in order."""
         return dict(self.labels)
 
+    def printed(self, version: str) -> str:
+        """What is printed for a version; of one without a label its name."""
+        return self.label_of.get(version, version)
+
 
 class TabulateJob(LabelledReading):
     """The tables of an experiment."""
@@ -70,20 +152,29 @@ class TabulateJob(LabelledReading):
     known_form: list[str] = key(list, "versions whose F_a is of known form")
 
 
-class FigureReading(LabelledReading):
+class FigureColours(Settings):
     """Of figures, whose colours are those of a method in all of them."""
 
     all_methods: list[str] = key(list, "of the configuration, which fix the colours")
 
 
-class PlotJob(FigureReading):
+class FigureReading(LabelledReading, FigureColours):
+    """Of figures of named versions."""
+
+
+class ParameterReading(FigureReading):
+    """Of figures of estimated parameters."""
+
+    training_range: Ranges = key(dict, "of the expert parameters, where it is known")
+    priors: dict[str, Ranges] = key(dict, "p⁺ of each method")
+
+
+class PlotJob(ParameterReading):
     """The figures of an experiment."""
 
     traced: list[str] = key(list, "versions that figures of lines and points show")
     floor: str | None = key(None, "version of the true equation, where there is one")
     measured: bool = key(False, "whether the states were measured, not simulated")
-    training_range: Ranges = key(dict, "of the expert parameters, where it is known")
-    priors: dict[str, Ranges] = key(dict, "p⁺ of each method")
 
 
 class SimulatedSet(Settings):
@@ -132,6 +223,35 @@ class WindowStudyJob(FigureReading):
     traced: list[str] = key(list, "versions that figures show before others")
 
 
+class FittedVersion(NamedTuple):
+    """A version of trained models, and how its windows are fitted."""
+
+    version: str
+    label: str
+    refinement: Refinement | None
+
+
+class ModelsJob(FigureColours, Reading):
+    """What is asked of trained models."""
+
+    experiment: str = key(..., "name of the experiment")
+    versions: list[FittedVersion] = key(
+        ..., "version, label and fit of each: settings, noise and prior of least squares, or null"
+    )
+    device: Device = key(..., "where to compute")
+    classes: list[str] = key(LEFT_OUT, "classes from elsewhere that the model files may name")
+
+
+class DissipationJob(ModelsJob):
+    """The comparison of dissipated power and loss of energy."""
+
+
+class ValidityJob(ModelsJob):
+    """The check whether F_a holds where z_e has moved."""
+
+    validity: ValiditySettings = key(..., "how it is checked")
+
+
 class GridJob(Settings):
     """The table and the figure of a sweep over hyperparameters."""
 
@@ -169,13 +289,12 @@ class OverviewExperiment(Reading):
     opponents: list[str] = key(..., "versions that are never augmented")
 
 
-class OverviewJob(Settings):
+class OverviewJob(FigureColours):
     """The figures over several experiments."""
 
     WHERE: ClassVar[str] = "--settings"
 
     experiments: list[OverviewExperiment] = key(..., "what is shown of each")
-    all_methods: list[str] = key(..., "of the configuration, which fix the colours")
 
 
 class ShownFile(Settings):

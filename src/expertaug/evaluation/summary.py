@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,6 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import METRICS, Metric, Shown, first_metrics
-from expertaug.evaluation.settings import Titles
 from expertaug.tracking.metrics_csv import COLUMNS, read_rows
 from expertaug.versions import SHOWN_SETS
 
@@ -25,11 +24,8 @@ def read_metrics(paths: Sequence[str | Path], further: Sequence[str] = ()) -> pd
         raise InputError("metrics", "no file", "at least one metrics.csv")
     parts = []
     for path in paths:
-        part = pd.DataFrame(read_rows(path))
-        if missing := [name for name in further if name not in part]:
-            raise InputError(path, f"no column {missing[0]!r}", "make it again with its stage")
-        part = part[[*COLUMNS, *further]].astype(dict.fromkeys(further, int))
-        parts.append(part.assign(seed=part["seed"].astype(int), value=part["value"].astype(float), file=str(path)))
+        part = pd.DataFrame(read_rows(path, bool(further)))
+        parts.append(part[[*COLUMNS, *further]].assign(file=str(path)))
     table = pd.concat(parts, ignore_index=True)
     same = table.duplicated(["experiment", "method", "preset", "seed", "set", "metric", *further])
     if same.any():
@@ -72,16 +68,6 @@ def in_domain(sets: Iterable[str]) -> str:
 def drawn_sets(sets: Iterable[str]) -> list[str]:
     """Sets that figures show, in order: validation only where there is no IID test set."""
     return [name for name in order_sets(sets) if name != "validation" or in_domain(sets) == name]
-
-
-def set_title(name: str, settings: Mapping) -> str:
-    """A set's name as it is printed; ``settings["set_titles"]`` may say otherwise."""
-    return Titles(set_titles=settings.get("set_titles") or {}).of_set(name)
-
-
-def experiment_title(name: str, settings: Mapping) -> str:
-    """An experiment's name as figures print it; ``settings["title"]`` may say otherwise."""
-    return Titles(title=settings.get("title")).of_experiment(name)
 
 
 def shown_metrics(table: pd.DataFrame, convention: str) -> list[str]:

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.forecasts import Forecasts, read_forecasts
 from expertaug.evaluation.intervals import LEVEL, Interval, interval
 from expertaug.evaluation.metrics import COST, DIVERGED, RELATIVE_ERROR, Shown, metric_of
 from expertaug.evaluation.samples import Samples
@@ -67,7 +67,8 @@ def tabulate(
     Raises:
         InputError: a file is broken, there are none of these metrics, or an output's suffix is unknown.
     """
-    job, units, samples = job or TabulateJob(labels=[]), _units(forecasts), Samples(forecasts)
+    job, loaded = job or TabulateJob(labels=[]), read_forecasts(forecasts)
+    units, samples = _units(loaded), Samples(loaded)
     long = _prepare(read_metrics(metrics), job, samples)
     if not shown_metrics(long, job.convention):
         known = ", ".join(dict.fromkeys(long["metric"]))
@@ -309,10 +310,11 @@ def with_columns(long: pd.DataFrame, found: Mapping[tuple[str, str, str, str], I
     return long.assign(**columns)
 
 
-def _units(forecasts: Sequence[Path]) -> dict[str, str]:
+def _units(forecasts: Sequence[Forecasts]) -> dict[str, str]:
     """Unit of each parameter by name."""
-    files = [Forecasts.load(path) for path in forecasts]
-    return {name: unit for file in files for name, unit in zip(file.parameter_names, file.parameter_units, strict=True)}
+    return {
+        name: unit for one in forecasts for name, unit in zip(one.parameter_names, one.parameter_units, strict=True)
+    }
 
 
 def _prepare(table: pd.DataFrame, job: TabulateJob, samples: Samples) -> pd.DataFrame:

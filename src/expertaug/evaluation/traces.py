@@ -1,75 +1,107 @@
-"""Figures over time: forecasts against the truth, and the course of a training."""
+"""Figures over time: forecasts against the truth, of a state of components or of fields, and the course of a
+training."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation import fields
-from expertaug.evaluation.forecast_file import Forecasts
-from expertaug.evaluation.summary import experiment_title, set_title
+from expertaug.evaluation.forecasts import Forecasts
+from expertaug.evaluation.settings import FigureReading
 from expertaug.tracking.log import Log, read_log
-from expertaug.versions import Version, ordered
+from expertaug.versions import Version, ordered, paired
 
 TRUTH = "0.05"
 MOST_DIMENSIONS = 4
 CURVE_POINTS = 150
 # A forecast may run away; the axis shows the truth's range and this share of it on each side.
 ROOM = 0.5
+# Of fields.
+TIMES = 4
+GAP = 0.25  # between states and errors, in widths of a panel
+COLOURS = "RdBu_r"
+OVERSHOOT = 0.1  # of the truth's range that the colours reach beyond it
+QUANTILE = 99.0  # of the errors that their colours reach to: one forecast that runs away would hide all others
 METRICS = {"loss": "training loss", "validation_score": "validation log-MSE"}
 
 
-def forecasts(forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
-    """Draw the forecasts of several methods for the same samples: a row per state dimension, a column per sample.
+@dataclass(frozen=True)
+class View:
+    """Which forecasts a figure shows.
 
-    A state that is a field is drawn by :func:`expertaug.evaluation.fields.panel` instead.
+    Attributes:
+        set: of which set.
+        samples: positions among those kept; empty: the first three, of fields the one whose z_e is farthest outside the
+            training set's range.
+        seed: whose; None: the first that could be trained.
+        left_out: how many versions are not drawn.
+        measured: whether the states were measured, not simulated.
+    """
+
+    set: str = "test"
+    samples: Sequence[int] = ()
+    seed: int | None = None
+    left_out: int = 0
+    measured: bool = False
+
+
+PLAIN = FigureReading(labels=[])
+
+
+def forecasts(
+    forecasts: Mapping[str, Path],
+    outputs: Path | Sequence[Path],
+    reading: FigureReading = PLAIN,
+    view: View | None = None,
+) -> None:
+    """Draw the forecasts of several methods for the same samples: a row per state dimension, a column per sample.
 
     Arguments:
         forecasts: forecasts.npz by method; all of one experiment.
         outputs: .png or .pdf files, or one path without suffix for both.
-        settings: all optional: ``labels`` (pairs of a method and what is printed for it), ``all_methods`` (those of the
-            configuration, in order), ``set`` (default "test"), ``samples`` (positions among those kept; default the
-            first three), ``seed`` (default the first that could be trained), ``set_titles``, ``left_out`` (how many
-            versions are not drawn), ``measured`` (whether the states were measured, not simulated).
+        view: which forecasts.
 
     Raises:
         InputError: a file is broken, holds other samples than the first one, or lacks the set, the seed or a sample.
     """
     if not forecasts:
         raise InputError("forecasts", "no file", "at least one forecasts.npz")
-    found = {method: Forecasts.load(path) for method, path in forecasts.items()}
+    loaded = {method: Forecasts.load(path) for method, path in forecasts.items()}
     with plotting.styled():
-        plotting.save(draw_forecasts(found, dict(settings or {}), forecasts), outputs)
+        plotting.save(draw_forecasts(loaded, reading, view or View(), forecasts), outputs)
 
 
-def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts: Mapping[str, object]) -> Figure:
-    """The figure of :func:`forecasts` from forecasts in memory; messages name them as the last argument does."""
-    labels, all_methods = dict(settings.get("labels", ())), settings.get("all_methods", ())
-    methods = ordered(found, all_methods)
+def draw_forecasts(
+    found: Mapping[str, Forecasts], reading: FigureReading, view: View, names: Mapping[str, object]
+) -> Figure:
+    """The figure of :func:`forecasts` from forecasts in memory; messages call them as ``names`` do."""
+    methods, name = ordered(found, reading.all_methods), view.set
     found = {method: found[method] for method in methods}
-    first, name = found[methods[0]], settings.get("set", "test")
-    _check_same(forecasts, found, name)
-    samples = settings.get("samples") or list(range(min(3, len(first.index[name]))))
-    if max(samples) >= len(first.index[name]):
-        raise InputError(forecasts[methods[0]], f"no sample {max(samples)}", f"it keeps {len(first.index[name])}")
-    seed = settings.get("seed", _first_trained(found))
-    if fields.is_field(first, name):
-        for method in methods:
-            _seed_position(forecasts[method], found[method], seed)
-        return fields.panel(found, name, settings, seed)
-    size = first.truth[name].shape[-1]
+    first = found[methods[0]]
+    _check_same(names, found, name)
+    truth, count = first.kept[name].truth, len(first.kept[name].index)
+    samples = view.samples or list(range(min(3, count)))
+    if max(samples) >= count:
+        raise InputError(names[methods[0]], f"no sample {max(samples)}", f"it keeps {count}")
+    seed = _first_trained(found) if view.seed is None else view.seed
+    places = {method: _seed_position(names[method], found[method], seed) for method in methods}
+    if truth.ndim > 3:  # a state with other axes than its components
+        return _draw_fields(found, reading, view, seed)
+    size = truth.shape[-1]
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
     dimensions = list(dict.fromkeys(spread.tolist()))
-    colours = plotting.colours(methods, all_methods)
-    gaps = bool(np.isnan(first.truth[name]).any())  # a point between two of them is no line
+    colours = plotting.colours(methods, reading.all_methods)
+    gaps = bool(np.isnan(truth).any())  # a point between two of them is no line
     with plotting.styled():
         figure = plotting.new_figure(0.85 + 1.25 * len(dimensions), min(plotting.WIDTH, 2.2 + 2.0 * len(samples)))
         grid = figure.subplots(len(dimensions), len(samples), squeeze=False, sharex=True, sharey="row")
@@ -77,58 +109,157 @@ def draw_forecasts(found: Mapping[str, Forecasts], settings: Mapping, forecasts:
             for axis, sample in zip(grid[row], samples, strict=True):
                 axis.axvspan(first.t[0], first.t[first.observed], color="0.92", linewidth=0, zorder=0)
                 line = {"color": TRUTH, "linewidth": 1.0, "marker": "." if gaps else "", "markersize": 3, "zorder": 5}
-                axis.plot(first.t, first.truth[name][sample, :, dimension], **line)
+                axis.plot(first.t, truth[sample, :, dimension], **line)
                 for method in methods:
-                    place = _seed_position(forecasts[method], found[method], seed)
-                    prediction = found[method].prediction[name][place]
+                    kept, place = found[method].kept[name], places[method]
                     order = 4 if Version.parse(method).is_augmented else 3
                     line = {"color": colours[method], "linestyle": plotting.dash(method), "zorder": order}
-                    axis.plot(first.t, prediction[sample, :, dimension], linewidth=1.2, **line)
-                    if name in found[method].band:
-                        low, high = found[method].band[name][:, place, sample, :, dimension]
+                    axis.plot(first.t, kept.prediction[place, sample, :, dimension], linewidth=1.2, **line)
+                    if kept.band is not None:
+                        low, high = kept.band[:, place, sample, :, dimension]
                         times = first.t[len(first.t) - len(low) :]
                         axis.fill_between(times, low, high, color=colours[method], alpha=0.2, linewidth=0, zorder=1)
                 if row == 0:
-                    axis.set_title(", ".join(first.parameters(name, sample)[:2]), fontsize=7.5)
+                    axis.set_title(", ".join(_parameters_of(first, name, sample)[:2]), fontsize=7.5)
                 if row == len(dimensions) - 1:
                     axis.set_xlabel("t [s]")
-            grid[row, 0].set_ylim(*_limits(grid[row], first.truth[name][samples][:, :, dimension]))
+            grid[row, 0].set_ylim(*_limits(grid[row], truth[samples][:, :, dimension]))
             grid[row, 0].set_ylabel(plotting.quantity(first.state_names[dimension], first.state_units[dimension]))
         grid[0, 0].set_xlim(first.t[0], first.t[-1])
         figure.align_ylabels(grid[:, 0])
-        told = "measured" if gaps or settings.get("measured") else "truth"
-        handles = [Line2D([], [], color=TRUTH, linewidth=1.0, label=told)]
-        handles += _handles(methods, labels, colours)
+        what = "measured" if gaps or view.measured else "truth"
+        handles = [Line2D([], [], color=TRUTH, linewidth=1.0, label=what)]
+        handles += _handles(methods, reading.label_of, colours)
         handles.append(Patch(facecolor="0.92", label="observed window"))
-        if any(name in one.band for one in found.values()):
+        if any(one.kept[name].band is not None for one in found.values()):
             handles.append(Patch(facecolor="0.5", alpha=0.2, label="90 % band, where a method has one"))
         plotting.legend(figure, handles)
-        words = f"forecasts on the {set_title(name, settings)} set, seed {seed}"
-        if settings.get("left_out"):
-            words += f"; {settings['left_out']} further versions are in the tables"
+        words = f"forecasts on the {reading.of_set(name)} set, seed {seed}"
+        if view.left_out:
+            words += f"; {view.left_out} further versions are in the tables"
         plotting.heading(figure, plotting.text(words))
     return figure
 
 
-def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mapping | None = None) -> None:
+def _draw_fields(found: Mapping[str, Forecasts], reading: FigureReading, view: View, seed: int) -> Figure:
+    """Draw one sample's first component: a row for the truth and for each method, a column per time; beside them what
+    each forecast is off by, on a scale of its own, and the root mean square of that over the whole forecast.
+    """
+    methods, name = paired(found), view.set
+    first = found[methods[0]]
+    sample = farthest(first, name, view.samples or range(len(first.kept[name].index)))
+    times = np.linspace(0, len(first.t) - 1, min(TIMES, len(first.t))).round().astype(int)
+    later = [k for k in times if k > first.observed]
+    truth = first.kept[name].truth[sample, :, 0]
+    states = {m: found[m].kept[name].prediction[found[m].seeds.index(seed), sample, :, 0] for m in methods}
+    errors = [values - truth for values in states.values()]
+    with plotting.styled():
+        side = (plotting.WIDTH - 1.3) / (len(times) + len(later) + GAP)
+        figure = plotting.new_figure(1.4 + side * (1 + len(methods)))
+        figure.get_layout_engine().set(h_pad=0.03, w_pad=0.03, hspace=0, wspace=0)
+        widths = [1] * len(times) + [GAP] + [1] * len(later)
+        grid = figure.subplots(1 + len(methods), len(widths), squeeze=False, width_ratios=widths)
+        left, right = grid[:, : len(times)], grid[1:, len(times) + 1 :]
+        for axis in (*grid[:, len(times)], *grid[0, len(times) + 1 :]):
+            axis.set_axis_off()
+        image = _draw_all(left, [[row[k] for k in times] for row in (truth, *states.values())], _colour_limits(truth))
+        for axis, k in zip(left[0], times, strict=True):
+            axis.set_title(f"t = {first.t[k]:.3g} s\n{'observed' if k <= first.observed else 'forecast'}", fontsize=7)
+        rms = [f"\n{_rms(error[first.observed + 1 :]):.2g}" for error in errors]
+        names = ["truth", *(plotting.text(reading.printed(m)) + off for m, off in zip(methods, rms, strict=True))]
+        for axis, words in zip(left[:, 0], names, strict=True):
+            axis.set_ylabel(words, rotation=0, ha="right", va="center", labelpad=6)
+        quantity = plotting.quantity(first.state_names[0], first.state_units[0])
+        if image is not None:
+            figure.colorbar(image, ax=left, location="bottom", shrink=0.7, aspect=28, label=quantity, extend="both")
+        if later:
+            shown = [[error[k] for k in later] for error in errors]
+            finite = np.abs(shown)[np.isfinite(shown)]
+            most = (float(np.percentile(finite, QUANTILE)) if finite.size else 0.0) or 1.0
+            image = _draw_all(right, shown, (-most, most))
+            for axis, k in zip(grid[0, len(times) + 1 :], later, strict=True):
+                head = f"t = {first.t[k]:.3g} s\nerror"
+                axis.text(0.5, 0.02, head, ha="center", va="bottom", fontsize=7, transform=axis.transAxes)
+            if image is not None:
+                label = f"{quantity}, forecast − truth"
+                figure.colorbar(image, ax=right, location="bottom", shrink=0.8, aspect=22, label=label, extend="both")
+        title = f"a sample of the {reading.of_set(name)} set ({', '.join(_parameters_of(first, name, sample))})"
+        plotting.heading(figure, f"{title}, seed {seed}; below a method, root mean square of its error")
+    return figure
+
+
+def farthest(data: Forecasts, name: str, samples: Sequence[int]) -> int:
+    """The sample whose z_e lies farthest outside the training set's range, in units of it; the first where none does.
+
+    Chosen by its parameters alone, not by how well anything forecasts it.
+    """
+    if "train" not in data.truths:
+        return samples[0]
+    low, high = data.truths["train"].min(0), data.truths["train"].max(0)
+    z_e = data.truths[name][data.kept[name].index[list(samples)]]
+    outside = np.maximum(0, np.maximum(low - z_e, z_e - high)) / np.where(high > low, high - low, 1)
+    return samples[int(outside.sum(-1).argmax())]
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.square(error, dtype=float).mean()))
+
+
+def _colour_limits(truth: np.ndarray) -> tuple[float, float]:
+    """Of the colours: the truth's range and some room, with white at zero where zero is inside."""
+    low, high = float(truth.min()), float(truth.max())
+    if low < 0 < high:
+        low, high = -max(-low, high), max(-low, high)
+    room = OVERSHOOT * ((high - low) or 1.0)
+    return low - room, high + room
+
+
+def _draw_all(axes: np.ndarray, rows: Sequence[Sequence[np.ndarray]], limits: tuple[float, float]) -> AxesImage | None:
+    """Draw a field on each of the axes (rows, columns); the last image, None where fields are lines."""
+    image = None
+    for line, row in zip(axes, rows, strict=True):
+        for axis, field in zip(line, row, strict=True):
+            image = _draw(axis, field, limits)
+    return image
+
+
+def _draw(axis: Axes, field: np.ndarray, limits: tuple[float, float]) -> AxesImage | None:
+    """A field over one axis as a line, over two as an image, over more by its middle slice."""
+    while field.ndim > 2:
+        field = field[len(field) // 2]
+    axis.set(xticks=[], yticks=[])
+    if field.ndim == 1:
+        axis.plot(field, color="0.1")
+        axis.set_ylim(*limits)
+        return None
+    for side in axis.spines.values():
+        side.set_visible(False)
+    return axis.imshow(field, vmin=limits[0], vmax=limits[1], cmap=COLOURS, interpolation="nearest")
+
+
+def curves(
+    logs: Sequence[Path],
+    outputs: Path | Sequence[Path],
+    reading: FigureReading = PLAIN,
+    traced: Sequence[str] = (),
+) -> None:
     """Draw the course of trainings: mean over seeds as a line, all seeds as a band; a row per experiment.
 
     Arguments:
         logs: log.jsonl of every method and group of seeds.
         outputs: as in :func:`forecasts`.
-        settings: all optional: ``all_methods`` (those of the configuration, in order), ``title`` (of a single
-            experiment), ``traced`` (the versions to draw; default all).
+        reading: its labels are those of the logs.
+        traced: the versions to draw; none = all.
 
     Raises:
         InputError: a log is broken or holds none of the metrics.
     """
-    settings = dict(settings or {})
-    all_methods, labels = settings.get("all_methods", ()), {}
+    labels: dict[str, str] = {}
     found: dict[str, dict[str, list[Log]]] = {}
     # The scores of flows are densities.
     read = [log for log in map(read_log, logs) if not Version.parse(log.header.method).is_flow]
     trained = {log.header.method for log in read}
-    shown = trained & set(settings.get("traced") or trained) or trained
+    shown = trained & set(traced or trained) or trained
     for log in (log for log in read if log.header.method in shown):
         labels[log.header.method] = log.header.label
         found.setdefault(log.header.experiment, {}).setdefault(log.header.method, []).append(log)
@@ -143,8 +274,8 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
     metrics = {key: title for key, title in METRICS.items() if key in known}
     if not metrics:
         raise InputError("logs", "none of them has the metrics", f"trainings log {', '.join(METRICS)}")
-    methods = ordered(labels, all_methods)
-    colours = plotting.colours(methods, all_methods)
+    methods = ordered(labels, reading.all_methods)
+    colours = plotting.colours(methods, reading.all_methods)
     with plotting.styled():
         figure = plotting.new_figure(0.6 + 2.1 * len(found), plotting.WIDTH)
         grid = figure.subplots(len(found), len(metrics), squeeze=False)
@@ -154,7 +285,7 @@ def curves(logs: Sequence[Path], outputs: Path | Sequence[Path], settings: Mappi
                     if method in group:
                         _curve(axis, group[method], metric, colours[method], plotting.dash(method))
                 _scale(axis)
-                axis.set(title=experiment_title(experiment, settings), xlabel="step", ylabel=title)
+                axis.set(title=reading.of_experiment(experiment), xlabel="step", ylabel=title)
                 axis.grid(axis="y")
         handles = _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
@@ -211,13 +342,24 @@ def _scale(axis: Axes) -> None:
         axis.set_yscale("symlog", linthresh=10 ** np.round(np.log10(typical)))  # ticks within the linear part collide
 
 
+def _parameters_of(data: Forecasts, name: str, sample: int) -> list[str]:
+    """The expert parameters of a kept sample of a set, as far as they are known."""
+    values = data.truths[name][data.kept[name].index[sample]]
+    described = zip(data.parameter_names, data.parameter_units, values, strict=True)
+    return [
+        f"{plotting.symbol(p)} = {value:.3g} {unit}".strip().replace("-", "−")
+        for p, unit, value in described
+        if np.isfinite(value)
+    ]
+
+
 def _check_same(paths: Mapping[str, object], found: Mapping[str, Forecasts], name: str) -> None:
     one, first = next(iter(found.items()))
     for method, data in found.items():
-        if name not in data.truth:
-            raise InputError(paths[method], f"no set {name!r}", f"it has {', '.join(data.truth)}")
-        same = data.truth[name].shape == first.truth[name].shape and np.array_equal(data.index[name], first.index[name])
-        if not same:
+        if name not in data.kept:
+            raise InputError(paths[method], f"no set {name!r}", f"it has {', '.join(data.kept)}")
+        kept, other = data.kept[name], first.kept[name]
+        if kept.truth.shape != other.truth.shape or not np.array_equal(kept.index, other.index):
             raise InputError(paths[method], f"other samples than {paths[one]}", "evaluate both on the same data")
 
 

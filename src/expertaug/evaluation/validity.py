@@ -14,7 +14,7 @@ from torch import Tensor
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.score import spread
-from expertaug.evaluation.summary import experiment_title
+from expertaug.evaluation.settings import ValidityJob
 from expertaug.evaluation.table import DASH, Study, Table, escape
 from expertaug.inference import store
 from expertaug.inference.diagnostics.validity import Refit, Validity, along, refit
@@ -41,7 +41,7 @@ COLUMNS = {
 }
 
 
-def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], settings: Mapping) -> None:
+def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: ValidityJob) -> None:
     """Write the table of an experiment's check of A1 and draw it along the first expert parameter.
 
     Arguments:
@@ -49,22 +49,22 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], settin
         data: folder of the sets; of the test set only the observed windows are used, but for the errors of simulated
             data.
         outputs: any of .csv, .md, .tex, .png and .pdf.
-        settings: {versions, validity, title, all_methods, device, classes}; ``versions`` has, in the files' order, a
-            version, its printed label, and how its windows are fitted ({settings, noise, prior}).
+        job: its versions are in the files' order.
 
     Raises:
         InputError: a file is no such model.
     """
-    how = ValiditySettings.from_mapping(settings["validity"])
     sets = {name: path for name in SETS if (path := Path(data) / f"{name}.npz").is_file()}
     if "iid" in sets:
         sets.pop("validation", None)
-    known = {name: spread(Trajectories.load(path), how.samples) for name, path in sets.items()}
+    known = {name: spread(Trajectories.load(path), job.validity.samples) for name, path in sets.items()}
     rows, found, says = [], {}, []
-    for path, (version, label, fitting) in zip(models, settings["versions"], strict=True):
-        stored = store.load(path, device_of(settings["device"]), settings.get("classes", ()))
-        how_fitted = stored.card.refinement or Refinement.from_mapping(fitting)  # of kind alternating
-        fits = {name: _refit(stored, one, how_fitted, how) for name, one in known.items()}
+    for path, (version, label, fitting) in zip(models, job.versions, strict=True):
+        stored = store.load(path, device_of(job.device), job.classes or ())
+        how = stored.card.refinement or fitting  # of kind alternating, the file says it
+        if how is None:
+            raise InputError(path, "nothing says how its windows are fitted", "give settings, noise and prior")
+        fits = {name: _refit(stored, one, how, job.validity) for name, one in known.items()}
         parameters = stored.model.system.expert_parameters
         each = {p.name: _along(p.name, k, fits) for k, p in enumerate(parameters)}
         found[version] = (label, fits, each, parameters[0].unit)
@@ -75,12 +75,12 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], settin
     if not rows:
         raise InputError("models", "none", "give a model file with an interaction model")
     long = pd.DataFrame(rows)
-    title = f"{experiment_title(settings['experiment'], settings)}: does F_a hold where z_e has moved?"
+    title = f"{job.of_experiment(job.experiment)}: does F_a hold where z_e has moved?"
     header = ["method", "windows", *COLUMNS.values()]
     cells = [[r["label"], r["set"], *(_text(r[key]) for key in COLUMNS)] for r in rows]
     notes = [f"- {escape(line)}" for line in says]
     table = Table(header, [("", cells)], 2, (), title, CAPTION, "validity", notes=notes)
-    Study(long, [table], lambda: _draw(found, settings, title)).save(outputs)
+    Study(long, [table], lambda: _draw(found, job, title)).save(outputs)
 
 
 def _refit(stored: store.StoredModel, data: Trajectories, fitting: Refinement, how: ValiditySettings) -> Refit:
@@ -118,9 +118,9 @@ def _numbers(one: Refit, limit: float) -> dict[str, float]:
     }
 
 
-def _draw(found: Mapping, settings: Mapping, title: str) -> Figure:
+def _draw(found: Mapping, job: ValidityJob, title: str) -> Figure:
     """χ²/n, and the change of F_a with its error, along the first parameter: a line a version."""
-    colours = plotting.colours(list(found), settings["all_methods"])
+    colours = plotting.colours(list(found), job.all_methods)
     with plotting.styled():
         figure = plotting.new_figure(3.2)
         left, right = figure.subplots(1, 2)

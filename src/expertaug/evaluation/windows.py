@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.evaluation.samples import (
-    DRAWS,
-    ERRORS,
-    ESTIMATE,
-    EXPECTED,
-    INSIDE,
-    LATENT,
-    MISFIT,
-    MOVED,
-    OWN,
-    RANKS,
-    REMEDY,
-    TARP,
-    TRUTH,
-)
+from expertaug.evaluation.forecasts import REMEDY, Forecasts, SetForecasts, read_forecasts
 from expertaug.evaluation.summary import in_domain
-from expertaug.files import read_npz
 
 
 @dataclass(frozen=True)
@@ -72,10 +57,11 @@ class WindowSet:
 
 
 @dataclass(frozen=True)
-class Version:
+class VersionWindows:
     """All windows of a version, of the seeds that could be trained.
 
     Attributes:
+        experiment: that they are of.
         seeds: S of them.
         parameters: names of the expert parameters.
         sets: by name.
@@ -83,6 +69,7 @@ class Version:
         own: of windows that the version's models have made themselves, where they were drawn.
     """
 
+    experiment: str
     seeds: list[int]
     parameters: list[str]
     sets: dict[str, WindowSet]
@@ -95,84 +82,100 @@ class Version:
         return [name for name in (in_domain(self.sets), "test") if name in self.sets]
 
 
-def read_windows(paths: Sequence[str | Path]) -> dict[str, Version]:
+def read_windows(paths: Sequence[str | Path]) -> dict[str, VersionWindows]:
     """Versions by name from the forecasts.npz of all versions and groups of seeds of an experiment.
 
     Raises:
         InputError: a file is broken, or from before errors of single windows were kept.
     """
-    parts: dict[str, list[Version]] = {}
-    for path in paths:
-        arrays = read_npz(path, "forecast file", REMEDY)
-        if missing := [
-            name for name in ("version", "seeds", "parameter_names", f"test_{MISFIT}") if name not in arrays
-        ]:
-            raise InputError(path, f"no array {missing[0]!r}", REMEDY)
-        good = ~np.isin(arrays["seeds"], arrays.get("failed", []))
-        sets = {}
-        for name in (key.removesuffix(f"_{MISFIT}") for key in arrays if key.endswith(f"_{MISFIT}")):
-            of_seeds = {key: arrays.get(f"{name}_{key}") for key in (ERRORS, MISFIT, ESTIMATE, EXPECTED, MOVED)}
-            errors, misfit, hats, *supposed = (None if v is None else v[good] for v in of_seeds.values())
-            assert errors is not None and misfit is not None
-            true, z_a, drawn = arrays[f"{name}_{TRUTH}"], arrays.get(f"{name}_{LATENT}"), _drawn(arrays, name, good)
-            told = ~np.isnan(errors).all(0) if len(errors) else np.ones(errors.shape[1], dtype=bool)
-            if not told.all():  # windows after which nothing was measured
-                errors, misfit, true = errors[:, told], misfit[:, told], true[told]
-                hats, z_a = None if hats is None else hats[:, told], None if z_a is None else z_a[told]
-                supposed = [None if one is None else one[:, told] for one in supposed]
-                drawn = None if drawn is None else replace(drawn, ranks=drawn.ranks[:, told], tarp=drawn.tarp[:, told])
-            sets[name] = WindowSet(errors, misfit, true, hats, z_a, drawn, *supposed)
-        names = list(map(str, arrays["parameter_names"]))
-        one = Version(
-            [int(s) for s in arrays["seeds"][good]],
-            names,
-            sets,
-            _drawn(arrays, OWN, good),
-            tuple(arrays.get("interaction_names", ())),
-        )
-        parts.setdefault(str(arrays["version"][2]), []).append(one)
+    parts: dict[str, list[VersionWindows]] = {}
+    for forecasts in read_forecasts(paths):
+        method = forecasts.identified().method
+        if "test" not in forecasts.sets or forecasts.sets["test"].misfit is None:
+            raise InputError(forecasts.path or "forecasts", "no array 'test_misfit'", REMEDY)
+        parts.setdefault(method, []).append(_of_trained_seeds(forecasts))
     return {name: _joined(several) for name, several in parts.items()}
 
 
-def _drawn(arrays: Mapping[str, np.ndarray], name: str, good: np.ndarray) -> Drawn | None:
-    """What a file's draws of a set are worth, of the seeds that could be trained."""
-    found = {key: arrays.get(f"{name}_{key}") for key in (RANKS, TARP, INSIDE)}
-    ranks, tarp, held = (None if v is None else v[good] for v in found.values())
-    if held is not None and (untold := np.isnan(held).any((0, 2))).any():  # nothing was measured after the window
-        held = held[:, ~untold]
-    return None if ranks is None or tarp is None else Drawn(int(arrays[DRAWS]), ranks, tarp, held)
+def _of_trained_seeds(forecasts: Forecasts) -> VersionWindows:
+    good, count = forecasts.places, forecasts.rank_draws or 0
+    sets = {name: _windows(one, good, count) for name, one in forecasts.sets.items() if one.misfit is not None}
+    return VersionWindows(
+        forecasts.identified().experiment,
+        [forecasts.seeds[place] for place in good],
+        forecasts.parameter_names,
+        sets,
+        None if forecasts.own is None else _drawn(forecasts.own, good, count),
+        tuple(forecasts.interaction_names),
+    )
 
 
-def _joined(parts: Sequence[Version]) -> Version:
+def _windows(one: SetForecasts, good: list[int], count: int) -> WindowSet:
+    """A set's windows, of some of the seeds, without those after which nothing was measured."""
+    assert one.errors is not None and one.misfit is not None and one.z_e is not None
+    errors = one.errors[good]
+    measured = ~np.isnan(errors).all(0) if len(errors) else np.ones(errors.shape[1], dtype=bool)
+
+    def of_seeds(values: np.ndarray | None) -> np.ndarray | None:
+        return None if values is None else values[good][:, measured]
+
+    drawn = _drawn(one, good, count)
+    return WindowSet(
+        errors[:, measured],
+        one.misfit[good][:, measured],
+        one.z_e[measured],
+        of_seeds(one.z_e_hat),
+        None if one.z_a is None else one.z_a[measured],
+        drawn and replace(drawn, ranks=drawn.ranks[:, measured], tarp=drawn.tarp[:, measured]),
+        of_seeds(one.expected),
+        of_seeds(one.moved),
+    )
+
+
+def _drawn(one: SetForecasts, good: list[int], count: int) -> Drawn | None:
+    """What a set's draws are worth, of some of the seeds; None where there are no ranks."""
+    if one.ranks is None or one.tarp is None:
+        return None
+    inside = None if one.inside is None else one.inside[good]
+    if inside is not None and (unmeasured := np.isnan(inside).any((0, 2))).any():
+        inside = inside[:, ~unmeasured]
+    return Drawn(count, one.ranks[good], one.tarp[good], inside)
+
+
+def _joined(parts: Sequence[VersionWindows]) -> VersionWindows:
+    """Groups of seeds of a version, as one."""
     first = parts[0]
     if len(parts) == 1:
         return first
     sets = {}
     for name, one in first.sets.items():
         each = [part.sets[name] for part in parts]
-        keys = ("errors", "misfit", "z_e_hat", "expected", "moved")
-        errors, misfit, hats, *supposed = (_together([getattr(s, key) for s in each]) for key in keys)
-        assert errors is not None and misfit is not None
-        drawn = _joined_draws([s.drawn for s in each])
-        sets[name] = WindowSet(errors, misfit, one.z_e, hats, one.z_a, drawn, *supposed)
+        sets[name] = replace(
+            one,
+            errors=np.concatenate([s.errors for s in each]),
+            misfit=np.concatenate([s.misfit for s in each]),
+            z_e_hat=_together([s.z_e_hat for s in each]),
+            drawn=_joined_draws([s.drawn for s in each]),
+            expected=_together([s.expected for s in each]),
+            moved=_together([s.moved for s in each]),
+        )
     seeds = [seed for part in parts for seed in part.seeds]
-    return Version(seeds, first.parameters, sets, _joined_draws([part.own for part in parts]), first.interaction)
+    return replace(first, seeds=seeds, sets=sets, own=_joined_draws([part.own for part in parts]))
 
 
 def _joined_draws(parts: Sequence[Drawn | None]) -> Drawn | None:
-    known = [part for part in parts if part is not None]
-    if len(known) < len(parts) or len({part.tarp.shape[1] for part in known}) > 1:
+    present = [part for part in parts if part is not None]
+    if len(present) < len(parts) or len({part.tarp.shape[1] for part in present}) > 1:
         return None
-    ranks, tarp, held = (_together([getattr(part, key) for part in known]) for key in ("ranks", "tarp", "inside"))
-    assert ranks is not None and tarp is not None
-    return Drawn(known[0].count, ranks, tarp, held)
+    return Drawn(
+        present[0].count,
+        np.concatenate([part.ranks for part in present]),
+        np.concatenate([part.tarp for part in present]),
+        _together([part.inside for part in present]),
+    )
 
 
 def _together(parts: Sequence[np.ndarray | None]) -> np.ndarray | None:
-    known = [part for part in parts if part is not None]
-    return np.concatenate(known) if len(known) == len(parts) else None
-
-
-def experiment_of(paths: Sequence[str | Path]) -> str:
-    """The experiment of the first of some forecasts.npz."""
-    return str(read_npz(paths[0], "forecast file", REMEDY, ["version"])["version"][0])
+    """Arrays of several groups of seeds, as one; None where one of them has none."""
+    present = [part for part in parts if part is not None]
+    return np.concatenate(present) if len(present) == len(parts) else None

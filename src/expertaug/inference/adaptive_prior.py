@@ -19,7 +19,7 @@ from expertaug.errors import InputError
 from expertaug.files import write_text
 from expertaug.inference import store
 from expertaug.inference.least_squares import LeastSquares, estimator_of
-from expertaug.inference.settings import FirstPriorJob, OwnPriorJob
+from expertaug.inference.settings import FirstPriorJob, OwnPriorJob, OwnWindows
 from expertaug.inference.simulations import LOST, own_draws
 from expertaug.learning.train import Calibration, describe_recipe, make_expert_alone
 from expertaug.learning.training_data import StackedSet
@@ -158,13 +158,11 @@ def widen_prior(
     parameters = stored.model.system.expert_parameters
     training, limit = _of_training(stored, train[:observed], noise, first, settings)
     ranges, explained, rounds, factor = training, 0.0, 0, 1.0
-    own = {"noise": noise, "resample_x": False, "z_a_from": "posterior"}
     while factor < budget:
         factor, rounds = min(factor * WIDEN, budget), rounds + 1
         wide = _widened(parameters, training, factor)
         estimator = estimator_of(stored, settings, noise, wide)
-        prior = {name: list(ends) for name, ends in wide.items()}
-        y, _ = own_draws(replace(stored, model=estimator), train, own | {"prior": prior}, TRIED)
+        y, _ = own_draws(replace(stored, model=estimator), train, OwnWindows.of(prior=wide), noise, TRIED)
         if y.shape[2] < (1 - LOST) * TRIED:
             break
         share = float((_estimated(estimator, y[:observed])[1] <= limit).double().mean())

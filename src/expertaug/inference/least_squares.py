@@ -452,6 +452,6 @@ def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
     return estimator_of(stored, refinement.settings, refinement.noise, prior, refinement.shared)
 
 
-def refinement_of(stored: StoredModel, given: Mapping[str, object] | None) -> Refinement | None:
+def refinement_of(stored: StoredModel, given: Refinement | None) -> Refinement | None:
     """How a version's windows are fitted: as settings say, else as its model file does; None where they are not."""
-    return stored.card.refinement if not given else Refinement.from_mapping(given)
+    return given or stored.card.refinement

@@ -120,6 +120,16 @@ class ValiditySettings(Settings):
     learning_rate: Positive = key(1.0e-3, "learning rate of Adam")
 
 
+class OwnWindows(Settings):
+    """Windows that a model itself makes over p⁺."""
+
+    WHERE: ClassVar[str] = "own"
+
+    prior: Prior = key(..., "p⁺; own = --prior has it")
+    resample_x: bool = key(False, "whether they start anywhere, as far as the system defines this")
+    z_a_from: Literal["posterior", "prior"] = key("posterior", "what their z_a are drawn from, as augmented_z_a says")
+
+
 class AlternatingSettings(Settings):
     """A training of F_a without an encoder: each window's own estimates, and gradient steps on F_a, in turns."""
 

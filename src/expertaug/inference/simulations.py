@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from expertaug.inference.coordinates import PriorTransform
 from expertaug.inference.flow import FlowEstimator
 from expertaug.inference.least_squares import LeastSquares
-from expertaug.inference.settings import FlowSettings
+from expertaug.inference.settings import FlowSettings, OwnWindows
 from expertaug.learning.augment import CHUNK, NUMBERS, prior_ends, sample_latent
 from expertaug.learning.divergence import (
     BoundedSolver,
@@ -34,10 +34,11 @@ from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.observation_noise import NoiseLike, is_some, noise_of, shaped
+from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, shaped
 from expertaug.models.posterior import Predictor
 from expertaug.models.stacking import stack
 from expertaug.models.store import StoredModel
+from expertaug.settings import given_ranges
 from expertaug.systems.inputs import inputs_of, joined, states_of
 from expertaug.systems.solvers.solver import Solver
 
@@ -273,13 +274,16 @@ def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Tensor, z
 
 
 @torch.no_grad()
-def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int) -> tuple[Tensor, Tensor]:
+def own_draws(
+    stored: StoredModel, train: Tensor, own: OwnWindows, noise: GivenNoise, count: int
+) -> tuple[Tensor, Tensor]:
     """Trajectories that a model makes with z_e of p⁺, z_a and first points of the training windows, and with noise.
 
     Arguments:
         stored: any estimator with an expert.
         train: trajectories of the training, (T, N, *observed).
-        settings: {prior, noise, resample_x, z_a_from}.
+        own: over which p⁺, and from what.
+        noise: standard deviation of the data's noise.
         count: of each seed.
 
     Returns:
@@ -292,15 +296,15 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
     decoder, system, device = model.decoder, model.system, train.device
     train = train[:, torch.linspace(0, train.shape[1] - 1, min(WINDOWS, train.shape[1])).long().to(device)]
     windows, states = train[: card.observed].unsqueeze(1), states_of(system, train)
-    latents = latents_of(first, card, windows, settings["z_a_from"])
-    low, high = (end.to(device) for end in prior_ends(system, settings["prior"]))
-    noise, ranges = noise_of(settings["noise"], system, card), card.start
+    latents = latents_of(first, card, windows, own.z_a_from)
+    low, high = (end.to(device) for end in prior_ends(system, given_ranges(own.prior)))
+    known, ranges = noise_of(noise, system, card), card.start
     if isinstance(first, FlowEstimator):
         unknowns = first.head.unknowns
     else:
         width = latents.shape[-1]
-        own = [PriorTransform(system, low.cpu(), high.cpu(), one, width, noise, ranges) for one in latents.cpu()]
-        unknowns = stack(own).to(device)
+        each = [PriorTransform(system, low.cpu(), high.cpu(), one, width, known, ranges) for one in latents.cpu()]
+        unknowns = stack(each).to(device)
     t = torch.tensor(card.t, dtype=torch.float32)
     bound = bound_of_card(card, device)
     solver: Solver | BoundedSolver = stored.solver if bound is None else BoundedSolver(stored.solver, bound)
@@ -315,9 +319,9 @@ def own_draws(stored: StoredModel, train: Tensor, settings: Mapping, count: int)
         ranges=ranges,
         low=low,
         high=high,
-        noise=noise,
+        noise=known,
         jitter=FlowSettings().jitter,
-        resample_x=bool(settings["resample_x"]),
+        resample_x=own.resample_x,
         task=Task(t, card.observed, len(t), solver, bound=bound),  # type: ignore[arg-type]
         seeds=seeds,
     )

@@ -14,6 +14,9 @@ from expertaug.stages.study import StudyStage
 if TYPE_CHECKING:
     from expertaug.evaluation.settings import (
         CompareJob,
+        DissipationJob,
+        DuringTrainingJob,
+        EvaluateJob,
         GridJob,
         OverviewJob,
         OwnPriorsJob,
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
         ReportJob,
         StudyJob,
         TabulateJob,
+        ValidityJob,
         WindowStudyJob,
     )
     from expertaug.stages.files import Files
@@ -46,7 +50,7 @@ class Evaluate(_WithPrior):
 
     name = "evaluate"
     code = "expertaug.evaluation.evaluate"
-    job = "expertaug.config.stage_models:Evaluate"
+    job = "expertaug.evaluation.settings:EvaluateJob"
     slice = "expertaug.config.stage_settings:evaluate"
     reads = (*SETS, *HORIZONS, *MODELS, "own_prior")
     runs_methods = True
@@ -58,7 +62,7 @@ class Evaluate(_WithPrior):
         add_prior(parser)
 
     @staticmethod
-    def run(a: argparse.Namespace, job: dict) -> None:
+    def run(a: argparse.Namespace, job: EvaluateJob) -> None:
         from expertaug.evaluation.evaluate import evaluate
 
         evaluate(a.model, a.data, a.output, a.forecasts, job)
@@ -89,7 +93,7 @@ class DuringTraining(_WithPrior):
 
     name = "during-training"
     code = "expertaug.evaluation.during_training"
-    job = "expertaug.config.stage_models:Follow"
+    job = "expertaug.evaluation.settings:DuringTrainingJob"
     slice = "expertaug.config.stage_settings:during_training"
     reads = (*SETS, "train", "own_prior", "init_tracking")
     runs_methods = True
@@ -102,7 +106,7 @@ class DuringTraining(_WithPrior):
         add_tracking(parser)
 
     @staticmethod
-    def run(a: argparse.Namespace, job: dict) -> None:
+    def run(a: argparse.Namespace, job: DuringTrainingJob) -> None:
         from expertaug.evaluation.during_training import during_training
 
         during_training(a.snapshots, a.data, a.output, a.work, job, tracking_of(a))
@@ -245,7 +249,7 @@ class Validity(StudyStage):
 
     name = "validity"
     code = "expertaug.evaluation.validity"
-    job = "expertaug.config.stage_models:Validity"
+    job = "expertaug.evaluation.settings:ValidityJob"
     slice = "expertaug.config.stage_settings:validity"
     reads = (*SETS, *TRAINED)
     runs_methods = True
@@ -262,7 +266,7 @@ class Validity(StudyStage):
         add_outputs(parser, STUDY)
 
     @staticmethod
-    def run(a: argparse.Namespace, job: dict) -> None:
+    def run(a: argparse.Namespace, job: ValidityJob) -> None:
         from expertaug.evaluation.validity import validity
 
         validity(a.models, a.data, a.output, job)
@@ -346,7 +350,7 @@ class Dissipation(StudyStage):
 
     name = "dissipation"
     code = "expertaug.evaluation.dissipation"
-    job = "expertaug.config.stage_models:Dissipation"
+    job = "expertaug.evaluation.settings:DissipationJob"
     slice = "expertaug.config.stage_settings:dissipation"
     reads = (*SETS, *TRAINED)
     runs_methods = True
@@ -362,7 +366,7 @@ class Dissipation(StudyStage):
         add_outputs(parser, STUDY)
 
     @staticmethod
-    def run(a: argparse.Namespace, job: dict) -> None:
+    def run(a: argparse.Namespace, job: DissipationJob) -> None:
         from expertaug.evaluation.dissipation import dissipation
 
         dissipation(a.models, a.data, a.output, job)

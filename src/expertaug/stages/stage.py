@@ -9,7 +9,6 @@ import os
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from expertaug.errors import InputErrors
 from expertaug.stages.options import read_settings
 
 if TYPE_CHECKING:
@@ -20,7 +19,6 @@ WHERE = "--settings"
 SETS = ("simulate", "split_chunks", "cut_measurements")
 HORIZONS = ("cut_horizon", "cut_measured_horizon")
 TRAINED = ("train", "alternate")
-UNTYPED = "expertaug.config.stage_models"  # classes there check what a function takes as a mapping
 
 
 def _named(name: str) -> Any:
@@ -91,19 +89,14 @@ class Stage:
         return _named(cls.job_of(a, settings))
 
     @classmethod
-    def read(cls, a: argparse.Namespace) -> Any:
+    def read(cls, a: argparse.Namespace) -> Settings:
         """The settings that the command line gives, checked.
 
         Raises:
             InputErrors: a key is missing or unknown, or a value cannot be used: a line for each.
         """
-        from expertaug.settings import check
-
         settings = cls.complete(a, read_settings(a.settings))
-        kind = cls.kind_of(a, settings)
-        if errors := check(kind, settings, WHERE):
-            raise InputErrors(errors)
-        return settings if kind.__module__ == UNTYPED else kind.from_mapping(settings, WHERE)
+        return cls.kind_of(a, settings).from_mapping(settings, WHERE)
 
     @classmethod
     def complete(cls, a: argparse.Namespace, settings: dict[str, Any]) -> dict[str, Any]:

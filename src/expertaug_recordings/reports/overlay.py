@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecast_file import Forecasts
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.files import atomic
 from expertaug_recordings.angles.quality import INTERPOLATED, MEASURED, UNUSABLE
 from expertaug_recordings.angles.summary import RecordingSummary
@@ -44,7 +44,7 @@ def read_forecasts(
     """Those forecasts that are of a recording, in order of time; by each method's first seed.
 
     Arguments:
-        files: forecasts.npz (:mod:`expertaug.evaluation.forecast_file`) by the method's label.
+        files: forecasts.npz (:mod:`expertaug.evaluation.forecasts`) by the method's label.
         recording: its name.
         frame: (n,), the numbers of its rows' frames, ascending.
         rate_hz: rows per second.
@@ -62,10 +62,10 @@ def _of_method(label: str, path: Path, recording: str, frame: np.ndarray, rate_h
         return
     columns = [stored.state_names.index(name) for name in ANGLES]
     steps = np.rint((stored.t - stored.t[0]) * rate_hz).astype(int)
-    for name, prediction in stored.prediction.items():
-        if name not in stored.id:
+    for name, kept in stored.kept.items():
+        if kept.id is None:
             raise InputError(path, f"does not say of which chunks its {name} forecasts are", "run evaluate again")
-        for identity, states in zip(stored.id[name], prediction[0], strict=True):
+        for identity, states in zip(kept.id, kept.prediction[0], strict=True):
             of, _, first = str(identity).rpartition("/")
             if of != recording:
                 continue

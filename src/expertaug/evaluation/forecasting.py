@@ -1,9 +1,11 @@
-"""What a version's distribution over forecasts is worth, on data and on windows of its own making: CRPS, energy score,
-coverage of its bands, and the error that it expects of each forecast."""
+"""Forecasts that always end, what diverges being cut off at the bound and counted; and what a version's distribution
+over forecasts is worth, on data and on windows of its own making: CRPS, energy score, coverage of its bands, and the
+error that it expects of each forecast."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,19 +13,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.evaluation.diverged import Forecast, forecast
-from expertaug.evaluation.samples import CRPS, EXPECTED, INSIDE, MOVED, OWN, ranks_of
-from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, inside, ranks
+from expertaug.evaluation.forecasts import SetForecasts
+from expertaug.evaluation.settings import Scoring
+from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, calibration, inside, ranks
 from expertaug.inference.diagnostics.scores import crps, energy_score
 from expertaug.inference.posterior_predictive import forecasts, joint_draws, z_e_draws
+from expertaug.inference.settings import OwnWindows
 from expertaug.inference.simulations import own_draws
-from expertaug.learning.divergence import bound_of_card
+from expertaug.learning.divergence import bound_of_card, clamp_to_bound, solve_with_sample_fallback, within_bound
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors
 from expertaug.learning.training_data import StackedSet
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.observation_noise import NoiseLike, is_some, noise_of, shaped
+from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, shaped
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
@@ -34,6 +37,59 @@ from expertaug.trajectories import Trajectories
 DRAWN = 4  # of the keys of random numbers: a flow's end in 3
 BYTES = 2**25  # of the forecasts that are scored at a time
 BAND = (0.05, 0.95)  # of a figure's
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a model says of B samples.
+
+    Attributes:
+        states: (T, S, B, *state), nowhere beyond the bound.
+        found: the estimates (S, B, …) that the forecast follows from.
+        runaways: (S, B), whether a forecast left the bound, was not finite, or had no solution to the tolerance.
+        estimate_s: processor time of the estimates.
+    """
+
+    states: Tensor
+    found: Estimates
+    runaways: Tensor
+    estimate_s: float
+
+
+def forecast(
+    model: Predictor,
+    observed: Tensor,
+    t: Tensor,
+    solver: Solver,
+    start: str,
+    bound: Tensor | None,
+    u: Tensor | None = None,
+) -> Forecast:
+    """Forecast samples from their observed windows.
+
+    Arguments:
+        model: estimates and forecasts.
+        observed: (T1, S, B, *observed).
+        t: (T,) in s.
+        start: y0 or y_t1 (:meth:`Predictor.predicted`).
+        bound: (K,) or (B, K), largest size of each component; None keeps what is not finite.
+        u: known inputs (T, S, B, U) at all times; None for a system without.
+    """
+    before = time.process_time()
+    found = model.estimate(observed)
+    estimate_s = time.process_time() - before
+    states, unsolved = solve_with_sample_fallback(
+        lambda part, stopping: model.predicted(
+            found.part(part), observed[:, :, part], t, stopping, start, None if u is None else u[:, :, part]
+        ),
+        observed.shape[2],
+        solver,
+        bound,
+    )
+    near = within_bound(states, bound)
+    # Seeds are solved together: those that a fixed grid shows to run away are at fault, all where it shows none.
+    runaways = ~near | (unsolved & near.all(0))
+    return Forecast(clamp_to_bound(states, bound) if runaways.any() else states, found, runaways, estimate_s)
 
 
 @dataclass(frozen=True)
@@ -58,10 +114,6 @@ class DrawnScores:
             return None
         names = ("crps", "energy", "inside")
         return DrawnScores(*(np.concatenate([getattr(one, name) for one in parts], axis=1) for name in names))
-
-    def arrays(self, name: str) -> dict[str, np.ndarray]:
-        """Of a forecasts.npz: <set>_crps (S, M) and <set>_inside (S, M, L)."""
-        return {f"{name}_{CRPS}": self.crps, f"{name}_{INSIDE}": self.inside}
 
     def averages(self) -> dict[str, Any]:
         """Means over windows by metric, each (S,); coverage in % by level."""
@@ -164,20 +216,22 @@ class Drawing:
         return torch.quantile(states, torch.tensor(BAND).to(states), dim=0)
 
 
-def drawing_of(stored: store.StoredModel, options: Mapping, t: np.ndarray, start: str, device: torch.device) -> Drawing:
-    """How forecasts over the times t (T,) are made, scored and drawn; ``options`` as of the stage's ``score``."""
-    observed, begin, system = stored.card.observed, options.get("from_s"), stored.model.system
-    solver = options.get("solver") or store.accurate(system)
+def drawing_of(
+    stored: store.StoredModel, scoring: Scoring, noise: GivenNoise, t: np.ndarray, start: str, device: torch.device
+) -> Drawing:
+    """How forecasts over the times t (T,) are made, scored and drawn; arguments as of the stage's ``score``."""
+    observed, begin, system = stored.card.observed, scoring.from_s, stored.model.system
+    solver = store.accurate(system) if scoring.solver is None else Solver(**dict(scoring.solver))
     return Drawing(
-        count=int(options.get("draws", 0)),
-        noise=noise_of(options.get("noise", 0.0), system, stored.card),
+        count=scoring.draws,
+        noise=noise_of(noise, system, stored.card),
         seeds=stored.seeds,
         t=torch.from_numpy(t).float().to(device),
         begin=observed if begin is None else int(np.searchsorted(t, begin - 1e-9)),
         observed=observed,
         start=start,
-        solver=Solver.from_mapping(solver),
-        draws_solver=Solver.from_mapping(options.get("draws_solver") or solver),
+        solver=solver,
+        draws_solver=solver if scoring.draws_solver is None else Solver(**dict(scoring.draws_solver)),
     )
 
 
@@ -206,7 +260,8 @@ class ExpectedError:
     def __init__(self, model: Predictor, drawing: Drawing) -> None:
         self.model, self.drawing = model, drawing
         self.random = RandomStreams(drawing.seeds, KEY, device=drawing.t.device)
-        self.found: dict[str, list[Tensor]] = {}
+        self.moved: list[Tensor] = []
+        self.expected: list[Tensor] = []
 
     def add(self, made: Forecast, y: Tensor, windows: Tensor, bound: Tensor | None, u: Tensor | None) -> None:
         """Of further windows.
@@ -222,7 +277,7 @@ class ExpectedError:
         first = getattr(self.model, "first", None)
         if isinstance(first, HybridNet):
             before = forecast(first, windows, drawing.t, drawing.solver, drawing.start, bound, u)
-            self._keep(MOVED, squared_errors(self.model.system, before.states[begin:], made.states[begin:]))
+            self.moved.append(squared_errors(self.model.system, before.states[begin:], made.states[begin:]).cpu())
         if drawing.count and made.found.z_e is not None:
             self._add_own(made, y, bound)
 
@@ -236,33 +291,47 @@ class ExpectedError:
             if drawn is None:
                 return
             states = made.states[drawing.begin :, :, part]
-            self._keep(EXPECTED, torch.stack([squared_errors(self.model.system, one, states) for one in drawn]).mean(0))
+            self.expected.append(
+                torch.stack([squared_errors(self.model.system, one, states) for one in drawn]).mean(0).cpu()
+            )
 
-    def _keep(self, name: str, values: Tensor) -> None:
-        self.found.setdefault(name, []).append(values.cpu())
+    def joined(self) -> tuple[Tensor | None, Tensor | None]:
+        """What is expected of forecasts, and of the encoder's, each (S, N); None where it is not."""
+        expected, moved = (torch.cat(parts, dim=1) if parts else None for parts in (self.expected, self.moved))
+        return expected, moved
 
-    def joined(self) -> dict[str, Tensor]:
-        """By the name of the array, (S, N)."""
-        return {name: torch.cat(parts, dim=1) for name, parts in self.found.items()}
+
+def scored_draws(z_e: np.ndarray, draws: Tensor | None, scores: DrawnScores | None) -> SetForecasts:
+    """Where the true z_e, (N, P) or each seed's own (S, N, P), lies among draws (S, N, K, P), no ranks where a true one
+    is not known; and what the drawn forecasts are worth."""
+    ranks_of_z_e = tarp = None
+    if draws is not None and z_e.shape[-1] and not np.isnan(z_e).any():
+        true = np.broadcast_to(z_e, (len(draws), *z_e.shape[-2:]))
+        pairs = zip(draws, true, strict=True)
+        each = [calibration(one.movedim(1, 0).double().nan_to_num().numpy(), own) for one, own in pairs]
+        ranks_of_z_e, tarp = np.stack([one.marginal for one in each]), np.stack([one.tarp for one in each])
+    crps_and_inside = (None, None) if scores is None else (scores.crps, scores.inside)
+    return SetForecasts(ranks=ranks_of_z_e, tarp=tarp, crps=crps_and_inside[0], inside=crps_and_inside[1])
 
 
 @torch.no_grad()
 def of_own_windows(
-    stored: StoredModel, train: Trajectories, settings: Mapping, count: int, drawing: Drawing
-) -> dict[str, np.ndarray]:
-    """Ranks and scores on ``count`` windows that each seed's model has made, as of a set called own.
+    stored: StoredModel, train: Trajectories, own: OwnWindows, noise: GivenNoise, count: int, drawing: Drawing
+) -> tuple[SetForecasts | None, int]:
+    """Ranks and scores on ``count`` windows that each seed's model has made, None where all have run away; and the
+    number of draws among which the ranks are.
 
     Arguments:
-        settings: as of :func:`own_draws`.
+        own, noise: as of :func:`own_draws`.
         drawing: how forecasts are drawn and scored.
     """
     device = drawing.t.device
-    y, z_e = own_draws(stored, StackedSet.of(train, device).windows(len(train.t))[:, 0], settings, count)
+    y, z_e = own_draws(stored, StackedSet.of(train, device).windows(len(train.t))[:, 0], own, noise, count)
     if not y.shape[2]:
-        return {}
+        return None, 0
     found = stored.model.estimate(y[: drawing.observed])
     draws = z_e_draws(found)
     bound, random = bound_of_card(stored.card, device), RandomStreams(stored.seeds, DRAWN, device=device)
     scores = drawing.scores(stored.model, found, y, bound, random)
     each = None if draws is None else draws.cpu()
-    return ranks_of(OWN, z_e.cpu().numpy(), each) | ({} if scores is None else scores.arrays(OWN))
+    return scored_draws(z_e.cpu().numpy(), each, scores), 0 if each is None else each.shape[2]

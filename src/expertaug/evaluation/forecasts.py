@@ -1,0 +1,241 @@
+"""What the stage evaluate keeps of a version's forecasts: one value, and the forecasts.npz that holds it.
+
+The file's arrays are the fields of :class:`Forecasts` and, as ``<set>_<field>``, those of :class:`SetForecasts` and
+:class:`KeptForecasts`; what is None has no array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from expertaug.errors import InputError
+from expertaug.files import atomic, read_npz
+
+REMEDY = "make it again with evaluate"
+OWN = "own"  # the set of windows that the version's models have made themselves
+TEXTS = ("state_names", "state_units", "parameter_names", "parameter_units")
+ALWAYS = ("t", "observed", "seeds", *TEXTS)
+OF_A_SET = ("errors", "misfit", "truth", "z_e")  # a set is what has one of these
+
+
+class VersionKey(NamedTuple):
+    """What tells one file from another, but for its seeds."""
+
+    experiment: str
+    preset: str
+    method: str
+
+
+@dataclass(frozen=True)
+class KeptForecasts:
+    """Forecasts of K chosen samples of a set.
+
+    Attributes:
+        index: which samples, (K,).
+        truth: their states, (K, T, *state).
+        prediction: their forecasts, (S, K, T, *state).
+        band: ends of the 90 % band of forecasts from draws, (2, S, K, T', *state), over the last T' times; None of a
+            version without a distribution.
+        id: where they come from, (K,) texts (:class:`expertaug.trajectories.Trajectories`); None where nobody knows.
+    """
+
+    index: np.ndarray
+    truth: np.ndarray
+    prediction: np.ndarray
+    band: np.ndarray | None = None
+    id: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class SetForecasts:
+    """What is kept of every sample of a set, of S seeds and N samples.
+
+    Attributes:
+        errors: squared error of each forecast, (S, N); NaN of seeds that failed, and where nothing was measured.
+        misfit: the same over the observed window after its first point, (S, N).
+        z_e: true expert parameters, (N, P); of the set :data:`OWN` each seed's own are nowhere kept.
+        z_a: true parameters of the interaction, (N, Q), where they are known.
+        z_e_hat: estimates, (S, N, P), of a version that estimates; not of the training set.
+        sample_id: where the samples come from, (N,) texts.
+        expected: squared error that is expected of each forecast, (S, N), by a version with a distribution.
+        moved: the same that a refined version expects of its encoder's forecasts.
+        ranks, tarp: of the true parameters among draws of z_e, (S, N, P), and by distance from random points, (S, N).
+        crps, inside: of the drawn forecasts of M windows, (S, M), and the share of each one's times and quantities
+            within its central intervals, (S, M, L).
+        kept: forecasts of chosen samples.
+    """
+
+    errors: np.ndarray | None = None
+    misfit: np.ndarray | None = None
+    z_e: np.ndarray | None = None
+    z_a: np.ndarray | None = None
+    z_e_hat: np.ndarray | None = None
+    sample_id: np.ndarray | None = None
+    expected: np.ndarray | None = None
+    moved: np.ndarray | None = None
+    ranks: np.ndarray | None = None
+    tarp: np.ndarray | None = None
+    crps: np.ndarray | None = None
+    inside: np.ndarray | None = None
+    kept: KeptForecasts | None = None
+
+    def arrays(self, name: str) -> dict[str, np.ndarray]:
+        """By their names in the file."""
+        values = {**vars(self), **({} if self.kept is None else vars(self.kept))}
+        return {f"{name}_{key}": value for key, value in values.items() if key != "kept" and value is not None}
+
+
+@dataclass(frozen=True)
+class Forecasts:
+    """Errors and estimates of all samples, and forecasts of chosen ones, by S seeds of a version.
+
+    Attributes:
+        t: times in s, (T,).
+        observed: index of the last observed point.
+        seeds: (S,).
+        state_names, state_units, parameter_names, parameter_units: texts, one per dimension.
+        sets: by name.
+        failed: seeds that could not be trained.
+        interaction_names: of the true interaction's parameters, where they are known.
+        version: whose they are; None of a file from before that was kept, and in memory.
+        rank_draws: K, the number of draws among which ``ranks`` of the sets are.
+        own: ranks and scores on windows that the version's models have made themselves.
+        path: of the file.
+    """
+
+    t: np.ndarray
+    observed: int
+    seeds: list[int]
+    state_names: list[str]
+    state_units: list[str]
+    parameter_names: list[str]
+    parameter_units: list[str]
+    sets: dict[str, SetForecasts]
+    failed: list[int] = field(default_factory=list)
+    interaction_names: list[str] = field(default_factory=list)
+    version: VersionKey | None = None
+    rank_draws: int | None = None
+    own: SetForecasts | None = None
+    path: Path | None = field(default=None, compare=False)
+
+    @property
+    def places(self) -> list[int]:
+        """Places of the seeds that could be trained."""
+        return [place for place, seed in enumerate(self.seeds) if seed not in self.failed]
+
+    @property
+    def kept(self) -> dict[str, KeptForecasts]:
+        """Forecasts of chosen samples, of the sets that have some."""
+        return {name: one.kept for name, one in self.sets.items() if one.kept is not None}
+
+    @property
+    def truths(self) -> dict[str, np.ndarray]:
+        """True expert parameters, (N, P), of the sets that have some."""
+        return {name: one.z_e for name, one in self.sets.items() if one.z_e is not None}
+
+    @property
+    def estimates(self) -> dict[str, np.ndarray]:
+        """Estimates, (S, N, P), of the sets that figures show: those of which forecasts are kept, if any are."""
+        shown = self.kept or self.sets
+        return {name: self.sets[name].z_e_hat for name in shown if self.sets[name].z_e_hat is not None}
+
+    def identified(self) -> VersionKey:
+        """Whose they are.
+
+        Raises:
+            InputError: the file does not say.
+        """
+        if self.version is None:
+            raise InputError(self.path or "forecasts", "no array 'version'", REMEDY)
+        return self.version
+
+    def save(self, path: str | Path) -> None:
+        """Write the file."""
+        arrays: dict[str, Any] = {}
+        for name, one in self.sets.items():
+            arrays |= one.arrays(name)
+        arrays |= {} if self.own is None else self.own.arrays(OWN)
+        arrays |= {name: getattr(self, name) for name in ("t", "observed", "seeds", "rank_draws", "version")}
+        texts = {name: np.array(getattr(self, name), dtype=str) for name in (*TEXTS, "interaction_names")}
+        found = {key: np.array(value) for key, value in arrays.items() if value is not None}
+        with atomic(path) as temporary, temporary.open("wb") as stream:
+            np.savez_compressed(stream, **found, failed=np.array(self.failed, dtype=int), **texts)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Forecasts:
+        """Read the file.
+
+        Raises:
+            InputError: the file is missing, is no npz, lacks an array, or shapes disagree.
+        """
+        arrays = read_npz(path, "forecast file", REMEDY)
+        try:
+            return cls._of(Path(path), arrays)
+        except (TypeError, ValueError, IndexError) as error:
+            raise InputError(path, f"not a forecast file ({error})", REMEDY) from error
+
+    @classmethod
+    def _of(cls, path: Path, arrays: Mapping[str, np.ndarray]) -> Forecasts:
+        if missing := [name for name in ALWAYS if name not in arrays]:
+            raise InputError(path, f"no array {missing[0]!r}", REMEDY)
+        ends = [(name, end) for name in arrays for end in OF_A_SET if name.endswith(f"_{end}")]
+        sets = dict.fromkeys(name.removesuffix(f"_{end}") for name, end in ends)
+        own = _named(SetForecasts, OWN, arrays)
+        return cls(
+            t=arrays["t"],
+            observed=int(arrays["observed"]),
+            seeds=[int(seed) for seed in arrays["seeds"]],
+            **{name: [str(text) for text in arrays[name]] for name in TEXTS},
+            sets={name: _of_set(path, name, arrays) for name in sets},
+            failed=[int(seed) for seed in arrays.get("failed", ())],
+            interaction_names=[str(text) for text in arrays.get("interaction_names", ())],
+            version=VersionKey(*map(str, arrays["version"])) if "version" in arrays else None,
+            rank_draws=int(arrays["rank_draws"]) if "rank_draws" in arrays else None,
+            own=SetForecasts(**own) if own else None,
+            path=path,
+        )
+
+
+def read_forecasts(paths: Iterable[str | Path]) -> list[Forecasts]:
+    """Several files, as of all versions and groups of seeds of an experiment.
+
+    Raises:
+        InputError: a file is broken.
+    """
+    return [Forecasts.load(path) for path in paths]
+
+
+def _of_set(path: Path, name: str, arrays: Mapping[str, np.ndarray]) -> SetForecasts:
+    kept = None
+    if f"{name}_truth" in arrays:
+        if missing := [end for end in ("index", "prediction", "z_e") if f"{name}_{end}" not in arrays]:
+            raise InputError(path, f"no array '{name}_{missing[0]}'", REMEDY)
+        kept = KeptForecasts(**_named(KeptForecasts, name, arrays))
+        _check_kept(path, name, kept, (len(arrays["seeds"]), len(kept.index), len(arrays["t"])))
+    return SetForecasts(**_named(SetForecasts, name, arrays), kept=kept)
+
+
+def _named(kind: type, name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """A set's arrays that are fields of a class."""
+    found = {one.name: arrays.get(f"{name}_{one.name}") for one in fields(kind)}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def _check_kept(path: Path, name: str, kept: KeptForecasts, size: tuple[int, int, int]) -> None:
+    """Refuse shapes that are not those of S seeds, K samples and T times."""
+    shape = (*size, *kept.truth.shape[2:])
+    right = f"forecasts are (S, K, T, *state), here {shape}"
+    if kept.prediction.shape != shape or kept.truth.shape != shape[1:]:
+        wrong = f"{name}_truth {kept.truth.shape} and {name}_prediction {kept.prediction.shape}"
+        raise InputError(path, wrong, right)
+    band = kept.band
+    if band is not None and (band.shape[1:3] != shape[:2] or band.shape[4:] != shape[3:]):
+        raise InputError(path, f"{name}_band {band.shape}", right)
+    if kept.id is not None and (kept.id.shape != shape[1:2] or kept.id.dtype.kind != "U"):
+        wrong = f"{name}_id {kept.id.shape} of type {kept.id.dtype}"
+        raise InputError(path, wrong, f"identities are ({shape[1]},), texts")
