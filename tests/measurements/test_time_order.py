@@ -24,11 +24,6 @@ def long(folder, by_sensor):
     return table(folder / "long.csv", "t,sensor,theta", values if by_sensor else sorted(values))
 
 
-def days(folder):
-    rows = [(f"2024-05-0{d}", f"10:00:{s:02d}", np.cos(s)) for d in (1, 2) for s in range(50)]
-    return table(folder / "days.csv", "Date,Time,theta", rows)
-
-
 def counter(folder, wrap=1000):
     return table(folder / "counter.csv", "t,theta", [((50 * k) % wrap, v) for k, v in enumerate(THETA)])
 
@@ -47,11 +42,10 @@ def midnight(folder):
         (lambda folder: runs(folder, 12, 3), "times go back and come again"),
         (lambda folder: long(folder, True), "column 'sensor' tells up to 2 rows of one time apart"),
         (lambda folder: long(folder, False), "column 'sensor' tells up to 2 rows of one time apart"),
-        (days, "row 52: the time goes back by 49 s"),
         (counter, "row 22: the time goes back by 950 s, from 950 to 0 s"),
         (midnight, "row 32: the time goes back by 86399 s"),
     ],
-    ids=["runs", "two runs", "short runs", "long by sensor", "long by time", "days", "counter", "midnight"],
+    ids=["runs", "two runs", "short runs", "long by sensor", "long by time", "counter", "midnight"],
 )
 def test_what_follows_each_other_is_never_mixed(made, found, tmp_path, capfd):
     assert main(["inspect-data", str(made(tmp_path)), "--system", "pendulum"]) == 2

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
+from expertaug.errors import InputError
 from expertaug.stages.options import add_paths, read_settings
 
 logger = logging.getLogger(__name__)
@@ -35,6 +36,8 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     )
     text = "unit of a column, such as 'theta=deg' (default: as its header says); may be given several times"
     p.add_argument("--unit", metavar="COLUMN=UNIT", action="append", default=[], help=text)
+    text = "key of data.files that is known, such as 'time_format=%d.%m.%Y' or skip_lines=3; may be given several times"
+    p.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help=text)
     text = "picture, .png or .pdf"
     p.add_argument("--output", type=Path, default=Path("data.png"), metavar="PATH", help=text)
 
@@ -67,6 +70,7 @@ def _inspect(a: argparse.Namespace) -> None:
 def _inspect_data(a: argparse.Namespace) -> None:
     from expertaug.measurements.inspect import Inspection
     from expertaug.measurements.proposal import proposal
+    from expertaug.measurements.settings import MeasurementSettings
 
     names, priors, settings = None, {}, None
     if a.system is not None:
@@ -77,12 +81,33 @@ def _inspect_data(a: argparse.Namespace) -> None:
         names = systems.names(system)
         priors = {p.name: [(0.3 if p.positive else -3.0) * p.scale, 3.0 * p.scale] for p in system.expert_parameters}
     units = dict(text.rpartition("=")[::2] for text in a.unit)
-    found = Inspection(a.files, names, a.time, a.trajectory, units)
+    given = dict(map(_key, a.set))
+    MeasurementSettings.from_mapping({"paths": a.files, "columns": {"-": "-"}} | given, "--set")
+    found = Inspection(a.files, names, a.time, a.trajectory, units, given)
     for line in found.lines():
         print(f"# {line}")
     found.draw(a.output)
     logger.info("%s: picture", a.output)
     print(proposal(found, settings, priors), end="")
+
+
+def _key(text: str) -> tuple[str, object]:
+    """A key and its value, from KEY=VALUE.
+
+    Raises:
+        InputError: the text is none.
+    """
+    import yaml
+
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise InputError("--set", f"found '{text}'", "give KEY=VALUE")
+    if name == "time_format" or len(value) == 1:  # a pattern's %, and a separator, are no YAML
+        return name, value
+    try:
+        return name, yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise InputError("--set", f"found '{text}'", "write the value as YAML") from error
 
 
 def _forecast(a: argparse.Namespace) -> None:

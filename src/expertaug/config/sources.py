@@ -249,6 +249,7 @@ def _columns(path: Path, settings: MeasurementSettings, where: str) -> None:
     used |= {f"{where}.inputs.{name}": column_of(named).name for name, named in settings.inputs.items()}
     labels = {name: label_of(named) for name, named in settings.z_e.items()}
     used |= {f"{where}.z_e.{name}": label.name for name, label in labels.items() if label.name is not None}
+    used |= {f"{where}.date": settings.date} if settings.date is not None else {}
     used |= {f"{where}.trajectory": settings.trajectory} if settings.trajectory is not None else {}
     used |= {f"{where}.split.column": split.column} if split.by == "column" else {}
     if split.by == "quantity":

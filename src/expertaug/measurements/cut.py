@@ -12,7 +12,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.measurements.chunks import chosen, rows_of, spaced, stride_of, thinned
-from expertaug.measurements.grid import Grid, Series, on_grid
+from expertaug.measurements.grid import Grid, Series, on_grid, told_uneven
 from expertaug.measurements.names import Names
 from expertaug.measurements.noise import noise_of, noise_of_rows
 from expertaug.measurements.paths import list_files, verify
@@ -79,6 +79,11 @@ class Measured:
     def seen(self) -> np.ndarray:
         """Components that have a column, (K,)."""
         return np.array([name in self.settings.columns for name in self.names.state])
+
+    def shares_seen(self) -> dict[str, float]:
+        """In what share of the rows each component with a column was measured."""
+        known = np.concatenate([np.isfinite(one.rows.y) for one in self.grid.series])
+        return {name: float(known[:, k].mean()) for k, name in enumerate(self.names.state) if self.seen[k]}
 
 
 def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, Table] | None = None) -> Measured:
@@ -150,7 +155,18 @@ def _refuse_too_long(data: Measured) -> None:
         source = data.source
         what = "trajectory" if source.series == "trajectories" else "recording"
         found = f"found {data.settings.length}, the longest {what} without a long gap has {points} points"
-        raise InputError(f"{source.keys}.length", found, f"give fewer, or {source.longer}")
+        raise InputError(f"{source.keys}.length", found, _off_grid_or(data, f"give fewer, or {source.longer}"))
+
+
+def _off_grid_or(data: Measured, remedy: str) -> str:
+    """What would help: where rows lie off the grid, or sensors have rates of their own, nothing else does."""
+    if said := told_uneven(data.grid):
+        return said
+    shares = data.shares_seen() if data.grid.share == 1 else {}
+    if shares and (mean := sum(shares.values()) / len(shares)) < data.settings.min_seen:
+        told = ", ".join(f"{name} in {100 * share:.0f} %" for name, share in shares.items())
+        return f"measured is {told} of the rows: set min_seen below {mean:.2g}"
+    return remedy
 
 
 def _by_name(data: Measured, usable: list[np.ndarray]) -> list[np.ndarray]:
@@ -299,7 +315,8 @@ def chunks_of(data: Measured) -> tuple[dict[str, np.ndarray], dict[str, float] |
         InputError: a set has too few chunks.
     """
     labels, thresholds = divide(data)
-    return chosen(data.source.split, candidates(data, labels), data.settings, data.source.more), thresholds
+    more = _off_grid_or(data, data.source.more)
+    return chosen(data.source.split, candidates(data, labels), data.settings, more), thresholds
 
 
 def sets_of(data: Measured) -> tuple[dict[str, Trajectories], dict[str, np.ndarray], dict[str, float] | None]:
@@ -324,5 +341,6 @@ def all_chunks(data: Measured) -> Trajectories:
     if not len(rows):
         also = ", its first point and all known inputs" if data.names.inputs else ", and its first point"
         found = f"no chunk has {data.settings.min_seen:g} of its values measured{also}"
-        raise InputError(f"{WHERE}.min_seen", found, "give a smaller one, or shorter chunks")
+        remedy = _off_grid_or(data, "give a smaller one, or shorter chunks")
+        raise InputError(f"{WHERE}.min_seen", found, remedy)
     return trajectories_of(data, thinned(rows, data.settings.limit("train")))

@@ -12,6 +12,7 @@ from expertaug.errors import InputError
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.measurements.trajectory import WHERE, Rows
 
+LYING = 0.7  # part of the rows on a grid, or of its points that have one, below which rows fit it badly
 FITTING = 0.5  # part of the steps from row to row that must lie on a grid
 WELL, PARTS = 0.9, 5  # part that lies on one where rows are missing, and of how many of its steps the usual one is
 NEAR = 1e-6  # relative distance of a step from a number of few digits that is taken for it
@@ -59,6 +60,7 @@ class Grid:
         share: part of the points that have a row where none is missing: less than 1 on a grid finer than the rows.
         moved: most that a row was moved in time to lie on a finer grid, in s.
         rate_hz: a chunk's points per second, where that number is what their times were made by.
+        lying: part of the steps from row to row that lie on the grid; or, where fewer, of the points that have a row.
     """
 
     series: list[Series]
@@ -69,6 +71,7 @@ class Grid:
     share: float = 1.0
     moved: float = 0.0
     rate_hz: float | None = None
+    lying: float = 1.0
 
     @property
     def step_s(self) -> float:
@@ -78,6 +81,17 @@ class Grid:
     def times(self, points: int) -> np.ndarray:
         """Times of a chunk's points in s, (points,)."""
         return times_of(points, self.step_s) if self.rate_hz is None else np.arange(points) / self.rate_hz
+
+
+def told_uneven(grid: Grid) -> str:
+    """What is said of rows that lie off the grid and end a stretch, or on few of its points; else empty."""
+    remedy = "set uneven to own to keep their times"
+    if grid.broken:
+        share = max(100 * (1 - grid.lying), 0.1)
+        return f"{share:.2g} % of the rows lie off the grid of {grid.row_s:.6g} s: {remedy}"
+    if grid.lying < LYING:
+        return f"rows lie on {100 * grid.lying:.0f} % of the points of the grid of {grid.row_s:.6g} s: {remedy}"
+    return ""
 
 
 def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid:
@@ -117,7 +131,9 @@ def _of_rows(trajectories: Sequence[Rows], settings: MeasurementSettings, median
         made, off = _placed(one, row_s, settings)
         series.append(made)
         broken += off
-    return Grid(series, row_s, step, broken, None)
+    on = 1 - broken / max(sum(len(one.t) - 1 for one in trajectories), 1)
+    filled = np.concatenate([one.row[one.usable] >= 0 for one in series])
+    return Grid(series, row_s, step, broken, None, lying=min(on, float(filled.mean()) if on == 1 else on))
 
 
 def own_step(trajectories: Sequence[Rows]) -> float:

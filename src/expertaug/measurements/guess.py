@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from expertaug.errors import InputError
+from expertaug.measurements.dates import may_be_minutes
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import Column
 from expertaug.measurements.table import Table
@@ -26,7 +27,11 @@ ALSO = {
     "x": ("position", "displacement", "elongation"),
     "v": ("velocity", "speed"),
 }
+DATES = ("date", "day", "datum", "tag", "fecha", "giorno", "jour")
 ALIKE = 0.6  # of two names, by difflib
+# What dates begin with, as 2024-05-31 or 31.05.2024, and times of day, as 10:59:50 or 10:59 pm.
+MOMENT = re.compile(r"\s*(\d{4}[./-]\d{1,2}[./-]\d{1,2}|\d{1,2}([./-])\d{1,2}\2\d{2,4}|\d{1,3}:\d{2})(?!\d)")
+CLOCK_TIME = re.compile(r"\s*\d{1,2}:\d{2}(:\d{2}([.,]\d*)?)?(\s*[AaPp]\.?[Mm]\.?)?\s*$")
 MANY = 200  # trajectories told apart by a column, at most
 
 
@@ -40,6 +45,7 @@ class Guess:
         certain: components whose column was told by its name, not by its place.
         left: columns of numbers that stand for nothing.
         unread: columns in which most cells are no numbers, and none is a number.
+        date: the column of dates, where the times are times of day.
     """
 
     time: Column
@@ -48,6 +54,7 @@ class Guess:
     certain: set[str] = field(default_factory=set)
     left: list[str] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
+    date: str | None = None
 
 
 def guess(
@@ -56,16 +63,19 @@ def guess(
     time: str | None = None,
     trajectory: str | None = None,
     units: Mapping[str, str] | None = None,
+    date: str | None = None,
+    time_format: str | None = None,
 ) -> Guess:
     """Say what each column seems to be.
 
     Arguments:
         names: of the system; None: every further column of numbers is a component of its own.
-        time, trajectory: columns that are known.
+        time, trajectory, date: columns that are known.
         units: column → unit, where they are known.
+        time_format: how dates and times are written, where that is known.
 
     Raises:
-        InputError: no column can be the times, or a unit is not understood.
+        InputError: no column can be the times, they may be read in two ways, or a unit is not understood.
     """
     numbers = {}
     for name in table.names:  # a cell that is no number is told when the column is read
@@ -74,21 +84,37 @@ def guess(
             numbers[name] = values
     trajectory = trajectory or _trajectory(numbers, table)
     found = time or _time(numbers, table, trajectory)
-    rest = {name: values for name, values in numbers.items() if name not in (found, trajectory)}
+    date = date or _date(table, found)
+    taken = (found, trajectory, date)
+    rest = {name: values for name, values in numbers.items() if name not in taken}
     given = units or {}
     for name in given:
         if name not in table.names:
             raise InputError("--unit", f"no column '{name}'", f"its columns are {', '.join(table.names)}")
-    unit = "datetime" if found not in numbers else unit_of(found, table, "s", given)
-    of_time = Column(name=found, unit=unit)
-    unread = [name for name in table.names if name not in (found, trajectory, *numbers)]
+    moments = found not in numbers or date is not None or time_format is not None
+    if moments and date is None and time_format is None:
+        _refuse_two_readings(table, found)
+    of_time = Column(name=found, unit="datetime" if moments else unit_of(found, table, "s", given))
+    unread = [name for name in table.names if name not in (*taken, *numbers) and not _is_empty(table, name)]
     if names is None:
-        return Guess(
-            of_time, trajectory, {_plain_name(name): Column(name=name) for name in rest}, set(rest), [], unread
-        )
+        each = {_plain_name(name): Column(name=name) for name in rest}
+        return Guess(of_time, trajectory, each, set(rest), [], unread, date)
     columns, certain = _components(list(rest), table, names, given)
     left = [name for name in rest if name not in {column.name for column in columns.values()}]
-    return Guess(of_time, trajectory, columns, certain, left, unread)
+    return Guess(of_time, trajectory, columns, certain, left, unread, date)
+
+
+def _is_empty(table: Table, name: str) -> bool:
+    """Whether a column without a name holds nothing, as at the right of what a spreadsheet writes."""
+    cells = table.cells[name]
+    return name.startswith("column ") and cells.dtype.kind in "OU" and not any(str(cell).strip() for cell in cells)
+
+
+def _refuse_two_readings(table: Table, name: str) -> None:
+    cells = table.cells[name]
+    if cells.dtype.kind in "OU" and may_be_minutes(cells):
+        found = f"column '{name}': '{cells[0]}' may be hours and minutes, or minutes and seconds"
+        raise InputError(table.path, found, "say which: --set time_format=%H:%M or --set time_format=%M:%S")
 
 
 def unit_of(name: str, table: Table, to: str, given: Mapping[str, str]) -> str | None:
@@ -130,12 +156,29 @@ def _time(numbers: Mapping[str, np.ndarray], table: Table, trajectory: str | Non
     for name in table.names:
         if _bare(name) in TIMES and name != trajectory:
             return name
+    dates = [name for name in table.names if name not in (*numbers, trajectory) and _holds(table, name, MOMENT)]
+    if dates:
+        return dates[0]
     for name, values in numbers.items():
         steps = np.diff(values)
         if name != trajectory and len(steps) and np.isfinite(values).all() and (steps > 0).mean() > 0.9:
             return name
     listed = ", ".join(table.names)
     raise InputError(table.path, "no column is called time, and none increases", f"name it by --time: {listed}")
+
+
+def _date(table: Table, time: str) -> str | None:
+    """The column of dates beside one of times of day, where they are of more than one day."""
+    if table.cells[time].dtype.kind not in "OU" or not _holds(table, time, CLOCK_TIME):
+        return None
+    dates = [name for name in table.names if name != time and _bare(name) in DATES and _holds(table, name, MOMENT)]
+    return next((name for name in dates if len(set(table.cells[name].tolist())) > 1), None)
+
+
+def _holds(table: Table, name: str, pattern: re.Pattern[str]) -> bool:
+    """Whether a column's first cells are texts of that form."""
+    cells = table.cells[name]
+    return cells.dtype.kind in "OU" and all(pattern.match(str(cell)) for cell in cells[:100])
 
 
 def _trajectory(numbers: Mapping[str, np.ndarray], table: Table) -> str | None:

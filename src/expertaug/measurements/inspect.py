@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from expertaug import plotting
 from expertaug.errors import InputError
+from expertaug.measurements import sensors
 from expertaug.measurements.cut import Measured, measured
+from expertaug.measurements.grid import LYING, told_uneven
 from expertaug.measurements.guess import Guess, guess
+from expertaug.measurements.layout import recognise
 from expertaug.measurements.names import Names
 from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import MeasurementSettings, TableKeys, column_of
-from expertaug.measurements.table import EMPTY, Table, count_cells, read_table
+from expertaug.measurements.table import read_table
 from expertaug.measurements.time_order import check_one_row_a_time, check_seconds, check_sortable
 from expertaug.measurements.trajectory import times_of
+from expertaug.measurements.units import conversion
 
-COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
 SHOWN, POINTS = 6, 4000  # trajectories of a picture, and points of each
+ON = 0.95  # part of the rows on a grid, below which they are better kept at their own times
+SETTABLE = {*TableKeys.model_fields, "time_format", "date", "angles", "unordered", "duplicates", "uneven"}
+SETTABLE |= {"step_s", "tolerance", "longest_gap", "min_seen"}
+LARGEST_MULTIPLE = 10  # of the last digit of the times that a usual step may be, for rows to keep their times exactly
 
 
 class Inspection:
@@ -31,12 +39,15 @@ class Inspection:
         names: of the system whose components the columns are; None: each column is one of its own.
         time, trajectory: columns that are known.
         units: column → unit, where they are known.
+        given: keys of :class:`MeasurementSettings` that are known, of :data:`SETTABLE`.
 
     Attributes:
         files: in natural order.
         guess: which column is what.
         settings: that read all of it; what is out of order or double is put up with.
         data: as these settings read it.
+        noise: standard deviation of each component's noise, (K,), at least that of its sensor's resolution.
+        resolution: the step of each component's sensor, (K,), NaN where it is finer than the noise or not known.
         remarks: what was put up with, and what the reader has to name.
 
     Raises:
@@ -50,12 +61,20 @@ class Inspection:
         time: str | None = None,
         trajectory: str | None = None,
         units: Mapping[str, str] | None = None,
+        given: Mapping[str, object] | None = None,
     ) -> None:
+        self.given = dict(given or {})
+        for key in self.given:
+            if key not in SETTABLE:
+                raise InputError("--set", f"no key '{key}'", f"known: {', '.join(sorted(SETTABLE))}")
         self.files = list_files(list(paths), "FILE")
-        self.keys, self.table = _first(self.files[0])
-        self.guess: Guess = guess(self.table, names, time, trajectory, units)
+        layout = recognise(self.files[0], self.given)
+        self.keys, self.table, self.remarks = layout.keys, layout.table, list(layout.remarks)
+        date, time_format = (self.given.get(key) for key in ("date", "time_format"))
+        self.guess: Guess = guess(self.table, names, time, trajectory, units, date, time_format)  # type: ignore[arg-type]
         self.names = names or Names(dict.fromkeys(self.guess.columns, ""), {})
-        self.remarks: list[str] = []
+        if self.guess.date is not None:
+            self.remarks.append(f"the times are '{self.guess.date}' and '{self.guess.time.name}' together")
         if self.names.inputs:
             self.remarks.append(f"to be named under inputs, with their columns: {', '.join(self.names.inputs)}")
             self.names = Names(self.names.state, self.names.parameters)
@@ -63,11 +82,33 @@ class Inspection:
             raise InputError(self.files[0], "no column of numbers beside the times", "give a table of measurements")
         if self.guess.time.unit is None:
             check_seconds(self.table, self.guess.time.name, self.table.numbers(self.guess.time.name))
+        self._leave_out_marks()
         self.settings, self.data = self._read(list(paths))
+        self.resolution, self.noise = self._look_at_sensors()
+        if angles := self._angles():
+            self.settings = self.settings.model_copy(update={"angles": angles})
+            self.data = measured(self.settings, self.names, {self.files[0]: self.table})
+
+    def _leave_out_marks(self) -> None:
+        """Take numbers that stand for nothing measured out of the columns."""
+        if "missing" in self.given:
+            return
+        found: dict[float, str] = {}
+        for column in self.guess.columns.values():
+            values = self.table.mostly(column.name)
+            for mark in sensors.marks_of_nothing(np.zeros(0) if values is None else values):
+                found.setdefault(mark, column.name)
+        if found:
+            marks = [int(mark) if float(mark).is_integer() else mark for mark in found]
+            told = ", ".join(f"{mark:.10g} (in '{name}')" for mark, name in found.items())
+            self.remarks.append(f"taken for marks of what was not measured (missing): {told}; if not: --set missing=[]")
+            self.keys["missing"] = marks
+            self.table = replace(self.table, keys=self.table.keys.model_copy(update={"missing": marks}))
 
     def _read(self, paths: list[str]) -> tuple[MeasurementSettings, Measured]:
         """The strictest settings that read the files."""
         given: dict[str, object] = {
+            **{k: v for k, v in self.given.items() if k not in TableKeys.model_fields},
             **self.keys,
             "paths": paths,
             "time": self.guess.time,
@@ -78,6 +119,8 @@ class Inspection:
             "evaluation_stride": 1,
             "min_chunks": 1,
         }
+        if self.guess.date is not None:
+            given["date"] = self.guess.date
         mends = [
             ({"unordered": "sort"}, "goes back", "rows are not in order of time"),
             ({"duplicates": "mean"}, "another row has its time", "rows of one time differ"),
@@ -86,15 +129,48 @@ class Inspection:
         while True:
             settings = MeasurementSettings.from_mapping(given)
             try:
-                return settings, measured(settings, self.names, {self.files[0]: self.table})
+                data = measured(settings, self.names, {self.files[0]: self.table})
             except InputError as error:
-                mend = next((m for m in mends if m[1] in str(error)), None)
+                mend = next((m for m in mends if m[1] in str(error) and not m[0].keys() & self.given.keys()), None)
                 if mend is None:
                     raise
                 self._check_order(settings)
                 mends.remove(mend)
                 given |= mend[0]
-                self.remarks.append(mend[2])
+                self.remarks.append(f"{mend[2]}: {error.found}" if "uneven" in mend[0] else mend[2])
+                if "uneven" in mend[0]:
+                    given |= self._finest_step()
+                continue
+            said = told_uneven(data.grid)
+            if said:
+                self.remarks.append(said)
+            if data.grid.lying >= (ON if data.grid.broken else LYING) or "uneven" in given or self.names.held:
+                return self._with_fewer_seen(data)
+            given |= {"uneven": "own"} | self._finest_step()
+
+    def _with_fewer_seen(self, data: Measured) -> tuple[MeasurementSettings, Measured]:
+        """The same with a ``min_seen`` that the most complete chunks have, where sensors have rates of their own."""
+        shares = data.shares_seen()
+        total = sum(shares.values()) / len(shares)
+        if total >= data.settings.min_seen or "min_seen" in self.given:
+            return data.settings, data
+        least = float(f"{0.9 * total:.1g}")
+        told = ", ".join(f"{name} in {100 * share:.0f} %" for name, share in shares.items())
+        self.remarks.append(f"measured is {told} of the rows: min_seen is {least:g}")
+        settings = data.settings.model_copy(update={"min_seen": least})
+        return settings, replace(data, settings=settings)
+
+    def _finest_step(self) -> dict[str, float]:
+        """The key ``step_s`` of rows that keep their times: the last digit of these, where that is not too fine."""
+        column = self.guess.time
+        if "step_s" in self.given or column.unit == "datetime":
+            return {}
+        values = np.unique(self.table.numbers(column.name))
+        digit = sensors.last_digit(values)
+        if digit is None or not 2 <= np.median(np.diff(values)) / digit <= LARGEST_MULTIPLE:
+            return {}
+        factor, _ = conversion(column.unit, "s", "time")
+        return {"step_s": float(f"{digit * column.factor * factor:.9g}")}
 
     def _check_order(self, settings: MeasurementSettings) -> None:
         """Rows are not sorted, nor averaged, where that would mix what does not belong together.
@@ -103,6 +179,7 @@ class Inspection:
             InputError: the file, the row, and what to do.
         """
         used = {self.guess.time.name, *(column.name for column in self.guess.columns.values())}
+        used |= {self.guess.date} if self.guess.date is not None else set()
         for path in self.files:
             table = read_table(path, settings)
             t = times_of(table, settings)
@@ -115,6 +192,45 @@ class Inspection:
                 check_one_row_a_time(table, t, used)
             check_sortable(table, t, groups)
 
+    def _components(self) -> Iterator[tuple[int, str, np.ndarray]]:
+        """Place and name of each component with a column, and its column's numbers as they are, (n,)."""
+        for k, name in enumerate(self.names.state):
+            if name in self.settings.columns:
+                yield k, name, self.table.measured(column_of(self.settings.columns[name]).name)
+
+    def _look_at_sensors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Resolution and noise of each component, (K,); what is odd is remarked."""
+        noise = np.full(len(self.names.state), np.nan) if self.data.noise is None else self.data.noise.copy()
+        found = np.full(len(noise), np.nan)
+        for k, name, values in self._components():
+            column = column_of(self.settings.columns[name])
+            factor, _ = conversion(column.unit, self.names.state[name], f"columns.{name}")
+            step = sensors.resolution(values) if sensors.stands_still(values) else None
+            least = 0.0 if step is None else abs(step * factor * column.factor) / math.sqrt(12)
+            if least and noise[k] < least:
+                found[k], noise[k] = least * math.sqrt(12), least
+            if stuck := sensors.rows_stuck(values):
+                told = f"'{column.name}' stays at {stuck[1]:.6g}, an end of its range, for up to {stuck[0]} rows"
+                self.remarks.append(f"{told}: if its sensor is saturated there, leave these cells empty")
+        return found, noise
+
+    def _angles(self) -> list[str]:
+        """Components that jump by whole turns."""
+        if "angles" in self.given:
+            return []
+        found = []
+        for k, name in enumerate(self.names.state):
+            if name not in self.settings.columns:
+                continue
+            series, unit = [one.rows.y[:, k] for one in self.data.grid.series], self.names.state[name]
+            if unit in ("rad", "") and sensors.jumps_by_turns(series):
+                found.append(name)
+                self.remarks.append(f"{name} jumps by whole turns: it is unwrapped (angles)")
+            elif unit == "" and sensors.jumps_by_turns(series, 360.0):
+                told = f"'{name}' jumps by 360, as an angle in degrees does"
+                self.remarks.append(f"{told}: name a system that has it in rad (--system), and angles takes them out")
+        return found
+
     def lines(self) -> Iterator[str]:
         """What a reader wants to know, line by line."""
         grid, rows = self.data.grid, [one.rows for one in self.data.grid.series]
@@ -123,6 +239,8 @@ class Inspection:
         yield f"{_count(len(self.files), 'file')}, {_count(len(rows), 'trajectory')}, {_count(sum(counts), 'row')}"
         yield f"columns: {', '.join(self.table.names)}"
         unit = self.guess.time.unit or "taken as s: no unit is told"
+        if self.settings.time_format is not None:
+            unit = f"as {self.settings.time_format}"
         yield f"times: '{self.guess.time.name}' ({unit}), trajectories: {self._told()}"
         yield f"rows of a trajectory: {min(counts)} to {max(counts)}, {min(spans):.6g} to {max(spans):.6g} s"
         yield f"step: {grid.row_s:.6g} s ({1 / grid.row_s:.6g} Hz)"
@@ -142,14 +260,17 @@ class Inspection:
             yield f"not read, as most of their cells are no numbers: {', '.join(self.guess.unread)}"
 
     def _component(self, k: int, name: str, values: np.ndarray) -> str:
-        known, noise = values[np.isfinite(values)], self.data.noise[k]
+        known, noise = values[np.isfinite(values)], self.noise[k]
         column = column_of(self.settings.columns[name])
         text = f"{name} (column '{column.name}'): {known.min():.6g} to {known.max():.6g}"
         text = f"{text} {self.names.state[name]}".rstrip()
         if self.names.state[name] and column.unit is None:
             text += " (taken as that: no unit is told)"
         text += f", {len(values) - len(known)} empty cells" if len(known) < len(values) else ""
-        text += f", noise about {noise:.2g}" if np.isfinite(noise) else ""
+        if np.isfinite(self.resolution[k]):
+            text += f", noise at least {noise:.2g}, that of steps of {self.resolution[k]:.4g} (a step / √12)"
+        elif np.isfinite(noise):
+            text += f", noise about {noise:.2g}"
         if self.data.grid.error is not None:
             text += f", interpolation from every other row is off by {self.data.grid.error[k]:.2g} (rms)"
         return text
@@ -172,35 +293,6 @@ class Inspection:
                 axis.set_ylabel(plotting.quantity(name, self.names.state[name]))
             axes[-1].set_xlabel("t [s]")
             plotting.save(figure, output)
-
-
-def _first(path: Path) -> tuple[dict[str, object], Table]:
-    """The first file, and the keys that read it: one without a header gets names, one of 0,5 for 1/2 its comma."""
-    keys: dict[str, object] = {}
-    try:
-        table = read_table(path, TableKeys())
-    except InputError as error:
-        if "holds numbers" not in str(error):
-            raise
-        keys["names"] = [f"c{k}" for k in range(1, count_cells(path) + 1)]
-        table = read_table(path, TableKeys.from_mapping(keys))
-    if any(_has_commas(cells) for cells in table.cells.values()):
-        keys["decimal"] = ","
-        table = read_table(path, TableKeys.from_mapping(keys))
-    return keys, table
-
-
-def _has_commas(cells: np.ndarray) -> bool:
-    """Whether a column's cells are numbers whose fraction follows a comma."""
-    if cells.dtype.kind not in "OU":
-        return False
-    texts = (text for cell in cells if (text := str(cell).strip()).lower() not in EMPTY)
-    several = False
-    for text in texts:
-        if not COMMA.fullmatch(text):
-            return False
-        several |= "," in text
-    return several
 
 
 def _count(number: int, what: str) -> str:

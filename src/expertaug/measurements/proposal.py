@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,11 +11,24 @@ import yaml
 from expertaug.errors import InputError
 from expertaug.measurements.cut import chunks_of
 from expertaug.measurements.inspect import Inspection
+from expertaug.measurements.sensors import rows_of_a_period
 from expertaug.measurements.settings import MeasurementSettings
 
 LONGEST, SHORTEST, PIECES = 200, 8, 8  # points of a chunk; chunks that a trajectory should have where there are few
-FEW = 10  # trajectories below which each is cut into several pieces
+FINEST = 400  # points of a chunk whose rows keep their times
+FEW, FEWEST = 10, 3  # trajectories for a split between them, without a caution and with one
+OF_A_PERIOD = 40  # points, where rows are so dense that a chunk would end within one
 NAME = "measured"
+# Keys of data.files that are shown where they are not the default, before the columns.
+READING = (
+    *("names", "separator", "decimal", "thousands", "skip_lines", "missing", "pivot", "time", "date", "time_format"),
+    *("trajectory", "angles", "unordered", "duplicates", "uneven", "step_s", "tolerance", "longest_gap", "min_seen"),
+)
+# How the test set of a split is called in tables and figures, and what it is.
+TESTS = {
+    "time": ("test (later)", "the end of each trajectory tests: the same motion later, not another one"),
+    "trajectories": ("test (other trajectories)", "trajectories drawn at random test: new ones of the same kind"),
+}
 
 
 def proposal(found: Inspection, system: Mapping | None, priors: Mapping[str, list[float]]) -> str:
@@ -26,82 +39,127 @@ def proposal(found: Inspection, system: Mapping | None, priors: Mapping[str, lis
         priors: a first guess of the range of each expert parameter.
     """
     settings, length, counts = _cut(found)
-    t1_s = round(length // 2 * found.data.grid.step_s, 9)
-    given = {
-        k: v
-        for k, v in settings.items()
-        if k in ("names", "decimal", "time", "trajectory", "unordered", "duplicates", "uneven")
-    }
+    t1_s = round(length // 2 * found.data.grid.row_s * _points_apart(settings, found), 9)
     files = {
         "paths": settings["paths"] if len(settings["paths"]) > 1 else settings["paths"][0],
-        **given,
+        **{k: _marks(settings[k]) if k == "missing" else settings[k] for k in READING if k in settings},
         "columns": settings["columns"],
-        **{k: settings[k] for k in ("length", "stride", "evaluation_stride", "min_chunks", "split")},
+        **{k: settings[k] for k in ("length", "phases", "stride", "evaluation_stride") if k in settings},
+        **{k: settings[k] for k in ("min_chunks", "split")},
     }
-    state = found.names.state
-    unseen = [name for name in state if name not in settings["columns"]]
+    split = "trajectories" if "pieces" in settings["split"] else "time"
+    remarks = {"split": TESTS[split][1]}
+    if split == "trajectories" and len(found.data.grid.series) < FEW:
+        remarks["split"] += f"; of {len(found.data.grid.series)}, so that scores hang on a few of them"
+    if "phases" in settings:
+        remarks["step_s"] = "a chunk of successive rows would end within a swing"
+    unseen = [name for name in found.names.state if name not in settings["columns"]]
     start = {name: _guessed(found) for name in unseen}
     prior = {name: [float(f"{end:.6g}") for end in ends] for name, ends in priors.items()}
+    methods = ["mean", "expert_only", "least_squares", "ml_only", "aphynity", "alternating"]
+    training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
     blocks = [
         f"# expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_told(counts)})",
         "results: results/measured",
         f"run: [{NAME}]",
         "experiments:",
         f"  {NAME}:",
-        f"    system: {_flow(system or {'name': 'NAME'})}"
+        f"    system: {flow(system or {'name': 'NAME'})}"
         + ("" if system else "  # a module of yours, as mysystems.oscillator"),
         "    data:",
         "      source: files",
         f"      t1_s: {t1_s:.12g}  # end of the observed window",
-        "      noise: estimated",
+        f"      noise: {flow(_noise(found))}",
     ]
     if start:
-        blocks.append(f"      start: {_flow(start)}  # nobody measured these: say between what they begin")
+        blocks.append(f"      start: {flow(start)}  # nobody measured these: say between what they begin")
     blocks.append("      files:")
-    blocks += [f"        {key}: {_flow(value)}" for key, value in files.items()]
+    blocks += [
+        f"        {key}: {flow(value)}" + (f"  # {remarks[key]}" if remarks.get(key) else "")
+        for key, value in files.items()
+    ]
     windows = {name: [0.0, t1_s] for name in settings["columns"]}
     blocks += [
         "    model:",
-        f"      encoder: {{kind: window, windows: {_flow(windows)}, layers: [64, 64], latent: 1, activation: silu}}",
+        f"      encoder: {{kind: window, windows: {flow(windows)}, layers: [64, 64], latent: 1, activation: silu}}",
         "      interaction: {kind: mlp, layers: [32, 32], activation: silu}",
-        "    training:",
-        "      {epochs: 200, batch_size: 20, learning_rate: 3.0e-3, horizon_warmup: 0.3, objective: {lambda0: 100.0}}",
+        f"    training: {flow(training | {'objective': {'lambda0': 100.0}})}",
     ]
     if prior or system is None:
-        shown = _flow(prior) if prior else "{PARAMETER: [0.1, 10.0]}"
+        shown = flow(prior) if prior else "{PARAMETER: [0.1, 10.0]}"
         blocks += [
             f"    augmentation: {{prior: {shown}}}  # p+: between what the expert's parameters may lie",
             "    finetuning: {epochs: 100, batch_size: 20, learning_rate: 3.0e-3}",
         ]
     blocks += [
-        "    methods: [mean, least_squares, aphynity]",
+        "    overrides: {ml_only: {training: {expert_first: 0.0}}}",
+        f"    methods: {flow(methods)}",
         "    augmented: [aphynity]",
-        "    evaluation: {from_s: null}",
+        "    controls: [aphynity]",
+        "    refined: [aphynity, aphynity+]",
+        f"    evaluation: {flow({'from_s': None, 'set_titles': {'test': TESTS[split][0]}})}",
     ]
     return "\n".join(blocks) + "\n"
 
 
+def _marks(values: Sequence[float | str]) -> list[float | str]:
+    return [int(one) if isinstance(one, float) and one.is_integer() else one for one in values]
+
+
+def _noise(found: Inspection) -> str | dict[str, float]:
+    """The key ``noise``: estimated, unless a sensor's resolution is coarser than that."""
+    if not np.isfinite(found.resolution).any():
+        return "estimated"
+    names = [name for name in found.names.state if name in found.settings.columns]
+    places = {name: list(found.names.state).index(name) for name in names}
+    return {name: float(f"{np.nan_to_num(found.noise[k]):.3g}") for name, k in places.items()}
+
+
+def _points_apart(settings: Mapping, found: Inspection) -> int:
+    """Points of the grid from one of a chunk's points to the next."""
+    return round(settings["step_s"] / found.data.grid.row_s) if "phases" in settings else 1
+
+
 def _cut(found: Inspection) -> tuple[dict, int, dict[str, int]]:
-    """Settings whose three sets have chunks: as long as the data allow."""
-    settings = _plain(found.settings)
+    """Settings whose three sets have chunks: as long as the data allow, between trajectories where there are some."""
+    settings, data = _plain(found.settings), found.data
+    apart = _rows_apart(found)
+    if apart > 1:
+        settings |= {"step_s": float(f"{apart * data.grid.row_s:.9g}"), "phases": "first"}
+        data = replace(data, grid=replace(data.grid, step=apart))
+    series = data.grid.series
+    points = sorted(int(one.usable.sum()) // apart for one in series)
+    most = FINEST if settings.get("uneven") == "own" else LONGEST
+    between = ({"by": "random", "pieces": "trajectories"}, points[len(points) // 10])
+    tries = [*([between] if len(series) >= FEWEST else []), ({"by": "time"}, points[-1] // PIECES)]
+    problem: InputError | None = None
+    for split, length in tries:
+        length = int(np.clip(length, SHORTEST, most))
+        while length >= 3:
+            own = {"length": length, "stride": max(1, length // 8), "evaluation_stride": max(1, length // 2)}
+            settings |= own | {"min_chunks": 1, "split": split}
+            try:
+                rows = chunks_of(replace(data, settings=MeasurementSettings.from_mapping(settings)))[0]
+            except InputError as error:
+                problem, length = error, length // 2 if length > 5 else length - 1
+                continue
+            return settings, length, {name: len(of) for name, of in rows.items()}
+    assert problem is not None
+    raise problem
+
+
+def _rows_apart(found: Inspection) -> int:
+    """Every how many rows a chunk takes one: several where they are so dense that it would end within a swing."""
+    if found.settings.uneven != "mask" or found.settings.step_s is not None:
+        return 1
     series = found.data.grid.series
-    points = sorted(int(one.usable.sum()) for one in series)
-    several = len(series) >= FEW
-    length = points[len(points) // 10] if several else points[-1] // PIECES
-    split = {"by": "random", "pieces": "trajectories"} if several else {"by": "time"}
-    length = int(np.clip(length, SHORTEST, LONGEST))
-    while True:
-        stride = max(1, length // 8)
-        own = {"length": length, "stride": stride, "evaluation_stride": max(1, length // 2), "min_chunks": 1}
-        settings |= own | {"split": split}
-        try:
-            rows = chunks_of(replace(found.data, settings=MeasurementSettings.from_mapping(settings)))[0]
-        except InputError:
-            if length <= 3:
-                raise
-            length = max(3, length // 2)
-            continue
-        return settings, length, {name: len(of) for name, of in rows.items()}
+    known = [k for k, name in enumerate(found.names.state) if name in found.settings.columns]
+    periods = [rows_of_a_period([one.y[:, k] for one in series]) for k in known]
+    period = min((one for one in periods if one is not None), default=None)
+    if period is None or period <= LONGEST:
+        return 1
+    longest = max(int(one.usable.sum()) for one in series)
+    return max(1, min(int(period / OF_A_PERIOD), longest // (SHORTEST * PIECES)))
 
 
 def _plain(settings: MeasurementSettings) -> dict:
@@ -135,7 +193,7 @@ def _told(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts.items()) + " chunks"
 
 
-def _flow(value: object) -> str:
+def flow(value: object) -> str:
     """A value on one line of YAML."""
     text = yaml.safe_dump(value, default_flow_style=True, width=10**6, sort_keys=False, allow_unicode=True).strip()
     return text.removesuffix("\n...").strip()

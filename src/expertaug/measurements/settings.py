@@ -150,8 +150,19 @@ Named = Annotated[Annotated[str, ONE] | Annotated[Column, KEYS], by_shape]
 Texts = Annotated[Annotated[str, ONE] | Annotated[list[str], LIST, Field(min_length=1)], by_shape]
 
 
+class Pivot(Settings):
+    """A table in long format: a row for each time and sensor, its name in one column, its value in another."""
+
+    name: str = key(..., "the column that says which sensor's value a row holds", min_length=1)
+    value: str = key(..., "the column of the values", min_length=1)
+    unit: str | None = key(None, "the column of their units; null = none")
+    by: Annotated[list[str], Field(min_length=1)] | None = key(
+        None, "the columns that rows of one moment share: times and trajectories; null = all others"
+    )
+
+
 class TableKeys(Settings):
-    """How a text file is read; of Parquet and NPZ nothing needs to be said."""
+    """How a table is read; of Parquet and NPZ only ``missing`` and ``pivot`` may need to be said."""
 
     names: Annotated[list[str], Field(min_length=2)] | None = key(
         None, "names of the columns, for files without a header; null = taken from the first row that is not a comment"
@@ -160,7 +171,26 @@ class TableKeys(Settings):
         None, "what separates the cells: a character, tab, or space for any blanks; null = as in the first row"
     )
     decimal: Literal[".", ","] = key(".", "the decimal separator")
+    thousands: Literal[".", ",", "'", " "] = key(
+        LEFT_OUT, "what separates thousands, as the dot in 1.234,5; left out = nothing does"
+    )
     skip_lines: int = key(0, "number of lines to skip at the beginning of each file", ge=0, le=MANY)
+    missing: list[float | str] = key(
+        LEFT_OUT,
+        "numbers and texts by which the files say that nothing was measured, such as -999 or OVR; beside empty cells, "
+        "nan and the like, which always do",
+    )
+    pivot: Pivot = key(
+        LEFT_OUT,
+        "for tables in long format, a row for each time and sensor: the columns of the sensors' names and values; "
+        "each sensor becomes a column, and rows are put in order of time",
+    )
+
+    @model_validator(mode="after")
+    def _separators_differ(self) -> Self:
+        if self.thousands is not None and self.thousands == self.decimal:
+            raise disagree(f"found '{self.thousands}'", "the decimal separator is another", "thousands")
+        return self
 
 
 class SplitSettings(Settings):
@@ -231,6 +261,15 @@ class MeasurementSettings(Cutting, TableKeys):
     paths: Texts = key(..., "files or globs: CSV (also .txt, .tsv, .dat), Parquet or NPZ; the files are never changed")
     checksums: str | None = key(None, "file with their SHA-256 checksums, as sha256sum writes it; null = not checked")
     time: Named = key("t", "the column of times: its name, or name, unit, factor and offset")
+    date: str = key(
+        LEFT_OUT, "the column of dates where times of day stand in one of their own; both together are the times"
+    )
+    time_format: str = key(
+        LEFT_OUT,
+        "how dates and times are written, as Python's strptime says it: '%d.%m.%Y %H:%M:%S', or '%M:%S' for minutes "
+        "and seconds; left out = ISO dates, dates of whose day or month one is above 12 somewhere, and h:mm:ss",
+        min_length=2,
+    )
     trajectory: str | None = key(
         None, "the column that tells the trajectories in a file apart; null = each file is one"
     )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,18 +14,25 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import read_npz
-from expertaug.measurements.settings import TableKeys
+from expertaug.measurements import dates
+from expertaug.measurements.settings import Pivot, TableKeys
 
 LARGEST = 1e30  # of any number: single precision must hold it
 COMMENTS = ("#", "%")
+MARKED = "or what data.files.missing names"
+# A number with its thousands told apart: by what, and what then begins the fraction.
+THOUSANDS = re.compile(
+    r"[-+]?[1-9]\d{0,2}(?:(?P<thousands>[.,' ])\d{3})(?:(?P=thousands)\d{3})*(?:(?P<decimal>[.,])\d+)?"
+)
 EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "–", "."}
 SEPARATORS = (",", ";", "\t", "|")
+LOOKED_AT = 1000  # lines, to find where a table begins
 LARGE, HEAD = (
     2**20,
     2**16,
 )  # bytes of a text that is not read line by line, and of what is read of it to see its columns
-# Lines that are a comment or blank, letters of an encoding, and what else than \n may end a line.
-_NOT_PLAIN = re.compile(rb"[\r\x0b\x0c\x1c-\x1e\0\x80-\xff]|^[ \t]*(?:[#%]|$)", re.MULTILINE)
+# Lines that are a comment or hold nothing, letters of an encoding, and what else than \n may end a line.
+_NOT_PLAIN = re.compile(rb"[\r\x0b\x0c\x1c-\x1e\0\x80-\xff]|^[ \t,;|]*(?:[#%]|$)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -36,7 +44,7 @@ class Table:
         cells: column → texts (a CSV's) or numbers, times or texts (n,), as the file has them.
         line: the number of each row, as an editor counts lines (a CSV) or from 1.
         units: column → unit, where the file has a row of them.
-        decimal: what separates a number's fraction in texts.
+        keys: how numbers are written in texts, and what is written where nothing was measured.
         reread: the texts of a column whose cells are numbers already, (n,); None where there are none.
     """
 
@@ -44,7 +52,7 @@ class Table:
     cells: dict[str, np.ndarray]
     line: np.ndarray
     units: dict[str, str] = field(default_factory=dict)
-    decimal: str = "."
+    keys: TableKeys = field(default_factory=TableKeys)
     reread: Callable[[str], np.ndarray] | None = None
 
     @property
@@ -57,7 +65,7 @@ class Table:
     def texts(self, name: str) -> np.ndarray:
         """A column as texts (n,)."""
         cells = self._column(name)
-        numbers = cells if cells.dtype.kind == "f" else np.array([_number(cell, self.decimal) for cell in cells])
+        numbers = cells if cells.dtype.kind == "f" else self._parsed(cells)
         if (numbers == np.rint(numbers)).all() and np.abs(numbers).max(initial=0) < 2**53:  # 3.0e+00 is 3
             cells = numbers.astype(np.int64)
         elif self.reread is not None:
@@ -70,44 +78,78 @@ class Table:
         Raises:
             InputError: there is no such column, or a cell holds no number that can be used.
         """
-        cells = self._column(name)
-        if cells.dtype.kind in "biuf":
-            values = cells.astype(float, copy=False)
-        else:
-            values = np.array([_number(cell, self.decimal) for cell in cells])
-            self._refuse(name, np.isneginf(values), "is no number", self._remedy(cells, np.isneginf(values)))
+        values = self._numbers(name)
         self._refuse(name, np.abs(values) > LARGEST, "is out of range", "expected numbers")
         return values
+
+    def measured(self, name: str) -> np.ndarray:
+        """The same, NaN also where a cell says by one of the keys' ``missing`` that nothing was measured (n,).
+
+        Raises:
+            InputError: as :meth:`numbers`.
+        """
+        values = self._without_missing(self._numbers(name))
+        self._refuse(name, np.abs(values) > LARGEST, "is out of range", f"expected numbers, {MARKED}")
+        return values
+
+    def _numbers(self, name: str) -> np.ndarray:
+        cells = self._column(name)
+        if cells.dtype.kind in "biuf":
+            return cells.astype(float, copy=False)
+        values = self._parsed(cells)
+        self._refuse(name, np.isneginf(values), "is no number", self._remedy(cells, np.isneginf(values)))
+        return values
+
+    def _without_missing(self, values: np.ndarray) -> np.ndarray:
+        numbers = [one for one in self.keys.missing or () if not isinstance(one, str)]
+        return np.where(np.isin(values, numbers), np.nan, values) if numbers else values
+
+    def _parsed(self, cells: np.ndarray) -> np.ndarray:
+        """Numbers of texts (n,): NaN where a cell is empty, −inf where it is none."""
+        texts = {one.strip().lower() for one in self.keys.missing or () if isinstance(one, str)}
+        decimal, thousands, empty = self.keys.decimal, self.keys.thousands, EMPTY | texts
+        return np.array([_number(cell, decimal, thousands, empty) for cell in cells])
 
     def mostly(self, name: str) -> np.ndarray | None:
         """The numbers of a column in which most cells that are not empty are some, (n,), else NaN; None of others."""
         cells = self._column(name)
         if cells.dtype.kind == "f":
-            return cells if np.isfinite(cells).any() else None
-        values = (
-            cells.astype(float) if cells.dtype.kind in "biuf" else np.array([_number(c, self.decimal) for c in cells])
-        )
+            return self._without_missing(cells) if np.isfinite(cells).any() else None
+        values = cells.astype(float) if cells.dtype.kind in "biuf" else self._parsed(cells)
         none = np.isneginf(values)
-        return np.where(none, np.nan, values) if np.isfinite(values).sum() > none.sum() else None
+        found = np.where(none, np.nan, values) if np.isfinite(values).sum() > none.sum() else None
+        return found if found is None else self._without_missing(found)
 
-    def times(self, name: str) -> np.ndarray:
-        """A column of dates and times (n,) as seconds, from the first of them on.
+    def times(self, name: str, pattern: str | None = None, date: str | None = None) -> np.ndarray:
+        """A column of dates and times, or of durations, (n,) as seconds, from the first of them on.
+
+        Arguments:
+            pattern: how they are written, as strptime says it; None: as :func:`dates.seconds` tells.
+            date: the column of dates, where this one is of times of day.
 
         Raises:
-            InputError: a cell is none.
+            InputError: a cell is none, or may be read in two ways.
         """
-        import pandas as pd
-
         cells = self._column(name)
-        found = pd.to_datetime(pd.Series(cells), errors="coerce", utc=True, format="mixed")
-        self._refuse(name, found.isna().to_numpy(), "is no date and time", "write them as 2024-05-31T12:00:00.25")
-        return (found - found.iloc[0]).dt.total_seconds().to_numpy() if len(found) else np.zeros(0)
+        if cells.dtype.kind in "iuf":
+            cells = self.texts(name)
+        if date is not None:
+            cells = dates.joined(self.texts(date), self.texts(name))
+        found, none = dates.seconds(self.path, name, cells, pattern)
+        remedy = dates.CLOCK if pattern is None else f"data.files.time_format is '{pattern}'"
+        if none.any() and date is not None:
+            row = int(np.argmax(none))
+            raise InputError(self.path, f"row {self.line[row]}: '{cells[row]}' is no date and time", remedy)
+        self._refuse(name, none, "is no date and time", remedy)
+        return found
 
     def _remedy(self, cells: np.ndarray, bad: np.ndarray) -> str:
         cell = str(cells[int(np.argmax(bad))])
         if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell):
             return "for numbers with a comma set data.files.decimal to ','"
-        return "expected a number, or nothing where none was measured"
+        if re.match(r"\s*\d{1,4}[./:-]\d{1,2}[./:-]?\d", cell) and "-" not in cell.lstrip()[:1]:
+            return "for dates and times set data.files.time to {name: …, unit: datetime}"
+        return f"expected a number, or nothing where none was measured, {MARKED}"
 
     def _column(self, name: str) -> np.ndarray:
         if name not in self.cells:
@@ -123,11 +165,17 @@ class Table:
             raise InputError(self.path, found, remedy)
 
 
-def _number(cell: object, decimal: str) -> float:
+def _number(
+    cell: object, decimal: str, thousands: str | None = None, empty: Collection[str] = frozenset(EMPTY)
+) -> float:
     """A cell's number; NaN where it is empty, −inf where it is none."""
     text = str(cell).strip()
-    if text.lower() in EMPTY:
+    if text.lower() in empty:
         return np.nan
+    if thousands is not None and thousands in text:
+        if not re.fullmatch(rf"[-+]?\d{{1,3}}({re.escape(thousands)}\d{{3}})+({re.escape(decimal)}\d*)?", text):
+            return -np.inf
+        text = text.replace(thousands, "")
     try:
         found = float(text.replace(decimal, ".") if decimal != "." else text)
     except ValueError:
@@ -146,20 +194,76 @@ def read_table(path: str | Path, keys: TableKeys) -> Table:
     table = kinds.get(path.suffix.lower(), _read_text)(path, keys)
     if not len(table):
         raise InputError(path, "holds no rows", "give a table with a row for each time")
-    return table
+    return table if keys.pivot is None else pivoted(table, keys.pivot)
 
 
-def count_cells(path: Path) -> int:
+def pivoted(table: Table, pivot: Pivot) -> Table:
+    """A table in long format with a column for each sensor, and a row for each moment.
+
+    Raises:
+        InputError: a column is not there, or a sensor has two values of one moment.
+    """
+    import pandas as pd
+
+    aside = {pivot.name, pivot.value, *([pivot.unit] if pivot.unit else [])}
+    by = pivot.by or [name for name in table.names if name not in aside]
+    for name in (*aside, *by):
+        table._column(name)
+    if not by:
+        raise InputError(table.path, "no column tells the moments", "a long table has columns of time, name and value")
+    moments = pd.MultiIndex.from_arrays([table.texts(name) for name in by])
+    row, _ = pd.factorize(moments)
+    sensor, sensors = pd.factorize(table.texts(pivot.name))
+    _refuse_twins(table.path, [*by, *sensors])
+    twice = pd.Series(row.astype(np.int64) * len(sensors) + sensor).duplicated().to_numpy()
+    if twice.any():
+        at = int(np.argmax(twice))
+        moment = ", ".join(f"{name} {table.texts(name)[at]}" for name in by)
+        found = f"row {table.line[at]}: another row has {pivot.name} {sensors[sensor[at]]} at {moment}"
+        raise InputError(table.path, found, "name all that tells rows apart in data.files.pivot.by, or a trajectory")
+    first = np.flatnonzero(~pd.Series(row).duplicated().to_numpy())
+    values, cells = table.cells[pivot.value], {name: table.cells[name][first] for name in by}
+    for k, name in enumerate(sensors):
+        own = sensor == k
+        empty = np.full(len(first), np.nan) if values.dtype.kind in "biuf" else np.full(len(first), "", dtype=object)
+        empty[row[own]] = values[own]
+        cells[str(name)] = empty
+    units = {} if pivot.unit is None else dict(zip(table.texts(pivot.name), table.texts(pivot.unit), strict=True))
+    units |= {name: unit for name, unit in table.units.items() if name in by}
+    return Table(table.path, cells, table.line[first], units, table.keys)
+
+
+def head_of(path: Path, keys: TableKeys) -> Table:
+    """The first rows of a text file as a table; of other files all.
+
+    Raises:
+        InputError: `read_table`.
+    """
+    if path.suffix.lower() in (".npz", ".parquet"):
+        return read_table(path, keys.model_copy(update={"pivot": None}))
+    return _table_of(path, beginning(path), keys)
+
+
+def beginning(path: Path) -> str:
+    """The first lines of a text file.
+
+    Raises:
+        InputError: it cannot be read, or is no text.
+    """
+    text = _text_of(path, 4 * HEAD)
+    return text if path.stat().st_size <= 4 * HEAD else text.rpartition("\n")[0]
+
+
+def count_cells(path: Path, keys: TableKeys) -> int:
     """Cells of the first row of a text file.
 
     Raises:
         InputError: it has none.
     """
-    first = next((one for one in _text_of(path).splitlines() if _counts(one)), None)
+    first = next((one for one in beginning(path).splitlines()[keys.skip_lines :] if _counts(one)), None)
     if first is None:
         raise InputError(path, "holds no rows", "give a table with a row for each time")
-    separator = _separator(first)
-    return len(first.split() if separator == " " else next(csv.reader([first], delimiter=separator)))
+    return len(_split(first, _separator(first) if keys.separator is None else keys.separator))
 
 
 def _counts(line: str) -> bool:
@@ -200,7 +304,7 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
     if keys.separator is None and any(map(_counts, header)):
         separator = _separator(next(filter(_counts, header)))
     rows = data.count(b"\n", begin, end) + 1
-    if len(separator.encode()) > 1 or _NOT_PLAIN.search(data, begin, end):
+    if keys.thousands is not None or len(separator.encode()) > 1 or _NOT_PLAIN.search(data, begin, end):
         return None
     given = {
         "header": None,
@@ -239,7 +343,7 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
         cells[name] = column.to_numpy(dtype=float)
         if not np.abs(cells[name][~np.isnan(cells[name])]).max(initial=0.0) <= min(LARGEST, 2.0**53):
             return None
-    return Table(path, cells, first.line[0] + np.arange(rows), first.units, keys.decimal, texts)
+    return Table(path, cells, first.line[0] + np.arange(rows), first.units, keys, texts)
 
 
 def _cells(data: bytes, begin: int, end: int, separator: str) -> int:
@@ -254,6 +358,46 @@ def _cells(data: bytes, begin: int, end: int, separator: str) -> int:
     return count
 
 
+def lines_above(text: str) -> int:
+    """Lines of a text that come before its table: what loggers write above the names of the columns.
+
+    The table is what the last of the first lines belong to: rows of as many cells, most of them numbers.
+    """
+    lines = text.splitlines()[:LOOKED_AT]
+    counted = [k for k, line in enumerate(lines) if _counts(line)]
+    best, begins = 0, 0
+    for separator in (*SEPARATORS, " "):
+        cells = {k: [c.strip() for c in _split(lines[k], separator)] for k in counted}
+        rows = [k for k in counted if len(cells[k]) > 1 and _mostly_numbers(cells[k])]
+        while rows and (len(cells[rows[0]]) != len(cells[rows[-1]]) or not _without_a_pause(rows, counted)):
+            rows = rows[1:]
+        header = [k for k in counted if rows and k < rows[0]]
+        if len(rows) < 3 or not header or len(rows) * len(cells[rows[-1]]) <= best:
+            continue
+        place = header[-1]
+        if len(header) > 1 and len(cells[header[-2]]) == len(cells[place]) == len(cells[rows[0]]):
+            place = header[-2]  # names, and a row of units below
+        if len(cells[place]) >= len(cells[rows[-1]]):
+            best, begins = len(rows) * len(cells[rows[-1]]), place
+    return begins
+
+
+def _without_a_pause(rows: list[int], counted: list[int]) -> bool:
+    """Whether every line from the first of these rows on is one of them."""
+    return len(rows) == len(counted) - counted.index(rows[0])
+
+
+def _mostly_numbers(cells: list[str]) -> bool:
+    known = [cell for cell in cells if cell]
+    return (
+        2 * sum(any(char.isdigit() for char in cell) for cell in known) >= len(known) > 0 and not known[0][0].isalpha()
+    )
+
+
+def _split(line: str, separator: str) -> list[str]:
+    return line.split() if separator == " " else next(csv.reader([line], delimiter=separator), [])
+
+
 def _table_of(path: Path, text: str, keys: TableKeys) -> Table:
     """A table of a text, line by line."""
     lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if k > keys.skip_lines]
@@ -261,9 +405,8 @@ def _table_of(path: Path, text: str, keys: TableKeys) -> Table:
     if not lines:
         raise InputError(path, "holds no rows", "give a table with a row for each time")
     separator = _separator(lines[0][1]) if keys.separator is None else keys.separator
-    split = str.split if separator == " " else lambda line: next(csv.reader([line], delimiter=separator))
     try:
-        rows = [(k, [cell.strip() for cell in split(line)]) for k, line in lines]
+        rows = [(k, [cell.strip() for cell in _split(line, separator)]) for k, line in lines]
     except csv.Error as error:
         raise InputError(path, f"no table ({error})", "set data.files.separator") from error
     if keys.names is None:
@@ -273,34 +416,42 @@ def _table_of(path: Path, text: str, keys: TableKeys) -> Table:
     units: dict[str, str] = {}
     if rows and keys.names is None and not any(_is_value(cell, keys.decimal) for cell in rows[0][1]):
         units, rows = dict(zip(names, rows[0][1], strict=False)), rows[1:]
+    rows = [(k, cells) for k, cells in rows if any(cells)]  # a spreadsheet ends in rows of nothing
+    most = max((len(cells) for _, cells in rows), default=0)
+    if keys.names is None and 1 < most < len(names):  # the last columns, of comments, may be left out throughout
+        rows = [(k, cells + [""] * (len(names) - most)) for k, cells in rows]
     for k, cells in rows:
         if len(cells) != len(names):
             of = "data.files.names has" if keys.names is not None else "the header has"
             remedy = "every row needs a cell for each column"
             if keys.names is not None:
                 remedy = "name every column, in order"
+            elif above := lines_above(text):
+                remedy = f"for the {above} lines above the table set data.files.skip_lines to {above}"
             raise InputError(path, f"row {k} has {len(cells)} cells, {of} {len(names)}", remedy)
     columns = zip(*(cells for _, cells in rows), strict=True) if rows else [[] for _ in names]
     cells = {name: np.array(list(column), dtype=object) for name, column in zip(names, columns, strict=True)}
-    return Table(path, cells, np.array([k for k, _ in rows], dtype=int), units, keys.decimal)
+    return Table(path, cells, np.array([k for k, _ in rows], dtype=int), units, keys)
 
 
-def _text_of(path: Path) -> str:
+def _text_of(path: Path, most: int = -1) -> str:
+    """A file's text, or that of its first bytes."""
     try:
-        data = path.read_bytes()
+        with path.open("rb") as stream:
+            data = stream.read(most)
     except FileNotFoundError as error:
         raise InputError(path, "no such file", "correct data.files.paths") from error
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})", "give a readable table") from error
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         try:
-            return data.decode("utf-16")
+            return data[: len(data) // 2 * 2].decode("utf-16")
         except UnicodeDecodeError as error:
             raise InputError(path, f"no text ({error.reason})", "save it as UTF-8") from error
     if b"\0" in data:
         raise InputError(path, "no text: it holds zero bytes", "give a CSV, a Parquet file or an NPZ by its suffix")
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("utf-8-sig") if most < 0 else codecs.getincrementaldecoder("utf-8-sig")().decode(data)
     except UnicodeDecodeError:
         return data.decode("latin-1")  # only names of columns can be touched by that
 
@@ -331,7 +482,7 @@ def _refuse_twins(path: Path, names: Sequence[str]) -> None:
 
 
 def _is_value(cell: str, decimal: str) -> bool:
-    return any(not np.isneginf(_number(cell, one)) for one in {decimal, ","})
+    return bool(THOUSANDS.fullmatch(cell)) or any(not np.isneginf(_number(cell, one)) for one in {decimal, ","})
 
 
 def _read_parquet(path: Path, keys: TableKeys) -> Table:
@@ -348,7 +499,7 @@ def _read_parquet(path: Path, keys: TableKeys) -> Table:
     frame.columns = [str(name) for name in frame.columns]
     _refuse_twins(path, list(frame.columns))
     cells = {name: frame[name].to_numpy() for name in frame.columns}
-    return Table(path, cells, np.arange(1, len(frame) + 1))
+    return Table(path, cells, np.arange(1, len(frame) + 1), keys=keys)
 
 
 def _read_npz(path: Path, keys: TableKeys) -> Table:
@@ -361,4 +512,4 @@ def _read_npz(path: Path, keys: TableKeys) -> Table:
         if len(shape) != 1 or shape != lengths[first]:
             found = f"array {name} has shape {shape}, {first} {lengths[first]}"
             raise InputError(path, found, "arrays are columns: (n,), all of one length; trajectories follow each other")
-    return Table(path, dict(cells), np.arange(1, lengths[first][0] + 1))
+    return Table(path, dict(cells), np.arange(1, lengths[first][0] + 1), keys=keys)

@@ -141,8 +141,9 @@ def times_of(table: Table, settings: MeasurementSettings) -> np.ndarray:
         InputError: a cell is no time, or empty.
     """
     column = column_of(settings.time)
-    if column.unit == "datetime":
-        return table.times(column.name) * column.factor + column.offset
+    if column.unit == "datetime" or settings.time_format is not None or settings.date is not None:
+        t = table.times(column.name, settings.time_format, settings.date)
+        return t * column.factor + column.offset
     t = _column(table, column, "s", "time")
     table._refuse(column.name, np.isnan(t), "is no time", "every row needs a time")
     return t
@@ -153,7 +154,8 @@ def _column(table: Table, column: Column, to: str, where: str) -> np.ndarray:
     if column.unit is None and (column.factor, column.offset) == (1.0, 0.0):
         _refuse_another_unit(table, column.name, to, place)
     factor, summand = conversion(column.unit, to, place)
-    return (table.numbers(column.name) * column.factor + column.offset) * factor + summand
+    numbers = table.numbers(column.name) if where == "time" else table.measured(column.name)
+    return (numbers * column.factor + column.offset) * factor + summand
 
 
 def _refuse_another_unit(table: Table, name: str, to: str, place: str) -> None:
@@ -182,7 +184,7 @@ def _level(table: Table, y: np.ndarray, settings: MeasurementSettings, names: Na
                 raise InputError(
                     where, f"'{split.quantity}' names '{name}'", f"known: {', '.join([*known, *table.names])}"
                 )
-            known[name] = table.numbers(name)
+            known[name] = table.measured(name)
     level = expression.value(split.quantity, known, where)
     if not np.isfinite(level).any():
         raise InputError(where, f"'{split.quantity}' is no number in any row of {table.path}", "correct it")
@@ -195,7 +197,7 @@ def _in_order(
     """Rows in order of time, each time once: their places in the table, how many others there were, their states and
     inputs, as y has them."""
     back = np.flatnonzero(np.diff(t[index]) < 0)
-    if len(back) and settings.unordered == "refuse":
+    if len(back) and settings.unordered == "refuse" and settings.pivot is None:
         row, before = index[back[0] + 1], index[back[0]]
         found = f"row {table.line[row]}: the time goes back from {t[before]:g} to {t[row]:g} s"
         remedy = f"name the column that tells trajectories apart ({WHERE}.trajectory), or set unordered to sort"

@@ -1,0 +1,118 @@
+"""What the numbers of a column tell of its sensor: its resolution, marks for nothing measured, turns, saturation."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+# Numbers that stand for nothing measured: of nines (999, -9999.9) and the like, ends of integers, fill values.
+MARK = re.compile(r"-?(9{2,}(\.9+)?|999\.25|8{3,}|7{3,}|32767|32768|65535|2147483647|2147483648)")
+HUGE = 1e20
+MOST_MARKS = 3  # of one column
+LEVELS = 20  # different values, below which a column's extremes say nothing
+ROUNDING = 1e-6  # of a column's range: differences below are none
+STILL = 0.2  # share of the rows that are as the one before
+STUCK = 5  # rows in succession at one end of a sensor's range
+CROWDED = 4  # times as many rows as at the level beside it
+
+
+def marks_of_nothing(values: np.ndarray) -> list[float]:
+    """Numbers (n,) that stand far from all others and look as what loggers write where nothing was measured."""
+    rest, found = np.sort(values[np.isfinite(values)]), []
+    for _ in range(MOST_MARKS):
+        for end in (rest[-1], rest[0]) if len(rest) else ():
+            others = rest[rest != end]
+            if len(others) < 2 or not (MARK.fullmatch(f"{end:.10g}") or abs(end) >= HUGE):
+                continue
+            if np.abs(others - end).min() > 2 * (others[-1] - others[0]) > 0:
+                found.append(float(end))
+                rest = others
+                break
+        else:
+            break
+    return found
+
+
+def resolution(values: np.ndarray) -> float | None:
+    """The step q of which all differences of numbers (n,) are multiples, or None."""
+    levels = np.unique(values[np.isfinite(values)])
+    if len(levels) < 2:
+        return None
+    steps = np.diff(levels)
+    steps = steps[steps > ROUNDING * (levels[-1] - levels[0])]
+    q = float(steps.min())
+    counts = (levels - levels[0]) / q
+    counts = counts[counts < 1e4]  # further away q is not known well enough
+    if np.abs(counts - np.rint(counts)).max() > 0.02:
+        return None
+    return float((levels[-1] - levels[0]) / round((levels[-1] - levels[0]) / q))
+
+
+def last_digit(values: np.ndarray) -> float | None:
+    """The place of the last digit, such as 0.001, with which numbers (n,) are written; None of finer ones."""
+    known = values[np.isfinite(values)]
+    for places in range(7):
+        counts = known * 10.0**places
+        if np.abs(counts - np.rint(counts)).max(initial=0.0) < 1e-3:
+            return 10.0**-places
+    return None
+
+
+def stands_still(values: np.ndarray) -> bool:
+    """Whether numbers (n,) often stay the same from row to row, as those of a coarse sensor do and noisy ones do not:
+    how rough they are then says nothing of their noise."""
+    known = values[np.isfinite(values)]
+    return len(known) > 1 and bool((np.diff(known) == 0).mean() > STILL and np.ptp(known) > 0)
+
+
+def jumps_by_turns(series: Sequence[np.ndarray], turn: float = 2 * math.pi) -> bool:
+    """Whether an angle's numbers, (n,) of each trajectory, stay within one turn and jump from one end to the other."""
+    known = [one[np.isfinite(one)] for one in series]
+    pooled = np.concatenate(known) if known else np.zeros(0)
+    if not len(pooled) or np.ptp(pooled) > 1.01 * turn:
+        return False
+    steps = np.abs(np.concatenate([np.diff(one) for one in known])) / turn
+    return bool((steps > 0.7).any() and not ((steps > 0.35) & (steps < 0.7)).any())
+
+
+def rows_stuck(values: np.ndarray) -> tuple[int, float] | None:
+    """Where numbers (n,) stick at their largest or least value, as a sensor's do beyond its range: the longest time in
+    rows, and the value.
+
+    A smooth motion turns at its extremes and stays there a little longer than elsewhere, even as a coarse sensor sees
+    it; one that is cut off stays far longer.
+    """
+    known = values[np.isfinite(values)]
+    levels = np.unique(known)
+    if len(levels) < LEVELS:
+        return None
+    width = max(0.01 * np.ptp(levels), 1.5 * float(np.median(np.diff(levels))))
+    for end in (levels[-1], levels[0]):
+        at = known == end
+        beside = int(((np.abs(known - end) <= width) & ~at).sum())
+        changes = np.flatnonzero(np.diff(np.concatenate(([0], at.astype(np.int8), [0]))))
+        longest = int((changes[1::2] - changes[::2]).max())
+        if longest >= STUCK and at.sum() > CROWDED * beside:
+            return longest, float(end)
+    return None
+
+
+def rows_of_a_period(series: Sequence[np.ndarray]) -> float | None:
+    """Rows from one swing to the next, in the mean, of numbers (n,) of each trajectory; None where they swing less than
+    twice.
+
+    Counted are the passages from a quarter of the standard deviation below the mean to as much above it.
+    """
+    rows, passages = 0, 0
+    for one in series:
+        known = one[np.isfinite(one)]
+        if len(known) < 3 or not np.std(known):
+            continue
+        apart = (known - known.mean()) / known.std()
+        sides = np.sign(apart[np.abs(apart) > 0.25])
+        rows += len(known)
+        passages += int((np.diff(sides) > 0).sum())
+    return rows / passages if passages > 1 else None
