@@ -21,6 +21,7 @@ _EXPORTS = {
     "ConvEncoder": "expertaug.models.encoders.fields:ConvEncoder",
     "ConvInteraction": "expertaug.models.interactions.convolutional:ConvInteraction",
     "ConvTwoStep": "expertaug.models.encoders.two_step:ConvTwoStep",
+    "Comparison": "expertaug.api.compare:Comparison",
     "DampedPendulum": "expertaug.systems.pendulum:DampedPendulum",
     "DampingInteraction": "expertaug.models.interactions.damping:DampingInteraction",
     "DiagonalFlow": "expertaug.systems.solvers.linear_propagator:DiagonalFlow",
