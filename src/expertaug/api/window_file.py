@@ -1,23 +1,30 @@
-"""Forecasts from the shell: a CSV of observed windows in, a CSV of states and estimates out."""
+"""Forecasts from the shell: a table of windows, or of measurements like the training's, in; a CSV of states out."""
 
 from __future__ import annotations
 
+import logging
 import re
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from torch import Tensor
 
-from expertaug.api.arguments import same_times
-from expertaug.api.forecasts import labelled
+from expertaug import systems
+from expertaug.api.arguments import Array, same_times
+from expertaug.api.forecasts import Forecast, labelled
 from expertaug.api.trained import TrainedModel, load
 from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug.measurements.settings import MeasurementSettings, column_of
+from expertaug.measurements.table import read_table
+from expertaug.measurements.windows import Windows, latest_windows, settings_of
 from expertaug.systems import Parameter
 from expertaug.trajectories import Trajectories
 
+logger = logging.getLogger(__name__)
 MOST_TIMES = 1_000_000
 
 
@@ -28,25 +35,30 @@ def forecast_file(
     seed: int | None = None,
     t_end: float | None = None,
     classes: Collection[str] = (),
-    refine: float | None = None,
+    refine: float | str | None = None,
     validation: Path | None = None,
+    measurements: Path | None = None,
 ) -> None:
-    """Forecast the windows of a CSV file.
+    """Forecast the windows of a CSV file, or the latest one of each trajectory of a table like the training's.
 
     Arguments:
         model: model file.
         window: CSV with a column ``t`` in s and one for each component of the state; ``sample`` tells several windows
             apart.  Headings may carry units, ``theta [rad]``.  Of a model with known inputs each is a column too, and
-            rows after the observed window, without states, have the inputs at the times of the forecast.
+            rows after the observed window, without states, have the inputs at the times of the forecast.  Or a table of
+            measurements, read as those of the training were: its forecasts have the trajectories' own times, and
+            standard deviations over the seeds; a line for each trajectory is logged.
         output: CSV; None: standard output.  Its columns are seed, sample, ``t [s]``, the states and the estimates of
             the expert parameters, ``z_e omega0 [rad/s]``, the misfit of the window, and whether it is to be trusted.
         seed: one of the model's; None: all.
         t_end: last time in s; beyond the training's times their last step goes on.  None: the training's last.
         classes: as of :func:`expertaug.load`.
-        refine: standard deviation of the data's noise, 0 for none: estimates are refined by least squares on each
-            window, and their standard deviations and χ² are columns too.  None: the model's own estimates.
+        refine: standard deviation of the data's noise, 0 for none, or "estimated" as from the training's: estimates are
+            refined by least squares on each window, and their standard deviations and χ² are columns too.  None: the
+            model's own estimates.
         validation: npz of trajectories like the training's (``data/validation.npz`` of a run), from which the threshold
             of ``trusted`` comes; None: from the model file, which knows none of refined estimates.
+        measurements: how tables like the training's are read (:func:`expertaug.measurements.windows.settings_of`).
 
     Raises:
         InputError: a file cannot be used, or the window's times are not the model's.
@@ -57,23 +69,88 @@ def forecast_file(
             raise InputError(model, f"no seed {seed}", f"it has {', '.join(map(str, trained.seeds))}")
         trained = trained[trained.seeds.index(seed)]
     if refine is not None:
-        if not 0 <= refine < np.inf:
+        if refine != "estimated" and not 0 <= float(refine) < np.inf:
             raise InputError("--refine", f"found {refine:g}", "give the noise's standard deviation, at least 0")
-        trained = trained.refined(noise=refine)
+        trained = trained.refined(noise=refine)  # type: ignore[arg-type]
     if validation is not None:
         trained = trained.watched(Trajectories.load(validation))
-    names, t, y, u = read_windows(window, trained)
-    if u is None:
-        t = np.concatenate((t, _later(trained, t_end)))
+    settings = settings_of(model, measurements)
+    if settings is not None and (measurements is not None or _is_like(window, settings)):
+        table = _of_trajectories(trained, window, settings, t_end)
     else:
-        t, u = _given(window, trained, t, u, t_end)
-    table = trained.forecast(y, t, u=u).table()
-    table["sample"] = np.array(names, dtype=object)[table["sample"]]
+        names, t, y, u = read_windows(window, trained)
+        if u is None:
+            t = np.concatenate((t, _later(trained, t_end)))
+        else:
+            t, u = _given(window, trained, t, u, t_end)
+        table = trained.forecast(y, t, u=u).table()
+        table["sample"] = np.array(names, dtype=object)[table["sample"]]
     if output is None:
         table.to_csv(sys.stdout, index=False)
         return
     with atomic(output) as temporary:
         table.to_csv(temporary, index=False)
+
+
+def _is_like(path: Path, settings: MeasurementSettings) -> bool:
+    """Whether a file has the columns of the training's tables."""
+    try:
+        names = read_table(path, settings).names
+    except InputError:
+        return False
+    return {column_of(one).name for one in (settings.time, *settings.columns.values())} <= set(names)
+
+
+def _of_trajectories(
+    model: TrainedModel, path: Path, settings: MeasurementSettings, t_end: float | None
+) -> pd.DataFrame:
+    """Forecasts of the latest window of each trajectory: the columns of :meth:`Forecast.table`, times in the
+    trajectories' own, and the standard deviation of each state over the seeds where there are several."""
+    found = latest_windows([str(path)], settings, systems.names(model.system), model.t, model.observed)
+    for name in found.left_out:
+        logger.warning("%s: no window as the model observes it: left out", name)
+    if found.u is None:
+        t, u = np.concatenate((found.t, _later(model, t_end))), None
+    else:
+        t, u = _given(path, model, found.t, found.u, t_end)
+    forecast = model.forecast(found.y, t, u=u)
+    table = forecast.table()
+    for name in (p.name for p in model.system.state) if len(forecast.seeds) > 1 else ():
+        heading = labelled(name, forecast.units[name])
+        over_seeds = table.groupby(["sample", "t [s]"])[heading].transform("std")
+        table.insert(list(table.columns).index(heading) + 1, labelled(f"{name} std", forecast.units[name]), over_seeds)
+    for line in _told(forecast, found, model.observed):
+        logger.info("%s", line)
+    table["t [s]"] += found.start_s[table["sample"]]
+    table["sample"] = np.array(found.names, dtype=object)[table["sample"]]
+    return table
+
+
+def _told(forecast: Forecast, found: Windows, observed: int) -> Iterator[str]:
+    """For each trajectory: from when to when, its estimates, and whether to trust it."""
+    seeds, several = len(forecast.seeds), len(forecast.seeds) > 1
+
+    def of_seeds(values: Array) -> np.ndarray:
+        return np.asarray(values.cpu() if isinstance(values, Tensor) else values).reshape(seeds, len(found.names))
+
+    for k, name in enumerate(found.names):
+        begin, end = found.start_s[k] + forecast.t[observed - 1], found.start_s[k] + forecast.t[-1]
+        parts = [f"{name}: from {begin:.6g} to {end:.6g} s"]
+        for parameter, values in forecast.z_e.items():
+            each = of_seeds(values)[:, k]
+            std = of_seeds(forecast.z_e_std[parameter])[:, k] if parameter in forecast.z_e_std else None
+            spread = each.std(ddof=1) if several else np.nan
+            error = spread if std is None else np.sqrt(np.mean(std**2) + (spread**2 if several else 0.0))
+            of = f" ± {error:.2g}" if np.isfinite(error) else ""
+            parts.append(f"{parameter} = {each.mean():.4g}{of} {forecast.units[f'z_e {parameter}']}".rstrip())
+        if forecast.chi2 is not None:
+            parts.append(f"χ² {of_seeds(forecast.chi2)[:, k].mean():.3g}")
+        if forecast.trusted is None:
+            parts.append("whether to trust it is not known (--validation says it)")
+        else:
+            share = of_seeds(forecast.trusted)[:, k].mean()
+            parts.append("to be trusted" if share == 1 else f"not to be trusted (by {share:.0%} of the seeds)")
+        yield ", ".join(parts)
 
 
 def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.ndarray, np.ndarray | None]:

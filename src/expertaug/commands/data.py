@@ -42,15 +42,18 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     p.add_argument("--output", type=Path, default=Path("data.png"), metavar="PATH", help=text)
 
     p = add("forecast", _forecast, "forecast from observed windows with a trained model")
-    p.add_argument("window", type=Path, help="CSV: t, the state's components; sample, where it holds several windows")
+    text = "CSV: t, the state's components; sample, where it holds several windows; or a table like the training's"
+    p.add_argument("window", type=Path, help=text)
     add_paths(p, model="model file")
     p.add_argument("--output", type=Path, metavar="CSV", help="file of the forecasts (default: standard output)")
     p.add_argument("--seed", type=int, help="one of the model's seeds (default: all)")
     p.add_argument("--t-end", type=float, metavar="S", help="last time in s (default: the training's)")
-    text = "refine the estimates by least squares on each window; give the noise's standard deviation, 0 for none"
-    p.add_argument("--refine", type=float, metavar="NOISE", help=text)
+    text = "refine the estimates by least squares on each window; give the noise's standard deviation, 0 for none, or "
+    p.add_argument("--refine", type=_noise, metavar="NOISE", help=text + "estimated, as from the training's data")
     text = "npz like the training's (a run's data/validation.npz): whence the threshold of the column trusted is taken"
     p.add_argument("--validation", type=Path, metavar="NPZ", help=f"{text} (default: the model file)")
+    text = "how tables like the training's are read: data/splits.json of a run, or its configuration (default: the "
+    p.add_argument("--measurements", type=Path, metavar="FILE", help=text + "run that the model file lies in)")
     text = "package.module:Class of your own that the model may use; may be repeated"
     p.add_argument("--class", dest="classes", action="append", default=[], metavar="NAME", help=text)
 
@@ -91,6 +94,10 @@ def _inspect_data(a: argparse.Namespace) -> None:
     print(proposal(found, settings, priors), end="")
 
 
+def _noise(text: str) -> float | str:
+    return text if text == "estimated" else float(text)
+
+
 def _key(text: str) -> tuple[str, object]:
     """A key and its value, from KEY=VALUE.
 
@@ -113,4 +120,4 @@ def _key(text: str) -> tuple[str, object]:
 def _forecast(a: argparse.Namespace) -> None:
     from expertaug.api.window_file import forecast_file
 
-    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes, a.refine, a.validation)
+    forecast_file(a.model, a.window, a.output, a.seed, a.t_end, a.classes, a.refine, a.validation, a.measurements)

@@ -12,6 +12,7 @@ from expertaug.files import atomic, sha256, write_json
 from expertaug.measurements.cut import Measured, measured, sets_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings
+from expertaug.measurements.windows import KEPT
 from expertaug.trajectories import Trajectories
 
 
@@ -79,5 +80,6 @@ def _write(
         "noise": by_name(data.noise),
         "rows_of_a_time_twice": sum(one.rows.repeated for one in series),
         "files": {str(path): sha256(path) for path in data.files},
+        KEPT: data.settings.to_json(),
     }
     write_json(output_dir / "splits.json", report)
