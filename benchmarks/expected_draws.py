@@ -25,9 +25,9 @@ from expertaug.evaluation.forecasting import ExpectedError, drawing_of, forecast
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.diagnostics.alarm import auroc, failing
+from expertaug.inference.flow import load
 from expertaug.inference.least_squares import refined_by
 from expertaug.inference.simulations import own_draws
-from expertaug.inference.store import load
 from expertaug.learning.divergence import bound_of_card
 from expertaug.learning.residuals import squared_errors
 from expertaug.learning.training_data import StackedSet

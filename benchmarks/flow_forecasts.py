@@ -17,7 +17,7 @@ import torch
 
 from expertaug.cli import keep_freed_memory
 from expertaug.evaluation.score import spread
-from expertaug.inference import store
+from expertaug.inference.flow import load
 from expertaug.learning.divergence import BoundedSolver, bound_of_card
 from expertaug.models.store import device_of
 from expertaug.systems.inputs import joined
@@ -38,7 +38,7 @@ def main() -> None:
     options = parser.parse_args()
     keep_freed_memory()
     device = device_of("cpu")
-    stored = store.load(options.folder / options.version / options.seed_group / "model.safetensors", device, ())
+    stored = load(options.folder / options.version / options.seed_group / "model.safetensors", device, ())
     data = spread(Trajectories.load(options.folder / "data/validation.npz"), options.windows)
     y, observed = torch.from_numpy(data.seen).movedim(1, 0).unsqueeze(1), stored.card.observed
     u = None if data.u is None else torch.from_numpy(data.u).movedim(1, 0).unsqueeze(1)

@@ -22,8 +22,8 @@ from expertaug import systems
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.training_data import StackedSet, task_of
-from expertaug.models import store
 from expertaug.models.card import ModelCard
+from expertaug.models.estimators import Hybrid
 from expertaug.models.interactions.convolutional import ConvInteraction
 from expertaug.models.networks.convolutional import wrap
 from expertaug.presets import resolve
@@ -71,7 +71,7 @@ def steps(seeds: list[int], data: StackedSet, batch_size: int, interaction: dict
     card = ModelCard.of(
         kind="hybrid", system=systems.describe(system), model=model, t=list(t), observed=POINTS, seeds=list(seeds)
     )
-    made = store.make(system, card)
+    made = Hybrid.network(system, card)
     if interaction is None:
         made.decoder.interaction = UserInteraction(system, made.encoder.latent)
     made.encoder.fit(data.y[:, 0])

@@ -26,7 +26,7 @@ from expertaug.config import stage_settings
 from expertaug.config.load import completed
 from expertaug.evaluation.score import score, spread
 from expertaug.evaluation.settings import EvaluateJob
-from expertaug.inference import store
+from expertaug.inference.flow import load
 from expertaug.inference.least_squares import refined_by
 from expertaug.trajectories import Trajectories
 
@@ -49,7 +49,7 @@ def main() -> None:
     version = f"{options.method}~refined"
     job = EvaluateJob.from_mapping(stage_settings.evaluate(config, options.experiment, version, model.parent.name))
     assert job.refinement is not None
-    stored = store.load(model, device)
+    stored = load(model, device)
     windows = spread(Trajectories.load(folder / "data" / f"{options.set}.npz"), options.windows)
     for text in options.settings:
         names = ("starts", "tries", "steps", "sufficient", "agreement")

@@ -22,8 +22,8 @@ from expertaug.config.load import load, validate
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.learning.training_data import StackedSet, task_of
-from expertaug.models import store
 from expertaug.models.card import ModelCard
+from expertaug.models.estimators import Hybrid
 from training_step import POINTS, STEP, UsualModel, training_data
 
 
@@ -54,7 +54,7 @@ def ours(seeds: int, train: StackedSet, validation: StackedSet, epochs: int, tar
         observed=POINTS,
         seeds=list(range(seeds)),
     )
-    stacked = store.make(systems.load({"name": "pendulum"}), card)
+    stacked = Hybrid.network(systems.load({"name": "pendulum"}), card)
     stacked.fit(train.y[:POINTS, 0])
     settings = TrainSettings.from_mapping(config.training.dump() | {"epochs": epochs})
     trainer = Trainer(

@@ -21,7 +21,7 @@ from expertaug.config import load as configuration
 from expertaug.config.load import completed
 from expertaug.evaluation.score import score, spread
 from expertaug.evaluation.settings import EvaluateJob
-from expertaug.inference import store
+from expertaug.inference.flow import load
 from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.trajectories import Trajectories
 
@@ -44,7 +44,7 @@ def main() -> None:
         if model is None:
             continue
         job = EvaluateJob.from_mapping(stage_settings.evaluate(config, options.experiment, variant, model.parent.name))
-        stored = store.load(model, device, job.classes or ())
+        stored = load(model, device, job.classes or ())
         refinement = refinement_of(stored, job.refinement)
         if refinement is not None:
             stored = replace(stored, model=refined_by(stored, refinement))

@@ -13,7 +13,7 @@ from expertaug.inference.settings import AlternateJob, FirstPriorJob, FlowJob, O
 from expertaug.learning import augment as augmenting
 from expertaug.learning import finetune as tuning
 from expertaug.learning import train as training
-from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainJob, UntrainedJob
+from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainJob, UntrainedJob, train_job_kind
 from expertaug.settings import Settings
 
 Job = TypeVar("Job", bound=Settings)
@@ -25,7 +25,7 @@ def job(kind: type[Job], settings: Mapping[str, Any]) -> Job:
 
 
 def train_job(settings):
-    if settings["build"]["kind"] not in ("mean", "least_squares"):
+    if train_job_kind(settings) is TrainJob:
         return job(TrainJob, settings)
     return job(UntrainedJob, settings | {"training": {k: v for k, v in settings["training"].items() if k == "solver"}})
 

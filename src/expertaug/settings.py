@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, Union, get_args, get_origin
 
 from pydantic import (
@@ -22,7 +23,7 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic_core import PydanticCustomError, core_schema
 
 from expertaug import wording
 from expertaug.errors import InputError, InputErrors
@@ -159,6 +160,30 @@ def _shape(value: object) -> str:
 # A value that may be written in several ways: as one scalar, a list or a mapping of keys.
 by_shape = Discriminator(_shape)
 ONE, LIST, KEYS = Tag("@one"), Tag("@list"), Tag("@keys")
+
+
+@dataclass(frozen=True)
+class ByName:
+    """A text that is one of the names that are known when it is read, or names a class, ``package.module:Class``.
+
+    Attributes:
+        names: the known ones.
+    """
+
+    names: Callable[[], Collection[str]]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.no_info_after_validator_function(self._known, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [{"enum": list(self.names()), "type": "string"}, {"pattern": ":", "type": "string"}]}
+
+    def _known(self, value: str) -> str:
+        if ":" not in value and value not in self.names():
+            known = ", ".join(f"'{name}'" for name in self.names())
+            raise PydanticCustomError("literal_error", "is none of {expected}", {"expected": known})
+        return value
+
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]

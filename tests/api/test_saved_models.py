@@ -74,7 +74,7 @@ def test_what_no_file_can_hold_still_trains(sets, tmp_path):
 
 def test_the_mean_of_a_workflow_can_be_used(sets, tmp_path):
     from expertaug.learning.settings import UntrainedOptions
-    from expertaug.learning.train import make_mean
+    from expertaug.learning.train import make_untrained
     from expertaug.models import store
     from expertaug.models.card import RecipeRecord
     from expertaug.presets import resolve
@@ -82,7 +82,8 @@ def test_the_mean_of_a_workflow_can_be_used(sets, tmp_path):
     names = dict.fromkeys(("experiment", "method", "label", "preset"), "mean")
     settings = {**names, "choices": resolve("corrected"), "seeds": [0, 1], "training": {}, "t1_s": 1.0}
     settings = UntrainedOptions.from_mapping(settings)
-    stored = make_mean(ea.DampedPendulum(), sets["train"], settings, RecipeRecord(system={"name": "pendulum"}))
+    described = RecipeRecord(system={"name": "pendulum"})
+    stored = make_untrained("mean", ea.DampedPendulum(), sets["train"], settings, described)
     store.save(tmp_path / "m.safetensors", stored.model, stored.card)
     again = ea.load(tmp_path / "m.safetensors")
     found = again[1].forecast(sets["test"].y[:, :11], T)

@@ -143,7 +143,7 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
 
     train, validation = (Trajectories.load(data / f"{name}.npz") for name in ("train", "validation"))
     settings = train_job(settings)
-    described = train_stage.described_by(settings)
+    described = train_stage.describe_recipe(settings)
     recipe = describe.recipe_of(systems.load(described.system), described)
     run = train_stage.prepare(recipe, train, validation, settings, described)
     stored = run.run()

@@ -19,6 +19,7 @@ from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
+from expertaug.models.estimators import Hybrid
 from expertaug.presets import Choices
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -77,7 +78,7 @@ def double_pendulum(latent=2):
     description |= {"t": [0.01 * k for k in range(20)], "expert": True, "interaction": True}
     description["model"] = {"encoder": encoder | {"latent": latent}, "interaction": {"kind": "mlp", "layers": [4]}}
     description["bound"] = [30.0, 30.0, 500.0, 500.0]
-    model = store.make(systems.load(description["system"]), card(description))
+    model = Hybrid.network(systems.load(description["system"]), card(description))
     return model, task_of(TrainSettings.from_mapping({"horizon_s": 0.19}), card(description), CPU)
 
 

@@ -14,6 +14,7 @@ from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.training_data import Batch, StackedSet, task_of
 from expertaug.models import store
+from expertaug.models.estimators import Hybrid
 from expertaug.models.posterior import Gaussian, unconstrain
 from expertaug.presets import resolve
 from expertaug.systems.solvers.solver import Solver
@@ -260,7 +261,7 @@ def test_fields_have_the_same_objective():
     description = {"model": model, "seeds": [0, 1], "t": [0.0, 0.1, 0.2], "observed": 3, "expert": True}
     description |= {"interaction": True, "likelihood": True}
     system = systems.load({"name": "reaction_diffusion"})
-    stacked = store.make(system, card(description))
+    stacked = Hybrid.network(system, card(description))
     y = torch.rand(3, 1, 4, 2, 32, 32, generator=torch.Generator().manual_seed(0))
     stacked.fit(y[:, 0])
     batch = StackedSet(y, torch.full((1, 4, 2), 0.002), torch.ones(4)).whole(2)

@@ -6,6 +6,7 @@ import torch
 from expertaug.errors import InputError
 from expertaug.learning import augment as augmentation
 from expertaug.models import store
+from expertaug.models.estimators import Hybrid
 from typed_jobs import augment, finetune, train
 
 PRIOR = {"omega0": [0.5, 3.5]}
@@ -35,7 +36,7 @@ def test_a_group_trains_as_each_seed_alone_and_is_kept(data, tmp_path, settings,
     own = [settings["model"][part]["kind"] for part in ("encoder", "interaction")]
     together = store.load(trained(data, tmp_path, settings, [0, 1]), classes=own).model.state_dict()
     stored = store.load(tmp_path / "2_0.safetensors", classes=own)
-    start = store.make(stored.model.system, stored.card)
+    start = Hybrid.network(stored.model.system, stored.card)
     assert any(not torch.equal(v, together[k]) for k, v in start.state_dict().items())
     for k in range(2):
         alone = store.load(trained(data, tmp_path, settings, [k]), classes=own).model.state_dict()

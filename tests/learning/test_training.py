@@ -15,6 +15,7 @@ from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
+from expertaug.models.estimators import Hybrid
 from expertaug.trajectories import Trajectories
 from typed_jobs import train
 
@@ -123,7 +124,7 @@ def test_a_sample_that_runs_away_is_left_out():
     encoder = {"kind": "window", "windows": {"theta1": [0.0, 0.1]}, "angles": ["theta1"], "layers": [5], "latent": 2}
     description |= {"t": [0.01 * k for k in range(20)], "expert": True, "interaction": True}
     description["model"] = {"encoder": encoder, "interaction": {"kind": "mlp", "layers": [4]}}
-    model = store.make(systems.load(description["system"]), card(description))
+    model = Hybrid.network(systems.load(description["system"]), card(description))
     task = task_of(TrainSettings.from_mapping({"horizon_s": 0.19}), card(description), torch.device("cpu"))
     y0, z_a = torch.rand(2, 3, 4), torch.rand(2, 3, 2)
     z_e = torch.tensor([[[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]] * 2)

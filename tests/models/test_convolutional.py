@@ -9,6 +9,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.encoders.fields import ConvEncoder
+from expertaug.models.estimators import Hybrid
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.convolutional import IN_CACHE, ConvInteraction
 from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, wrap
@@ -26,7 +27,7 @@ def make(seeds, **interaction):
     model = MODEL | {"interaction": MODEL["interaction"] | interaction}
     description = {"kind": "hybrid", "t": T, "observed": 4, "seeds": seeds, "expert": True, "interaction": True}
     description |= {"system": SYSTEM, "model": model}
-    return store.make(systems.load(SYSTEM), card(description)), description
+    return Hybrid.network(systems.load(SYSTEM), card(description)), description
 
 
 def fields(seeds, samples=3):

@@ -13,6 +13,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.card import ModelCard
+from expertaug.models.estimators import Hybrid
 from expertaug.models.tensor_file import DIGEST, HEADER, _digest, read_tensors, write_tensors
 from expertaug.systems.solvers.solver import Solver
 
@@ -49,7 +50,7 @@ class Encoder(expertaug.models.encoders.recurrent.RecurrentEncoder):
 
 
 def write(path, description=DESCRIPTION, extra=None):
-    model = store.make(PENDULUM, ModelCard.from_mapping(DESCRIPTION))
+    model = Hybrid.network(PENDULUM, ModelCard.from_mapping(DESCRIPTION))
     store.save(path, model, ModelCard.from_mapping({**description, **(extra or {})}))
     return model
 

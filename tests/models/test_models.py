@@ -10,6 +10,7 @@ from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.decoder import Decoder, MeanModel
 from expertaug.models.encoders.window import ComponentView
+from expertaug.models.estimators import Hybrid
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
@@ -49,7 +50,7 @@ def describe(case, seeds, **extra):
 
 def make(case, seeds, **extra):
     description = describe(case, seeds, **extra)
-    return store.make(systems.load(case["system"]), card(description)), description
+    return Hybrid.network(systems.load(case["system"]), card(description)), description
 
 
 def data_for(case, seeds, samples=6):

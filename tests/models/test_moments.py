@@ -6,8 +6,8 @@ import torch
 
 from cards import card
 from expertaug import systems
-from expertaug.models import store
 from expertaug.models.encoders.fields import Moments
+from expertaug.models.estimators import Hybrid
 from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
@@ -23,7 +23,7 @@ T = (np.arange(6) * 0.1).tolist()
 def make(kind, seeds):
     model = {"encoder": ENCODERS[kind], "interaction": {"kind": "polynomial", "degree": 1}}
     description = {"kind": "hybrid", "t": T, "observed": 4, "seeds": seeds, "expert": True, "interaction": True}
-    return store.make(systems.load(SYSTEM), card(description | {"system": SYSTEM, "model": model}))
+    return Hybrid.network(systems.load(SYSTEM), card(description | {"system": SYSTEM, "model": model}))
 
 
 def fields(seeds, samples=5):

@@ -6,7 +6,7 @@ import torch
 
 from cards import card
 from expertaug import systems
-from expertaug.models import store
+from expertaug.models.estimators import Hybrid
 from expertaug.models.interactions.polynomial import PolynomialInteraction
 from expertaug.systems.reaction_diffusion import local_reaction
 from expertaug.systems.solvers.solver import Solver
@@ -26,7 +26,7 @@ def make(name, seeds):
     description = {"t": (np.arange(5) * 0.1).tolist(), "observed": 4, "seeds": seeds, "model": model}
     system = systems.load({"name": name})
     y = torch.rand(5, 1, 6, *system.state_shape, generator=torch.Generator().manual_seed(0))
-    made = store.make(system, card(description | {"expert": True, "interaction": True}))
+    made = Hybrid.network(system, card(description | {"expert": True, "interaction": True}))
     made.interaction.fit(y[:, 0])
     return made, y.expand(-1, len(seeds), *y.shape[2:]), torch.tensor(description["t"])
 

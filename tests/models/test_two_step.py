@@ -7,6 +7,7 @@ from cards import card
 from expertaug import systems
 from expertaug.models import store
 from expertaug.models.encoders.two_step import LOG_STD, SPREAD
+from expertaug.models.estimators import Hybrid
 from expertaug.systems.solvers.solver import Solver
 
 SMALL = {"latent_layers": [7, 6], "filter_layers": [6, 5], "expert_layers": [8, 5]}
@@ -27,7 +28,7 @@ def make(case, seeds):
     t = [case["step"] * k for k in range(20)]
     description = {"kind": "hybrid", "t": t, "observed": 11, "seeds": seeds, "model": model, **parts}
     description["system"] = case["system"]
-    model = store.make(systems.load(case["system"]), card(description))
+    model = Hybrid.network(systems.load(case["system"]), card(description))
     model.fit(data_for(case, 1)[:11, 0])
     return model, description
 

@@ -116,7 +116,7 @@ def method_of(variant):
 
 def training_of(wildcards):
     """The stage that trains a method."""
-    return "alternate" if CONFIG.methods[wildcards.method].kind == "alternating" else "train"
+    return CONFIG.methods[wildcards.method].estimator.stage
 
 
 def base_model(wildcards):

@@ -333,7 +333,7 @@ def given_or_grown_ranges(model: TrainedModel, train: Trajectories, prior: Range
     if prior is not None:
         return arguments.ranges(prior, [p.name for p in model.system.expert_parameters], "prior")
     arguments.trajectories(train, "train")
-    if model.stored.card.kind == "mean":
+    if not model.stored.kind.has_expert:
         raise InputError("model", "a mean of the training set", "give a model with an expert")
     first = typical_ranges(model.system)  # beside the model's own estimates, which may be wrong
     found = grow_ranges(model.stored, train, None, noise, first, BUDGET, RefinementSettings())  # type: ignore[arg-type]

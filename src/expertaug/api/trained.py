@@ -21,8 +21,8 @@ from expertaug.errors import InputError
 from expertaug.evaluation.score import score, spread
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.diagnostics.alarm import threshold
+from expertaug.inference.flow import load as load_any
 from expertaug.inference.least_squares import refined_by
-from expertaug.inference.store import load as load_any
 from expertaug.learning.residuals import record_residuals, window_residual
 from expertaug.models import store
 from expertaug.models.posterior import Predictor
@@ -290,7 +290,7 @@ class TrainedModel:
             raise InputError("window", f"has shape {tuple(y.shape)}", f"give {wanted}: the state is {names}")
         remedy = "give the window at these times, the first of t"
         arguments.same_times(t[: y.shape[1]], self.t[:points], "window", remedy)
-        if self.stored.card.kind == "mean" and len(t) > points:
+        if self.stored.kind.fixed_times and len(t) > points:
             arguments.same_times(t, self.t, "t", "the mean of the training set has no others")
         known = arguments.inputs(u, self.system, len(y), t)
         y, known = (None if x is None else arguments.grouped(x.to(self._device), len(self)) for x in (y, known))

@@ -287,7 +287,7 @@ def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -
 def check_trained(model: TrainedModel, train: Trajectories, validation: Trajectories) -> None:
     if not isinstance(model, TrainedModel):
         raise InputError("model", f"is {type(model).__name__}", "give what expertaug.fit returns")
-    if model.stored.card.kind != "hybrid":
+    if not model.stored.kind.has_objective:
         raise InputError("model", f"a {model.stored.card.kind} model", "only hybrid models can be augmented")
     check_sets(model.system, train, validation)
     arguments.same_times(train.t, model.t, "train", "give the sets of its training")

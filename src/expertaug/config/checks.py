@@ -15,6 +15,7 @@ from expertaug.config.sources import wrong_measurements
 from expertaug.errors import InputError
 from expertaug.evaluation.products import PRODUCTS
 from expertaug.learning.settings import TrainSettings
+from expertaug.models.estimators import EstimatorKind, Hybrid
 from expertaug.systems.settings import EVENTS
 from expertaug.versions import FLOW, Version, base
 from expertaug.wording import is_multiple, number_in, other_parameters, suggest, unknown, unknown_one
@@ -125,7 +126,7 @@ def _objectives(where: str, experiment: Experiment, methods: dict[str, Method]) 
     """Objectives of the methods, and options that belong to none of them."""
     kinds = {}
     for method in experiment.methods:
-        if methods[method].kind == "hybrid":
+        if methods[method].estimator.has_objective:
             kind = methods[method].objective_kind
             kinds[kind] = None
             yield from options.objective(kind, f"methods.{method}.objective")[1]
@@ -160,17 +161,16 @@ def _overridden(
             yield from options.part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
     for block in ("training", "finetuning"):
         own = _options(getattr(over, block))
-        if own and method.kind == "hybrid":
+        if own and method.estimator.has_objective:
             yield from options.of_objective(method.objective_kind, own, f"{where}.{block}.objective")
 
 
 def _augmented(where: str, experiment: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
     yield from unknown(experiment.augmented, experiment.methods, f"{where}.augmented", "method of this experiment")
     for k, method in enumerate(experiment.augmented):
-        kind = _kind(methods, method)
-        if kind != "hybrid":
+        if not _estimator(methods, method).has_objective:
             remedy = "only hybrid methods can be augmented"
-            yield InputError(f"{where}.augmented[{k}]", f"'{method}' is of kind {kind}", remedy)
+            yield InputError(f"{where}.augmented[{k}]", f"'{method}' is of kind {methods[method].kind}", remedy)
     if experiment.augmented and experiment.finetuning is None:
         yield InputError(f"{where}.finetuning", "missing", "methods under augmented need it")
 
@@ -179,43 +179,41 @@ def _versions(where: str, experiment: Experiment, methods: dict[str, Method]) ->
     """The keys controls, flows and refined; versions of methods that the experiment does not train are no mistake: an
     override may take a method away."""
     blocks = {
-        "controls": (experiment.controls, ("hybrid",), "only hybrid methods can be trained on"),
+        "controls": (experiment.controls, lambda kind: kind.has_objective, "only hybrid methods can be trained on"),
         "flows": (
             experiment.flows,
-            ("hybrid", "alternating"),
+            lambda kind: kind.trains(),
             "only methods of kind hybrid and alternating have a posterior",
         ),
     }
-    for block, (named, kinds, remedy) in blocks.items():
+    for block, (named, fits, remedy) in blocks.items():
         yield from unknown(named, methods, f"{where}.{block}", "method")
         for k, method in enumerate(named):
-            if _kind(methods, method) not in kinds:
-                found = f"'{method}' is of kind {_kind(methods, method)}"
+            if not fits(_estimator(methods, method)):
+                found = f"'{method}' is of kind {methods[method].kind}"
                 yield InputError(f"{where}.{block}[{k}]", found, remedy)
     if set(experiment.controls) & set(experiment.methods) and experiment.finetuning is None:
         yield InputError(f"{where}.finetuning", "missing", "methods under controls need it")
     for k, variant in enumerate(experiment.refined):
-        here, kind = f"{where}.refined[{k}]", _kind(methods, base(variant))
+        here, kind = f"{where}.refined[{k}]", _estimator(methods, base(variant))
         yield from unknown_one(base(variant), methods, here, "method")
         if Version.parse(variant).estimators not in ((), (FLOW,)):
             yield InputError(here, f"found '{variant}'", "name the version that is to be refined, as METHOD+")
         elif variant in experiment.refined[:k]:
             yield InputError(here, f"'{variant}' is there twice", "name each version once")
-        elif kind == "mean":
-            yield InputError(here, f"'{variant}' is of kind mean", "name a version with an expert")
-        elif (
-            base(variant) in methods
-            and methods[base(variant)].is_fitted
-            and FLOW not in Version.parse(variant).estimators
-        ):
-            yield InputError(here, f"'{variant}' is of kind {kind}", "it is fitted to each window already")
+        elif not kind.has_expert:
+            found = f"'{variant}' is of kind {methods[base(variant)].kind}"
+            yield InputError(here, found, "name a version with an expert")
+        elif kind.fits_windows and FLOW not in Version.parse(variant).estimators:
+            found = f"'{variant}' is of kind {methods[base(variant)].kind}"
+            yield InputError(here, found, "it is fitted to each window already")
 
 
 def _fits(
     where: str, experiment: Experiment, methods: dict[str, Method], system: options.KnownSystem | None
 ) -> Iterator[InputError]:
     """Least squares on each window."""
-    for method in [m for m in experiment.methods if methods[m].is_fitted]:
+    for method in [m for m in experiment.methods if methods[m].estimator.fits_windows]:
         over = experiment.overrides.get(method)
         own = over.refinement if over is not None else None
         says = own is not None and "starts" in own.model_fields_set
@@ -232,8 +230,9 @@ def _fits(
         yield from unknown(windows, system.state, f"{where}.refinement.windows", "component of the state")
 
 
-def _kind(methods: dict[str, Method], method: str) -> str:
-    return methods[method].kind if method in methods else "hybrid"
+def _estimator(methods: dict[str, Method], method: str) -> type[EstimatorKind]:
+    """What a method is; one that does not exist, of which something else complains, can do everything."""
+    return methods[method].estimator if method in methods else Hybrid
 
 
 def _events(where: str, experiment: Experiment, methods: dict[str, Method], jumps: bool) -> Iterator[InputError]:
@@ -255,7 +254,7 @@ def _events(where: str, experiment: Experiment, methods: dict[str, Method], jump
         if methods[method].expert is False:
             found = f"'{method}' has no expert, who alone knows the system's events"
             yield InputError(f"{where}.methods[{k}]", found, "leave it out")
-        elif jumps and methods[method].kind in ("hybrid", "alternating"):
+        elif jumps and methods[method].estimator.trains():
             found = f"'{method}' is trained by gradients, and what the system observes jumps at its events"
             remedy = "take a method of kind least_squares, or observe what does not"
             yield InputError(f"{where}.methods[{k}]", found, remedy)
@@ -345,7 +344,7 @@ def _studies(where: str, experiment: Experiment, methods: dict[str, Method]) -> 
     if wrong:
         return
     kind = methods[study.method].kind
-    if kind != "hybrid":
+    if not methods[study.method].estimator.has_objective:
         remedy = "only hybrid methods can be augmented"
         yield InputError(f"{here}.method", f"'{study.method}' is of kind {kind}", remedy)
     if experiment.finetuning is None:

@@ -51,7 +51,7 @@ def _override(point: Experiment, method: str) -> PointOverride:
 def _check(where: str, experiment: Experiment, study: Grid, methods: dict[str, Method]) -> None:
     for error in unknown_one(study.method, experiment.methods, f"{where}.method", "method of this experiment"):
         raise error
-    if methods[study.method].kind != "hybrid":
+    if not methods[study.method].estimator.has_objective:
         raise InputError(f"{where}.method", f"'{study.method}' is not trained", "name a hybrid method")
     blocks = (*OF_METHOD, *OF_EXPERIMENT)
     for key in study.keys:

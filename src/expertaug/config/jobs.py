@@ -70,24 +70,23 @@ def finds_prior(config: Configuration, experiment: str, variant: str) -> str | N
     settings = config.experiment_of(experiment, version.method)
     if settings.augmentation_of(version.prior).prior is not None:
         return None
-    untrained = config.methods[version.method].is_fitted
+    untrained = config.methods[version.method].estimator.fits_windows
     return "" if untrained and FLOW not in version.estimators else f"{version.method}+{version.prior or ''}"
 
 
 def finds_prior_to_train(config: Configuration, experiment: str, method: str) -> bool:
     """Whether the training of a method needs ranges of p⁺, and they are to be found."""
     build = config.build_of(experiment, method)
-    learned = build.kind == "hybrid" and options.needs_prior(build.objective_kind, "objective")
-    return (learned or config.methods[method].is_fitted) and config.experiment_of(
-        experiment, method
-    ).augmentation.prior is None
+    kind = build.estimator
+    needed = kind.fits_windows or (kind.has_objective and options.needs_prior(build.objective_kind, "objective"))
+    return needed and config.experiment_of(experiment, method).augmentation.prior is None
 
 
 def found_priors(config: Configuration, experiment: str) -> list[str]:
     """Augmented versions whose p⁺ is found from a trained model; an empty one stands for that of the experiment."""
     versions = [*variants(config, experiment), *further_variants(config, experiment)]
-    kinds = {v: config.methods[Version.parse(v).method].kind for v in versions}
-    priors = [finds_prior(config, experiment, v) for v in versions if kinds[v] != "mean"]
+    kinds = {v: config.methods[Version.parse(v).method].estimator for v in versions}
+    priors = [finds_prior(config, experiment, v) for v in versions if kinds[v].has_expert]
     if any(finds_prior_to_train(config, experiment, m) for m in config.experiments[experiment].methods):
         priors.append("")
     return [v for v in dict.fromkeys(priors) if v is not None]
@@ -98,8 +97,7 @@ def with_interaction(config: Configuration, experiment: str) -> list[str]:
     methods = []
     for method in config.experiments[experiment].methods:
         build = config.build_of(experiment, method)
-        learns = build.kind in ("hybrid", "alternating") and build.has_interaction
-        methods += [method] if learns and build.has_expert and "@" not in method else []
+        methods += [method] if "interaction" in build.parts and build.has_expert and "@" not in method else []
     return methods
 
 
@@ -140,10 +138,10 @@ def dissipating(config: Configuration, experiment: str) -> list[str]:
 
 def _dissipates(config: Configuration, experiment: str, method: str) -> bool:
     build = config.build_of(experiment, method)
-    if build.kind == "mean" or not build.has_expert:
+    if not build.estimator.has_expert or not build.has_expert:
         return False
     rubs = (config.experiments[experiment].system | (build.system or {})).get("friction") is not None
-    return rubs or (build.kind != "least_squares" and build.has_interaction)
+    return rubs or "interaction" in build.parts
 
 
 def label(config: Configuration, variant: str) -> str:
@@ -160,15 +158,13 @@ def snapshots(config: Configuration, experiment: str, method: str) -> list[int]:
 def modules(config: Configuration, experiment: str, method: str | None = None) -> list[str]:
     """What an experiment's configuration names: the module of its system, classes as ``package.module:Class``."""
     settings = config.experiment_of(experiment, method)
-    system, parts = settings.system["name"], settings.model.dump()
-    build = config.build_of(experiment, method) if method else None
-    if build is None or build.kind in ("mean", "least_squares"):
+    system = settings.system["name"]
+    if not method:
         return named_modules(system, {}, None)
-    if build.kind == "alternating":
-        return named_modules(system, {"interaction": parts["interaction"]}, None)
-    if not build.has_interaction:
-        del parts["interaction"]
-    return named_modules(system, parts, build.objective_kind)
+    build = config.build_of(experiment, method)
+    parts = settings.model.dump(include=build.parts)
+    names = named_modules(system, parts, build.objective_kind if build.estimator.has_objective else None)
+    return [*names, build.kind] if ":" in build.kind else names
 
 
 def foreign(config: Configuration, experiment: str, method: str) -> dict[str, Any]:

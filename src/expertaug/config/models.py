@@ -61,11 +61,6 @@ class Method(MethodKeys):
 
     label: str = key(..., "name printed in tables and figures; augmented versions get a +", min_length=1)
 
-    @property
-    def is_fitted(self) -> bool:
-        """Whether its estimates are fits of each window."""
-        return self.kind in ("alternating", "least_squares")
-
 
 class Model(Settings):
     """Of the methods of kind hybrid."""

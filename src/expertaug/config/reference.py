@@ -19,7 +19,7 @@ from expertaug.config.models import Configuration
 from expertaug.files import write_text
 from expertaug.learning.settings import OBJECTIVES
 from expertaug.models.settings import ENCODERS, INTERACTIONS
-from expertaug.settings import is_left_out
+from expertaug.settings import ByName, is_left_out
 from expertaug.systems.settings import SYSTEMS
 from expertaug.wording import show
 
@@ -128,6 +128,8 @@ def _value(annotation: Any, metadata: list[Any]) -> str:
     origin, inside = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _value(inside[0], [*inside[1:], *metadata])
+    if by_name := next((m for m in metadata if isinstance(m, ByName)), None):
+        return ", ".join(f"`{name}`" for name in by_name.names()) + ", or `package.module:Class`"
     if origin in (Union, UnionType):
         return " or ".join("null" if a is type(None) else _value(a, metadata) for a in inside)
     if origin is Literal:

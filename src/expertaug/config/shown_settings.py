@@ -13,7 +13,6 @@ from expertaug.config.models import Augmentation, Configuration, Experiment, Out
 from expertaug.versions import Version, base
 
 TRACED = 6  # lines of one figure
-OPPONENTS = ("least_squares", "alternating")  # kinds that are never augmented, shown beside those that are
 # Keys of an evaluation that say how its numbers are read.
 READING = ("convention", "set_titles", "title")
 
@@ -91,7 +90,7 @@ def overview(config: Configuration, experiments: list[str]) -> dict[str, Any]:
         settings = config.experiments[name]
         shifted = settings.studies.out_of_expertise.overview if settings.studies.out_of_expertise is not None else None
         if settings.evaluation.overview or shifted:
-            opponents = [m for m in settings.methods if config.methods[m].kind in OPPONENTS]
+            opponents = [m for m in settings.methods if config.methods[m].estimator.fits_windows]
             shown.append(
                 {
                     "name": name,
@@ -129,7 +128,7 @@ def _traced(config: Configuration, experiment: str) -> list[str]:
         build = builds[method]
         if variant == classical:
             return 0
-        if build.known_form or build.kind in ("mean", "least_squares") or version.prior:
+        if build.known_form or not build.estimator.trains() or version.prior:
             return 4
         if build.expert is False or build.interaction is False:
             return 3
@@ -143,7 +142,7 @@ def _traced(config: Configuration, experiment: str) -> list[str]:
 def _classical(config: Configuration, experiment: str) -> str | None:
     """Least squares with the experiment's expert."""
     builds = [(m, config.methods[m]) for m in config.experiments[experiment].methods]
-    return next((m for m, build in builds if build.kind == "least_squares" and not build.truth), None)
+    return next((m for m, build in builds if build.estimator.is_classical() and not build.truth), None)
 
 
 def _floor(config: Configuration, experiment: str) -> str | None:
@@ -173,7 +172,7 @@ def report(config: Configuration) -> dict[str, Any]:
     """What the report's tables say of each experiment of the run, and what it tells of the run itself."""
     experiments = []
     for name in config.run:
-        fitted = [v for v in variants(config, name) if config.methods[base(v)].kind == "least_squares"]
+        fitted = [v for v in variants(config, name) if config.methods[base(v)].estimator.is_classical()]
         experiments.append({"name": name, **tabulate(config, name), "least_squares": fitted})
     return {"experiments": experiments, "preset": config.preset, "seeds": config.seeds, "device": config.device}
 
@@ -182,14 +181,14 @@ def windows(config: Configuration, experiment: str) -> dict[str, Any]:
     """What the studies of single windows say: alarm and distance."""
     settings = config.experiments[experiment]
     ranges = _training_ranges(settings)
-    shown = [v for v in variants(config, experiment) if config.methods[base(v)].kind != "mean"]
+    shown = [v for v in variants(config, experiment) if config.methods[base(v)].estimator.has_expert]
     return {
         "labels": _labels(config, shown),
         "all_methods": all_methods(config),
         "training_range": ranges["z_e"],
         "interaction_range": ranges["z_a"],
         "floor": _floor(config, experiment),
-        "mean": next((m for m in settings.methods if config.methods[m].kind == "mean"), None),
+        "mean": next((m for m in settings.methods if not config.methods[m].estimator.has_expert), None),
         "classical": _classical(config, experiment),
         "traced": _traced(config, experiment),
         **reading(config, experiment),

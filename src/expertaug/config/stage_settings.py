@@ -15,6 +15,7 @@ from expertaug.config.models import Augmentation, Configuration, Experiment
 from expertaug.config.shown_settings import READING, all_methods, prior_of, reading
 from expertaug.inference.settings import FlowJob
 from expertaug.learning.settings import AugmentJob, Build, FinetuneJob, TrainJob, TrainSettings
+from expertaug.models.estimators import Alternating
 from expertaug.settings import OWN
 from expertaug.versions import FLOW, Version
 
@@ -37,10 +38,11 @@ def simulate(config: Configuration, experiment: str, name: str) -> dict[str, Any
 def train(config: Configuration, experiment: str, method: str, group: str) -> dict[str, Any]:
     settings, build = config.experiment_of(experiment, method), config.build_of(experiment, method)
     model, training, prior = {}, _solver(settings.training), {}
-    if build.kind == "alternating":
-        model, training = settings.model.dump(include=("interaction",)), settings.alternation.dump()
-    elif build.kind == "hybrid":
-        model = settings.model.dump(include=("encoder", "interaction") if build.has_interaction else ("encoder",))
+    if build.parts:
+        model = settings.model.dump(include=build.parts)
+    if build.estimator.stage == Alternating.stage:
+        training = settings.alternation.dump()
+    elif build.estimator.has_objective:
         training = _with_own_options(settings.training, build)
         if options.needs_prior(build.objective_kind, "objective"):
             prior = {"prior": _prior(settings.augmentation)}
@@ -197,7 +199,7 @@ def _identity(config: Configuration, experiment: str, variant: str) -> dict[str,
 def _estimator(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
     """What least squares on each window needs, where a version's estimates come from it."""
     version = Version.parse(variant)
-    if not version.is_refined and not config.methods[version.method].is_fitted:
+    if not version.is_refined and not config.methods[version.method].estimator.fits_windows:
         return {}
     settings = config.experiment_of(experiment, version.method)
     return {
@@ -213,7 +215,7 @@ def _drawn(config: Configuration, experiment: str, variant: str) -> dict[str, An
     """The data's noise, and what a version's own windows are made with, where the experiment has p⁺."""
     version = Version.parse(variant)
     settings = config.experiment_of(experiment, version.method)
-    if config.methods[version.method].kind == "mean":
+    if not config.methods[version.method].estimator.has_expert:
         return {"noise": _noise(settings)}
     anew = settings.choices.augmented_x == "resampled"
     if FLOW in version.estimators and settings.flow.resample_x is not None:

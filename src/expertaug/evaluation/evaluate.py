@@ -14,8 +14,8 @@ from expertaug.evaluation.forecasts import Forecasts, KeptForecasts, SetForecast
 from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
 from expertaug.evaluation.score import Scored, score, spread
 from expertaug.evaluation.settings import EvaluateJob
+from expertaug.inference.flow import StoredModel, load
 from expertaug.inference.least_squares import refined_by, refinement_of
-from expertaug.inference.store import StoredModel, load
 from expertaug.models.store import device_of
 from expertaug.tracking.log import Run, read_log
 from expertaug.tracking.metrics_csv import MetricRow, write_rows

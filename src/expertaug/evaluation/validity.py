@@ -16,12 +16,12 @@ from expertaug.errors import InputError
 from expertaug.evaluation.score import spread
 from expertaug.evaluation.settings import ValidityJob
 from expertaug.evaluation.table import DASH, Study, Table, escape
-from expertaug.inference import store
 from expertaug.inference.diagnostics.validity import Refit, Validity, along, refit
+from expertaug.inference.flow import load
 from expertaug.inference.settings import ValiditySettings
 from expertaug.learning.training_data import StackedSet
 from expertaug.models.settings import Refinement
-from expertaug.models.store import device_of
+from expertaug.models.store import StoredModel, device_of
 from expertaug.settings import given_ranges
 from expertaug.trajectories import Trajectories
 
@@ -60,7 +60,7 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
     known = {name: spread(Trajectories.load(path), job.validity.samples) for name, path in sets.items()}
     rows, found, says = [], {}, []
     for path, (version, label, fitting) in zip(models, job.versions, strict=True):
-        stored = store.load(path, device_of(job.device), job.classes or ())
+        stored = load(path, device_of(job.device), job.classes or ())
         how = stored.card.refinement or fitting  # of kind alternating, the file says it
         if how is None:
             raise InputError(path, "nothing says how its windows are fitted", "give settings, noise and prior")
@@ -83,7 +83,7 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
     Study(long, [table], lambda: _draw(found, job, title)).save(outputs)
 
 
-def _refit(stored: store.StoredModel, data: Trajectories, fitting: Refinement, how: ValiditySettings) -> Refit:
+def _refit(stored: StoredModel, data: Trajectories, fitting: Refinement, how: ValiditySettings) -> Refit:
     observed = stored.card.observed
     windows = StackedSet.of(data, torch.device("cpu")).windows(observed)[:, 0]
     simulated = data.z_a.shape[1] > 0

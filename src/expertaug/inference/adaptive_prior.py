@@ -17,7 +17,7 @@ from torch import Tensor
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.files import write_text
-from expertaug.inference import store
+from expertaug.inference.flow import load
 from expertaug.inference.least_squares import LeastSquares, estimator_of
 from expertaug.inference.settings import FirstPriorJob, OwnPriorJob, OwnWindows
 from expertaug.inference.simulations import LOST, own_draws
@@ -194,7 +194,7 @@ def _of_training(
     settings: Mapping | RefinementSettings | None,
 ) -> tuple[dict[str, Range], float]:
     """Ranges of the training windows' estimates, and the χ² up to which a window counts as explained."""
-    if stored.card.kind == "least_squares" and first is None:
+    if stored.kind.is_classical() and first is None:
         raise InputError("first", "missing", "the expert alone has no estimates to start from: give ranges")
     first = first or (None if stored.card.refinement is None else stored.card.refinement.prior)  # of kind alternating
     ranges = None if first is None else {name: (float(low), float(high)) for name, (low, high) in first.items()}
@@ -266,7 +266,7 @@ def find_prior(
         stored, first = make_expert_alone(system, train, settings.expert, described), typical_ranges(system)
     else:
         assert model is not None, "a job of the expert alone says what it is"
-        stored = store.load(model, device_of(settings.device), settings.classes or ())
+        stored = load(model, device_of(settings.device), settings.classes or ())
         first = typical_ranges(stored.model.system)  # beside the model's own estimates, which may be wrong
     noise, known = settings.noise, _trajectories(train)
     how = settings.refinement if model is not None else with_more_starts(settings.refinement)

@@ -43,6 +43,7 @@ from expertaug.learning.training_data import StackedSet, Task, set_files, task_o
 from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
+from expertaug.models.estimators import Alternating
 from expertaug.models.gaps import ends_of, fill
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Estimates
@@ -483,7 +484,7 @@ def prepare(
     check_trainable(system)
     training, seeds = options.training, options.seeds
     card = ModelCard.of(
-        kind="alternating",
+        kind=Alternating.name,
         **card_fields(train, system, options),
         system=described.system,
         model={"interaction": described.model.interaction},

@@ -6,7 +6,9 @@ The density is a neural spline flow (Durkan et al. 2019) by zuko.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import torch
 import zuko
@@ -18,15 +20,18 @@ from expertaug.inference.settings import FlowSettings
 from expertaug.learning.augment import prior_ends
 from expertaug.learning.divergence import BoundedSolver, bound_of_card
 from expertaug.learning.random_streams import RandomStreams
+from expertaug.models import store
 from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder
 from expertaug.models.encoders.fields import Moments
 from expertaug.models.encoders.window import ComponentView
+from expertaug.models.estimators import Classes, EstimatorKind, register
 from expertaug.models.gaps import ends_of, fill
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.networks.layers import MLP, Linear, Standardise
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.stacking import SeedWise, stack
+from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import observed as as_observed
 from expertaug.systems.inputs import states_of
@@ -314,3 +319,30 @@ def build(base: HybridNet | Decoder, card: ModelCard, latents: Tensor | None = N
             heads.append(Head(SummaryNetwork(system, times, of_base.model.encoder or {}, ranges), unknowns, settings))
     base, bound = copy.deepcopy(base).requires_grad_(False), bound_of_card(of_base)
     return FlowEstimator(base, stack(heads), settings.samples, settings.forecasts, bound)
+
+
+@register
+class Flow(EstimatorKind):
+    """A posterior that a flow learned from draws of a trained model, beside that model."""
+
+    name = "flow"
+    summary = "a posterior of a trained model, learned from its own draws"
+    is_method = False
+    stage = "flow"
+    has_expert = True
+    needs = ("flow", "prior", "noise", "base")
+    base = "base."
+
+    @classmethod
+    def network(
+        cls, system: System, card: ModelCard, tensors: Mapping[str, Tensor], classes: Classes, base: Any = None
+    ) -> nn.Module:
+        return build(base, card)
+
+
+def load(path: str | Path, device: torch.device | str = "cpu", classes: Collection[str | Callable] = ()) -> StoredModel:
+    """Read a model file of any kind, a flow's too; arguments and errors as :func:`expertaug.models.store.load`.
+
+    A flow's ``model`` is a :class:`FlowEstimator`, and its card has its base model's under ``base``.
+    """
+    return store.load(path, device, classes)

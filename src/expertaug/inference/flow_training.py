@@ -11,8 +11,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.inference import flow as flows
-from expertaug.inference import store
-from expertaug.inference.flow import FlowEstimator
+from expertaug.inference.flow import Flow, FlowEstimator
 from expertaug.inference.settings import FlowJob, FlowSettings, FlowTrainingOptions
 from expertaug.inference.simulations import HELD_OUT, Draws, Pool, Simulator, latents_of
 from expertaug.learning.augment import prior_ends
@@ -47,7 +46,7 @@ def run_stage(model: Path, data: Path, output: Path, work: Path, settings: FlowJ
         settings: of the job.
         tracking: see :class:`expertaug.tracking.run_log.RunLog`.
     """
-    stored = store.load(model, device_of(settings.device), settings.classes or ())
+    stored = flows.load(model, device_of(settings.device), settings.classes or ())
     sets = set_files(data)
     train, validation = map(Trajectories.load, sets)
     options = settings.model_copy(update={"seeds": stored.seeds})
@@ -90,7 +89,7 @@ def prepare(
 ) -> Training:
     """Make the training of a flow; arguments and errors are those of :func:`fit_flow`."""
     base, device, prior = stored.card, stored.device, given_ranges(settings.prior)
-    if base.kind not in ("hybrid", "alternating"):
+    if not stored.kind.trains():
         raise InputError(where, f"a {base.kind} model", "a flow learns from a trained hybrid model")
     options, choices, seeds = settings.flow, settings.choices, stored.seeds
     kind = type(stored.model.system)
@@ -103,7 +102,7 @@ def prepare(
         misfit=None,  # of the base's own estimates
         refinement=None,
         **settings.model_dump(include=set(KEPT)),
-        kind=store.FLOW,
+        kind=Flow.name,
         stage="flow",
         prior=prior,
         noise=noise,

@@ -417,15 +417,15 @@ def estimator_of(
         InputError: a model without a decoder.
     """
     options = RefinementSettings.from_mapping(settings)
-    card = stored.card
-    if card.kind == "mean":
+    card, kind = stored.card, stored.kind
+    if not kind.has_expert:
         raise InputError("refinement", "a mean of the training set", "only models with an expert can be fitted")
     if missing := sorted(set(options.shared) - set(shared or {})):
         remedy = "only least squares with the expert alone shares parameters: leave units out"
         raise InputError(f"units.{missing[0]}", "shared, and its value is not known", remedy)
-    if card.kind == "hybrid" and card.latent is None:
+    if kind.has_objective and card.latent is None:
         raise InputError("refinement", "the model file does not say where its z_a lie", "train it again")
-    first = None if card.kind in ("alternating", "least_squares") else stored.model
+    first = None if kind.fits_windows else stored.model
     decoder: Decoder = stored.model if first is None else stored.model.decoder
     given = options.model_fields_set
     solver = options.solver if "solver" in given else card.training.solver

@@ -126,7 +126,7 @@ def augment(
         SolveError: samples are not finite for any z_e drawn.
     """
     device = stored.device
-    if stored.card.kind != "hybrid":
+    if not stored.kind.has_objective:
         raise InputError(where, f"a {stored.card.kind} model", "only hybrid models can be augmented")
     task = task_of(stored.card.training, stored.card, device)
     task = task.shortened(task.points(choices))

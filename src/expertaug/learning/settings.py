@@ -8,6 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from expertaug.models import estimators
+from expertaug.models.estimators import EstimatorKind
 from expertaug.models.settings import PARTS as MODEL_PARTS
 from expertaug.models.settings import PartsSettings, Refinement, SystemKeys
 from expertaug.presets import ROWS, Choices
@@ -16,6 +18,7 @@ from expertaug.settings import (
     LEFT_OUT,
     LIST,
     ONE,
+    ByName,
     Count,
     Device,
     Noise,
@@ -209,11 +212,8 @@ class ModelFileJob(SeedGroupJob):
 class MethodKeys(Settings):
     """What a method is, in the words of the configuration."""
 
-    kind: Literal["hybrid", "alternating", "least_squares", "mean"] = key(
-        ...,
-        "hybrid = an encoder, an expert and an interaction model; alternating = an expert and an interaction model, "
-        "learned from fits to each window, without an encoder; least_squares = the expert alone, fitted to each "
-        "window, without a network; mean = forecasts the mean of the training set",
+    kind: Annotated[str, ByName(estimators.methods)] = key(
+        ..., "; ".join(f"{name} = {estimators.ESTIMATORS[name].summary}" for name in estimators.methods())
     )
     expert: bool = key(LEFT_OUT, "false removes the expert model")
     interaction: bool = key(LEFT_OUT, "false removes the interaction model")
@@ -227,6 +227,16 @@ class MethodKeys(Settings):
         LEFT_OUT,
         "true = the F_a of this method has the form of the hidden term; tables and figures show it after the others",
     )
+
+    @property
+    def estimator(self) -> type[EstimatorKind]:
+        """What the kind is, and can do."""
+        return estimators.estimator(self.kind, "build.kind")
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Networks that the method learns, of encoder and interaction."""
+        return tuple(part for part in self.estimator.parts if part != "interaction" or self.interaction is not False)
 
     @property
     def objective_kind(self) -> str:
@@ -319,7 +329,7 @@ class UntrainedOptions(DataOptions):
 
 
 class UntrainedJob(UntrainedOptions, RecipeKeys):
-    """The job of a method that has no training (kinds mean and least_squares)."""
+    """The job of a method that no gradient step trains."""
 
 
 class AugmentJob(ModelFileJob):
@@ -348,8 +358,10 @@ class FinetuneJob(FinetuneOptions, ModelFileJob):
 def train_job_kind(settings: Mapping[str, object]) -> type[TrainJob] | type[UntrainedJob]:
     """What job of the stage train settings are of, by the kind of their method."""
     build = settings.get("build")
-    kind = build.get("kind") if isinstance(build, Mapping) else "hybrid"
-    return UntrainedJob if kind in ("mean", "least_squares") else TrainJob
+    name = build.get("kind") if isinstance(build, Mapping) else None
+    known = isinstance(name, str) and (":" in name or name in estimators.methods())
+    kind = estimators.estimator(str(name), "build.kind") if known else estimators.Hybrid
+    return TrainJob if kind.trains() else UntrainedJob
 
 
 def train_job(settings: Mapping[str, object]) -> TrainJob | UntrainedJob:

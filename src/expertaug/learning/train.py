@@ -29,7 +29,7 @@ from expertaug.learning.trainer import Progress, Training, prepare_training
 from expertaug.learning.training_data import StackedSet, set_files, task_of
 from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
-from expertaug.models.decoder import Decoder, MeanModel, TruthDecoder
+from expertaug.models.estimators import Hybrid, LeastSquares, estimator
 from expertaug.models.gaps import ranges_of
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.store import device_of
@@ -94,10 +94,7 @@ def run_stage(
     train_set, validation_set = map(Trajectories.load, inputs)
     system, build = systems.load(described.system), settings.build
     if isinstance(settings, UntrainedJob):
-        if build.kind == "mean":
-            stored = make_mean(system, train_set, settings, described)
-        else:
-            stored = make_expert_alone(system, train_set, settings, described, bool(build.truth))
+        stored = make_untrained(build.kind, system, train_set, settings, described, bool(build.truth))
         store.save(output, stored.model, stored.card)
         return
     recipe = describe.recipe_of(system, described)
@@ -181,7 +178,7 @@ def prepare(
     check_trainable(recipe.system)
     kind = objective_of(objective, classes)
     card = ModelCard.of(
-        kind="hybrid",
+        kind=Hybrid.name,
         **card_fields(train, recipe.system, options),
         **dict(described),
         likelihood=kind.learns_likelihood,
@@ -210,46 +207,41 @@ def prepare(
     )
 
 
-def make_mean(
-    system: systems.System, train: Trajectories, options: UntrainedOptions, described: RecipeRecord
+def make_untrained(
+    kind: str,
+    system: systems.System,
+    train: Trajectories,
+    options: UntrainedOptions,
+    described: RecipeRecord,
+    truth: bool = False,
 ) -> store.StoredModel:
-    """The baseline that forecasts the training set's mean; ``described`` as of :func:`prepare`."""
+    """The model of a kind that no gradient step trains.
+
+    Arguments:
+        kind: its name (:mod:`expertaug.models.estimators`).
+        options: how windows are fitted, where they are.
+        described: as of :func:`prepare`.
+        truth: whether the equation that made the data takes the expert's place.
+
+    Raises:
+        InputError: the kind needs a training, or there is no such equation.
+    """
     card = ModelCard.of(
-        kind="mean", **card_fields(train, system, options), **dict(described), wall_s=0.0, best_score=None
+        kind=kind,
+        **card_fields(train, system, options),
+        **dict(described),
+        **({} if options.refinement is None else {"refinement": options.refinement}),
+        wall_s=0.0,
+        best_score=None,
     )
-    return store.StoredModel(MeanModel(system, _mean(train)), card)
-
-
-def _mean(train: Trajectories) -> torch.Tensor:
-    """Mean (T, *state) of what was measured; 0 where nothing was."""
-    if train.mask is None or train.mask.all():
-        return torch.from_numpy(train.y).mean(0)
-    return torch.from_numpy(train.y).sum(0) / torch.from_numpy(train.mask).sum(0).clamp_min(1)
+    return store.StoredModel(*estimator(kind, "build.kind").fit(system, train, card, truth))
 
 
 def make_expert_alone(
     system: systems.System, train: Trajectories, options: UntrainedOptions, described: RecipeRecord, truth: bool = False
 ) -> store.StoredModel:
-    """The decoder of the expert alone, whose estimates are to be found by least squares; nothing is trained.
-
-    Arguments:
-        options: how to fit.
-        described: as of :func:`prepare`.
-        truth: the equation that made the data instead, whose z_a lie where the training set's do.
-
-    Raises:
-        InputError: the true equation of data that were not simulated.
-    """
-    said = {**card_fields(train, system, options), "system": described.system, "expert": True, "interaction": False}
-    said |= {"refinement": options.refinement, "wall_s": 0.0, "best_score": None}
-    card = ModelCard.of(kind="least_squares", **said)
-    if not truth:
-        return store.StoredModel(Decoder(system), card)
-    z_a = train.z_a
-    if z_a is None or not z_a.shape[1]:
-        raise InputError("build.truth", "the training set has no z_a", "only simulated data have a true equation")
-    latent = {"mean": [z_a.mean(0).tolist()], "std": [z_a.std(0).tolist()]}
-    return store.StoredModel(TruthDecoder(system), card.but(truth=True, latent=latent))
+    """The decoder of the expert alone, whose estimates are to be found by least squares; as :func:`make_untrained`."""
+    return make_untrained(LeastSquares.name, system, train, options, described, truth)
 
 
 def _first_values(train: Trajectories, system: systems.System, given: Mapping[str, Range]) -> dict[str, list[float]]:

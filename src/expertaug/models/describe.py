@@ -14,6 +14,7 @@ from expertaug.models.settings import PARTS
 from expertaug.registry import Part, short_name
 from expertaug.systems import System
 
+OWN = "expertaug."  # what names of the package begin with
 SYSTEMS = "expertaug.systems."
 
 
@@ -104,12 +105,18 @@ def system_of(card: RecipeRecord, classes: Mapping[str, Callable] | None = None)
     return made(**settings)
 
 
-def foreign(card: ModelCard) -> Iterator[str]:
-    """Names of what a card would import that is not this package's."""
+def foreign(card: ModelCard, has_parts: bool = True) -> Iterator[str]:
+    """Names of what a card would import that is not this package's.
+
+    Arguments:
+        has_parts: whether its kind learns networks, so that what the card says of encoder and interaction is made.
+    """
+    if ":" in card.kind and not card.kind.startswith(OWN):
+        yield card.kind
     name = card.system_name
     if not _is_built_in_system(name):
         yield name
-    if card.kind not in ("hybrid", "alternating"):
+    if not has_parts:
         return
     kinds = [str(part["kind"]) for part in (card.model.encoder, card.model.interaction) if part is not None]
     kinds += [card.objective] if card.objective is not None else []

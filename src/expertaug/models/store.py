@@ -13,19 +13,16 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.models import describe
 from expertaug.models.card import ModelCard
-from expertaug.models.decoder import Decoder, MeanModel, TruthDecoder
-from expertaug.models.hybrid import HybridNet
+from expertaug.models.estimators import ESTIMATORS, EstimatorKind, estimator
 from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
 from expertaug.systems.settings import ADAMS, EVENTS, SolverSettings
 from expertaug.systems.solvers.solver import Solver
 
-__all__ = ["StoredModel", "load", "make", "read_tensors", "restore", "save", "write_tensors"]
+__all__ = ["StoredModel", "load", "read_tensors", "restore", "save", "write_tensors"]
 
 ACCURATE = Solver("dopri5", rtol=1e-6, atol=1e-6)
 ACROSS_EVENTS = Solver(EVENTS, substeps=10)
-KINDS = ("hybrid", "alternating", "mean", "least_squares")
-NETWORKS = ("hybrid", "alternating")  # whose tensors have the seeds first
 COARSE = ("euler", "midpoint", "rk4", *ADAMS)  # steps of the data's own: good for training, not for a forecast
 
 
@@ -34,8 +31,7 @@ class StoredModel:
     """A model for a group of seeds and what is known about it.
 
     Attributes:
-        model: a hybrid network, the baseline of the mean, or a decoder: of kind alternating with F_a, of kind
-            least_squares of the expert alone; stacked over the card's seeds.
+        model: an estimator, or a decoder whose estimates are fits of each window; stacked over the card's seeds.
         card: what is known; all of it can be written to a file.
         classes: those of its parts that are not this package's, by the name that the card gives them.
     """
@@ -43,6 +39,11 @@ class StoredModel:
     model: Any
     card: ModelCard
     classes: Mapping[str, Callable] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> type[EstimatorKind]:
+        """What it can do."""
+        return estimator(self.card.kind, "card.kind", self.classes)
 
     @property
     def seeds(self) -> list[int]:
@@ -119,9 +120,13 @@ def card_of(path: str | Path, header: Mapping[str, Any]) -> ModelCard:
         InputError: it is none.
     """
     try:
-        return ModelCard.from_mapping(header, "")
+        card = ModelCard.from_mapping(header, "")
+        kind = ESTIMATORS.get(card.kind, EstimatorKind)
+        if missing := [key for key in kind.needs if getattr(card, key) is None]:
+            raise InputError(missing[0], "missing", f"a {card.kind}'s card has {', '.join(kind.needs)}")
     except InputError as error:
         raise InputError(path, f"describes no model ({error})", "make it again with its stage") from error
+    return card
 
 
 def restore(
@@ -133,28 +138,30 @@ def restore(
 ) -> StoredModel:
     """The model that a file's card and tensors make; see :func:`load`."""
     allowed, made = describe.trusted(classes)
-    if card.kind not in KINDS:
-        raise InputError(path, f"describes no model of these (kind {card.kind!r})", "read it as expertaug.load does")
-    own = list(describe.foreign(card))
+    if ":" not in card.kind and card.kind not in ESTIMATORS:
+        found = f"describes no model of these (kind: found '{card.kind}')"
+        raise InputError(path, found, "read it as expertaug.load does")
+    own = list(describe.foreign(card, ":" in card.kind or ESTIMATORS[card.kind].trains()))
     for name in own:
         if name not in allowed:
             raise InputError(
                 path, f"needs {name}, which is not part of expertaug", f"if you trust it: classes=[{name!r}] (--class)"
             )
     used: dict[str, Callable] = {name: made[name] for name in own if name in made}
-    _check_tensors(path, card, tensors)
+    kind, base = estimator(card.kind, str(path), used), None
+    if not kind.base:  # else those of the base are checked, with its own card
+        _check_tensors(path, card, tensors, kind.trains())
     try:
-        system = describe.system_of(card, used)
-        if card.kind == "mean":
-            model: Any = MeanModel(system, tensors["mean"])
-        elif card.kind == "least_squares":
-            model = TruthDecoder(system) if card.truth else Decoder(system)
-        elif card.kind == "alternating":
-            model = describe.decoder_of(system, card, used)
-        else:
-            model = make(system, card, used)
+        if kind.base:
+            inner = {n.removeprefix(kind.base): value for n, value in tensors.items() if n.startswith(kind.base)}
+            base = restore(path, card.base, inner, "cpu", classes)
+            used |= base.classes
+        system = describe.system_of(card, used) if base is None else base.model.system
+        model = kind.network(system, card, tensors, used, None if base is None else base.model)
+    except InputError as error:
+        raise error if error.where == str(path) else _no_model(path, error) from error
     except Exception as error:  # a class of the user's may raise anything
-        raise InputError(path, f"describes no model ({error})", "train it again") from error
+        raise _no_model(path, error) from error
     for key, value in _units(system).items():
         before = getattr(card, key)
         if before is not None and before != value:
@@ -166,19 +173,17 @@ def restore(
     return StoredModel(model.to(device).eval(), card, used)
 
 
-def make(system: System, card: ModelCard, classes: Mapping[str, Callable] | None = None) -> HybridNet:
-    """The stacked hybrid model that a card describes, one initialisation a seed."""
-    times = torch.tensor(card.t[: card.observed], dtype=torch.float64)
-    recipe = describe.recipe_of(system, card, classes)
-    return recipe.build(times, card.seeds, bool(card.likelihood), card.start)
+def _no_model(path: str | Path, error: Exception) -> InputError:
+    return InputError(path, f"describes no model ({error})", "train it again")
 
 
-def _check_tensors(path: str | Path, card: ModelCard, tensors: Mapping[str, Tensor]) -> None:
-    """Tensors must be numbers, and of as many seeds as the card says, before networks of these are made."""
+def _check_tensors(path: str | Path, card: ModelCard, tensors: Mapping[str, Tensor], stacked: bool) -> None:
+    """Tensors must be numbers, and of as many seeds as the card says where they are stacked, before networks of these
+    are made."""
     for name, value in tensors.items():
         if value.is_floating_point() and not torch.isfinite(value).all():
             raise InputError(path, f"the tensor {name} has values that are no numbers", "train it again")
-        if card.kind in NETWORKS and (value.dim() == 0 or len(value) != len(card.seeds)):
+        if stacked and (value.dim() == 0 or len(value) != len(card.seeds)):
             found = f"the tensor {name} has shape {tuple(value.shape)}"
             raise InputError(path, found, f"it describes {len(card.seeds)} seeds: train it again")
 

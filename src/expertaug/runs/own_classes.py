@@ -18,6 +18,7 @@ from expertaug.config.models import Augmentation, Configuration
 from expertaug.errors import InputError, InputErrors, SolveError
 from expertaug.inference.settings import AlternateJob
 from expertaug.learning.settings import TrainJob, TrainOptions, train_job_kind
+from expertaug.models.estimators import Alternating, Hybrid
 from expertaug.models.settings import SystemKeys
 from expertaug.settings import read
 
@@ -156,8 +157,8 @@ class _Experiment:
 
         group, seeds = next(iter(jobs.seed_groups(self.config, self.name).items()))
         job = stage_settings.train(self.config, self.name, method, group)
-        alternates = self.config.methods[method].kind == "alternating"
-        settings = read(AlternateJob if alternates else train_job_kind(job), job)
+        stage = self.config.methods[method].estimator.stage
+        settings = read(AlternateJob if stage == Alternating.stage else train_job_kind(job), job)
         calibrated = self.config.experiments[self.name].data.calibrate
         described = describe_recipe(settings, _stand_in() if calibrated else None)
         system = self._system(described.system)
@@ -198,7 +199,13 @@ class _Experiment:
             u = None if data.u is None else torch.from_numpy(data.u).movedim(0, 1)
             y = joined(torch.from_numpy(data.y).float().movedim(0, 1), u)
             bound = divergence_bound(data.y)
-        said = {"kind": "hybrid", "system": {"name": self.name}, "seeds": settings.seeds, "t": t, "observed": observed}
+        said = {
+            "kind": Hybrid.name,
+            "system": {"name": self.name},
+            "seeds": settings.seeds,
+            "t": t,
+            "observed": observed,
+        }
         card = ModelCard.of(**said, **({} if bound is None else {"bound": bound}))
         return task_of(settings.training, card, torch.device("cpu")), y
 

@@ -51,9 +51,9 @@ class Files:
 
     def logged(self, experiment: str) -> list[str]:
         """Versions that have a training's log: all but those that are computed at once."""
-        kinds = {name: method.kind for name, method in self.config.methods.items()}
+        kinds = {name: method.estimator for name, method in self.config.methods.items()}
         trained = [v for v in map(Version.parse, self.compared(experiment)) if v.is_trained]
-        return [str(v) for v in trained if kinds[v.method] in ("alternating", "hybrid")]
+        return [str(v) for v in trained if kinds[v.method].trains()]
 
     def augmented(self, experiment: str) -> list[str]:
         """Versions that are fine-tuned on augmented samples."""
@@ -104,8 +104,8 @@ class Files:
 
     def prior(self, experiment: str, variant: str, seed_group: str) -> list[str]:
         """The ranges of a version's p⁺, where they are to be found."""
-        kind = self.config.methods[Version.parse(variant).method].kind
-        finder = jobs.finds_prior(self.config, experiment, variant) if kind != "mean" else None
+        kind = self.config.methods[Version.parse(variant).method].estimator
+        finder = jobs.finds_prior(self.config, experiment, variant) if kind.has_expert else None
         if finder is None:
             return []
         folder = f"{finder}/{seed_group}" if finder else "data"

@@ -67,8 +67,8 @@ def _of_experiment(config: Configuration, experiment: str) -> Iterator[tuple[str
     yield from _of_data(config, experiment)
     groups = list(jobs.seed_groups(config, experiment))
     for method in (*config.experiments[experiment].methods, *config.experiments[experiment].points):
-        alternates = config.methods[method].kind == "alternating"
-        yield from (("alternate" if alternates else "train", (experiment, method, group)) for group in groups)
+        stage = config.methods[method].estimator.stage
+        yield from ((stage, (experiment, method, group)) for group in groups)
     for version in jobs.found_priors(config, experiment):
         yield from (("own_prior", (experiment, version, group)) for group in (groups if version else [None]))
     for variant in [*jobs.variants(config, experiment), *jobs.further_variants(config, experiment)]:
