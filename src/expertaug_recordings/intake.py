@@ -19,7 +19,11 @@ logger = logging.getLogger(__name__)
 
 
 def take(
-    task: Callable[[], None], source: str | Path, outputs: Sequence[str | Path], mode: str, checksum: str | None = None
+    task: Callable[[], object],
+    source: str | Path,
+    outputs: Sequence[str | Path],
+    mode: str,
+    checksum: str | None = None,
 ) -> None:
     """Run a stage on one recording.
 

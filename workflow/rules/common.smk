@@ -19,8 +19,7 @@ from expertaug_recordings.names import list_pictures
 from expertaug.config.checks import PUBLISHED
 from expertaug.source_files import PACKAGE
 from expertaug.stages.files import LEARNING_SETS, Files
-from expertaug.stages.planned import STUDIES, stages_read
-from expertaug.stages.planned import studies as studies_planned
+from expertaug.stages.planned import STUDIES, products_of, products_of_all, stages_read, studies, study_files
 from expertaug.versions import MAIN_SETS, Version
 
 FILES = Files(CONFIG)
@@ -93,6 +92,11 @@ def stage_params(stage, *names):
     return {"versions": versions(stage), "settings": settings(stage, *names)}
 
 
+def folder(path):
+    """A parameter: a folder of the results, named by the job's wildcards."""
+    return lambda wildcards: results(path).format(**wildcards)
+
+
 def option(name):
     """A parameter: the option of an input's name with its path; nothing where there is no such input."""
     return lambda wildcards, input: f"--{name} {shlex.quote(str(input[name]))}" if input[name] else ""
@@ -133,38 +137,20 @@ def calibration(wildcards):
     return FILES.calibration(wildcards.experiment)
 
 
+def checksums(wildcards):
+    """The file of checksums of measurements, if any."""
+    return (
+        CONFIG.experiments[wildcards.experiment].data.files.checksums or [] if wildcards.experiment in MEASURED else []
+    )
+
+
+def horizon_stage(wildcards):
+    """The stage that cuts long chunks."""
+    return "cut_measured_horizon" if wildcards.experiment in MEASURED else "cut_horizon"
+
+
 def prior(wildcards):
     return FILES.prior(wildcards.experiment, wildcards.variant, wildcards.seed_group)
-
-
-@functools.cache
-def studies_of(experiment):
-    """Names of the studies that an experiment has."""
-    return studies_planned(CONFIG, experiment)
-
-
-# Tables and figures, and what the report shows of them.
-
-SHOWN = []  # path, caption and title of each
-
-
-def shown(path, caption, title, category, subcategory=None, **labels):
-    """An output that reports show under a caption."""
-    SHOWN.append((path, caption, title))
-    options = {"category": category, "subcategory": subcategory, "labels": labels or {"content": title}}
-    return report(path, caption=f"../report/{caption}.rst", **options)
-
-
-def table(stem, caption, title, category, **labels):
-    """The files of a table."""
-    files = [results(f"tables/{stem}.{end}") for end in ("csv", "tex", "md")]
-    return [*files[:2], shown(files[2], caption, title, category, **labels)]
-
-
-def figure(stem, caption, title, category, **labels):
-    """The files of a figure."""
-    picture = shown(results(f"figures/{stem}.png"), caption, title, category, **labels)
-    return [picture, results(f"figures/{stem}.pdf")]
 
 
 wildcard_constraints:

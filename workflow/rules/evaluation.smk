@@ -1,13 +1,5 @@
 # Metrics of every model, then the tables and figures of each experiment and of all.
 
-NUMBERS = os.path.relpath(PUBLISHED)
-PAGE = os.path.relpath(PACKAGE / "evaluation" / "report" / "page.html")
-FIGURES = {product.name: product.name.replace("_", " ") for product in products.PLOTTED}
-FIGURES |= {"log_mse": "log-MSE", "parameters": "estimated parameters", "curves": "trainings"}
-OVERVIEW = shown_settings.overview(CONFIG, RUN)["experiments"]
-OVERVIEWS = {"log_mse": "log-MSE", "parameter_errors": "parameter errors"} if any(e["shown"] for e in OVERVIEW) else {}
-OVERVIEWS |= {"za_shifted": "log-MSE, z_a shifted"} if any(e["shifted"] for e in OVERVIEW) else {}
-
 
 rule evaluate_seed_group:
     input:
@@ -29,7 +21,7 @@ rule evaluate_seed_group:
         gpu=GPUS,
     params:
         **stage_params("evaluate", "experiment", "variant", "seed_group"),
-        data=results("{experiment}/data"),
+        data=folder("{experiment}/data"),
         prior=option("prior"),
     message:
         "evaluate {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
@@ -84,10 +76,6 @@ rule tabulate_experiment:
         " --settings {params.settings:q} --log {log:q}"
 
 
-def plotted(name, title):
-    return figure(f"{{experiment}}_{name}", name, title, "Figures", subcategory="{experiment}", content=title)
-
-
 rule plot_experiment:
     input:
         metrics=of_versions("metrics.csv"),
@@ -95,7 +83,7 @@ rule plot_experiment:
         models=of_versions("model.safetensors", FILES.logged),
         code=code("plot"),
     output:
-        [plotted(name, title) for name, title in FIGURES.items()],
+        [figure_of_experiment(name, title) for name, title in FIGURES.items()],
     log:
         results("logs/plot/{experiment}.log"),
     conda:
@@ -109,7 +97,7 @@ rule plot_experiment:
         forecasts=lambda w, input: [
             path for path in input.forecasts if f"/{FILES.seed_groups(w.experiment)[0]}/" in path
         ],
-        prefix=results("figures/{experiment}"),
+        prefix=folder("figures/{experiment}"),
     message:
         "plot {wildcards.experiment}"
     shell:
@@ -121,7 +109,7 @@ rule compare_experiment:
     input:
         metrics=of_versions("metrics.csv"),
         forecasts=of_versions("forecasts.npz"),
-        published=NUMBERS,
+        published=os.path.relpath(PUBLISHED),
         code=code("compare"),
     output:
         expand(results("tables/{{experiment}}_published.{end}"), end=products.TABLE_ENDS),
@@ -149,7 +137,7 @@ if COMPARED:
         input:
             metrics=[FILES.of_versions(e, FILES.compared(e), "metrics.csv") for e in COMPARED],
             forecasts=[FILES.of_versions(e, FILES.compared(e), "forecasts.npz") for e in COMPARED],
-            published=NUMBERS,
+            published=os.path.relpath(PUBLISHED),
             code=code("compare"),
         output:
             table("published", "published", "published numbers", "Tables", content="published numbers"),
@@ -159,11 +147,6 @@ if COMPARED:
             **stage_params("compare", lambda w: COMPARED),
         message:
             "compare all experiments with the published numbers"
-
-
-def overview_figure(name, title):
-    labels = {"subcategory": "all experiments", "content": title}
-    return figure(name, f"overview_{name}", title, "Figures", **labels)
 
 
 if OVERVIEWS:
@@ -182,7 +165,7 @@ if OVERVIEWS:
             mem_mb=1000,
         params:
             **stage_params("overview", lambda w: RUN),
-            folder=results("figures"),
+            folder=folder("figures"),
         message:
             "plot all experiments"
         shell:

@@ -43,8 +43,8 @@ rule train_seed_group:
     params:
         **stage_params(training_of, "experiment", "method", "seed_group"),
         stage=training_of,
-        data=results("{experiment}/data"),
-        work=results(".work/{experiment}/{method}/{seed_group}"),
+        data=folder("{experiment}/data"),
+        work=folder(".work/{experiment}/{method}/{seed_group}"),
         calibration=option("calibration"),
         prior=option("prior"),
     message:
@@ -74,8 +74,8 @@ rule during_training_seed_group:
         gpu=GPUS,
     params:
         **stage_params("during_training", "experiment", "method", "seed_group"),
-        data=results("{experiment}/data"),
-        work=results(".work/{experiment}/{method}/{seed_group}_during_training"),
+        data=folder("{experiment}/data"),
+        work=folder(".work/{experiment}/{method}/{seed_group}_during_training"),
         prior=option("prior"),
     message:
         "augment {wildcards.method} along its training on {wildcards.experiment}, {wildcards.seed_group}"
@@ -99,7 +99,7 @@ rule own_prior_of_experiment:
         mem_mb=4000,
     params:
         **stage_params("own_prior", "experiment", lambda w: "", lambda w: None),
-        data=results("{experiment}/data"),
+        data=folder("{experiment}/data"),
         calibration=option("calibration"),
     message:
         "find the ranges of p⁺ on {wildcards.experiment}, before training"
@@ -128,7 +128,7 @@ rule own_prior_seed_group:
         gpu=GPUS,
     params:
         **stage_params("own_prior", "experiment", "variant", "seed_group"),
-        data=results("{experiment}/data"),
+        data=folder("{experiment}/data"),
     message:
         "find the ranges of p⁺ of {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
@@ -157,7 +157,7 @@ rule augment_seed_group:
         gpu=GPUS,
     params:
         **stage_params("augment", "experiment", "variant", "seed_group"),
-        data=results("{experiment}/data"),
+        data=folder("{experiment}/data"),
         prior=option("prior"),
     message:
         "augment the data of {wildcards.experiment} for {wildcards.variant}, {wildcards.seed_group}"
@@ -189,8 +189,8 @@ rule finetune_seed_group:
         gpu=GPUS,
     params:
         **stage_params("finetune", "experiment", "variant", "seed_group"),
-        data=results("{experiment}/data"),
-        work=results(".work/{experiment}/{variant}/{seed_group}"),
+        data=folder("{experiment}/data"),
+        work=folder(".work/{experiment}/{variant}/{seed_group}"),
         augmented=option("augmented"),
         prior=option("prior"),
     message:
@@ -223,8 +223,8 @@ rule flow_seed_group:
         gpu=GPUS,
     params:
         **stage_params("flow", "experiment", "variant", "seed_group"),
-        data=results("{experiment}/data"),
-        work=results(".work/{experiment}/{variant}/{seed_group}"),
+        data=folder("{experiment}/data"),
+        work=folder(".work/{experiment}/{variant}/{seed_group}"),
         prior=option("prior"),
     message:
         "learn the posterior {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"

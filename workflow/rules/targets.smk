@@ -25,15 +25,6 @@ def of_each(files, variants):
     return [of_experiment(experiment, files(experiment, variants(experiment))) for experiment in RUN]
 
 
-def study_files(experiment, names):
-    """Tables and figures of studies, and what they are made from."""
-    made = [one for one in products.PRODUCTS if one.name in names and one.name in STUDIES]
-    read = [STUDIES[name].inputs(FILES, experiment, name) for name in names]
-    on_the_way = [FILES.to_files(experiment, files) for files in read]
-    used = [STUDIES[name].sets(FILES, experiment) for name in names]
-    return [*on_the_way, *used, [results(file) for one in made for file in one.files(experiment)]]
-
-
 def evaluated(experiment):
     scores = FILES.to_scores(experiment, FILES.variants(experiment))
     return of_experiment(experiment, scores, results(f"{experiment}/evaluations.json"))
@@ -46,12 +37,12 @@ def split(experiment):
 
 
 def everything(experiment):
-    made = [study_files(experiment, studies_of(experiment)), made_of(experiment)]
+    made = [study_files(FILES, experiment, studies(FILES, experiment)), products_of(FILES, experiment)]
     return [split(experiment) if experiment in RECORDED else [], evaluated(experiment), made]
 
 
 ALL = [
-    made_of_all(),
+    products_of_all(FILES),
     [everything(e) for e in RUN],
     recorded(*MEASURED_FILES, "page.png"),
     SUMMARY,
@@ -80,19 +71,8 @@ TARGETS = {
     "flow": of_each(FILES.to_models, FILES.flows),
     "during_training": [of_experiment(e, FILES.to_stages_of_training(e)) for e in RUN],
     "evaluate": [evaluated(e) for e in RUN],
-    "studies": [
-        of_experiment(e, *study_files(e, [n for n in studies_of(e) if n in jobs.studies(CONFIG, e)])) for e in RUN
-    ],
-    "dissipation": [of_experiment(e, *study_files(e, [n for n in studies_of(e) if n == "dissipation"])) for e in RUN],
+    "studies": [of_experiment(e, study_files(FILES, e, jobs.studies(CONFIG, e))) for e in RUN],
+    "dissipation": [of_experiment(e, study_files(FILES, e, ["dissipation"])) for e in RUN],
     "report": ALL,
     **{experiment: everything(experiment) for experiment in RUN},
 }
-
-
-for target, files in TARGETS.items():
-
-    rule:
-        name:
-            target
-        input:
-            files,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from os.path import dirname
 from pathlib import Path
 
 from expertaug.config import jobs, shown_settings
 from expertaug.config.models import Configuration
-from expertaug.evaluation.products import PRODUCTS
+from expertaug.evaluation.products import PLOTTED, PRODUCTS, Product
 from expertaug.stages import STAGES
 from expertaug.stages.files import Files
 from expertaug.stages.study import StudyStage
@@ -41,10 +42,54 @@ def stages_read(config: Configuration) -> list[tuple[str, str]]:
     return sorted((source, stage) for stage in run for source in STAGES[stage].reads if source in run)
 
 
-def studies(config: Configuration, experiment: str) -> list[str]:
+def studies(files: Files, experiment: str) -> list[str]:
     """Names of the studies that an experiment has."""
-    files = Files(config)
     return [name for name, stage in STUDIES.items() if stage.inputs(files, experiment, name)]
+
+
+def study_files(files: Files, experiment: str, names: Iterable[str]) -> list[str]:
+    """Tables and figures of those studies that an experiment has, after everything that they are made from."""
+    found: list[str] = []
+    for name in studies(files, experiment):
+        if name in names:
+            read = STUDIES[name].inputs(files, experiment, name)
+            found += [*files.to_files(experiment, read), *STUDIES[name].sets(files, experiment)]
+            found += [files.path(file) for file in _named(name).files(experiment)]
+    return found
+
+
+def products_of(files: Files, experiment: str) -> list[str]:
+    """All tables and figures of an experiment, tables first."""
+    block = files.config.experiments[experiment]
+    names = {"", *(product.name for product in PLOTTED), *studies(files, experiment)}
+    names |= {"published"} if block.evaluation.published is not None else set()
+    names |= {"splits"} if block.data.source == "recordings" else set()
+    found = [
+        file
+        for product in PRODUCTS
+        if product.name in names and not product.of_all
+        for file in product.files(experiment)
+    ]
+    return [files.path(file) for file in sorted([f"tables/{experiment}_long.csv", *found], key=dirname, reverse=True)]
+
+
+def products_of_all(files: Files) -> list[str]:
+    """Tables and figures over all experiments of the run."""
+    stages = {stage for stage, _ in planned(files.config)}
+    shown = overviews(files.config)
+    found = [p for p in PRODUCTS if p.of_all and (p.name in shown if p.stage == "overview" else p.stage in stages)]
+    return [files.path(file) for product in found for file in product.files("")]
+
+
+def overviews(config: Configuration) -> list[str]:
+    """Names of the figures over all experiments."""
+    found = shown_settings.overview(config, config.run)["experiments"]
+    named = ["log_mse", "parameter_errors"] if any(block["shown"] for block in found) else []
+    return [*named, "za_shifted"] if any(block["shifted"] for block in found) else named
+
+
+def _named(study: str) -> Product:
+    return next(product for product in PRODUCTS if product.name == study)
 
 
 def _of_recordings(config: Configuration) -> Iterator[tuple[str, tuple]]:
@@ -78,7 +123,9 @@ def _of_experiment(config: Configuration, experiment: str) -> Iterator[tuple[str
         yield from (("during_training", (experiment, method, group)) for group in groups)
     yield "log_evaluations", ()
     yield from ((stage, (experiment,)) for stage in ("tabulate", "plot"))
-    yield from ((STUDIES[name].key(), STUDIES[name].names(experiment, name)) for name in studies(config, experiment))
+    yield from (
+        (STUDIES[name].key(), STUDIES[name].names(experiment, name)) for name in studies(Files(config), experiment)
+    )
 
 
 def _of_data(config: Configuration, experiment: str) -> Iterator[tuple[str, tuple]]:

@@ -31,7 +31,7 @@ def _add_measured(parser: argparse.ArgumentParser, **more: str) -> None:
     add_paths(parser, **more)
 
 
-def _take(a: argparse.Namespace, task: Callable[[], None], source: Path, outputs: list[Path]) -> None:
+def _take(a: argparse.Namespace, task: Callable[[], object], source: Path, outputs: list[Path]) -> None:
     """Run a stage on one recording, which may be left out."""
     from expertaug_recordings.intake import take
 
@@ -163,8 +163,7 @@ class MeasureAngles(Stage):
     def run(a: argparse.Namespace, job: jobs.MeasureAnglesJob) -> None:
         from expertaug_recordings.angles.measure import measure_angles
 
-        outputs = [a.output, a.summary]
-        _take(a, lambda: measure_angles(a.markers, *outputs, job), a.markers, outputs)
+        _take(a, lambda: measure_angles(a.markers, a.output, a.summary, job), a.markers, [a.output, a.summary])
 
 
 class SummariseRecordings(Stage):

@@ -1,0 +1,117 @@
+"""Tables and figures: what rules make of them, and what the report shows."""
+
+FIGURES = {product.name: product.name.replace("_", " ") for product in products.PLOTTED} | {
+    "log_mse": "log-MSE",
+    "parameters": "estimated parameters",
+    "curves": "trainings",
+}
+OVERVIEW = shown_settings.overview(CONFIG, RUN)["experiments"]
+OVERVIEWS = {"log_mse": "log-MSE", "parameter_errors": "parameter errors"} if any(e["shown"] for e in OVERVIEW) else {}
+OVERVIEWS |= {"za_shifted": "log-MSE, z_a shifted"} if any(e["shifted"] for e in OVERVIEW) else {}
+SUMMARY = [results("recordings/summary.csv"), results("recordings/summary.md")] if RECORDED else []
+SHOWN = []  # path, caption and title of each
+
+
+def shown(path, caption, title, category, subcategory=None, **labels):
+    """An output that reports show under a caption."""
+    SHOWN.append((path, caption, title))
+    options = {"category": category, "subcategory": subcategory, "labels": labels or {"content": title}}
+    return report(path, caption=f"../report/{caption}.rst", **options)
+
+
+def table(stem, caption, title, category, **labels):
+    """The files of a table."""
+    files = [results(f"tables/{stem}.{end}") for end in ("csv", "tex", "md")]
+    return [*files[:2], shown(files[2], caption, title, category, **labels)]
+
+
+def figure(stem, caption, title, category, **labels):
+    """The files of a figure."""
+    picture = shown(results(f"figures/{stem}.png"), caption, title, category, **labels)
+    return [picture, results(f"figures/{stem}.pdf")]
+
+
+def figure_of_experiment(name, title):
+    return figure(f"{{experiment}}_{name}", name, title, "Figures", subcategory="{experiment}", content=title)
+
+
+def overview_figure(name, title):
+    return figure(name, f"overview_{name}", title, "Figures", subcategory="all experiments", content=title)
+
+
+def study_outputs(study):
+    """Its table and, if it has one, its figure."""
+    title = STUDIES[study].title or study
+    shown_as = {"caption": study, "title": title.replace("_", " "), "category": "Studies"}
+    labels = {"subcategory": "{experiment}", "study": title}
+    files = table(f"{{experiment}}_{study}", content="table", **shown_as, **labels)
+    if study in DRAWN:
+        files += figure(f"{{experiment}}_{study}", content="figure", **shown_as, **labels)
+    return files
+
+
+def study_inputs(study):
+    return lambda wildcards: STUDIES[study].inputs(FILES, wildcards.experiment, study)
+
+
+def study_sets(study):
+    return lambda wildcards: STUDIES[study].sets(FILES, wildcards.experiment)
+
+
+def study_params(study):
+    stage = STUDIES[study]
+
+    def settings(wildcards):
+        return stage.settings_of(CONFIG, *stage.names(wildcards.experiment, study))
+
+    return {"stage": stage.name, "versions": versions(stage.key()), "settings": settings}
+
+
+def study_log(study):
+    return STUDIES[study].log.replace("{study}", study)
+
+
+def with_study(study):
+    """A wildcard's constraint: experiments that have it."""
+    return one_of([experiment for experiment in RUN if study in studies(FILES, experiment)])
+
+
+def shown_in_report():
+    """Files that rules mark for reports, as the stage report takes them."""
+    pages = of_recordings("page.png") if RECORDED else []
+    places = {
+        file: k
+        for k, file in enumerate(
+            [*products_of_all(FILES), *chain(*(products_of(FILES, e) for e in RUN)), *SUMMARY, *pages]
+        )
+    }
+    found = {}
+    for path, caption, title in SHOWN:
+        kind = next((kind for kind in ("experiment", "recording") if f"{{{kind}}}" in path), None)
+        for name in {"experiment": RUN, "recording": recording_names() if RECORDED else [], None: [""]}[kind]:
+            named = {kind: name} if kind else {}
+            if (file := path.format(**named)) in places:
+                found[file] = {
+                    "path": os.path.relpath(file, CONFIG.results),
+                    "caption": os.path.relpath(HERE / "report" / f"{caption}.rst"),
+                    "wildcards": named,
+                    "title": title.format(**named),
+                }
+    return [found[file] for file in sorted(found, key=places.get)]
+
+
+def read_by_report(wildcards):
+    """These tables and figures, and the tables' numbers."""
+    files = [results(one["path"]) for one in shown_in_report()]
+    numbers = [f"{file.removesuffix('.md')}.csv" for file in files if file.endswith(".md")]
+    return [*files, *numbers, *(results(f"tables/{experiment}_long.csv") for experiment in RUN)]
+
+
+def report_settings(wildcards):
+    settings = {
+        "shown": shown_in_report(),
+        "rules": stages_read(CONFIG),
+        "files": [os.path.relpath(path) for path in [DEFAULTS, *OVERRIDES]],
+        **shown_settings.report(CONFIG),
+    }
+    return json.dumps(settings, sort_keys=True)

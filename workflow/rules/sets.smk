@@ -1,0 +1,154 @@
+# Sets: simulated, or chunks cut out of recordings and of measurements of one's own.
+
+
+rule simulate_set:
+    input:
+        code=code("simulate"),
+    output:
+        results("{experiment}/data/{set}.npz"),
+    log:
+        results("logs/simulate/{experiment}_{set}.log"),
+    benchmark:
+        results("benchmarks/simulate/{experiment}_{set}.tsv")
+    wildcard_constraints:
+        experiment=one_of(SIMULATED),
+    conda:
+        "../envs/expertaug.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        **stage_params("simulate", "experiment", "set"),
+    message:
+        "simulate the {wildcards.set} set of {wildcards.experiment}"
+    shell:
+        "expertaug simulate {wildcards.set} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
+rule split_chunks_of_experiment:
+    input:
+        angles=lambda w: of_recordings("angles.csv"),
+        code=code("split_chunks"),
+    output:
+        sets("{experiment}", MAIN_SETS),
+        chunks=results("{experiment}/data/chunks.csv"),
+        splits=results("{experiment}/data/splits.json"),
+    log:
+        results("logs/split_chunks/{experiment}.log"),
+    benchmark:
+        results("benchmarks/split_chunks/{experiment}.tsv")
+    wildcard_constraints:
+        experiment=one_of(RECORDED),
+    conda:
+        "../envs/expertaug.yaml"
+    resources:
+        mem_mb=3000,
+    params:
+        **stage_params("split_chunks", "experiment"),
+        folder=folder("{experiment}/data"),
+    message:
+        "split the recordings into chunks for {wildcards.experiment}"
+    shell:
+        "expertaug split-chunks {input.angles:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
+
+
+rule plot_splits_of_experiment:
+    input:
+        sets=sets("{experiment}", MAIN_SETS),
+        chunks=results("{experiment}/data/chunks.csv"),
+        splits=results("{experiment}/data/splits.json"),
+        code=code("plot_splits"),
+    output:
+        figure("{experiment}_splits", "splits", "splits of {experiment}", "Recordings"),
+    log:
+        results("logs/plot_splits/{experiment}.log"),
+    wildcard_constraints:
+        experiment=one_of(RECORDED),
+    conda:
+        "../envs/expertaug.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        versions=versions("plot_splits"),
+        folder=folder("{experiment}/data"),
+    message:
+        "draw the splits of {wildcards.experiment}"
+    shell:
+        "expertaug plot-splits {params.folder:q} --output {output:q} --log {log:q}"
+
+
+rule cut_measurements_of_experiment:
+    input:
+        files=lambda w: MEASURED[w.experiment],
+        checksums=checksums,
+        code=code("cut_measurements"),
+    output:
+        sets("{experiment}", MAIN_SETS),
+        chunks=results("{experiment}/data/chunks.csv"),
+        splits=results("{experiment}/data/splits.json"),
+    log:
+        results("logs/cut_measurements/{experiment}.log"),
+    benchmark:
+        results("benchmarks/cut_measurements/{experiment}.tsv")
+    wildcard_constraints:
+        experiment=one_of(MEASURED),
+    conda:
+        "../envs/expertaug.yaml"
+    resources:
+        mem_mb=3000,
+    params:
+        **stage_params("cut_measurements", "experiment"),
+        folder=folder("{experiment}/data"),
+    message:
+        "cut the measurements of {wildcards.experiment} into chunks"
+    shell:
+        "expertaug cut-measurements {input.files:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
+
+
+# Longer chunks of the same frames or rows, which are evaluated alone.
+rule cut_horizon_of_experiment:
+    input:
+        files=lambda w: MEASURED[w.experiment] if w.experiment in MEASURED else of_recordings("angles.csv"),
+        checksums=checksums,
+        code=code(horizon_stage),
+    output:
+        results("{experiment}/data/{set}.npz"),
+    log:
+        results("logs/cut_horizon/{experiment}_{set}.log"),
+    wildcard_constraints:
+        experiment=one_of([*RECORDED, *MEASURED]),
+        set=one_of({name for e in [*RECORDED, *MEASURED] for name in CONFIG.experiments[e].data.horizons}),
+    conda:
+        "../envs/expertaug.yaml"
+    resources:
+        mem_mb=3000,
+    params:
+        **stage_params(horizon_stage, "experiment", "set"),
+        stage=lambda w: STAGES[horizon_stage(w)].name,
+    message:
+        "cut the chunks of {wildcards.set} for {wildcards.experiment}"
+    shell:
+        "expertaug {params.stage} {input.files:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+
+
+rule calibrate_experiment:
+    input:
+        train=results("{experiment}/data/train.npz"),
+        code=code("calibrate"),
+    output:
+        results("{experiment}/data/calibration.json"),
+    log:
+        results("logs/calibrate/{experiment}.log"),
+    benchmark:
+        results("benchmarks/calibrate/{experiment}.tsv")
+    wildcard_constraints:
+        experiment=one_of(RECORDED + list(MEASURED)),
+    conda:
+        "../envs/expertaug.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        **stage_params("calibrate", "experiment"),
+    message:
+        "calibrate the expert of {wildcards.experiment}"
+    shell:
+        "expertaug calibrate {input.train:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
