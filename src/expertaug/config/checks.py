@@ -94,11 +94,11 @@ def check_experiment(where: str, experiment: Experiment, config: Common) -> Iter
     yield from missing
     if missing:
         return
-    system, wrong = options.system(experiment.system, f"{where}.system")
+    system, wrong = options.describe_system(experiment.system, f"{where}.system")
     yield from wrong
     own = []
     for part, settings in experiment.model.dump().items():
-        own += options.part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
+        own += options.check_part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
     yield from own
     yield from _objectives(where, experiment, methods)
     for method in [m for m in experiment.methods if m in experiment.overrides]:
@@ -129,7 +129,7 @@ def _objectives(where: str, experiment: Experiment, methods: dict[str, Method]) 
         if methods[method].estimator.has_objective:
             kind = methods[method].objective_kind
             kinds[kind] = None
-            yield from options.objective(kind, f"methods.{method}.objective")[1]
+            yield from options.find_objective(kind, f"methods.{method}.objective")[1]
     for block in ("training", "finetuning"):
         at = f"{where}.{block}.objective"
         for option, value in _options(getattr(experiment, block)).items() if kinds else ():
@@ -138,7 +138,7 @@ def _objectives(where: str, experiment: Experiment, methods: dict[str, Method]) 
             takers = takers or [k for k in options.OBJECTIVES if options.takes_option(k, option)]
             # Each method takes of these what is its own objective's; what none takes is said by the first of them.
             for kind in takers or list(kinds)[:1]:
-                of_it = options.of_objective(kind, {option: value}, at)
+                of_it = options.check_options(kind, {option: value}, at)
                 yield from (e for e in of_it if e.where == f"{at}.{option}" or e.where.startswith(f"{at}.{option}["))
 
 
@@ -153,16 +153,16 @@ def _overridden(
     """What a method has otherwise, as it is together with what it keeps."""
     merged = overridden(experiment, over)
     if over.system is not None:
-        system, wrong = options.system(merged.system, f"{where}.system")
+        system, wrong = options.describe_system(merged.system, f"{where}.system")
         yield from wrong
     for part in over.model.dump() if over.model is not None else ():
         if getattr(method, part, None) is not False:
             settings = getattr(merged.model, part)
-            yield from options.part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
+            yield from options.check_part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
     for block in ("training", "finetuning"):
         own = _options(getattr(over, block))
         if own and method.estimator.has_objective:
-            yield from options.of_objective(method.objective_kind, own, f"{where}.{block}.objective")
+            yield from options.check_options(method.objective_kind, own, f"{where}.{block}.objective")
 
 
 def _augmented(where: str, experiment: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
@@ -264,7 +264,7 @@ def _simulation(where: str, experiment: Experiment, system: options.KnownSystem 
     sets = experiment.data.simulated
     first, name = next(iter(sets)), experiment.system["name"]
     if system is not None:
-        yield from options.simulated(name, system, f"{where}.system.name")
+        yield from options.check_simulated(name, system, f"{where}.system.name")
         for part, names in (("z_e", system.expert), ("z_a", system.interaction)):
             if names is not None:
                 at = f"{where}.data.sets.{first}.{part}"

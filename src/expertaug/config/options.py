@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from expertaug import registry
 from expertaug.config import signatures
@@ -17,6 +18,7 @@ from expertaug.settings import check
 from expertaug.systems.settings import SYSTEMS
 from expertaug.wording import show, suggest
 
+Arguments = dict[str, Any]  # of a class that a configuration names, in its words
 PARTS: Mapping[str, Mapping[str, type[PartSettings]]] = {"encoder": ENCODERS, "interaction": INTERACTIONS}
 
 
@@ -47,7 +49,7 @@ class KnownSystem:
         return None if self.state is None or self.known is None else [*self.state, *self.known]
 
 
-def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[InputError]]:
+def describe_system(settings: Arguments, where: str) -> tuple[KnownSystem | None, list[InputError]]:
     """A system by its settings, and what is wrong with them."""
     name = settings.get("name")
     if not isinstance(name, str):
@@ -56,7 +58,7 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
     if name in SYSTEMS:
         kind = SYSTEMS[name]
         made = kind.model_construct(**{k: v for k, v in settings.items() if k in kind.model_fields})  # unchecked yet
-        known = KnownSystem(
+        system = KnownSystem(
             kind.STATE,
             kind.EXPERT,
             kind.INTERACTION,
@@ -66,7 +68,7 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
             known=made.inputs,
             drawn=made.drawn,
         )
-        return known, check(kind, settings, where)
+        return system, check(kind, settings, where)
     if "." not in name and ":" not in name:
         remedy = f"{suggest(name, SYSTEMS)}, or the dotted path of a module elsewhere"
         return None, [InputError(f"{where}.name", f"'{name}' is no system", remedy)]
@@ -74,7 +76,7 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
         own = signatures.load_system(name, f"{where}.name")
     except InputError as error:
         return None, [error]
-    given = {k: v for k, v in settings.items() if k != "name"}
+    arguments = {k: v for k, v in settings.items() if k != "name"}
     state, expert, interaction = (
         signatures.names_of(own, a) for a in ("state", "expert_parameters", "interaction_parameters")
     )
@@ -85,65 +87,64 @@ def system(settings: Mapping, where: str) -> tuple[KnownSystem | None, list[Inpu
     known, drawn = (
         None if part is None or inputs[1] is None else [*part, *inputs[1]] for part in (inputs[0], inputs[2])
     )
-    wrong = list(signatures.wrong_options(own, "system", given, where))
+    wrong = list(signatures.wrong_options(own, "system", arguments, where))
     events = signatures.has_events(own)
     return KnownSystem(state, expert, interaction, kind=own, known=known, drawn=drawn, events=events), wrong
 
 
-def simulated(name: str, known: KnownSystem, where: str) -> Iterator[InputError]:
+def check_simulated(name: str, system: KnownSystem, where: str) -> Iterator[InputError]:
     """A system that cannot be simulated."""
     if name in SYSTEMS and not SYSTEMS[name].SIMULATED:
         yield InputError(where, f"'{name}' has no simulation", "its data come from recordings: data.source")
-    elif known.kind is not None:
+    elif system.kind is not None:
         try:
-            signatures.require_simulation(known.kind, where)
+            signatures.require_simulation(system.kind, where)
         except InputError as error:
             yield error
 
 
-def part(of: str, settings: Mapping, where: str, known: KnownSystem | None, t1_s: float) -> Iterator[InputError]:
-    """What is wrong with an encoder (``of``) or an interaction model.
+def check_part(
+    part: str, settings: Arguments, where: str, system: KnownSystem | None, t1_s: float
+) -> Iterator[InputError]:
+    """What is wrong with an encoder or an interaction model.
 
     Arguments:
-        known: of the system.
+        part: encoder or interaction.
         t1_s: end of the observed window.
     """
-    if not isinstance(settings, Mapping):
-        yield InputError(where, f"found {show(settings)}", "give a mapping of keys")
-        return
     kind = settings.get("kind")
     if not isinstance(kind, str):
         found = "missing" if "kind" not in settings else f"found {show(kind)}"
-        yield InputError(f"{where}.kind", found, f"{suggest('', PARTS[of])}, or package.module:Class")
+        yield InputError(f"{where}.kind", found, f"{suggest('', PARTS[part])}, or package.module:Class")
         return
     if ":" in kind:
-        yield from _own(of, kind, settings, where)
+        yield from _own(part, kind, settings, where)
         return
-    if kind not in PARTS[of]:
+    if kind not in PARTS[part]:
         yield InputError(
-            f"{where}.kind", f"'{kind}' is no {of}", f"{suggest(kind, PARTS[of])}, or package.module:Class"
+            f"{where}.kind", f"'{kind}' is no {part}", f"{suggest(kind, PARTS[part])}, or package.module:Class"
         )
         return
-    wrong = check(PARTS[of][kind], settings, where)
+    wrong = check(PARTS[part][kind], settings, where)
     yield from wrong
-    if wrong or known is None:
+    if wrong or system is None:
         return
-    if known.fields is False and PARTS[of][kind].FIELDS:
-        fitting = [name for name, one in PARTS[of].items() if not one.FIELDS]
+    if system.fields is False and PARTS[part][kind].FIELDS:
+        fitting = [name for name, other in PARTS[part].items() if not other.FIELDS]
         yield InputError(f"{where}.kind", f"'{kind}' is for states that are fields", f"give {' or '.join(fitting)}")
-    made = PARTS[of][kind].from_mapping(settings)
-    yield from _components(made, where, known.seen if of == "encoder" else known.state, t1_s)
-    if getattr(made, "inputs", False) and known.known is not None and not known.known:
+    made = PARTS[part][kind].from_mapping(settings)
+    yield from _components(made, where, system.seen if part == "encoder" else system.state, t1_s)
+    if getattr(made, "inputs", False) and system.known is not None and not system.known:
         yield InputError(f"{where}.inputs", "the system has no known inputs", "leave it out")
 
 
-def _own(of: str, kind: str, settings: Mapping, where: str) -> Iterator[InputError]:
+def _own(part: str, kind: str, settings: Arguments, where: str) -> Iterator[InputError]:
     try:
-        own = registry.find(ALL_PARTS[of], kind, f"{where}.kind")
+        own = registry.find(ALL_PARTS[part], kind, f"{where}.kind")
     except InputError as error:
         yield error
         return
-    yield from signatures.wrong_options(own, of, {k: v for k, v in settings.items() if k != "kind"}, where)
+    yield from signatures.wrong_options(own, part, {k: v for k, v in settings.items() if k != "kind"}, where)
 
 
 def _components(made: PartSettings, where: str, state: Sequence[str] | None, t1_s: float) -> Iterator[InputError]:
@@ -160,7 +161,7 @@ def _components(made: PartSettings, where: str, state: Sequence[str] | None, t1_
             yield InputError(f"{where}.windows.{component}", found, f"choose within the observed 0 to {t1_s:g} s")
 
 
-def objective(kind: str, where: str) -> tuple[type | None, list[InputError]]:
+def find_objective(kind: str, where: str) -> tuple[type | None, list[InputError]]:
     """The class of an objective, or the settings of a built-in one, and what is wrong with its name."""
     if kind in OBJECTIVES:
         return OBJECTIVES[kind], []
@@ -175,28 +176,28 @@ def objective(kind: str, where: str) -> tuple[type | None, list[InputError]]:
 
 def needs_prior(kind: str, where: str) -> bool:
     """Whether an objective takes p⁺ as its argument ``prior``."""
-    found, _ = objective(kind, where)
-    if found is None:
+    taker, _ = find_objective(kind, where)
+    if taker is None:
         return False
-    return "prior" in found.NEEDS if issubclass(found, ObjectiveSettings) else signatures.takes(found, "prior")
+    return "prior" in taker.NEEDS if issubclass(taker, ObjectiveSettings) else signatures.takes(taker, "prior")
 
 
 def takes_option(kind: str, option: str) -> bool:
     """Whether an objective takes an option."""
-    found, _ = objective(kind, "objective")
-    if found is None:
+    taker, _ = find_objective(kind, "objective")
+    if taker is None:
         return False
-    if issubclass(found, ObjectiveSettings):
-        return option in found.model_fields
-    return signatures.accepts(found, "objective", option)
+    if issubclass(taker, ObjectiveSettings):
+        return option in taker.model_fields
+    return signatures.accepts(taker, "objective", option)
 
 
-def of_objective(kind: str, options: Mapping, where: str) -> Iterator[InputError]:
+def check_options(kind: str, options: Arguments, where: str) -> Iterator[InputError]:
     """What is wrong with an objective's options; a name that is no objective is not said here."""
-    found, _ = objective(kind, where)
-    if found is None:
+    taker, _ = find_objective(kind, where)
+    if taker is None:
         return
-    if issubclass(found, ObjectiveSettings):
-        yield from check(found, options, where)
+    if issubclass(taker, ObjectiveSettings):
+        yield from check(taker, options, where)
     else:
-        yield from signatures.wrong_options(found, "objective", options, where)
+        yield from signatures.wrong_options(taker, "objective", options, where)

@@ -78,7 +78,7 @@ def accepts(kind: type, part: str, option: str) -> bool:
     return option not in GIVEN[part] and (option in parameters or anything)
 
 
-def wrong_options(kind: type, part: str, options: Mapping, where: str) -> Iterator[InputError]:
+def wrong_options(kind: type, part: str, options: dict[str, typing.Any], where: str) -> Iterator[InputError]:
     """Options that a class's constructor does not take, that it needs, or that contradict a simple annotation.
 
     A class that takes ``**kwargs`` takes any option.

@@ -84,8 +84,8 @@ def of_config(config: Configuration, published: Path) -> list[Row]:
     known = _published(published)
     rows = []
     for stage in STAGES:
-        found = [(job, group) for job, group in _jobs(config) if job.stage == stage]
-        each = [_like(job, len(group), known) for job, group in found]
+        of_stage = [(job, group) for job, group in _jobs(config) if job.stage == stage]
+        each = [_like(job, len(group), known) for job, group in of_stage]
         if each:
             seconds = [one[0] for one in each]
             memory = max(one[1] for one in each)
@@ -147,7 +147,7 @@ def _work(one: Experiment | _PublishedExperiment, stage: str, variant: str, seed
 
 def _published(folder: Path) -> dict[tuple[str, str, str], list[tuple[float, float, float, int]]]:
     """Seconds, memory in MB, work and number of seeds by stage, experiment and version, of every published run."""
-    found: dict[tuple[str, str, str], list[tuple[float, float, float, int]]] = {}
+    costs_of: dict[tuple[str, str, str], list[tuple[float, float, float, int]]] = {}
     for path in sorted(Path(folder).glob("*/config.yaml")):
         run = _PublishedRun.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
         for name, cost in costs.read(path.with_name("costs.csv")).items():
@@ -159,8 +159,8 @@ def _published(folder: Path) -> dict[tuple[str, str, str], list[tuple[float, flo
             seeds = len(numbers.split("_"))
             work = _work(run.experiments[experiment], stage, variant, seeds)
             key = stage, experiment, variant
-            found.setdefault(key, []).append((cost.seconds, cost.peak_memory_mb, work, seeds))
-    return found
+            costs_of.setdefault(key, []).append((cost.seconds, cost.peak_memory_mb, work, seeds))
+    return costs_of
 
 
 def _like(

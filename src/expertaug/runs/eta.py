@@ -46,10 +46,10 @@ def stages(jobs: Iterable[str]) -> set[str]:
 
 def by_stage(jobs: Mapping[str, float]) -> dict[str, dict[str, float]]:
     """The jobs of each stage (see :func:`remaining`)."""
-    found: dict[str, dict[str, float]] = {}
+    groups: dict[str, dict[str, float]] = {}
     for job, elapsed in jobs.items():
-        found.setdefault(_stage(job), {})[job] = elapsed
-    return found
+        groups.setdefault(_stage(job), {})[job] = elapsed
+    return groups
 
 
 def remaining(jobs: Mapping[str, float], seconds: Callable[[str], float], cores: int) -> float:

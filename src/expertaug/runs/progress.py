@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Sized
 from pathlib import Path
+from typing import Any
 
 from expertaug.evaluation import costs
 from expertaug.files import is_inside, read_json
@@ -33,7 +34,9 @@ class Watch(logging.Handler):
         self.began: dict[int, float] = {}
         self.ended: set[int] = set()
         self.failed: dict[int, tuple[str, list[str]]] = {}
-        self.dag, self.cores, self.costs = None, 1, {}
+        self.dag: Any = None
+        self.cores = 1
+        self.costs: dict[str, float] = {}
 
     def start(self, dag, cores: int) -> None:
         """Say what the run will do and how long that will take, and listen from now on.
@@ -55,7 +58,7 @@ class Watch(logging.Handler):
         """How long the run will take, in one line."""
         jobs, published = self.jobs(), costs.published(self.published)
         name = eta.closest(published, jobs)
-        self.costs = published.get(name, {})
+        self.costs = dict(published.get(name or "", {}))
         cores = f"{self.cores} core{'s' * (self.cores > 1)}"
         if name is None and not self.measured():
             return f"{count(jobs)} on {cores}; how long they take is told when some have ended."
@@ -67,23 +70,23 @@ class Watch(logging.Handler):
     def plan(self) -> list[str]:
         """How many jobs each stage has and how long they will take, the longest first; nothing where there is one."""
         jobs = self.jobs()
-        found, known, seconds = eta.by_stage(jobs), self.known(), eta.estimator(self.costs, self.measured())
-        times = {stage: eta.remaining(own, seconds, self.cores) for stage, own in found.items()}
-        ranked = sorted(found, key=lambda stage: (stage == OTHERS, stage not in known, -times[stage]))
-        width, lines = max(map(len, found), default=0), []
+        by_stage, measured, seconds = eta.by_stage(jobs), self.known(), eta.estimator(self.costs, self.measured())
+        times = {stage: eta.remaining(jobs_of, seconds, self.cores) for stage, jobs_of in by_stage.items()}
+        ranked = sorted(by_stage, key=lambda stage: (stage == OTHERS, stage not in measured, -times[stage]))
+        width, lines = max(map(len, by_stage), default=0), []
         for stage in ranked:
-            said = f"about {eta.text(times[stage])}" if stage in known else "cost not known"
+            said = f"about {eta.text(times[stage])}" if stage in measured else "cost not known"
             said = f"not measured, {eta.UNMEASURED_S:.0f} seconds each" if stage == OTHERS else said
-            lines.append(f"  {stage.replace('_', ' '):{width}}  {count(found[stage]):>8}  {said}")
-        return ["What is to be done:", *lines] if len(found) > 1 else []
+            lines.append(f"  {stage.replace('_', ' '):{width}}  {count(by_stage[stage]):>8}  {said}")
+        return ["What is to be done:", *lines] if len(by_stage) > 1 else []
 
     def jobs(self) -> dict[str, float]:
         """Jobs that have not ended, called as in costs.csv, with the seconds that each has been running."""
-        now, found = time.monotonic(), {}
+        now, left = time.monotonic(), {}
         for job in self.dag.needrun_jobs():
             if not job.rule.norun and job.jobid not in self.ended:
-                found[self.called(job)] = now - self.began.get(job.jobid, now)
-        return found
+                left[self.called(job)] = now - self.began.get(job.jobid, now)
+        return left
 
     def measured(self) -> dict[str, float]:
         """Seconds by job of what has been run in this results folder."""
@@ -100,17 +103,16 @@ class Watch(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            event = getattr(record, "event", None)
+            said: Any = record  # what Snakemake adds to it depends on the event
+            event = getattr(said, "event", None)
             if event == "job_started":
-                self.began |= dict.fromkeys(record.jobs, time.monotonic())
+                self.began |= dict.fromkeys(said.jobs, time.monotonic())
             elif event == "job_finished":
-                self.ended.add(record.job_id)
-                self.failed.pop(record.job_id, None)  # it went well when it was tried again
+                self.ended.add(said.job_id)
+                self.failed.pop(said.job_id, None)  # it went well when it was tried again
             elif event == "job_error":
-                self.failed[record.jobid] = (
-                    record.rule_name or self.rule_of(record.jobid),
-                    [str(p) for p in record.log],
-                )
+                rule = said.rule_name or self.rule_of(said.jobid)
+                self.failed[said.jobid] = rule, [str(path) for path in said.log]
             elif event == "progress" and (jobs := self.jobs()):
                 logger.info(f"About {self.left(jobs)} left for {count(jobs)}.")
         except Exception:  # it never ends a run
@@ -122,7 +124,7 @@ class Watch(logging.Handler):
         places = {"Report": "report.html", "Tables": "tables", "Figures": "figures"}
         said = [f"{name}: {results / place}" for name, place in places.items() if (results / place).exists()]
         marker = results / "mlflow" / "tracking.json"
-        tracking = read_json(marker) if marker.is_file() and is_inside(marker, results) else {}
+        tracking: Any = read_json(marker) if marker.is_file() and is_inside(marker, results) else {}
         if tracking.get("enabled") and tracking.get("experiment_id") is not None:
             uri, experiment = tracking["uri"], tracking["experiment_id"]
             place = f"/#/experiments/{experiment}/runs?workflowType=machine_learning"  # the bare address shows nothing
