@@ -72,7 +72,7 @@ def _inspect(a: argparse.Namespace) -> None:
 
 def _inspect_data(a: argparse.Namespace) -> None:
     from expertaug.measurements.inspect import Inspection
-    from expertaug.measurements.proposal import proposal
+    from expertaug.measurements.proposal import comment, proposal
     from expertaug.measurements.settings import MeasurementSettings
 
     names, priors, settings = None, {}, None
@@ -88,7 +88,7 @@ def _inspect_data(a: argparse.Namespace) -> None:
     MeasurementSettings.from_mapping({"paths": a.files, "columns": {"-": "-"}} | given, "--set")
     found = Inspection(a.files, names, a.time, a.trajectory, units, given)
     for line in found.lines():
-        print(f"# {line}")
+        print(comment(line))
     found.draw(a.output)
     logger.info("%s: picture", a.output)
     print(proposal(found, settings, priors), end="")

@@ -193,7 +193,23 @@ def _told(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts.items()) + " chunks"
 
 
+class _OneLine(yaml.SafeDumper):
+    """Texts with line breaks or other signs that are not seen are written escaped, within double quotes."""
+
+
+def _written(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if text.isprintable() else '"')
+
+
+_OneLine.add_representer(str, _written)
+
+
 def flow(value: object) -> str:
-    """A value on one line of YAML."""
-    text = yaml.safe_dump(value, default_flow_style=True, width=10**6, sort_keys=False, allow_unicode=True).strip()
-    return text.removesuffix("\n...").strip()
+    """A value on one line of YAML, which reads back as the same."""
+    options = {"default_flow_style": True, "width": float("inf"), "sort_keys": False, "allow_unicode": True}
+    return yaml.dump(value, Dumper=_OneLine, **options).strip().removesuffix("\n...").strip()
+
+
+def comment(line: str) -> str:
+    """A line as a comment of YAML: what a file's names hold of line breaks and the like is escaped."""
+    return "# " + "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)

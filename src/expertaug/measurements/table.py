@@ -27,6 +27,7 @@ THOUSANDS = re.compile(
 EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "–", "."}
 SEPARATORS = (",", ";", "\t", "|")
 LOOKED_AT = 1000  # lines, to find where a table begins
+ROWS_AT_ONCE = 2**16  # of a large text, that the parser holds beside what it found
 LARGE, HEAD = (
     2**20,
     2**16,
@@ -316,15 +317,26 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
         "skipinitialspace": True,
         "nrows": rows,
     }
+    if _cells(data, begin, end, separator) != rows * len(first.names):
+        return None
     empty = [form for text in EMPTY for form in {text, text.upper(), text.capitalize()} if form.isascii()]
+    parsed: dict[int, np.ndarray] = {k: np.empty(rows) for k in range(len(first.names))}  # of the columns of numbers
+    read_rows = 0
     try:
         stream = io.BytesIO(data)  # of the same bytes, not of a copy
         stream.seek(begin)
-        frame = pd.read_csv(stream, names=range(len(first.names)), na_values=[*empty, "NaN"], **given)
+        names = range(len(first.names))
+        for part in pd.read_csv(stream, names=names, na_values=[*empty, "NaN"], chunksize=ROWS_AT_ONCE, **given):
+            for k in [k for k in parsed if part[k].dtype.kind not in "iuf"]:
+                del parsed[k]
+            for k, column in parsed.items():
+                column[read_rows : read_rows + len(part)] = part[k]
+            read_rows += len(part)
     except (ValueError, OverflowError):  # cells too many, or numbers too large
         return None
-    if len(frame) != rows or _cells(data, begin, end, separator) != rows * len(first.names):
+    if read_rows != rows:
         return None
+    del data, stream
 
     skipped = int(first.line[0]) - 1
 
@@ -336,12 +348,11 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
 
     cells = {}
     for k, name in enumerate(first.names):
-        column = frame.pop(k)
-        if column.dtype.kind not in "iuf":
+        if k not in parsed:
             cells[name] = texts(name)
             continue
-        cells[name] = column.to_numpy(dtype=float)
-        if not np.abs(cells[name][~np.isnan(cells[name])]).max(initial=0.0) <= min(LARGEST, 2.0**53):
+        cells[name] = parsed.pop(k)
+        if max(np.nanmax(cells[name], initial=0.0), -np.nanmin(cells[name], initial=0.0)) > min(LARGEST, 2.0**53):
             return None
     return Table(path, cells, first.line[0] + np.arange(rows), first.units, keys, texts)
 

@@ -126,11 +126,14 @@ def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Nam
         parts = {f"{stem}/{one}": np.flatnonzero(ids == one) for one in dict.fromkeys(ids)}
     each = []
     for name, index in parts.items():
-        kept, repeated, of = _in_order(table, t, np.column_stack((y, u)), index, settings)
+        kept, repeated, of = _in_order(table, t, np.column_stack((y, u)) if u.shape[1] else y, index, settings)
         y_of, u_of = of[:, : y.shape[1]], of[:, y.shape[1] :]
         z_e = np.array([_one_value(table, labels[kept, k], kept, p) for k, p in enumerate(names.parameters)])
         of_level, of_told = (None if v is None else v[kept] for v in (level, told))
-        each.append(Rows(name, table.path, table.line[kept], t[kept], y_of, u_of, z_e, of_level, of_told, repeated))
+        line, t_of = (table.line, t) if len(kept) == len(t) else (table.line[kept], t[kept])
+        if settings.unordered == "sort" or settings.pivot is not None:
+            line, t_of = table.line[kept], t[kept]
+        each.append(Rows(name, table.path, line, t_of, y_of, u_of, z_e, of_level, of_told, repeated))
     return each
 
 
