@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import t as student_t
 
 from expertaug.evaluation.intervals import (
     RESAMPLES,
@@ -95,6 +96,34 @@ def test_one_seed_says_nothing_of_others_and_one_sample_nothing_at_all():
     assert one.low < one.mean < one.high and np.isnan(one.p) and not one.told_apart
     alone = interval(log_mean(toy(rng, 3, 1), np.zeros(1, dtype=int)))
     assert np.isnan(alone.low) and not alone.told_apart
+
+
+def test_an_interval_of_what_cannot_be_negative_is_one_of_its_logarithm():
+    """Of seeds alone, the closed form: the mean times exp(± t s / (mean √S)), Student's t by the delta method."""
+    rng, seeds = np.random.default_rng(8), 8
+    value = 5 + 0.5 * rng.normal(size=seeds)
+    found = interval(Resampled(value, np.broadcast_to(value, (RESAMPLES, seeds)), 1000), not_negative=True)
+    half = student_t.ppf(0.975, seeds - 1) * value.std(ddof=1) / (value.mean() * np.sqrt(seeds))
+    assert found.mean == value.mean() and np.isnan(found.p)
+    np.testing.assert_allclose(np.log([found.low, found.high]) - np.log(found.mean), [-half, half], rtol=0.1)
+    # Of samples alone, of one seed: a log-normal mean.
+    errors = np.exp(0.3 * rng.normal(size=(1, 400)))
+    found = interval(mean(errors, np.arange(400)), not_negative=True)
+    half = 1.96 * errors.std(ddof=1) / (errors.mean() * np.sqrt(400))
+    np.testing.assert_allclose(np.log([found.low, found.high]) - np.log(found.mean), [-half, half], rtol=0.1)
+
+
+def test_no_interval_of_what_cannot_be_negative_goes_below_zero():
+    value = np.array([0.1, 0.2, 9.0])
+    one = Resampled(value, np.broadcast_to(value, (RESAMPLES, 3)), 1000)
+    assert interval(one).low < 0 < interval(one, not_negative=True).low < interval(one).mean
+    with_zeros = Resampled(np.array([0.0, 0.0, 9.0]), np.broadcast_to([0.0, 0.0, 9.0], (RESAMPLES, 3)), 1000)
+    cut, plain = interval(with_zeros, not_negative=True), interval(with_zeros)
+    assert cut.low == 0 > plain.low and cut.high == plain.high, "a mean of 0 has no logarithm"
+    nothing = Resampled(np.zeros(3), np.zeros((RESAMPLES, 3)), 1000)
+    assert interval(nothing, not_negative=True).low == interval(nothing, not_negative=True).high == 0
+    alone = interval(mean(np.ones((3, 1)), np.zeros(1, dtype=int)), not_negative=True)
+    assert np.isnan(alone.low) and np.isnan(alone.high), "a single sample says nothing"
 
 
 def test_the_same_numbers_give_the_same_bits():

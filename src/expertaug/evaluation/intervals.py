@@ -12,7 +12,7 @@ The same numbers give the same bits: the random numbers depend on nothing but th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -125,9 +125,23 @@ def log_median(errors: np.ndarray, unit: np.ndarray) -> Resampled:
     return Resampled(np.log(np.median(errors, axis=1)), np.log(drawn), int(unit.max()) + 1)
 
 
-def interval(found: Resampled) -> Interval:
-    """The mean over seeds with its interval; of one seed it contains the spread over samples alone, and p is NaN."""
-    return _interval(float(found.value.mean()), deviations(found), len(found.value))
+def interval(found: Resampled, not_negative: bool = False) -> Interval:
+    """The mean over seeds with its interval; of one seed it contains the spread over samples alone, and p is NaN.
+
+    Arguments:
+        not_negative: whether the statistic cannot be negative: its interval is then one of the logarithm of the mean,
+            whose ends are taken back, so that none lies below 0. Where a resample's mean is 0, which has no logarithm,
+            the plain interval is cut off at 0. A mean of 0 is no hypothesis then: p is NaN.
+    """
+    mean, seeds = float(found.value.mean()), len(found.value)
+    plain = _interval(mean, deviations(found), seeds)
+    if not not_negative:
+        return plain
+    far = _log_deviations(found)
+    if far is None:
+        return replace(plain, low=float(np.maximum(plain.low, 0.0)), p=np.nan)
+    ends = _interval(float(np.log(mean)), far, seeds)
+    return Interval(mean, float(np.exp(ends.low)), float(np.exp(ends.high)), np.nan)
 
 
 def against(found: Resampled, mean: float, std: float, runs: int, rounded: float = 0.0) -> Interval:
@@ -156,6 +170,18 @@ def deviations(found: Resampled) -> np.ndarray:
         weights = resamples(seeds, "seeds").T / seeds
         far = far + ((found.drawn - of_samples[:, None]) * weights).sum(1) * _widened(seeds, "seeds")
     return far
+
+
+def _log_deviations(found: Resampled) -> np.ndarray | None:
+    """How far the logarithm of the mean over seeds may be from what it estimates, (RESAMPLES,); None where a mean is 0:
+    as :func:`deviations`, with quotients in the place of differences."""
+    seeds, centre = len(found.value), found.value.mean()
+    of_samples = found.drawn.mean(1)
+    of_both = (found.drawn * resamples(seeds, "seeds").T).sum(1) / seeds
+    if not (centre > 0 and (of_samples > 0).all() and (of_both > 0).all()):
+        return None
+    far = np.log(of_samples / centre) * _widened(found.units, "samples")
+    return far + np.log(of_both / of_samples) * _widened(seeds, "seeds") if seeds > 1 else far
 
 
 @lru_cache(maxsize=8)

@@ -151,7 +151,7 @@ def _ours(one: Published, cell: pd.Series | None, samples: Samples) -> dict[str,
         if found is None:
             what = f"{cell['label']} of {cell['experiment']}"
             raise InputError(what, f"no errors of the samples of {cell['set']}", "give the forecasts.npz of every run")
-        own, difference = interval(found), difference_of(one, found)
+        own, difference = interval(found, metric_of(cell["metric"]).not_negative), difference_of(one, found)
         ends = own.low, own.high
     return {
         "mean": mean,

@@ -362,7 +362,10 @@ def _ends(row: Any, samples: Samples) -> tuple[float, float]:
     found = samples.resampled((row.experiment, row.preset, row.method), row.set, row.metric)
     if found is None:
         return math.nan, math.nan
-    one = interval(found)
+    not_negative = metric_of(row.metric).not_negative
+    one = interval(found, not_negative)
+    if not_negative:
+        return one.low, one.high
     shift = row.mean - one.mean  # of a convention from the other
     return one.low + shift, one.high + shift
 
