@@ -665,7 +665,7 @@ class TestCards:
         told = {name for name in told if '"device"' in inspect.getsource(getattr(stage_settings, name))} | {"flow"}
         text = "".join(path.read_text() for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")))
         asking = {stage.key() for stage in planned.STUDIES.values() if stage.runs_models}
-        for rule in re.split(r"^rule ", text, flags=re.M)[1:]:
+        for rule in re.split(r"^ *rule\b", text, flags=re.M)[1:]:
             if "gpu=GPUS" in rule:
                 asking |= set(re.findall(r"stage_params\(\"(\w+)\"", rule.replace("training_of", '"train"')))
         assert asking == told
