@@ -12,7 +12,6 @@ from torch import nn
 
 import expertaug as ea
 from expertaug.cli import main
-from expertaug.config import jobs
 from expertaug.config.load import default_files, load, validate
 from expertaug.errors import InputErrors
 from expertaug.inference.flow import Flow
@@ -79,7 +78,7 @@ def test_a_new_kind_is_trained_saved_loaded_and_evaluated(kind, tmp_path, monkey
     if ":" not in kind:
         monkeypatch.setitem(ESTIMATORS, kind, Persistence)
     config = validate(configured(kind))
-    for name in jobs.sets(config, "pendulum"):
+    for name in config.experiments["pendulum"].data.set_names:
         run(config, "simulate", name, arguments=[name, "--output", tmp_path / f"{name}.npz"])
     for method in ("mean", "persistence"):
         files = {name: tmp_path / f"{method}_{name}" for name in ("model", "csv", "npz", "work")}
