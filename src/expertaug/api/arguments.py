@@ -46,17 +46,17 @@ def tensor(value: object, name: str, gaps: bool = False) -> Tensor:
         InputError: no array of numbers, or a value that is not finite.
     """
     try:
-        found = value.detach() if isinstance(value, Tensor) else torch.from_numpy(np.array(value, dtype=np.float32))
+        array = value.detach() if isinstance(value, Tensor) else torch.from_numpy(np.array(value, dtype=np.float32))
     except (TypeError, ValueError) as error:
         raise InputError(name, f"no array of numbers ({error})", "give a NumPy array or a torch tensor") from error
-    if found.is_complex():
+    if array.is_complex():
         raise InputError(name, "has complex numbers", "give real ones")
-    found = found.to(torch.float32)
-    bad = torch.isinf(found) if gaps else ~torch.isfinite(found)
+    array = array.to(torch.float32)
+    bad = torch.isinf(array) if gaps else ~torch.isfinite(array)
     if bad.any():
         where = tuple(bad.nonzero()[0].tolist())
         raise InputError(name, f"is not finite, first at index {where}", "every value must be finite")
-    return found
+    return array
 
 
 def noise(given: Noise) -> float | dict[str, float] | str:

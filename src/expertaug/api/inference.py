@@ -85,8 +85,8 @@ def least_squares(
     settings = fit_options(UntrainedOptions, *named, fitting, training=training, seeds=[0])
     stored = make_expert_alone(system, train, settings, described)
     if prior is None:
-        found = grow_ranges_of_expert(stored, train, fitting.noise, fitting.settings)
-        fitting = fitting.model_copy(update={"prior": found})
+        ranges = grow_ranges_of_expert(stored, train, fitting.noise, fitting.settings)
+        fitting = fitting.model_copy(update={"prior": ranges})
         stored = replace(stored, card=stored.card.but(refinement=fitting))
     if fitting.settings.shared:
         with arguments.one_thread():
@@ -127,7 +127,7 @@ def alternate(
     noise: Noise = 0.0,
     start: Ranges | None = None,
     seeds: Iterable[int] = (0,),
-    refinement: Mapping | None = None,
+    refinement: RefinementOptions | None = None,
     label: str = "Alternating",
     **options: Unpack[AlternatingOptions],
 ) -> TrainedModel:
@@ -163,8 +163,8 @@ def alternate(
     if prior is None:
         of_expert = fit_options(UntrainedOptions, *named, fitting, seeds=chosen)
         alone = make_expert_alone(system, train, of_expert, described)
-        found = grow_ranges_of_expert(alone, train, fitting.noise, fitting.settings)
-        fitting = fitting.model_copy(update={"prior": found})
+        ranges = grow_ranges_of_expert(alone, train, fitting.noise, fitting.settings)
+        fitting = fitting.model_copy(update={"prior": ranges})
     settings = fit_options(AlternateOptions, *named, fitting, training=training, seeds=chosen)
     stored = alternate_fits(system, train, validation, settings, described, describe.own_classes(recipe))
     return TrainedModel(stored, single=len(chosen) == 1, refinement=stored.card.refinement)
@@ -242,14 +242,22 @@ def validity(
     """
     refined = model.refined(noise=noise, prior=prior, **options)
     seen, t = train.window(0, model.observed), model.t[: model.observed]
-    known, found = (refined.forecast(y, t, u=given) for y, given in ((seen.seen, seen.u), (unlabelled, u)))
+    training_forecast, unlabelled_forecast = (
+        refined.forecast(y, t, u=inputs) for y, inputs in ((seen.seen, seen.u), (unlabelled, u))
+    )
 
     def flat(value: object) -> np.ndarray:
         return np.asarray(value, dtype=float).ravel()
 
     return {
-        name: along(name, flat(found.z_e[name]), flat(found.chi2), flat(known.z_e[name]), flat(known.chi2))
-        for name in found.z_e
+        name: along(
+            name,
+            flat(unlabelled_forecast.z_e[name]),
+            flat(unlabelled_forecast.chi2),
+            flat(training_forecast.z_e[name]),
+            flat(training_forecast.chi2),
+        )
+        for name in unlabelled_forecast.z_e
     }
 
 
@@ -281,7 +289,7 @@ def fit_options(
     )
 
 
-def refinement_of(system: System, options: Mapping | None, noise: Noise, prior: Ranges | None) -> Refinement:
+def refinement_of(system: System, options: RefinementOptions | None, noise: Noise, prior: Ranges | None) -> Refinement:
     """How windows are fitted; a ``prior`` of None is for the caller to find.
 
     Raises:
@@ -309,23 +317,23 @@ def grow_ranges(
     observed = stored.card.observed
     index = np.linspace(0, len(train) - 1, min(SAMPLES, len(train))).astype(int)
     part, system, gaps = train.subset(index), stored.model.system, stored.card.start is not None
-    known = _windows(arguments.tensor(part.seen, "train", gaps), part.u, system, part.t, "train.u")
+    training = _windows(arguments.tensor(part.seen, "train", gaps), part.u, system, part.t, "train.u")
     with arguments.one_thread():
         if unlabelled is None:
-            return widen_prior(stored, known, noise, float(budget), first, options)
+            return widen_prior(stored, training, noise, float(budget), first, options)
         y = arguments.tensor(unlabelled, "unlabelled", gaps)
         if y.shape[1:] != train.y[:, :observed].shape[1:]:
             wanted = f"(N, {observed}, {', '.join(map(str, train.y.shape[2:]))})"
             raise InputError("unlabelled", f"has shape {tuple(y.shape)}", f"give {wanted}")
         windows = _windows(y, u, system, train.t[:observed], "u")
         windows = windows[:, np.linspace(0, len(y) - 1, min(SAMPLES, len(y))).astype(int)]
-        return adapt_prior(stored, known[:observed], windows, noise, first, options)
+        return adapt_prior(stored, training[:observed], windows, noise, first, options)
 
 
 def _windows(y: Tensor, u: object, system: System, t: np.ndarray, name: str) -> Tensor:
     """States (N, T, *state) with the known inputs (N, T, U) as further components, (T, N, *observed)."""
-    known = arguments.inputs(u, system, len(y), t, name)
-    return joined(y.movedim(1, 0), None if known is None else known.movedim(1, 0))
+    inputs = arguments.inputs(u, system, len(y), t, name)
+    return joined(y.movedim(1, 0), None if inputs is None else inputs.movedim(1, 0))
 
 
 def given_or_grown_ranges(model: TrainedModel, train: Trajectories, prior: Ranges | None, noise: GivenNoise) -> dict:
@@ -336,9 +344,9 @@ def given_or_grown_ranges(model: TrainedModel, train: Trajectories, prior: Range
     if not model.stored.kind.has_expert:
         raise InputError("model", "a mean of the training set", "give a model with an expert")
     first = typical_ranges(model.system)  # beside the model's own estimates, which may be wrong
-    found = grow_ranges(model.stored, train, None, noise, first, BUDGET, RefinementSettings())  # type: ignore[arg-type]
-    logger.info("p⁺: %s", found.says)
-    return dict(found.ranges)
+    grown = grow_ranges(model.stored, train, None, noise, first, BUDGET, RefinementSettings())  # type: ignore[arg-type]
+    logger.info("p⁺: %s", grown.says)
+    return dict(grown.ranges)
 
 
 def grow_ranges_of_expert(
@@ -346,6 +354,6 @@ def grow_ranges_of_expert(
 ) -> dict:
     """The same before anything is trained, by fits of the expert alone."""
     first, how = typical_ranges(stored.model.system), with_more_starts(options)
-    found = grow_ranges(stored, train, None, noise, first, BUDGET, how)  # type: ignore[arg-type]
-    logger.info("p⁺: %s", found.says)
-    return dict(found.ranges)
+    grown = grow_ranges(stored, train, None, noise, first, BUDGET, how)  # type: ignore[arg-type]
+    logger.info("p⁺: %s", grown.says)
+    return dict(grown.ranges)

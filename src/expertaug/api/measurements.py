@@ -71,6 +71,6 @@ def _read(
 ) -> Measured:
     several = [paths] if isinstance(paths, str | PathLike) else list(paths)
     stride = min(length, 5)
-    given = {"stride": stride, "evaluation_stride": length, **settings}
-    given |= {"paths": [fspath(path) for path in several], "columns": dict(columns), "length": length}
-    return measured(MeasurementSettings.from_mapping(given), systems.names(system))
+    defaults = {"stride": stride, "evaluation_stride": length, **settings}
+    defaults |= {"paths": [fspath(path) for path in several], "columns": dict(columns), "length": length}
+    return measured(MeasurementSettings.from_mapping(defaults), systems.names(system))

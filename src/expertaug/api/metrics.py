@@ -36,10 +36,10 @@ def log_mse(system: System, prediction: Array, truth: Array, convention: str = "
     group = y.dim() == true.dim() + 1
     y = y if group else y.unsqueeze(0)
     if true.dim() != 2 + len(system.state_shape) or y.shape[1:] != true.shape:
-        found = f"prediction {tuple(np.shape(prediction))}, truth {tuple(true.shape)}"
-        raise InputError("log_mse", found, "give (N, T, *state) both, the prediction also (S, N, T, *state)")
-    found = metrics.log_mse(system, y.movedim(2, 0), true.unsqueeze(0).movedim(2, 0))[f"log_mse_{convention}"]
-    return found.numpy() if group else float(found[0])
+        shapes = f"prediction {tuple(np.shape(prediction))}, truth {tuple(true.shape)}"
+        raise InputError("log_mse", shapes, "give (N, T, *state) both, the prediction also (S, N, T, *state)")
+    scores = metrics.log_mse(system, y.movedim(2, 0), true.unsqueeze(0).movedim(2, 0))[f"log_mse_{convention}"]
+    return scores.numpy() if group else float(scores[0])
 
 
 def parameter_errors(system: System, estimate: Mapping[str, Array], truth: Array) -> dict[str, float | np.ndarray]:
@@ -63,8 +63,8 @@ def parameter_errors(system: System, estimate: Mapping[str, Array], truth: Array
     z_e = z_e if group else z_e.unsqueeze(0)
     if z_e.shape[1:] != true.shape:
         raise InputError("parameter_errors", f"{tuple(z_e.shape[1:])} and {tuple(true.shape)}", "give (N, P) both")
-    found = metrics.parameter_errors(system, z_e, true.unsqueeze(0))
-    return {k: v.numpy() if group else float(v[0]) for k, v in found.items()}
+    errors = metrics.parameter_errors(system, z_e, true.unsqueeze(0))
+    return {k: v.numpy() if group else float(v[0]) for k, v in errors.items()}
 
 
 def _plain(value: Array) -> Tensor:

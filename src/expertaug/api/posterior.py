@@ -142,15 +142,15 @@ def predictive(
     """
     if not levels or any(not 0 < level < 1 for level in levels):
         raise InputError("levels", f"found {list(levels)}", "give numbers between 0 and 1, as 0.05")
-    observed, times, known = model._window(window, t, u)
+    observed, times, inputs = model._window(window, t, u)
     with torch.no_grad(), arguments.one_thread():
         points = torch.from_numpy(times).float().to(observed.device)
         sampler = model.predictor
         if not isinstance(sampler, FlowEstimator):
             sampler = Drawn(sampler, model.seeds, bound_of_card(model.stored.card, observed.device))
-        found = of_windows(sampler, observed, points, solver or model.solver, draws, levels, u=known, pooled=pooled)
-    mean, quantiles = found.mean.movedim(0, 2), found.quantiles.movedim(1, 3)
-    z_e = found.z_e
+        drawn = of_windows(sampler, observed, points, solver or model.solver, draws, levels, u=inputs, pooled=pooled)
+    mean, quantiles = drawn.mean.movedim(0, 2), drawn.quantiles.movedim(1, 3)
+    z_e = drawn.z_e
     if model.single or pooled:
         mean, quantiles, z_e = mean[0], quantiles[:, 0], z_e[:, 0]
     named = {p.name: arguments.like(z_e[..., k], window) for k, p in enumerate(model.system.expert_parameters)}

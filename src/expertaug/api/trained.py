@@ -156,20 +156,20 @@ class TrainedModel:
             InputError: another shape than the model's, other times, or values that are not finite.
             SolveError: an adaptive solver fails.
         """
-        observed, t, known = self._window(window, t, u)
+        observed, t, inputs = self._window(window, t, u)
         if start not in STARTS:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
         with torch.no_grad(), arguments.one_thread():
             points = torch.from_numpy(t).float().to(observed.device)
-            found = self.predictor.estimate(observed)  # type: ignore[attr-defined]
-            states = self.predictor.predicted(found, observed, points, solver or self.solver, start, known)
+            estimates = self.predictor.estimate(observed)  # type: ignore[attr-defined]
+            states = self.predictor.predicted(estimates, observed, points, solver or self.solver, start, inputs)
         y = states.movedim(0, 2)
         units = {p.name: p.unit for p in self.system.state} | {
             f"z_e {p.name}": p.unit for p in self.system.expert_parameters
         }
         y = arguments.like(y[0] if self.single else y, window)
-        named, std = self._named(found.z_e, window), self._named(standard_deviation(found), window)
-        chi2, misfit = found.chi2, None
+        named, std = self._named(estimates.z_e, window), self._named(standard_deviation(estimates), window)
+        chi2, misfit = estimates.chi2, None
         if start == "y0":  # else the forecast begins with the window itself
             misfit = window_residual(self.system, states, states_of(self.system, observed))
         trusted = None if misfit is None else self._trusted(misfit)
@@ -189,8 +189,8 @@ class TrainedModel:
         """
         observed, *_ = self._window(window, t, u)
         with torch.no_grad(), arguments.one_thread():
-            found = self.predictor.estimate(observed)  # type: ignore[attr-defined]
-        return self._named(found.z_e, window)
+            estimates = self.predictor.estimate(observed)  # type: ignore[attr-defined]
+        return self._named(estimates.z_e, window)
 
     def evaluate(
         self,
@@ -245,10 +245,10 @@ class TrainedModel:
         names = [p.name for p in self.system.expert_parameters]
         ranges = None if prior is None else arguments.ranges(prior, names, "prior")
         how = RefinementSettings.from_mapping(options)
-        given = Refinement.of(settings=how, noise=arguments.noise(noise), prior=ranges)
-        found = replace(self, refinement=given, misfits=None)
-        _ = found.predictor  # says what is wrong with the options
-        return found
+        refinement = Refinement.of(settings=how, noise=arguments.noise(noise), prior=ranges)
+        model = replace(self, refinement=refinement, misfits=None)
+        _ = model.predictor  # says what is wrong with the options
+        return model
 
     def watched(self, validation: Trajectories) -> TrainedModel:
         """The same model with an alarm: misfits of these windows say above which one a forecast is not trusted.
@@ -268,8 +268,8 @@ class TrainedModel:
         """Whether each misfit (S, N) is one that the validation windows have too; None where theirs are not known."""
         kept = self.misfits
         if kept is None and self.refinement == self.stored.card.refinement:
-            known = self.stored.card.misfit
-            kept = None if known is None else known.validation
+            record = self.stored.card.misfit
+            kept = None if record is None else record.validation
         return judge(misfit, kept)
 
     def save(self, path: str | Path) -> None:
@@ -292,9 +292,9 @@ class TrainedModel:
         arguments.same_times(t[: y.shape[1]], self.t[:points], "window", remedy)
         if self.stored.kind.fixed_times and len(t) > points:
             arguments.same_times(t, self.t, "t", "the mean of the training set has no others")
-        known = arguments.inputs(u, self.system, len(y), t)
-        y, known = (None if x is None else arguments.grouped(x.to(self._device), len(self)) for x in (y, known))
-        return joined(y, None if known is None else known[:points]), t, known  # type: ignore[arg-type]
+        inputs = arguments.inputs(u, self.system, len(y), t)
+        y, inputs = (None if x is None else arguments.grouped(x.to(self._device), len(self)) for x in (y, inputs))
+        return joined(y, None if inputs is None else inputs[:points]), t, inputs  # type: ignore[arg-type]
 
     @property
     def _device(self) -> torch.device:
@@ -344,7 +344,7 @@ def judge(misfit: Tensor, kept: Sequence[Sequence[float]] | None) -> Tensor | No
     """
     if kept is None or min(map(len, kept)) < FEWEST:
         return None
-    limits = misfit.new_tensor([threshold(np.array(one)) for one in kept])
+    limits = misfit.new_tensor([threshold(np.array(of_seed)) for of_seed in kept])
     trusted = misfit <= limits.unsqueeze(1)
     doubtful = int((trusted.double().mean(0) <= 0.5).sum())
     if doubtful:

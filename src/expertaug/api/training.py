@@ -276,7 +276,7 @@ def course(history: History, seeds: Sequence[int]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["step", "seed", "metric", "value"])
 
 
-def _choices(model: TrainedModel, preset: str | None, choices: Mapping | None) -> tuple[str, Choices]:
+def _choices(model: TrainedModel, preset: str | None, choices: Mapping[str, str] | None) -> tuple[str, Choices]:
     """Preset and all its rows, by default those of the model's training."""
     card = model.stored.card
     own = {} if preset else card.choices.to_json()

@@ -255,9 +255,9 @@ def hardest_parameters(
     y, z_e = _simulate(model, model.start(windows), z_a, low, high, task.shortened(task.observed), random, u)
     y = clamp_to_bound(y, task.bound)
     y = y + shaped(drawing.noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
-    found = model.encode(joined(_as_measured(y, batch.y), u)).z_e.mean
+    estimated = model.encode(joined(_as_measured(y, batch.y), u)).z_e.mean
     width = (high - low).clamp_min(1e-12).to(y)
-    error = ((found - z_e) / width).abs().amax(-1).nan_to_num(torch.inf)
+    error = ((estimated - z_e) / width).abs().amax(-1).nan_to_num(torch.inf)
     hardest = error.topk(max(TRIED // 4, 1), dim=1).indices
     return z_e.gather(1, hardest.unsqueeze(-1).expand(-1, -1, z_e.shape[-1]))
 

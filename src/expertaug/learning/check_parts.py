@@ -26,9 +26,9 @@ def check_loss(objective: object, loss: object, seeds: int) -> Tensor:
         InputError: it has another shape; a single number would divide every gradient by the number of seeds.
     """
     if not isinstance(loss, Tensor) or tuple(loss.shape) != (seeds,):
-        found = f"shape {tuple(loss.shape)}" if isinstance(loss, Tensor) else type(loss).__name__
+        actual = f"shape {tuple(loss.shape)}" if isinstance(loss, Tensor) else type(loss).__name__
         remedy = f"give one number for each seed, ({seeds},): average over all axes but the seeds'"
-        raise InputError("objective", f"the loss of {type(objective).__name__} has {found}", remedy)
+        raise InputError("objective", f"the loss of {type(objective).__name__} has {actual}", remedy)
     return loss
 
 
@@ -83,9 +83,9 @@ def _samples(recipe: HybridModel, task: Task) -> Tensor:
     y0 = torch.rand(SAMPLES, *system.state_shape, generator=generator)
     scale = torch.tensor([p.scale for p in system.expert_parameters])
     z_e = scale * (0.5 + torch.rand(SAMPLES, len(scale), generator=generator))
-    known, u = [p.scale for p in system.known], None
-    if known:
-        u = torch.tensor(known) * torch.rand(SAMPLES, len(known), generator=generator).expand(len(task.t), -1, -1)
+    scales, u = [p.scale for p in system.known], None
+    if scales:
+        u = torch.tensor(scales) * torch.rand(SAMPLES, len(scales), generator=generator).expand(len(task.t), -1, -1)
     with torch.no_grad():
         y = solve(system, lambda s, x, *given: system.expert(s, x, z_e, *given), y0, task.t, task.solver, z_e, u)
     return joined(y, u)
@@ -117,15 +117,15 @@ def _check_interaction(model: HybridNet, batch: Tensor, where: str) -> None:
         return _rates(model, batch[0], model.interaction.context(z_a, z_e))
 
     with torch.no_grad():
-        found, again = (_called(rates, where, name) for _ in range(2))
-    _check_tensor(found, tuple(states_of(model.system, batch[0]).shape), where, f"{name}'s rates")
-    _check_same((found,), (again,), where, name)
+        first, again = (_called(rates, where, name) for _ in range(2))
+    _check_tensor(first, tuple(states_of(model.system, batch[0]).shape), where, f"{name}'s rates")
+    _check_same((first,), (again,), where, name)
 
 
 def _check_seeds(group: HybridNet, alone: HybridNet, batch: Tensor, task: Task, where: str) -> None:
     """The last seed of a group must compute what it does alone."""
-    together, one = (_outputs(model, y, task) for model, y in ((group, batch), (alone, batch[:, -1:])))
-    for part, a, b in zip(_parts(group), together, one, strict=True):
+    together, single = (_outputs(model, y, task) for model, y in ((group, batch), (alone, batch[:, -1:])))
+    for part, a, b in zip(_parts(group), together, single, strict=True):
         if not all(
             torch.allclose(x[-1], y[0], rtol=TOLERANCE, atol=TOLERANCE * _size(y)) for x, y in zip(a, b, strict=True)
         ):
@@ -154,10 +154,12 @@ def _check_step(model: HybridNet, objective: Objective, batch: Tensor, task: Tas
         objective.begin(model, whole, task)
         return objective.loss(model, whole, task)
 
-    found = _called(step, where, name)
-    if not isinstance(found, tuple) or len(found) != 2 or not isinstance(found[1], dict):
-        raise InputError(where, f"{name}.loss gives {type(found).__name__}", "return the loss and a dict of its parts")
-    loss, parts = found
+    outcome = _called(step, where, name)
+    if not isinstance(outcome, tuple) or len(outcome) != 2 or not isinstance(outcome[1], dict):
+        raise InputError(
+            where, f"{name}.loss gives {type(outcome).__name__}", "return the loss and a dict of its parts"
+        )
+    loss, parts = outcome
     check_loss(objective, loss, seeds)
     for key, value in [("loss", loss), *parts.items()]:
         if not isinstance(value, Tensor) or tuple(value.shape) != (seeds,):
@@ -186,18 +188,18 @@ def _outputs(model: HybridNet, batch: Tensor, task: Task) -> list[tuple[Tensor, 
     """What the encoder and the interaction model give, seeds first."""
     with torch.no_grad():
         z_e, z_a = model.encode(batch[: task.observed]).mean
-        found = [(z_e, z_a)]
+        outputs = [(z_e, z_a)]
         if model.interaction is not None:
             # The same latents for all: what the encoder gives has its own check.
             context = model.interaction.context(torch.zeros_like(z_a), torch.ones_like(z_e))
-            found.append((_rates(model, batch[0], context),))
-    return found
+            outputs.append((_rates(model, batch[0], context),))
+    return outputs
 
 
 def _rates(model: HybridNet, observed: Tensor, context: Tensor) -> Tensor:
     """F_a at one time of what is observed, (S, B, *observed)."""
-    given = inputs_of(model.system, observed)
-    y, u = states_of(model.system, observed), () if given is None else (given,)
+    inputs = inputs_of(model.system, observed)
+    y, u = states_of(model.system, observed), () if inputs is None else (inputs,)
     return model.decoder.interaction_rate(y, context, torch.zeros(()), *u)
 
 
@@ -219,16 +221,16 @@ def _called(call: Callable, where: str, name: str) -> Any:
         raise InputError(where, f"{name} fails ({type(error).__name__}: {error})", "correct the class") from error
 
 
-def _check_tensor(found: object, shape: tuple[int, ...], where: str, name: str) -> None:
-    if not isinstance(found, Tensor) or tuple(found.shape) != shape:
-        found = f"shape {tuple(found.shape)}" if isinstance(found, Tensor) else type(found).__name__
-        raise InputError(where, f"{name}: {found}", f"make it {shape}")
-    if found.dtype != torch.float32:
-        raise InputError(where, f"{name}: {found.dtype}", "compute in float32, as the samples are")
-    if not torch.isfinite(found).all():
+def _check_tensor(tensor: object, shape: tuple[int, ...], where: str, name: str) -> None:
+    if not isinstance(tensor, Tensor) or tuple(tensor.shape) != shape:
+        actual = f"shape {tuple(tensor.shape)}" if isinstance(tensor, Tensor) else type(tensor).__name__
+        raise InputError(where, f"{name}: {actual}", f"make it {shape}")
+    if tensor.dtype != torch.float32:
+        raise InputError(where, f"{name}: {tensor.dtype}", "compute in float32, as the samples are")
+    if not torch.isfinite(tensor).all():
         raise InputError(where, f"{name}: a value is not finite", "check divisions and logarithms")
 
 
-def _check_same(found: tuple, again: tuple, where: str, name: str) -> None:
-    if not all(torch.equal(a, b) for a, b in zip(found, again, strict=True)):
+def _check_same(first: tuple, again: tuple, where: str, name: str) -> None:
+    if not all(torch.equal(a, b) for a, b in zip(first, again, strict=True)):
         raise InputError(where, f"{name} gives other values when called twice", "leave random layers out")

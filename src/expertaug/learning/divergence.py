@@ -28,12 +28,12 @@ ALONE = 200  # steps of a sample alone; an oscillation of 100 rad/s, sampled eve
 def divergence_bound(y: np.ndarray, start: Mapping[str, Sequence[float]] | None = None) -> list[float]:
     """The largest plausible size of each component of a state (K values), from a training set (N, T, *state), and from
     the ranges of first points where it has values that were not measured."""
-    found = largest_sizes(torch.from_numpy(y).movedim(1, 0)).amax(0).double()
+    sizes = largest_sizes(torch.from_numpy(y).movedim(1, 0)).amax(0).double()
     if start is not None:
-        ends = torch.tensor([[abs(float(end)) for end in ends] for ends in start.values()], dtype=found.dtype)
-        found = torch.maximum(found, ends.amax(1))
-    found = found.clamp_min(FLOOR * float(found.max()))
-    return (FACTOR * torch.where(found > 0, found, 1.0)).tolist()
+        ends = torch.tensor([[abs(float(end)) for end in ends] for ends in start.values()], dtype=sizes.dtype)
+        sizes = torch.maximum(sizes, ends.amax(1))
+    sizes = sizes.clamp_min(FLOOR * float(sizes.max()))
+    return (FACTOR * torch.where(sizes > 0, sizes, 1.0)).tolist()
 
 
 def largest_sizes(y: Tensor) -> Tensor:
@@ -43,8 +43,8 @@ def largest_sizes(y: Tensor) -> Tensor:
 
 def bound_of_card(card: ModelCard, device: torch.device | str = "cpu") -> Tensor | None:
     """The bound (K,) that a model file has; None in files from before there was one."""
-    found = card.bound
-    return None if found is None else torch.tensor(found, dtype=torch.float32, device=device)
+    bound = card.bound
+    return None if bound is None else torch.tensor(bound, dtype=torch.float32, device=device)
 
 
 def within_bound(y: Tensor, bound: Tensor | None) -> Tensor:
@@ -145,8 +145,8 @@ def solve_with_sample_fallback(
                 return [predicted(part, BoundedSolver(FALLBACK, limit))]
         count = min(PIECES, last - first)
         ends = [first + (last - first) * k // count for k in range(count + 1)]
-        return [states for one, other in pairwise(ends) for states in solve(one, other, PATIENCE * steps)]
+        return [states for begin, end in pairwise(ends) for states in solve(begin, end, PATIENCE * steps)]
 
-    found = solve(0, size, MOST_STEPS)
-    states = found[0] if len(found) == 1 else torch.cat(found, dim=axis)
+    parts = solve(0, size, MOST_STEPS)
+    states = parts[0] if len(parts) == 1 else torch.cat(parts, dim=axis)
     return states, unsolved.to(states.device)

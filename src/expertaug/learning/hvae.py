@@ -164,7 +164,7 @@ def _forecasts(
     return (parts[0], parts[expert], plus), (goods[0], goods[expert], plus_good)
 
 
-def raw_prior(model: HybridNet, prior: Mapping) -> tuple[Tensor, Tensor]:
+def raw_prior(model: HybridNet, prior: Mapping[str, Sequence[float]]) -> tuple[Tensor, Tensor]:
     """Mean and standard deviation (P,) of p⁺ in the unbounded space of z_e, from its quantiles.
 
     Raises:

@@ -38,11 +38,11 @@ def finite_forecast(
     t = task.t[:points]
 
     def near(prediction: Tensor) -> Tensor:
-        found = within_bound(prediction, task.bound)
+        bounded = within_bound(prediction, task.bound)
         if limit is None:
-            return found
+            return bounded
         largest = prediction.detach().abs().movedim(0, 2).flatten(2).amax(-1)
-        return found & (largest <= limit.unsqueeze(-1))
+        return bounded & (largest <= limit.unsqueeze(-1))
 
     prediction = forecast_or_fallback(model, y0, z_e, z_a, t, task.solver, u)
     good = near(prediction)
@@ -176,7 +176,7 @@ class Objective:
         """What a checkpoint keeps."""
         return {name: getattr(self, name) for name in self.kept}
 
-    def restore(self, state: Mapping) -> None:
+    def restore(self, state: Mapping[str, Tensor | float]) -> None:
         """Take up what :meth:`state` gave."""
         for name, value in state.items():
             setattr(self, name, value)

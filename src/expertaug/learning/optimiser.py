@@ -49,13 +49,13 @@ def clip_each_seed(
     norm = torch.stack([g.reshape(len(g), -1).square().sum(1) for g in gradients]).sum(0).sqrt()
     good = torch.isfinite(norm) & alive.to(norm.device, non_blocking=True)
     factor = torch.where(good, ((limit or math.inf) / norm.clamp_min(1e-12)).clamp_max(1.0), torch.zeros_like(norm))
-    told = torch.cat((good, *(doubt.reshape(1) for doubt in doubts))).cpu()
-    known = told[: len(good)]
-    if not told[len(good) :].all():
+    answers = torch.cat((good, *(doubt.reshape(1) for doubt in doubts))).cpu()
+    usable = answers[: len(good)]
+    if not answers[len(good) :].all():
         return None
-    some = not known.all()
+    some = not usable.all()
     for g in gradients:
         if some:
             g.nan_to_num_(0.0, 0.0, 0.0)
         g.mul_(factor.view(-1, *[1] * (g.dim() - 1)))
-    return known
+    return usable

@@ -30,10 +30,10 @@ def mean_squared_error(
     Returns:
         (S,).
     """
-    difference, known = differences(system, prediction, truth, complete)
+    difference, measured = differences(system, prediction, truth, complete)
     error = difference.square().movedim(1, 0)
-    if known is not None:
-        counts = known.sum((0, *range(3, known.dim())))
+    if measured is not None:
+        counts = measured.sum((0, *range(3, measured.dim())))
         sums = error.movedim(2, 1).flatten(2).sum(2)
         if good is not None:
             sums, counts = (torch.where(good, each, torch.zeros_like(each)) for each in (sums, counts))
@@ -52,18 +52,18 @@ def differences(
     difference = system.observe(prediction) - observed
     if complete:
         return difference, None
-    known = ~torch.isnan(observed)
-    if known.all():
+    measured = ~torch.isnan(observed)
+    if measured.all():
         return difference, None
-    return torch.where(known, difference, torch.zeros_like(difference)), known.expand_as(difference)
+    return torch.where(measured, difference, torch.zeros_like(difference)), measured.expand_as(difference)
 
 
 def squares(system: System, prediction: Tensor, truth: Tensor, complete: bool = False) -> tuple[Tensor, Tensor | int]:
     """Squared errors (S, B) of every sample, summed over times and observed quantities; and how many are summed, (S, B)
     where samples differ in that; ``complete`` as of :func:`differences`."""
-    difference, known = differences(system, prediction, truth, complete)
+    difference, measured = differences(system, prediction, truth, complete)
     error = difference.square().flatten(3)
-    count = error.shape[0] * error.shape[3] if known is None else known.flatten(3).sum((0, 3))
+    count = error.shape[0] * error.shape[3] if measured is None else measured.flatten(3).sum((0, 3))
     return error.sum((0, 3)), count
 
 
@@ -83,10 +83,10 @@ def squared_errors(system: System, prediction: Tensor, truth: Tensor) -> Tensor:
     Arguments:
         prediction, truth: states (T, S, N, *state).
     """
-    difference, known = differences(system, prediction, truth)
+    difference, measured = differences(system, prediction, truth)
     error = difference.double().square()
-    if known is not None:
-        counts = known.sum(0)
+    if measured is not None:
+        counts = measured.sum(0)
         sums = (error.sum(0) / counts.clamp_min(1)).flatten(2).sum(-1)
         return sums.masked_fill(counts.flatten(2).sum(-1) == 0, torch.nan)
     return error.flatten(3).sum(-1).mean(0)
@@ -107,12 +107,12 @@ def observed_residuals(stored: StoredModel, windows: Tensor) -> Tensor:
     bound, parts = bound_of_card(stored.card, windows.device), []
     for part in windows.split(AT_A_TIME, dim=2):
         y = part.expand(-1, len(stored.seeds), *part.shape[2:])
-        found = model.estimate(y)  # type: ignore[attr-defined]
+        estimates = model.estimate(y)  # type: ignore[attr-defined]
 
-        def predicted(samples: slice, solver: BoundedSolver, found: object = found, y: Tensor = y) -> Tensor:
-            known = inputs_of(system, y)
-            u = None if known is None else known[:, :, samples]
-            return model.predicted(found.part(samples), y[:, :, samples], t, solver, u=u)  # type: ignore[attr-defined]
+        def predicted(samples: slice, solver: BoundedSolver, estimates: object = estimates, y: Tensor = y) -> Tensor:
+            inputs = inputs_of(system, y)
+            u = None if inputs is None else inputs[:, :, samples]
+            return model.predicted(estimates.part(samples), y[:, :, samples], t, solver, u=u)  # type: ignore[attr-defined]
 
         states, _ = solve_with_sample_fallback(predicted, y.shape[2], stored.solver, bound)
         parts.append(window_residual(system, clamp_to_bound(states, bound), states_of(system, y)))
@@ -126,5 +126,5 @@ def record_residuals(stored: StoredModel, windows: Tensor) -> Mapping[str, list[
     unseen = torch.isnan(system.observe(states_of(system, windows)[1:])).movedim(2, 0).flatten(1).all(1)
     windows = windows[:, :, ~unseen] if unseen.any() else windows
     index = torch.linspace(0, windows.shape[2] - 1, min(KEPT_WINDOWS, windows.shape[2])).long()
-    found = observed_residuals(stored, windows[:, :, index.to(windows.device)]).nan_to_num(1e30, 1e30)
-    return {"validation": [[float(f"{value:.6g}") for value in seed] for seed in found.tolist()]}
+    residuals = observed_residuals(stored, windows[:, :, index.to(windows.device)]).nan_to_num(1e30, 1e30)
+    return {"validation": [[float(f"{value:.6g}") for value in seed] for seed in residuals.tolist()]}

@@ -53,12 +53,12 @@ def load(path: Path, device: torch.device, classes: Collection[str | Callable] =
         InputError: the file is missing, damaged or of another kind.
     """
     header, tensors = _read(path)
-    found = {}
+    models = {}
     for epoch, record in header["records"].items():
         own = {k.removeprefix(f"{epoch}/"): v for k, v in tensors.items() if k.startswith(f"{epoch}/")}
         card = store.card_of(path, header["description"] | record)
-        found[int(epoch)] = store.restore(path, card, own, device, classes)
-    return found
+        models[int(epoch)] = store.restore(path, card, own, device, classes)
+    return models
 
 
 def read_card(path: Path) -> ModelCard:

@@ -250,11 +250,11 @@ def _first_values(train: Trajectories, system: systems.System, given: Mapping[st
     y = train.seen
     low = np.where(np.isnan(y), np.inf, y).min(axes).astype(float)
     high = np.where(np.isnan(y), -np.inf, y).max(axes).astype(float)
-    found = ranges_of(names, low.tolist(), high.tolist(), given)
-    if missing := [name for name in names if name not in found]:
+    ranges = ranges_of(names, low.tolist(), high.tolist(), given)
+    if missing := [name for name in names if name not in ranges]:
         remedy = "give the range [low, high] in which its first value lies (data.start)"
         raise InputError(f"start.{missing[0]}", "missing, nobody measured it", remedy)
-    return {name: found[name] for name in names}
+    return {name: ranges[name] for name in names}
 
 
 def card_fields(train: Trajectories, system: systems.System, options: DataOptions) -> dict:

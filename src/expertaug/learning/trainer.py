@@ -225,7 +225,7 @@ class Trainer:
     def run(self, progress: Progress) -> None:
         """Train to the end; the best models are then in ``best``."""
         settings, per_pass = self.settings, self.sets(self.epoch).steps(self.settings.batch_size)
-        steps, told = settings.epochs * per_pass, 0.0
+        steps, progress_told = settings.epochs * per_pass, 0.0
         saved = flushed = time.monotonic()
         told_of = set(self.failed) if self.epoch else set()  # a resumed log has them
         while self.epoch < settings.epochs:
@@ -234,9 +234,9 @@ class Trainer:
                 step = self.epoch * per_pass + number
                 parts = self.step(batch, step, steps)
                 told_of = self._tell_failures(progress, told_of)
-                if time.monotonic() - told > PROGRESS_S:
-                    told = time.monotonic()
-                    self._progress(step + 1, steps, parts, told - begun)
+                if time.monotonic() - progress_told > PROGRESS_S:
+                    progress_told = time.monotonic()
+                    self._progress(step + 1, steps, parts, progress_told - begun)
             self.objective.end_of_pass()
             self.epoch += 1
             record = {k: v.tolist() for k, v in parts.items()} | {
@@ -408,9 +408,9 @@ def latent_of(model: HybridNet, windows: Tensor, seeds: int) -> LatentRecord:
     ]
     z_a = torch.cat(parts, dim=1).double().nan_to_num(0.0, 0.0, 0.0)
     mean, std = moments(z_a)
-    axes = [principal_axes(one, AXES).tolist() for one in z_a] if z_a.shape[-1] > 1 else None
-    known = {"mean": mean.tolist(), "std": std.tolist()}
-    return LatentRecord.of(**known if axes is None else known | {"axes": axes})
+    axes = [principal_axes(of_seed, AXES).tolist() for of_seed in z_a] if z_a.shape[-1] > 1 else None
+    record = {"mean": mean.tolist(), "std": std.tolist()}
+    return LatentRecord.of(**record if axes is None else record | {"axes": axes})
 
 
 def moments(z_a: Tensor) -> tuple[Tensor, Tensor]:
@@ -426,11 +426,11 @@ def make_objective(kind: type[Objective], seeds: Sequence[int], options: TrainOp
         InputError: the prior that it needs is missing, or an option is unknown.
     """
     arguments, named = dict(options.training.objective or {}), inspect.signature(kind).parameters
-    given = {"prior": options.prior} if "prior" in named else {}
-    if given and not isinstance(options.prior, Mapping):
+    prior = {"prior": options.prior} if "prior" in named else {}
+    if prior and not isinstance(options.prior, Mapping):
         raise InputError("prior", f"missing, {kind.__name__} needs it", "give a range [low, high] by parameter")
     try:
-        inspect.signature(kind).bind(seeds, options.choices, **given, **arguments)
+        inspect.signature(kind).bind(seeds, options.choices, **prior, **arguments)
     except TypeError as error:
         raise InputError("training.objective", f"{kind.__name__}: {error}", "give what its constructor needs") from None
-    return kind(seeds, options.choices, **given, **arguments)
+    return kind(seeds, options.choices, **prior, **arguments)
