@@ -50,7 +50,7 @@ def compare(
     noise: Noise = 0.0,
     priors: Mapping[str, Ranges] | None = None,
     start: Ranges | None = None,
-    **options: Unpack[RefinementOptions],
+    **options: Unpack[RefinementOptions],  # type: ignore[reportGeneralTypeIssues]  # but for its windows
 ) -> Comparison:
     """Compare experts by forecasts: each is fitted to the first half of every observed window and forecasts the second.
 
@@ -88,7 +88,7 @@ def compare(
             )
             for count in (half, points)
         ]
-        candidates[name] = _candidate(*fits, data, half, points)
+        candidates[name] = _candidate(fits[0], fits[1], data, half, points)
     groups = None if data.id is None else [str(name).rpartition("/")[0] or str(name) for name in data.id]
     choice = choose(candidates, groups)
     return Comparison(_table(choice), choice.chosen, choice.says, choice)
