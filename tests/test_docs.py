@@ -13,6 +13,8 @@ import pytest
 
 from docs_pages import PAGES, ROOT, Block, Command, blocks, checkout, commands, every, name_of, run
 from expertaug import commands as command_line
+from expertaug.evaluation.products import WINDOW_STUDIES
+from expertaug.stages.planned import STUDIES
 
 LANGUAGES = {"sh", "yaml", "python", "mermaid"}
 NOT_RUN: dict[str, int] = {}
@@ -237,9 +239,11 @@ def test_the_graph_of_the_stages_is_the_workflows(reader):
     assert done.returncode == 0, done.stderr
     ending = r"_(of_recording|of_experiment|experiment|seed_group(_with_snapshots)?|set|all)$"
     other_words = {"plot_page": "plot_recording", "study": "studies"}
+    other_words |= {product.name: "study_windows" for product in WINDOW_STUDIES}
     stages = {}
     for number, rule in re.findall(r"(id\d+)\[(\w+)\]", done.stdout):
-        stage = re.sub(ending, "", rule)
+        study = rule.removesuffix("_of_experiment")
+        stage = STUDIES[study].key() if study in STUDIES and study != rule else re.sub(ending, "", rule)
         stages[number] = other_words.get(stage, stage)
     arrows = {(stages[a], stages[b]) for a, b in re.findall(r"(id\d+) --> (id\d+)", done.stdout)}
     drawn = set(re.findall(r"(\w+) --> (\w+)", every("mermaid")[0].text))

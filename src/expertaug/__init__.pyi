@@ -4,6 +4,7 @@ from expertaug.api import alarm as alarm
 from expertaug.api import diagnostics as diagnostics
 from expertaug.api import metrics as metrics
 from expertaug.api import plots as plots
+from expertaug.api.compare import Comparison as Comparison
 from expertaug.api.compare import compare as compare
 from expertaug.api.forecasts import Forecast as Forecast
 from expertaug.api.inference import alternate as alternate
@@ -58,6 +59,7 @@ __all__ = [
     "AugmentedSets",
     "Band",
     "BouncingBall",
+    "Comparison",
     "ConvEncoder",
     "ConvInteraction",
     "ConvTwoStep",

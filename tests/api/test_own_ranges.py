@@ -26,14 +26,14 @@ def test_augmentation_and_flows_find_their_own(sets, fit, caplog):
     with caplog.at_level("INFO"):
         drawn = ea.augment(fit, sets["train"], sets["validation"], noise=0.01)
     assert "p⁺: no windows were given: the ranges were widened to omega0 in [" in caplog.text
-    prior = drawn.drawn.header["prior"]["omega0"]
+    prior = drawn.drawn.drawing.prior["omega0"]
     z_e = drawn.train[0].z_e
     assert prior[0] <= z_e.min() and z_e.max() <= prior[1]
     tuned = ea.finetune(fit, sets["train"], sets["validation"], noise=0.01, **OPTIONS)
-    assert tuned.stored.card.to_json()["augmented_prior"] == drawn.drawn.header["prior"]
+    assert tuned.stored.card.augmented_prior == drawn.drawn.drawing.prior
     tiny = {"steps": 2, "batch_size": 8, "pool": 16, "held_out": 8, "samples": 3, "solver": {"method": "rk4"}}
     flow = ea.fit_posterior(fit, sets["train"], noise=0.01, **tiny)
-    assert flow.stored.card.to_json()["prior"] == drawn.drawn.header["prior"]
+    assert flow.stored.card.prior == drawn.drawn.drawing.prior
 
 
 def test_the_budget_can_be_asked_for(sets, undamped):

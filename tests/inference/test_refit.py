@@ -80,7 +80,7 @@ def test_the_study_has_a_sentence_a_version(tmp_path, monkeypatch):
     for name, z_e in (("train", (1.5, 3.1)), ("validation", (1.5, 3.1)), ("test", (0.6, 1.5))):
         pendulum(z_e, damping=(0.2, 0.5), n=12).save(tmp_path / f"{name}.npz")
     model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), pendulum((1.5, 3.1), n=3))
-    monkeypatch.setattr(validity.store, "load", lambda *_: model)
+    monkeypatch.setattr(validity, "load", lambda *_: model)
     fit = {"settings": {"starts": 8, "tries": 1, "steps": 10}, "noise": NOISE, "prior": PRIOR}
     told = {"experiment": "pendulum", "versions": [["aphynity", "APHYNITY", fit]], "all_methods": ["aphynity"]}
     told |= {"validity": {"samples": 10, "steps": 2}, "device": "cpu", "title": None}

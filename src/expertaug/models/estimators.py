@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-import numpy as np
-
 from expertaug.errors import InputError
 from expertaug.models.card import ModelCard
 from expertaug.registry import Part, find
@@ -232,7 +230,7 @@ class Mean(EstimatorKind):
         from expertaug.models.decoder import MeanModel
 
         y = torch.from_numpy(train.y)
-        if train.mask is None or np.all(train.mask):
+        if train.mask is None or train.mask.all():
             return MeanModel(system, y.mean(0)), card
         return MeanModel(system, y.sum(0) / torch.from_numpy(train.mask).sum(0).clamp_min(1)), card
 
