@@ -60,9 +60,12 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
         ({"recordings": {"angles": {"max_gap_frames": 4}}}, ANGLES),
         ({"recordings": {"tracking": {"min_level": 25}}}, MARKERS),
         ({"experiments": {"pendulum": {"choices": {"frozen": "interaction_and_z_e_head"}}}}, TUNED),
-        ({"methods": {"ml_only": {"label": "Neural ODE"}}}, {"train_seed_group"} | ALONG | SCORED),
+        (
+            {"methods": {"ml_only": {"label": "Neural ODE"}}},
+            ({"train_seed_group"} | ALONG | SCORED) - {"prior_width_of_experiment"},
+        ),
         ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
-        ({"device": "cpu"}, {"dissipation_of_experiment"} | TRAINED),
+        ({"device": "cpu"}, {"dissipation_of_experiment", "horizons_of_experiment"} | TRAINED),
     ],
 )
 def test_a_changed_parameter_redoes_exactly_its_stages(project, change, rules):
@@ -83,7 +86,7 @@ def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
         ("expertaug_recordings/reports/page.py", {"plot_page_of_recording", "write_report"}),
         ("expertaug_recordings/reports/splits.py", {"plot_splits_of_experiment", "write_report"}),
         ("expertaug_recordings/reports/overlay.py", set()),
-        ("expertaug/learning/finetune.py", TUNED),
+        ("expertaug/learning/finetune.py", {"horizons_of_experiment"} | TUNED),
         ("expertaug/evaluation/published.py", {"write_report"} | COMPARED),
         ("expertaug/evaluation/report/page.html", {"write_report"}),
         ("expertaug/evaluation/paper.csv", {"write_report"} | COMPARED),
