@@ -1,5 +1,7 @@
 """Choice between experts: the right one of three is found, and what windows cannot tell is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -69,7 +71,9 @@ def test_what_a_few_noisy_windows_cannot_tell_is_said():
 
 def test_all_may_be_wrong():
     data = swings(0.4)
-    found = ea.compare({k: EXPERTS[k] for k in ("free", "linear")}, data, observed_s=4.0, noise=0.02, priors=RANGES)
+    wrong = ("free", "linear")
+    experts, priors = ({k: of[k] for k in wrong} for of in (EXPERTS, RANGES))
+    found = ea.compare(experts, data, observed_s=4.0, noise=0.02, priors=priors)
     assert not any(one.explains for one in found.choice.goodness.values())
 
 
@@ -77,7 +81,9 @@ def test_all_may_be_wrong():
     ("change", "says"),
     [
         ({"experts": {"free": Free()}}, "two or more"),
-        ({"experts": {"free": Free(), "circuit": ea.RLC()}}, "states differ"),
+        ({"experts": Free()}, "found Free"),
+        ({"priors": {"fre": {"omega0": (1.0, 3.5)}}}, r"priors\.fre: is no expert"),
+        ({"experts": {"free": Free(), "circuit": ea.RLC()}, "priors": None}, "states differ"),
         ({"noise": 0.0}, "noise: is zero"),
         ({"observed_s": 0.3}, "points lie before"),
     ],
@@ -101,6 +107,26 @@ def test_windows_of_one_recording_count_as_one():
     random = np.random.default_rng(1)
     worse = np.repeat(random.normal(0.3, 1.0, 6), 50)  # six recordings, one of them like the other
     chi2 = np.ones(300)
-    pair = {"a": Candidate(np.ones(300), chi2, 80, 3), "b": Candidate(np.exp(worse), chi2, 80, 3)}
+    seen = np.full(300, 80)
+    pair = {"a": Candidate(np.ones(300), chi2, seen, 3), "b": Candidate(np.exp(worse), chi2, seen, 3)}
     assert choose(pair).chosen is not None
     assert choose(pair, np.repeat(np.arange(6), 50)).chosen is None
+
+
+def test_overlapping_windows_do_not_decide_by_their_number():
+    """A criterion that hardly differs a window is not decisive because windows of one stretch are many."""
+    seen, chi2 = np.full(300, 80), np.ones(300)
+    pair = {"a": Candidate(np.ones(300), chi2, seen, 3), "b": Candidate(np.ones(300), chi2 + 0.002, seen, 3)}
+    assert choose(pair).chosen == "a"
+    assert choose(pair, np.repeat(np.arange(6), 50)).chosen is None
+
+
+def test_what_was_not_measured_does_not_count():
+    data = swings(0.4, n=8)
+    mask = np.random.default_rng(0).random(data.y.shape) > 0.3
+    mask[:, 0] = True
+    gaps = replace(data, y=np.where(mask, data.y, 0).astype(np.float32), mask=mask)
+    ranges = {"theta": (-2.0, 2.0), "omega": (-6.0, 6.0)}
+    found = ea.compare(EXPERTS, gaps, observed_s=4.0, noise=0.02, priors=RANGES, start=ranges, **HOW)
+    assert found.chosen == "rubbed" and found.choice.goodness["rubbed"].explains
+    assert 0.8 < found.choice.goodness["rubbed"].chi2 < 1.2

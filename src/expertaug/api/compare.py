@@ -8,6 +8,7 @@ from typing import Unpack
 
 import numpy as np
 import pandas as pd
+import torch
 
 from expertaug.api import arguments
 from expertaug.api.arguments import Noise, Ranges, RefinementOptions
@@ -16,8 +17,11 @@ from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
 from expertaug.inference.diagnostics.goodness import Candidate, Choice, choose
 from expertaug.inference.least_squares import LeastSquares
+from expertaug.inference.shared import groups_of
+from expertaug.learning.residuals import differences
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.systems import System
+from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories, points_until
 
 FEWEST = 3  # points of a half
@@ -59,7 +63,8 @@ def compare(
 
     Arguments:
         experts: systems of the same state, by the names that are printed.
-        windows: what was observed; windows of one recording or table (``id``) count as one.
+        windows: what was observed; windows of one trajectory (``id``), or of a stretch of one where there are few,
+            count as one.
         observed_s: end of the observed window t1 in s, which is included.
         noise: standard deviation of the data's noise; ``estimated`` where the windows know theirs.
         priors: by expert, ranges [low, high] of its parameters in which fits start; None: they are found.
@@ -67,11 +72,15 @@ def compare(
         options: see :class:`expertaug.inference.settings.RefinementSettings`.
 
     Raises:
-        InputError: fewer than two experts, experts of different states, a noise of zero, or halves too short to fit.
+        InputError: fewer than two experts, experts of different states, a prior of none of them, a noise of zero, or
+            halves too short to fit.
     """
     data = arguments.trajectories(windows, "windows")
     if not isinstance(experts, Mapping) or len(experts) < 2:
-        raise InputError("experts", f"found {len(experts)}", "give two or more systems by name")
+        found = f"{len(experts)} of them" if isinstance(experts, Mapping) else type(experts).__name__
+        raise InputError("experts", f"found {found}", "give two or more systems by name")
+    if unknown := sorted(set(priors or {}) - set(experts)):
+        raise InputError(f"priors.{unknown[0]}", "is no expert", f"known: {', '.join(experts)}")
     states = {tuple(p.name for p in system.state) for system in experts.values()}
     if len(states) > 1:
         raise InputError("experts", f"their states differ: {sorted(states)}", "compare experts of the same quantities")
@@ -89,34 +98,32 @@ def compare(
             for count in (half, points)
         ]
         candidates[name] = _candidate(fits[0], fits[1], data, half, points)
-    groups = None if data.id is None else [str(name).rpartition("/")[0] or str(name) for name in data.id]
-    choice = choose(candidates, groups)
+    choice = choose(candidates, groups_of(data))
     return Comparison(_table(choice), choice.chosen, choice.says, choice)
 
 
 def _candidate(first: TrainedModel, whole: TrainedModel, data: Trajectories, half: int, points: int) -> Candidate:
     """What fits of the first half and of the whole of each window say of an expert."""
-    assert whole.refinement is not None
-    sigma = noise_of(whole.refinement.noise, whole.system, whole.stored.card)
-    if not is_some(sigma):
-        raise InputError("noise", "is zero, and errors are compared with it", "give its standard deviation")
-    seen, t = data.seen, data.t[:points]
-
-    def u(count: int) -> np.ndarray | None:
-        return None if data.u is None else data.u[:, :count]
-
-    forecast = np.asarray(first.forecast(seen[:, :half], t, u=u(points)).y)
-    size = np.broadcast_to(np.asarray(sigma, dtype=float), seen.shape[2:3]).reshape(-1, *[1] * (seen.ndim - 3))
-    size = np.where(size > 0, size, np.inf)  # a component whose noise is unknown is not compared
-    errors = ((forecast[:, half:] - seen[:, half:points]) / size) ** 2
-    counted = np.isfinite(seen[:, half:points]) & np.isfinite(size)
-    sums, counts = (np.where(counted, x, 0.0).reshape(len(x), -1).sum(1) for x in (errors, np.ones_like(errors)))
-    found = whole.forecast(seen[:, :points], t, u=u(points))
     fit = whole.predictor.fit if isinstance(whole.predictor, LeastSquares) else None
-    assert fit is not None
-    assert found.chi2 is not None
+    assert fit is not None and whole.refinement is not None, "of least squares"
+    if not is_some(noise_of(whole.refinement.noise, whole.system, whole.stored.card)):
+        raise InputError("noise", "is zero, and errors are compared with it", "give its standard deviation")
+    seen, t = data.seen[:, :points], data.t[:points]
+    u = None if data.u is None else data.u[:, :points]
+    forecast = np.asarray(first.forecast(seen[:, :half], t, u=u).y)
+    predicted, measured = (torch.from_numpy(y).movedim(1, 0).unsqueeze(1).double()[half:] for y in (forecast, seen))
+    errors, known = differences(whole.system, predicted, measured)
+    squares = (errors / fit.observed_noise).square().movedim(2, 0).flatten(1)
+    count = squares.shape[1] if known is None else known.movedim(2, 0).flatten(1).sum(1).clamp_min(1)
+    found = whole.forecast(seen, t, u=u)
+    assert found.chi2 is not None, "of least squares"
+    given = None if u is None else torch.from_numpy(u).movedim(1, 0).unsqueeze(1)
+    missing = fit.missing(joined(torch.from_numpy(seen).movedim(1, 0).unsqueeze(1), given))[0]
     return Candidate(
-        sums / np.maximum(counts, 1), np.asarray(found.chi2, dtype=float), fit.observations, sum(fit.sizes)
+        held_out=(squares.sum(1) / count).numpy(),
+        chi2=np.asarray(found.chi2, dtype=float),
+        observations=fit.observations - missing.numpy(),
+        parameters=fit.sizes[0] + fit.sizes[2],
     )
 
 

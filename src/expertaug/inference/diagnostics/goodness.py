@@ -46,28 +46,30 @@ class Goodness:
         return f"the model does not explain these windows to within their noise (χ² {self.chi2:.3g}, not 1)"
 
 
-def goodness_of_fit(chi2: Array, dof: int) -> Goodness:
-    """Test fits of windows by χ² (Fisher 1922), all of them independent and with the noise that was stated.
+def goodness_of_fit(chi2: Array, dof: Array | int, independent: int | None = None) -> Goodness:
+    """Test fits of windows by χ² (Fisher 1922), with the noise that was stated.
 
     A χ² of all windows together within 10 % of 1 is not held against a model, however many they are: the noise is
     hardly known better.
 
     Arguments:
-        chi2: per degree of freedom, of each window, (N,); not finite where a fit has failed.
-        dof: degrees of freedom of a window, observed numbers less fitted ones.
+        chi2: per degree of freedom, of each window, (N,); infinite where a fit has failed.
+        dof: degrees of freedom of each window, (N,), or of all: observed numbers less fitted ones.
+        independent: how many of the windows count, where some overlap or follow each other; None: all.
 
     Raises:
-        InputError: no window, or no degree of freedom.
+        InputError: no window, or one without a degree of freedom.
     """
     values = plain(chi2, "chi2", infinite=True)
-    if dof < 1 or not len(values):
-        raise InputError(
-            "dof", f"{dof} degrees of freedom, {len(values)} windows", "give fewer parameters or longer windows"
-        )
-    total = float(np.minimum(values, LARGEST).mean())
-    together = float(chi2_distribution.sf(total * dof * len(values), dof * len(values)))
-    explains = together >= LEVEL or total <= 1 + TOLERANCE
-    return Goodness(chi2_distribution.sf(values * dof, dof), total, together, bool(explains))
+    freedom = np.broadcast_to(plain(dof, "dof"), values.shape)
+    if not len(values) or freedom.min() < 1:
+        found = f"{len(values)} windows" if not len(values) else f"{freedom.min():g} degrees of freedom"
+        raise InputError("dof", found, "give fewer parameters or longer windows")
+    total = float((np.minimum(values, LARGEST) * freedom).sum() / freedom.sum())
+    together = freedom.sum() * (len(values) if independent is None else independent) / len(values)
+    p_together = float(chi2_distribution.sf(total * together, together))
+    explains = p_together >= LEVEL or total <= 1 + TOLERANCE
+    return Goodness(chi2_distribution.sf(values * freedom, freedom), total, p_together, bool(explains))
 
 
 @dataclass(frozen=True)
@@ -77,19 +79,25 @@ class Candidate:
     Attributes:
         held_out: mean squared error of each window's held-out part, in units of the noise, (N,).
         chi2: per degree of freedom, of fits of the whole windows, (N,).
-        observations, parameters: observed and fitted numbers of a window.
+        observations: numbers that were measured of each window, (N,).
+        parameters: numbers that are fitted to a window.
     """
 
     held_out: np.ndarray
     chi2: np.ndarray
-    observations: int
+    observations: np.ndarray
     parameters: int
 
     @property
+    def dof(self) -> np.ndarray:
+        """Degrees of freedom of each window, (N,)."""
+        return self.observations - self.parameters
+
+    @property
     def criterion(self) -> float:
-        """The Bayesian information criterion (Schwarz 1978) of all windows, with known noise."""
-        chi2 = np.minimum(self.chi2, LARGEST) * (self.observations - self.parameters)
-        return float(chi2.sum() + len(chi2) * self.parameters * np.log(self.observations))
+        """The Bayesian information criterion (Schwarz 1978) of a window with known noise, their mean."""
+        each = np.minimum(self.chi2, LARGEST) * self.dof + self.parameters * np.log(self.observations)
+        return float(each.mean())
 
 
 @dataclass(frozen=True)
@@ -133,7 +141,7 @@ def choose(candidates: Mapping[str, Candidate], groups: Sequence | np.ndarray | 
 
     Arguments:
         candidates: by name, all of the same N windows.
-        groups: (N,), windows of one group (a trajectory) count as one; None: all are independent.
+        groups: (N,), windows of one group (a trajectory, a stretch of one) count as one; None: all are independent.
 
     Raises:
         InputError: fewer than two models, or different numbers of windows.
@@ -146,14 +154,15 @@ def choose(candidates: Mapping[str, Candidate], groups: Sequence | np.ndarray | 
     logs = {name: _by_group(_log(one.held_out), groups) for name, one in candidates.items()}
     score = {name: float(value.mean()) for name, value in logs.items()}
     best = min(score, key=lambda name: score[name])
+    independent = len(logs[best])
     behind = {name: float(np.median(value - logs[best])) for name, value in logs.items()}
     p = {name: 1.0 if name == best else _p(value - logs[best]) for name, value in logs.items()}
-    criteria = {name: one.criterion for name, one in candidates.items()}
+    criteria = {name: independent * one.criterion for name, one in candidates.items()}
     least = min(criteria.values())
     criterion = {name: value - least for name, value in criteria.items()}
     as_good = sorted((name for name in candidates if p[name] >= LEVEL), key=lambda name: criterion[name])
     decided = len(as_good) == 1 or criterion[as_good[1]] - criterion[as_good[0]] >= STRONG
-    goodness = {name: goodness_of_fit(one.chi2, one.observations - one.parameters) for name, one in candidates.items()}
+    goodness = {name: goodness_of_fit(one.chi2, one.dof, independent) for name, one in candidates.items()}
     return Choice(score, behind, p, criterion, goodness, as_good, as_good[0] if decided else None)
 
 
