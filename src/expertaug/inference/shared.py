@@ -7,6 +7,7 @@ former, windows are independent, so that their own parameters are eliminated fro
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
-from expertaug.inference.least_squares import WindowFit, estimator_of
+from expertaug.inference.least_squares import MEMORY, WindowFit, estimator_of
 from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTEST, linearised
 from expertaug.models.settings import Constant, Refinement
 from expertaug.models.store import StoredModel
@@ -23,9 +24,9 @@ from expertaug.settings import given_ranges
 from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories
 
+logger = logging.getLogger(__name__)
 STEPS = 60
 TOLERANCE = 1e-9  # of the cost: the windows together are at their minimum
-PART = 500  # windows at a time
 FEWEST_GROUPS = 8  # of windows whose residuals are independent, below which blocks of windows stand for groups
 BLOCKS = 10
 
@@ -99,10 +100,9 @@ def groups_of(data: Trajectories) -> np.ndarray:
 @torch.no_grad()
 def _minimise(fit: WindowFit, windows: Tensor, places: Sequence[int]) -> tuple[Tensor, NormalEquations]:
     """Coordinates (1, N, K) at the minimum, the shared ones being equal, and the equations there."""
-    alone = fit(windows)
-    x = fit.coordinates(alone, fit.first(windows))
+    x = fit.coordinates(fit(windows), fit.first(windows))
     x[..., places] = x[..., places].median(dim=1, keepdim=True).values
-    now, damping = _equations(fit, windows, x), DAMPING
+    now, damping, done = _equations(fit, windows, x), DAMPING, False
     for _ in range(STEPS):
         trial = x + _step(now, places, damping, fit.longest)
         new = _equations(fit, windows, trial)
@@ -111,20 +111,23 @@ def _minimise(fit: WindowFit, windows: Tensor, places: Sequence[int]) -> tuple[T
             x, now, damping = trial, new, damping * LESS
         else:
             damping *= MORE
-        if damping > TIGHTEST or (0 < gain <= TOLERANCE * float(now.cost.sum())):
+        done = damping > TIGHTEST or 0 < gain <= TOLERANCE * float(now.cost.sum())
+        if done:
             break
+    if not done:
+        logger.warning("shared parameters: the fit has not ended after %d steps; narrow the prior or share less", STEPS)
     return x, now
 
 
 def _equations(fit: WindowFit, windows: Tensor, x: Tensor) -> NormalEquations:
-    parts = []
-    for first in range(0, x.shape[1], PART):
-        some = windows[:, :, first : first + PART]
+    parts, size = [], max(1, MEMORY // (windows[:, :, :1].numel() * 8 * (x.shape[-1] + 1)))
+    for first in range(0, x.shape[1], size):
+        some = windows[:, :, first : first + size]
 
         def residuals(candidates: Tensor, columns: Tensor, some: Tensor = some) -> Tensor:
             return fit.residuals(candidates, some[:, :, columns])
 
-        parts.append(linearised(residuals, x[:, first : first + PART]))
+        parts.append(linearised(residuals, x[:, first : first + size]))
     return NormalEquations(*(torch.cat([part[k][0] for part in parts]) for k in range(3)))
 
 
