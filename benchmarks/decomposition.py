@@ -18,6 +18,7 @@ import torch
 from expertaug.models import store
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 
 def slopes(parts: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -40,9 +41,9 @@ def main() -> None:
     for file in sorted((folder / "aphynity").glob("*/model.safetensors")):
         stored = store.load(file)
         points = stored.card.observed
-        y = torch.from_numpy(truth.y).float().movedim(1, 0)[:points].unsqueeze(1).expand(-1, len(stored.seeds), -1, -1)
-        z_e, z_a = stored.model.encode(y).mean
-        states = stored.model.forecast(y[0], z_e, z_a, torch.from_numpy(truth.t[:points]).float(), Solver("rk4"))
+        windows = Windows.of(truth).until(points).expand(len(stored.seeds))
+        z_e, z_a = stored.model.encode(windows).mean
+        states = stored.model.forecast(windows.y[0], z_e, z_a, windows.t, Solver("rk4"))
         context = stored.model.interaction.context(z_a, z_e)
         rates = torch.stack([stored.model.interaction(state, context) for state in states]).permute(1, 2, 0, 3).numpy()
         theta, speed = states.permute(1, 2, 3, 0).unbind(2)

@@ -30,8 +30,8 @@ from expertaug.inference.least_squares import refined_by
 from expertaug.inference.simulations import own_draws
 from expertaug.learning.divergence import bound_of_card
 from expertaug.learning.residuals import squared_errors
-from expertaug.learning.training_data import StackedSet
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 
 @torch.no_grad()
@@ -58,16 +58,15 @@ def main() -> None:
         if job.refinement is not None:
             stored = replace(stored, model=refined_by(stored, job.refinement))
         usual = score(stored, validation, how, start, device).errors.numpy()
-        whole = StackedSet.of(train, device).windows(len(train.t))[:, 0]
-        y, _ = own_draws(stored, whole, job.own, job.noise, options.windows)
+        windows, _ = own_draws(stored, Windows.of(train, device), job.own, job.noise, options.windows)
         drawing, bound = drawing_of(stored, how, job.noise, train.t, start, device), bound_of_card(stored.card, device)
-        made = forecast(stored.model, y[: drawing.observed], drawing.t, drawing.solver, start, bound)
-        errors = squared_errors(stored.model.system, made.states[drawing.begin :], y[drawing.begin :]).numpy()
+        made = forecast(stored.model, windows.observed(drawing.observed), drawing.solver, start, bound)
+        errors = squared_errors(stored.model.system, made.states[drawing.begin :], windows.y[drawing.begin :]).numpy()
         bad = np.stack([failing(one, of_set) for one, of_set in zip(errors, usual, strict=True)])
         areas = []
         for count in options.draws:
             expected = ExpectedError(stored.model, replace(drawing, count=count))
-            expected.add(made, y, y[: drawing.observed], bound, None)
+            expected.add(made, windows, bound)
             scores = expected.joined()[0].numpy()
             areas.append(np.mean([auroc(one, of_seed).value for one, of_seed in zip(scores, bad, strict=True)]))
         print(f"{version}: {100 * bad.mean():.1f}, {' '.join(f'{area:.3f}' for area in areas)}", flush=True)

@@ -20,9 +20,9 @@ from expertaug.evaluation.score import spread
 from expertaug.inference.flow import load
 from expertaug.learning.divergence import BoundedSolver, bound_of_card
 from expertaug.models.store import device_of
-from expertaug.systems.inputs import joined
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 DRAWS = (119, 64, 32, 16, 8)
 
@@ -40,21 +40,18 @@ def main() -> None:
     device = device_of("cpu")
     stored = load(options.folder / options.version / options.seed_group / "model.safetensors", device, ())
     data = spread(Trajectories.load(options.folder / "data/validation.npz"), options.windows)
-    y, observed = torch.from_numpy(data.seen).movedim(1, 0).unsqueeze(1), stored.card.observed
-    u = None if data.u is None else torch.from_numpy(data.u).movedim(1, 0).unsqueeze(1)
-    seeds = len(stored.seeds)
-    u = None if u is None else u.expand(-1, seeds, *u.shape[2:])
-    windows = joined(y[:observed].expand(-1, seeds, *y.shape[2:]), None if u is None else u[:observed])
-    found, t = stored.model.estimate(windows), torch.from_numpy(data.t).float()
+    whole, observed = Windows.of(data), stored.card.observed
+    windows = whole.observed(observed).expand(len(stored.seeds))
+    found = stored.model.estimate(windows)
     solver, bound = Solver("dopri5", rtol=1e-6, atol=1e-6), bound_of_card(stored.card, device)
     assert found.draws is not None and bound is not None
     for draws in DRAWS:
         stored.model.forecasts = draws
         some = replace(found, draws=tuple(value[..., :draws, :] for value in found.draws))
         start = time.process_time()
-        states = stored.model.predicted(some, windows, t, BoundedSolver(solver, bound), u=u)
+        states = stored.model.predicted(some, windows, BoundedSolver(solver, bound))
         seconds = time.process_time() - start
-        errors = (states - y)[observed:].square().flatten(3).sum(-1).nanmean(0)
+        errors = (states - whole.y)[observed:].square().flatten(3).sum(-1).nanmean(0)
         each = (errors.mean(1).log().tolist(), errors.median(1)[0].log().tolist())
         means, medians = (", ".join(f"{value:.2f}" for value in one) for one in each)
         print(f"{draws:4d} draws: log-MSE {means}; medians {medians}; {seconds:.2f} CPU-s", flush=True)

@@ -41,12 +41,13 @@ def main() -> None:
     for file in sorted((folder / options.method).glob("*/model.safetensors")):
         tuned_file = folder / f"{options.method}+" / file.parent.name / file.name
         base, tuned = store.load(file, cpu), store.load(tuned_file, cpu)
-        drawing = augmentation.load(tuned_file.with_name("augmented.safetensors"), cpu).drawing
+        path, t = tuned_file.with_name("augmented.safetensors"), torch.tensor(base.card.t)
+        drawing = augmentation.load(path, cpu, t).drawing
         task = task_of(base.card.training, base.card, cpu)
         drawing = replace(drawing, prior=options.prior)
         samples = augmentation.generate(base.model, data, task, drawing, DRAW)
         for label, stored in ((base.card.label, base), (tuned.card.label, tuned)):
-            z_e, z_a = stored.model.encode(samples.y[: task.observed]).mean
+            z_e, z_a = stored.model.encode(samples.windows(task.observed)).mean
             forecast = stored.model.forecast(samples.y[0], z_e, z_a, task.t, task.solver)
             error = (forecast - samples.y).square().flatten(3).sum(-1)[task.observed :].mean(0)
             relative = ((z_e - samples.z_e) / samples.z_e).abs().mean((1, 2))

@@ -36,6 +36,7 @@ from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.provenance import revision
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 COLUMNS = [
     "variant", "trial", "seeds", "minutes", "selection", "train", "validation", "validation_std", "parameter_error",
@@ -54,12 +55,10 @@ def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
     for name in ("train", "validation"):
         truth = Trajectories.load(data / f"{name}.npz")
         truth = truth.subset(np.linspace(0, len(truth) - 1, min(len(truth), 500)).astype(int))
-        y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1)
-        observed = card.observed
-        window = y[:observed].expand(observed, len(stored.seeds), *y.shape[2:])
-        prediction, z_e = estimator.predict(window, torch.from_numpy(truth.t).float(), solver)
+        whole, observed = Windows.of(truth), card.observed
+        prediction, z_e = estimator.predict(whole.observed(observed).expand(len(stored.seeds)), solver)
         begin = observed if start is None else int(np.searchsorted(truth.t, start - 1e-9))
-        scores[name] = log_mse(stored.model.system, prediction[begin:], y[begin:])[metric].numpy()
+        scores[name] = log_mse(stored.model.system, prediction[begin:], whole.y[begin:])[metric].numpy()
     if z_e is not None:
         errors = parameter_errors(stored.model.system, z_e, torch.from_numpy(truth.z_e).unsqueeze(0))
         scores["parameter_error"] = errors["relative_error"].numpy()

@@ -55,7 +55,7 @@ def ours(seeds: int, train: StackedSet, validation: StackedSet, epochs: int, tar
         seeds=list(range(seeds)),
     )
     stacked = Hybrid.network(systems.load({"name": "pendulum"}), card)
-    stacked.fit(train.y[:POINTS, 0])
+    stacked.fit(train.windows(POINTS).seed(0))
     settings = TrainSettings.from_mapping(config.training.dump() | {"epochs": epochs})
     trainer = Trainer(
         stacked,

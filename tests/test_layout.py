@@ -19,6 +19,7 @@ FLOORS = (
         "wording",
         "settings",
         "trajectories",
+        "windows",
         "versions",
         "plotting",
         "presets",

@@ -13,6 +13,7 @@ from small_pendulum import OPTIONS
 import expertaug as ea
 from expertaug.cli import main
 from expertaug.inference.coordinates import LatentCoordinates
+from seen import seen
 
 T = np.linspace(0, 4, 41)
 PRIOR = {"omega0": [0.5, 3.5]}
@@ -70,7 +71,8 @@ def test_of_a_long_z_a_only_what_varies_most_is_sought(sets, tmp_path):
     latent = LatentCoordinates.of(model.stored.card, 10)
     assert latent.mean.shape == (1, 1, 24) and latent.axes.shape == (1, 10, 24) and latent.size == 10
     window = sets["train"].y[:6, : model.observed]
-    z_a = model.stored.model.encode(torch.from_numpy(window).movedim(1, 0).unsqueeze(1)).z_a.mean.detach().double()
+    y = torch.from_numpy(window).movedim(1, 0).unsqueeze(1)
+    z_a = model.stored.model.encode(seen(y)).z_a.mean.detach().double()
     again = latent.z_a(latent.coordinates(z_a))
     assert (again - z_a).square().mean() < 0.05 * (z_a - latent.mean).square().mean()  # ten axes hold nearly all
     np.testing.assert_allclose(latent.coordinates(again), latent.coordinates(z_a), atol=1e-8)

@@ -33,6 +33,7 @@ COMMON = {
 }
 COMMON |= {"method": "a", "label": "A", "device": "cpu"}
 PRIOR = {"omega0": list(SHIFTED["omega0"])}
+TIMES = torch.arange(21) * 0.1
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +66,7 @@ def test_a_simulated_set(stages, sets):
 def test_training_augmentation_and_fine_tuning(stages, sets, fit, plus):
     assert equal(fit, ea.load(stages / "model.safetensors"))
     drawn = ea.augment(fit, sets["train"], sets["validation"], prior=SHIFTED, noise=0.01).drawn
-    read = load_augmented(stages / "samples.safetensors", torch.device("cpu"))
+    read = load_augmented(stages / "samples.safetensors", torch.device("cpu"), TIMES)
     train_set, validation_set, header = read.train, read.validation, read.drawing.to_json()
     assert torch.equal(drawn.train.y, train_set.y) and torch.equal(drawn.validation.z_e, validation_set.z_e)
     assert header["prior"] == drawn.drawing.to_json()["prior"]

@@ -10,10 +10,10 @@ from driven_sets import ENCODER, INTERACTION, OPTIONS, WIDER
 import expertaug as ea
 from expertaug.evaluation.forecasting import of_own_windows
 from expertaug.inference.diagnostics.validity import refit
-from expertaug.learning.training_data import StackedSet
-from expertaug.models.gaps import Gaps, fill
-from expertaug.systems.inputs import inputs_of, states_of
+from expertaug.models.gaps import Gaps
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows, fill
+from seen import seen
 
 START = {"omega": [-2.0, 2.0]}
 PRIOR = {"omega0": (0.5, 4.0)}
@@ -44,20 +44,20 @@ def test_sets_keep_inputs_and_mask_together(gappy, tmp_path):
     part.save(tmp_path / "part.npz")
     again = Trajectories.load(tmp_path / "part.npz")
     assert again.u.shape == (3, 5, 1) and np.array_equal(again.mask, gappy["train"].mask[3:6, :5])
-    windows = StackedSet.of(part, CPU).windows(4)
+    windows = Windows.of(part).until(4).joined
     assert torch.equal(torch.isnan(windows[:, 0, ..., :2]), torch.from_numpy(~part.mask[:, :4]).movedim(1, 0))
     assert torch.equal(windows[:, 0, ..., 2:], torch.from_numpy(part.u[:, :4]).movedim(1, 0))
 
 
 def test_inputs_are_no_gaps_and_change_no_line(gappy):
     system = ea.DrivenPendulum()
-    windows = StackedSet.of(gappy["train"], CPU).windows(11)
+    windows = Windows.of(gappy["train"]).until(11)
     t, middle = torch.arange(11) * 0.05, torch.tensor([0.0, 0.3])
-    found = fill(windows, t, middle)
-    assert torch.equal(inputs_of(system, found), inputs_of(system, windows)) and torch.isfinite(found).all()
-    assert torch.equal(states_of(system, found), fill(states_of(system, windows), t, middle))
+    found = windows.filled(t, middle)
+    assert torch.equal(found.u, windows.u) and torch.isfinite(found.y).all()
+    assert torch.equal(fill(windows.joined, t, middle), found.joined)
     gaps = Gaps(system, t, {"theta": [-2, 2], **START})
-    assert torch.equal(gaps.start(windows), gaps.start(states_of(system, windows)))
+    assert torch.equal(gaps.start(windows), gaps.start(seen(windows.y)))
 
 
 def test_it_is_trained_forecast_and_scored(fit, gappy):
@@ -93,7 +93,7 @@ def test_windows_are_fitted_and_drawn_from(fit, gappy):
     assert np.isfinite(found.chi2).all() and np.nanmedian(found.misfit) < np.nanmedian(before.misfit)
     band = ea.predictive(refined, window, test.t, u=test.u, draws=9)
     assert np.isfinite(band.quantiles).all()
-    windows = StackedSet.of(test, CPU).windows(fit.observed)[:, 0]
+    windows = Windows.of(test).until(fit.observed)
     changed = refit(refined.stored, windows, 0.01, PRIOR, {"starts": 8, "tries": 1})
     assert torch.isfinite(changed.change()).all() and torch.isfinite(changed.chi2_after).all()
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 import yaml
 
 from expertaug.config import jobs, stage_settings
@@ -94,7 +95,7 @@ def test_it_is_simulated_trained_augmented_and_evaluated(tmp_path):
         train(tmp_path, output, tmp_path / "work", stage_settings.train(whole, "oscillator", method, group), None)
     augment(model, tmp_path, samples, stage_settings.augment(whole, "oscillator", "aphynity+", group))
     u = np.load(tmp_path / "train.npz")["u"]
-    plus = load_augmented(samples, "cpu").train
+    plus = load_augmented(samples, "cpu", torch.arange(200) * 0.1).train
     assert np.array_equal(plus.u[:, 0].movedim(1, 0), u[:, : len(plus.y)])
     settings = stage_settings.finetune(whole, "oscillator", "aphynity+", group)
     finetune(model, samples, tmp_path, tuned, tmp_path / "work+", settings, None)

@@ -28,6 +28,8 @@ from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.tracking.store import initialise
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
+from seen import seen
 from typed_jobs import evaluate, train
 
 RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
@@ -203,7 +205,7 @@ def test_longer_sets_are_forecast_from_the_same_windows(folder):
     stored, truth = store.load(folder / "model.safetensors"), Trajectories.load(folder / "long.npz")
     y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
     with torch.no_grad():
-        states, _ = stored.model.predict(y[:11], torch.from_numpy(truth.t).float(), stored.solver)
+        states, _ = stored.model.predict(seen(y[:11], torch.from_numpy(truth.t).float()), stored.solver)
     expected = (states - y)[11:].double().square().sum(-1).mean((0, 2)).log()
     assert [values[s, "long", "log_mse_sum"] for s in (4, 7)] == pytest.approx(expected.tolist(), abs=1e-3)
     arrays = np.load(outputs[1])
@@ -216,7 +218,7 @@ def test_a_longer_forecast_may_go_as_far_as_it_is_long(folder, monkeypatch):
     Trajectories(2 * data.t, data.y, data.z_e, data.z_a).save(folder / "slow.npz")
     save_as(folder, "far", lambda model: {"bound": [100.0, 50.0]})
     limits = []
-    monkeypatch.setattr(score, "forecast", lambda *args: (limits.append(args[5]), forecast(*args))[1])
+    monkeypatch.setattr(score, "forecast", lambda *args: (limits.append(args[4]), forecast(*args))[1])
     settings = COMMON | {"method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     outputs = folder / "slow.csv", folder / "slow_forecasts.npz"
     evaluate(folder / "far.safetensors", folder, *outputs, settings | {"sets": ["test", "slow"]})
@@ -234,7 +236,8 @@ def test_the_mean_goes_on_with_the_last_one():
 def test_the_mean_of_fields_is_forecast_for_any_number_of_windows(count):
     mean = torch.rand(5, 2, 8, 8)
     observed = torch.rand(3, 2, count, 2, 8, 8)
-    found = forecast(MeanModel(ReactionDiffusion(), mean), observed, torch.arange(5.0), Solver("rk4"), "y0", None)
+    windows = Windows(torch.arange(5.0), observed)
+    found = forecast(MeanModel(ReactionDiffusion(), mean), windows, Solver("rk4"), "y0", None)
     assert torch.equal(found.states, mean[:, None, None].expand(5, 2, count, 2, 8, 8))
 
 

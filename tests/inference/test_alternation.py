@@ -14,6 +14,7 @@ from expertaug.inference.settings import AlternateJob
 from expertaug.learning.train import describe_recipe
 from expertaug.models import store
 from expertaug.trajectories import Trajectories
+from seen import seen
 from typed_jobs import alternate, job
 
 RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.1, 0.6]}}
@@ -57,7 +58,7 @@ def test_finds_the_damping(data, settings):
     validation = Trajectories.load(data / "validation.npz")
     y = torch.from_numpy(validation.y).movedim(1, 0).unsqueeze(1)
     estimator = refined_by(stored, stored.card.refinement)
-    found = estimator.estimate(y[: stored.card.observed])
+    found = estimator.estimate(seen(y[: stored.card.observed]))
     states = y[::4]
     with torch.no_grad():
         rates = torch.stack(
@@ -132,7 +133,7 @@ def test_a_model_file_holds_what_forecasts_need(data, settings, tmp_path):
     stored = store.load(path)
     assert stored.card.kind == "alternating" and stored.seeds == [0, 1]
     windows = torch.from_numpy(Trajectories.load(data / "validation.npz").y[:3, :21]).movedim(1, 0).unsqueeze(1)
-    found = refined_by(stored, stored.card.refinement).estimate(windows.expand(-1, 2, -1, -1))
+    found = refined_by(stored, stored.card.refinement).estimate(seen(windows.expand(-1, 2, -1, -1)))
     assert found.z_e.shape == (2, 3, 1) and found.z_a.shape == (2, 3, 1)
     assert ((found.z_e > 0.5) & (found.z_e < 4)).all()
 

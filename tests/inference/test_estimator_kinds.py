@@ -18,7 +18,6 @@ from expertaug.inference.flow import Flow
 from expertaug.models.estimators import ESTIMATORS, EstimatorKind, estimator
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.stages import STAGES
-from expertaug.systems.inputs import states_of
 
 ROOT = Path(__file__).parents[2]
 HOME = ROOT / "src" / "expertaug" / "models" / "estimators.py"
@@ -34,7 +33,7 @@ class LastState(Predictor, nn.Module):
         self.register_buffer("drift", drift)  # (T, *state)
 
     def estimate(self, windows):
-        return Estimates(states_of(self.system, windows[-1]), None, None)
+        return Estimates(windows.y[-1], None, None)
 
     def forecast(self, y0, z_e, z_a, t, solver, u=None):
         return y0 + self.drift.view(len(t), *[1] * (y0.dim() - 1), -1)

@@ -25,6 +25,7 @@ from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from seen import seen
 from typed_jobs import flow, job, train
 
 RK4 = Solver("rk4")
@@ -103,7 +104,7 @@ def test_a_known_posterior_is_found(known):
     covariance = torch.linalg.inv(precision)
     mean = torch.einsum("pq,tq,tsbk->psb", covariance / NOISE**2, design, y)
     inside = mean[1].abs() < 1.0
-    z_e, _, y0 = (x.squeeze(-1) for x in estimator.sample(y, 400, seed=3))
+    z_e, _, y0 = (x.squeeze(-1) for x in estimator.sample(seen(y), 400, seed=3))
     for found, truth, k in ((y0, start, 0), (z_e, slope, 1)):
         std, error = covariance[k, k].sqrt(), (found.mean(0) - mean[k])[inside]
         assert error.square().mean().sqrt() < 0.3 * std
@@ -124,29 +125,29 @@ def test_its_density_is_one(known):
     seeds = estimator.head.unknowns.low.shape[0]
     many = [x.expand(seeds, -1, -1) for x in (z_e, torch.zeros(1, z_e.shape[1], 2), y0)]
     with torch.no_grad():
-        log = estimator.log_prob(y.expand(-1, seeds, z_e.shape[1], -1), *many)[0]
+        log = estimator.log_prob(seen(y.expand(-1, seeds, z_e.shape[1], -1)), *many)[0]
     assert abs(float(log.exp().sum()) * (5 / 200) ** 2 - 1) < 0.03
 
 
 def test_forecasts_are_posterior_predictive(known):
     estimator, y, slope, start = known
     t = torch.linspace(0, 2, 9)
-    found = predictive(estimator, y, t, RK4, 200, levels=(0.05, 0.5, 0.95), seed=1, keep=True)
+    found = predictive(estimator, seen(y, t), RK4, 200, levels=(0.05, 0.5, 0.95), seed=1, keep=True)
     assert torch.allclose(found.samples.mean(0), found.mean, atol=1e-5)
     assert torch.allclose(found.quantiles[1], found.samples.quantile(0.5, dim=0), atol=1e-5)
     truth = start + slope * t[-1]
     inside = (truth > found.quantiles[0, -1]) & (truth < found.quantiles[2, -1])
     assert abs(inside.float().mean() - 0.9) < 0.05
-    scored = forecast(estimator, y, t, RK4, "y0", None)
+    scored = forecast(estimator, seen(y, t), RK4, "y0", None)
     assert (scored.states[-1] - truth).square().mean() < 1.3 * (found.mean[-1] - truth).square().mean()
-    assert torch.equal(scored.states, estimator.predict(y, t, RK4)[0])
-    part = forecast(estimator, y[:, :, 7:9], t, RK4, "y0", torch.full((2, 1), 100.0)).states
+    assert torch.equal(scored.states, estimator.predict(seen(y, t), RK4)[0])
+    part = forecast(estimator, seen(y[:, :, 7:9], t), RK4, "y0", torch.full((2, 1), 100.0)).states
     assert torch.allclose(part, scored.states[:, :, 7:9], atol=1e-5), "a window's forecast depends on it alone"
 
 
 def test_a_runaway_draw_is_cut_off_at_the_bound(known):
     estimator, y, _, _ = known
-    cut = forecast(estimator, y[:, :, :3], torch.linspace(0, 1e4, 5), RK4, "y0", torch.tensor([50.0])).states
+    cut = forecast(estimator, seen(y[:, :, :3], torch.linspace(0, 1e4, 5)), RK4, "y0", torch.tensor([50.0])).states
     assert torch.isfinite(cut).all() and cut.abs().max() <= 50.0
 
 
@@ -162,7 +163,7 @@ def test_a_seed_does_not_depend_on_the_seeds_beside_it(pendulum):
     assert not torch.allclose(a.x[0], a.x[1], atol=0.1), "another seed, other draws"
     trained = [t.run().model.eval() for t in (both, alone)]
     y = windows(data, 11, 2)
-    z, other = trained[0].sample(y, 16, seed=2)[0][:, 1], trained[1].sample(y[:, 1:], 16, seed=2)[0][:, 0]
+    z, other = trained[0].sample(seen(y), 16, seed=2)[0][:, 1], trained[1].sample(seen(y[:, 1:]), 16, seed=2)[0][:, 0]
     assert torch.allclose(z, other, atol=1e-2)
 
 
@@ -185,7 +186,7 @@ def test_a_file_holds_the_flow_and_its_base_model(pendulum, whole, tmp_path):
     models.save(tmp_path / "again.safetensors", stored.model, stored.card)
     again = load(tmp_path / "again.safetensors")
     y = windows(Trajectories.load(pendulum / "test.npz"), 11, 2)
-    for one, other in zip(stored.model.sample(y, 4), again.model.sample(y, 4), strict=True):
+    for one, other in zip(stored.model.sample(seen(y), 4), again.model.sample(seen(y), 4), strict=True):
         assert torch.equal(one, other)
     assert models.load(whole).kind is load(whole).kind, "known since it was imported"
     assert isinstance(load(pendulum / "both.safetensors"), StoredModel), "other kinds as ever"
@@ -194,11 +195,11 @@ def test_a_file_holds_the_flow_and_its_base_model(pendulum, whole, tmp_path):
 def test_estimates_lie_in_the_widened_prior_and_speeds_are_what_was_observed(pendulum, whole):
     model, data = load(whole).model, Trajectories.load(pendulum / "test.npz")
     y = windows(data, 11, 2)
-    z_e, z_a, y0 = model.sample(y, 64, seed=0)
+    z_e, z_a, y0 = model.sample(seen(y), 64, seed=0)
     assert z_e.shape == (64, 2, 40, 1) and z_a.shape == (64, 2, 40, 3) and y0.shape == (64, 2, 40, 2)
     assert z_e.min() > 0.43 and z_e.max() < 3.57
     assert not torch.equal(y0[0], y0[1]), "a noisy first point is inferred"
-    found = model.estimate(y)
+    found = model.estimate(seen(y))
     assert torch.equal(found.part(slice(3, 5)).draws[0], found.draws[0][:, 3:5])
 
 
@@ -265,14 +266,14 @@ def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path)
     training = prepare(base, data, job(FlowJob, plus))
     held, done = training.trainer.held, training.run()
     y = windows(data, 6, 1)
-    z_e, _, y0 = done.model.eval().sample(y, 32)
+    z_e, _, y0 = done.model.eval().sample(seen(y), 32)
     assert torch.equal(y0, y[0].expand_as(y0)), "a field's first point is what was observed"
     with torch.no_grad():
         theta = done.model.head.density.sample(held.x, torch.zeros(1, *held.theta.shape))[0]
     assert (theta - held.theta)[..., 0].std() < 0.5 * held.theta[..., 0].std(), "windows tell the diffusion"
     models.save(tmp_path / "flow.safetensors", done.model, done.card)
     again = load(tmp_path / "flow.safetensors", classes=[system["name"]]).model
-    assert torch.equal(again.sample(y, 32)[0], z_e)
+    assert torch.equal(again.sample(seen(y), 32)[0], z_e)
     with pytest.raises(InputError, match="needs field_systems:Fisher"):
         load(tmp_path / "flow.safetensors")
 

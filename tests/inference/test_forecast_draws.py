@@ -26,6 +26,8 @@ from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Delta, Estimates, Gaussian, Posterior
 from expertaug.systems.solvers.solver import Solver
+from expertaug.windows import Windows
+from seen import seen
 from typed_jobs import job
 
 SCORING = Scoring.of(draws=39, drawn_samples=60, solver={"method": "rk4"})
@@ -62,8 +64,8 @@ def test_the_joint_draws_keep_what_the_fit_knows_of_start_and_parameter_together
     """A window's own forecast is known far better than the marginals of omega0 and of the start would tell."""
     stored, data = fitted
     y = torch.from_numpy(data.y[:, :OBSERVED]).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
-    found = stored.model.estimate(y)
-    z_e, z_a, y0 = joint_draws(stored.model, found, y, 400, RandomStreams([0, 1], 9))
+    found = stored.model.estimate(seen(y))
+    z_e, z_a, y0 = joint_draws(stored.model, found, seen(y), 400, RandomStreams([0, 1], 9))
     assert z_e.shape == (400, 2, 80, 1) and z_a.shape == (400, 2, 80, 0) and y0.shape == (400, 2, 80, 2)
     assert not torch.equal(z_e[:, 0], z_e[:, 1])
     spread = found.posterior.z_e.log_std.exp().squeeze(-1)  # in the unbounded space; nearly the same above 1 rad/s
@@ -77,10 +79,12 @@ def test_the_joint_draws_keep_what_the_fit_knows_of_start_and_parameter_together
 def test_a_point_has_no_draws(fitted):
     stored, _ = fitted
     point = torch.ones(2, 4, 1)
-    found = stored.model.estimate(torch.ones(OBSERVED, 2, 4, 2))
+    found = stored.model.estimate(seen(torch.ones(OBSERVED, 2, 4, 2)))
     q = Posterior(Delta(point), Delta(point[..., :0]))
     assert (
-        joint_draws(stored.model.decoder, replace(found, posterior=q), torch.ones(3, 2, 4, 2), 5, RandomStreams([0], 1))
+        joint_draws(
+            stored.model.decoder, replace(found, posterior=q), seen(torch.ones(3, 2, 4, 2)), 5, RandomStreams([0], 1)
+        )
         is None
     )
 
@@ -91,7 +95,7 @@ def test_an_encoders_gaussian_is_drawn_from_as_it_is():
     q = Posterior(z_e, Gaussian(torch.zeros(2, 4, 3), torch.zeros(2, 4, 3)))
     y = torch.ones(OBSERVED, 2, 4, 2)
     drawn = joint_draws(
-        Decoder(systems.load({"name": "pendulum"})), Estimates(y[0], *q.mean, q), y, 500, RandomStreams([0, 1], 1)
+        Decoder(systems.load({"name": "pendulum"})), Estimates(y[0], *q.mean, q), seen(y), 500, RandomStreams([0, 1], 1)
     )
     assert [d.shape for d in drawn] == [(500, 2, 4, 1), (500, 2, 4, 3), (500, 2, 4, 2)]
     assert ((drawn[0].median(0).values - z_e.mean) / z_e.mean).abs().max() < 0.05 and (drawn[0] > 0).all()
@@ -107,8 +111,8 @@ def drawing(stored, **changed):
 
 def test_own_windows_lie_over_p_plus_and_fits_of_them_are_calibrated(fitted):
     stored, data = fitted
-    y, z_e = own_draws(stored, torch.from_numpy(data.y).movedim(1, 0), OWN, NOISE, 60)
-    assert y.shape == (len(T), 2, 60, 2) and z_e.shape == (2, 60, 1)
+    made, z_e = own_draws(stored, Windows.of(data), OWN, NOISE, 60)
+    assert made.y.shape == (len(T), 2, 60, 2) and z_e.shape == (2, 60, 1)
     assert z_e.min() < 0.7 and z_e.max() > 3.3 and not torch.equal(z_e[0], z_e[1])
     own, draws = of_own_windows(stored, data, OWN, NOISE, 60, drawing(stored))
     assert own.ranks.shape == (2, 60, 1) and own.tarp.shape == (2, 60) and draws == 119
@@ -119,11 +123,11 @@ def test_own_windows_lie_over_p_plus_and_fits_of_them_are_calibrated(fitted):
 
 def test_own_windows_take_z_a_from_so_many_training_windows_at_most(fitted, monkeypatch):
     stored, data = fitted
-    asked, seen = own_windows_of.latents_of, []
+    asked, counts = own_windows_of.latents_of, []
     monkeypatch.setattr(own_windows_of, "WINDOWS", 7)
-    monkeypatch.setattr(own_windows_of, "latents_of", lambda *told: seen.append(told[2].shape[2]) or asked(*told))
-    y, _ = own_draws(stored, torch.from_numpy(data.y).movedim(1, 0), OWN, NOISE, 20)
-    assert len(data) > 7 and seen == [7] and y.shape[2] == 20
+    monkeypatch.setattr(own_windows_of, "latents_of", lambda *told: counts.append(told[2].y.shape[2]) or asked(*told))
+    made, _ = own_draws(stored, Windows.of(data), OWN, NOISE, 20)
+    assert len(data) > 7 and counts == [7] and made.y.shape[2] == 20
 
 
 def test_a_flow_is_ranked_on_the_draws_that_it_learns_from():
@@ -153,7 +157,7 @@ def test_a_first_point_that_is_not_inferred_is_the_observed_one():
     stored = expert_alone("pendulum", data)
     stored = replace(stored, model=estimator_of(stored, None, NOISE, PRIOR))
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
-    found = stored.model.estimate(y[:OBSERVED])
-    states = drawing(stored, start="y_t1").states(stored.model, found, y, None, RandomStreams([0, 1], 1))
+    found = stored.model.estimate(seen(y[:OBSERVED]))
+    states = drawing(stored, start="y_t1").states(stored.model, found, seen(y), None, RandomStreams([0, 1], 1))
     assert states.shape == (39, len(T) - OBSERVED, 2, 6, 2)
     assert (states[:, 0] - y[OBSERVED]).abs().max() < 0.5

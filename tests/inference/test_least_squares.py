@@ -23,6 +23,7 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates, unconstrain
 from expertaug.systems.simulate import trajectories
 from expertaug.systems.solvers.solver import Solver
+from seen import seen
 from typed_jobs import train_job
 
 T = np.linspace(0.0, 10.0, 101)
@@ -75,7 +76,7 @@ def test_a_candidate_that_runs_away_is_only_very_bad():
 @pytest.mark.parametrize("z_e", [(1.5, 3.1), (0.5, 1.5)])
 def test_an_undamped_pendulum_is_fitted_to_its_noise(z_e):
     data = pendulum(z_e)
-    found = estimator_of(expert_alone("pendulum", data), None, NOISE, PRIOR).estimate(windows(data))
+    found = estimator_of(expert_alone("pendulum", data), None, NOISE, PRIOR).estimate(seen(windows(data)))
     truth = torch.from_numpy(data.z_e).float()
     assert found.z_e.shape == (2, 40, 1) and torch.equal(found.z_e[0], found.z_e[1])
     assert ((found.z_e[0] - truth) / truth).abs().mean() < 0.01
@@ -93,7 +94,7 @@ def test_an_undamped_pendulum_is_fitted_to_its_noise(z_e):
 
 def test_what_the_expert_lacks_shows_in_chi2():
     lacking = pendulum((1.5, 3.1), damping=(0.3, 0.6))
-    found = estimator_of(expert_alone("pendulum", lacking), None, NOISE, PRIOR).estimate(windows(lacking, 1))
+    found = estimator_of(expert_alone("pendulum", lacking), None, NOISE, PRIOR).estimate(seen(windows(lacking, 1)))
     assert found.chi2.median() > 50 and found.chi2.min() > 1.3
 
 
@@ -102,7 +103,7 @@ def test_a_circuit_without_noise_is_found_exactly_from_many_starts():
         systems.load({"name": "rlc"}), {"L": (3.0, 5.0), "C": (1.0, 2.5)}, {"R": (0.0, 0.0)}, n=20, t=T, seed=1
     )
     estimator = estimator_of(expert_alone("rlc", data), None, 0.0, {"L": (1.0, 5.0), "C": (0.5, 2.5)})
-    found = estimator.estimate(windows(data))
+    found = estimator.estimate(seen(windows(data)))
     torch.testing.assert_close(found.z_e[0], torch.from_numpy(data.z_e).float(), rtol=1e-3, atol=1e-3)
     assert torch.equal(found.y0, windows(data)[0])  # known where nothing is noisy
 
@@ -124,7 +125,7 @@ def test_the_true_equation_is_a_floor(name):
     described = RecipeRecord.of(system={"name": name}, interaction=False)
     stored = train_stage.make_expert_alone(system, data, settings, described, truth=True)
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).float()
-    found = refined_by(stored, stored.card.refinement).estimate(y.expand(-1, 2, *y.shape[2:]))
+    found = refined_by(stored, stored.card.refinement).estimate(seen(y.expand(-1, 2, *y.shape[2:])))
     expected = torch.from_numpy(data.z_e).float()
     assert ((found.z_e[0] - expected) / expected).abs().mean() < (0.02 if noise else 1e-4)
     assert (found.z_a[0] - torch.from_numpy(data.z_a).float()).abs().mean() < 0.05 * data.z_a.mean()
@@ -132,7 +133,7 @@ def test_the_true_equation_is_a_floor(name):
     beyond = {k: (10 * high, 20 * high) for k, (_, high) in z_a.items()} if name == "reaction_diffusion" else z_a
     far = trajectories(system, ranges, beyond, n=4, t=t, noise=noise, seed=3)
     y = torch.from_numpy(far.y).movedim(1, 0).unsqueeze(1).float().expand(-1, 2, -1, *[-1] * (far.y.ndim - 2))
-    found = refined_by(stored, stored.card.refinement).estimate(y)
+    found = refined_by(stored, stored.card.refinement).estimate(seen(y))
     assert (found.z_a[0] - torch.from_numpy(far.z_a).float()).abs().mean() < 0.05 * far.z_a.mean()
     with pytest.raises(InputError, match="only simulated data have a true equation"):
         train_stage.make_expert_alone(system, replace(data, z_a=None), settings, described, truth=True)
@@ -151,10 +152,10 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
     assert np.shape(latent.mean) == np.shape(latent.std) == (2, 8)
     y = torch.from_numpy(train.y).float().movedim(1, 0)[: stored.card.observed].unsqueeze(1)
     y = y.expand(-1, 2, *y.shape[2:])
-    mean = stored.model.encode(y).z_a.mean.double().mean(1)
+    mean = stored.model.encode(seen(y)).z_a.mean.double().mean(1)
     torch.testing.assert_close(torch.tensor(latent.mean, dtype=torch.float64), mean, rtol=1e-5, atol=1e-6)
 
-    own = stored.model.estimate(y)
+    own = stored.model.estimate(seen(y))
     alone = estimator_of(stored, {"starts": 0}, 0.01, None)  # no start but the model's own
     t = torch.tensor(stored.card.t)
     observed = stored.card.observed
@@ -163,14 +164,14 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
         states = stored.model.forecast(found.y0, found.z_e, found.z_a, t[:observed], Solver("rk4"))
         return (states - y).square().mean((0, 3))
 
-    refined = alone.estimate(y)
+    refined = alone.estimate(seen(y))
     assert (misfit(refined) <= misfit(own) + 1e-6).all() and misfit(refined).mean() < 0.5 * misfit(own).mean()
-    more = estimator_of(stored, {"starts": 64, "tries": 4}, 0.01, {"omega0": (0.5, 3.5)}).estimate(y)
+    more = estimator_of(stored, {"starts": 64, "tries": 4}, 0.01, {"omega0": (0.5, 3.5)}).estimate(seen(y))
     assert (more.chi2 <= refined.chi2 * 1.001 + 1e-6).double().mean() > 0.95
     # The same again, and the model is as it was.
-    again = alone.estimate(y)
-    assert torch.equal(again.z_e, refined.z_e) and torch.equal(stored.model.estimate(y).z_e, own.z_e)
-    part = alone.estimate(y[:, :, :7])
+    again = alone.estimate(seen(y))
+    assert torch.equal(again.z_e, refined.z_e) and torch.equal(stored.model.estimate(seen(y)).z_e, own.z_e)
+    part = alone.estimate(seen(y[:, :, :7]))
     torch.testing.assert_close(part.z_e, refined.z_e[:, :7], rtol=1e-3, atol=1e-4)
 
 
@@ -247,7 +248,7 @@ def test_points_outside_a_components_window_do_not_count():
     spoiled = replace(data, y=data.y.copy())
     spoiled.y[:, 1:, 1] += 7.0
     one, other = (
-        estimator_of(stored, only_angle, NOISE, PRIOR).estimate(windows(each, 1)).z_e for each in (data, spoiled)
+        estimator_of(stored, only_angle, NOISE, PRIOR).estimate(seen(windows(each, 1))).z_e for each in (data, spoiled)
     )
     assert torch.equal(one, other)
 
@@ -256,7 +257,7 @@ def test_what_cannot_be_fitted_is_one_line():
     data = pendulum((1.5, 3.1), n=2)
     stored = expert_alone("pendulum", data)
     with pytest.raises(InputError, match="least squares needs a range of starts"):
-        estimator_of(stored, None, NOISE, None).estimate(windows(data))
+        estimator_of(stored, None, NOISE, None).estimate(seen(windows(data)))
     with pytest.raises(InputError, match="names speed"):
         estimator_of(stored, {"windows": {"speed": [0, 1]}}, NOISE, PRIOR)
     with pytest.raises(InputError, match="give a range for each of"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-import torch
 from test_least_squares import NOISE, OBSERVED, expert_alone, pendulum
 
 from expertaug import systems
@@ -13,6 +12,7 @@ from expertaug.evaluation.settings import OwnPriorsJob
 from expertaug.inference.adaptive_prior import adapt_prior, typical_ranges, widen_prior, with_more_starts
 from expertaug.models.settings import RefinementSettings
 from expertaug.stages.prior_file import read_ranges, with_ranges
+from expertaug.windows import Windows
 from tiny import SETTINGS
 from typed_jobs import own_prior as stage
 
@@ -20,7 +20,7 @@ SEEN = {"omega0": (1.5, 3.1)}
 
 
 def first_points(data):
-    return torch.from_numpy(data.y).movedim(1, 0)[:OBSERVED]
+    return Windows.of(data).until(OBSERVED)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_it_says_when_the_expert_itself_does_not_fit(train):
 
 
 def test_without_windows_the_ranges_end_at_the_budget(train):
-    whole = torch.from_numpy(train.y).movedim(1, 0)
+    whole = Windows.of(train)
     stored = expert_alone("pendulum", train)
     found = widen_prior(stored, whole, NOISE, 2.0, SEEN)
     low, high = found.ranges["omega0"]
@@ -62,7 +62,7 @@ def test_without_windows_the_ranges_end_at_the_budget(train):
 
 def test_nothing_is_widened_where_own_windows_cannot_be_fitted(train):
     """One start for the fits: beyond a factor of two they end in minima of other swings."""
-    whole = torch.from_numpy(train.y).movedim(1, 0)
+    whole = Windows.of(train)
     few = {"starts": 1, "tries": 1, "steps": 1}
     found = widen_prior(expert_alone("pendulum", train), whole, NOISE, 100.0, SEEN, few | {"steps": 30})
     assert found.ranges["omega0"][1] < 50
@@ -107,4 +107,4 @@ def test_mistakes_are_one_line(train):
     with pytest.raises(InputError, match="give ranges"):
         adapt_prior(stored, y, y, NOISE)
     with pytest.raises(InputError, match="the training's are"):
-        adapt_prior(stored, y, y[1:], NOISE, SEEN)
+        adapt_prior(stored, y, y.until(OBSERVED - 1), NOISE, SEEN)

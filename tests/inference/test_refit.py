@@ -17,6 +17,7 @@ from expertaug.inference.settings import ValiditySettings
 from expertaug.models.decoder import Decoder
 from expertaug.models.store import StoredModel
 from expertaug.systems.solvers.solver import Solver
+from seen import seen
 
 HOW = ValiditySettings(samples=20, steps=25, learning_rate=0.01)
 
@@ -43,7 +44,7 @@ def stored(decoder, data):
 
 
 def made(drag, z_e, n=16):
-    """Windows (T1, N, 2) of a pendulum with the drag, and their truths."""
+    """Windows y (T1, 1, N, 2) of a pendulum with the drag, and their truths."""
     system = systems.load({"name": "pendulum"})
     data = pendulum(z_e, damping=(0.2, 0.5), n=n)
     y0, true, z_a = (torch.from_numpy(value) for value in (data.y[:, 0], data.z_e, data.z_a))
@@ -51,7 +52,7 @@ def made(drag, z_e, n=16):
         one = [value.expand(2, *value.shape) for value in (y0, true, z_a)]
         y = Decoder(system, Friction(drag)).forecast(*one, torch.from_numpy(T).float(), Solver("rk4"))[:OBSERVED, 0]
     noise = NOISE * torch.randn(y.shape, generator=torch.Generator().manual_seed(1))
-    return y + noise, (true, z_a), data
+    return seen(y + noise).with_seeds(), (true, z_a), data
 
 
 def test_f_a_changes_where_it_lacks_something():
@@ -73,7 +74,7 @@ def test_f_a_changes_where_it_lacks_something():
 def test_a_model_without_f_a_has_nothing_to_fit():
     _, _, data = made(0.0, (1.5, 3.1), n=2)
     with pytest.raises(InputError, match="has no interaction model"):
-        refit(expert_alone("pendulum", data), torch.zeros(OBSERVED, 2, 2), NOISE, PRIOR)
+        refit(expert_alone("pendulum", data), seen(torch.zeros(OBSERVED, 1, 2, 2)), NOISE, PRIOR)
 
 
 def test_the_study_has_a_sentence_a_version(tmp_path, monkeypatch):

@@ -17,10 +17,12 @@ from expertaug.models import store
 from expertaug.presets import ROWS, Choices, resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from seen import seen
 from tiny import PRIOR, SETTINGS
 from typed_jobs import augment, finetune, train
 
 CPU = torch.device("cpu")
+TIMES = torch.arange(31) * 0.1
 Unbounded = SimpleNamespace(bound=None)  # all of a task that this needs
 
 
@@ -34,7 +36,7 @@ def trained(data, tmp_path_factory):
 def augmented(trained, data, folder, settings, **choices):
     chosen = settings["choices"] | choices
     augment(trained, data, folder / "plus.st", settings | {"prior": PRIOR, "noise": 0.01, "choices": chosen})
-    plus = augmentation.load(folder / "plus.st", CPU)
+    plus = augmentation.load(folder / "plus.st", CPU, TIMES)
     return plus.train, plus.validation, plus.drawing.to_json()
 
 
@@ -46,7 +48,7 @@ def test_augmented_samples_are_the_models_own(trained, data, tmp_path, settings)
     assert torch.equal(plus.y[0], real.y[0].expand(2, -1, -1)), "x comes from the data"
     assert plus.z_e.min() >= 0.5 and plus.z_e.max() <= 3.5 and plus.z_e.max() - plus.z_e.min() > 2.5
     assert not torch.equal(plus.z_e[0], plus.z_e[1]), "every seed draws its own"
-    _, z_a = stored.model.encode(real.y[:11].expand(-1, 2, -1, -1)).mean
+    _, z_a = stored.model.encode(seen(real.y[:11].expand(-1, 2, -1, -1))).mean
     t = torch.tensor(stored.card.t[:11])
     expected = stored.model.forecast(real.y[0].expand(2, -1, -1), plus.z_e, z_a, t, Solver("rk4"))
     torch.testing.assert_close(plus.y, expected.detach())
@@ -55,7 +57,7 @@ def test_augmented_samples_are_the_models_own(trained, data, tmp_path, settings)
 def test_augmented_samples_keep_the_z_a_that_made_them(trained, data, tmp_path, settings):
     plus, validation, _ = augmented(trained, data, tmp_path, settings, augmentation_noise="none")
     stored, y = store.load(trained), StackedSet.of(Trajectories.load(data / "train.npz"), CPU).y
-    assert torch.equal(plus.z_a, stored.model.encode(y[:11].expand(-1, 2, -1, -1)).mean[1])
+    assert torch.equal(plus.z_a, stored.model.encode(seen(y[:11].expand(-1, 2, -1, -1))).mean[1])
     assert validation.z_a.shape == (2, 10, plus.z_a.shape[-1])
     both = StackedSet.of(Trajectories.load(data / "train.npz"), CPU) | plus
     assert torch.isnan(both.z_a[:, :40]).all() and torch.equal(both.z_a[:, 40:], plus.z_a)
@@ -75,13 +77,13 @@ def test_a_replaced_sample_is_replaced_whole():
 def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, settings):
     """Errors of z_a on augmented samples fall with its weight, and the default of 0 is what files of before have."""
     augmented(trained, data, tmp_path, settings)
-    plus, errors = augmentation.load(tmp_path / "plus.st", CPU).train, {}
+    plus, errors = augmentation.load(tmp_path / "plus.st", CPU, TIMES).train, {}
     settings |= {"method": "aphynity+", "label": "APHYNITY+"}
     settings["training"] |= {"epochs": 20}
     for weight in (0.0, 100.0):
         settings["training"]["z_a_supervision_weight"] = weight
         finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
-        z_a = store.load(tmp_path / "p.st").model.encode(plus.y[:11]).mean[1]
+        z_a = store.load(tmp_path / "p.st").model.encode(seen(plus.y[:11])).mean[1]
         errors[weight] = (z_a - plus.z_a).square().mean().sqrt().item()
     assert errors[100.0] < 0.8 * errors[0.0]
     tensors = augmentation.read_tensors(tmp_path / "plus.st")
@@ -173,7 +175,7 @@ class TestPresetRows:
             objective = Aphynity([0, 1], resolve("corrected", choices), lambda0=lambda0)
             task = task_of(TrainSettings(), stored.card, CPU, torch.tensor([0.5]))
             task = replace(task, horizon=objective.window(task), **(task_keys or {}))
-            batch = type(batch)(batch.y, batch.z_e, torch.full_like(batch.supervised, supervised), z_a=batch.z_a)
+            batch = replace(batch, supervised=torch.full_like(batch.supervised, supervised))
             objective.begin(model or stored.model, batch, task)
             task = replace(task, horizon=points or task.horizon)
             return objective, *objective.loss(model or stored.model, batch, task)
@@ -198,11 +200,11 @@ class TestPresetRows:
         second[:, :, 20:] += 1.0
         for choice, sees_later in (("observed", False), ("half_batch", True)):
             base = loss(loss_window=choice)[1]
-            changed = loss(loss_window=choice, batch=type(batch)(later, batch.z_e, batch.supervised))[1]
+            changed = loss(loss_window=choice, batch=replace(batch, trajectories=seen(later)))[1]
             assert torch.equal(base, changed) != sees_later
-        unseen = loss(loss_window="half_batch", batch=type(batch)(second, batch.z_e, batch.supervised))[1]
+        unseen = loss(loss_window="half_batch", batch=replace(batch, trajectories=seen(second)))[1]
         assert torch.equal(unseen, loss(loss_window="half_batch")[1]), "half of the batch is not trained on"
-        changed = loss(loss_window="half_batch", points=6, batch=type(batch)(later, batch.z_e, batch.supervised))[1]
+        changed = loss(loss_window="half_batch", points=6, batch=replace(batch, trajectories=seen(later)))[1]
         assert torch.equal(changed, loss(loss_window="half_batch", points=6)[1]), "a window that has not grown yet"
 
     def test_multiplier(self, loss):
@@ -214,7 +216,7 @@ class TestPresetRows:
 
     def test_penalty(self, loss):
         model, batch = loss.model, loss.batch
-        z_e, z_a = model.encode(batch.y[:11]).mean
+        z_e, z_a = model.encode(seen(batch.y[:11])).mean
         context = model.interaction.context(z_a, z_e)
         on_data = torch.stack([model.interaction(y, context) for y in batch.y[:11]])
         norm = on_data.norm(dim=-1).mean((0, 2))
@@ -239,7 +241,7 @@ class TestPresetRows:
         torch.testing.assert_close(value, 10 * parts["data"] / full + parts["penalty"])
 
     def test_supervision(self, loss):
-        z_e, _ = loss.model.encode(loss.batch.y[:11]).mean
+        z_e, _ = loss.model.encode(seen(loss.batch.y[:11])).mean
         error = (z_e - loss.batch.z_e).square().sum(-1).mean(1)
         plain = loss()[1]
         torch.testing.assert_close(loss(supervised=1.0)[1], plain + error / (2 * 0.5**2))
@@ -248,9 +250,9 @@ class TestPresetRows:
 
     def test_supervision_of_z_a(self, loss):
         batch, model = loss.batch, loss.model
-        _, z_a = model.encode(batch.y[:11]).mean
+        _, z_a = model.encode(seen(batch.y[:11])).mean
         label, scale = z_a.detach() + 0.3, torch.tensor([[[0.5]], [[2.0]]])
-        labelled = type(batch)(batch.y, batch.z_e, batch.supervised, z_a=label)
+        labelled = replace(batch, z_a=label)
         plain, parts = loss(batch=labelled, supervised=1.0)[1:]
         assert "z_a" not in parts, "the paper supervises z_e alone"
         keys = {"z_a_supervision_weight": 4.0, "z_a_scale": scale}

@@ -23,6 +23,7 @@ from expertaug.models.estimators import Hybrid
 from expertaug.presets import Choices
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from seen import seen
 from tiny import PRIOR
 from typed_jobs import augment, finetune, train
 
@@ -115,7 +116,7 @@ def test_where_the_mean_latents_run_away_too_another_sample_stands_in():
 
 def test_a_runaway_does_not_feed_the_multiplier(data, settings, trained):
     task, batch = task_of(TrainSettings(), trained.card, CPU), batch_of(data)
-    wild = replace(batch, y=batch.y.clone())
+    wild = replace(batch, trajectories=seen(batch.y.clone()))
     wild.y[:, :, 3] = 1e18  # the squared error of a forecast from there is infinite
     found = []
     for one in (batch, wild):
@@ -131,7 +132,7 @@ def test_validation_counts_a_runaway_at_the_bound(data, settings, trained):
     batch = StackedSet.of(Trajectories.load(data / "validation.npz"), CPU)
     whole, points = batch.whole(2), range(1, 11)
     task = task_of(TrainSettings(), trained.card, CPU)
-    z_e, z_a = trained.model.encode(whole.y[: task.observed]).mean
+    z_e, z_a = trained.model.encode(seen(whole.y[: task.observed])).mean
     free = trained.model.forecast(whole.y[0], z_e, z_a, task.t[:11], task.solver)[1:].detach()
     for bound in (torch.tensor([0.1, 0.2]), task.bound):
         one = replace(task, bound=bound)
@@ -150,7 +151,7 @@ def test_a_solver_that_gives_up_is_followed_by_a_fixed_grid(trained, data):
             return super().__call__(*args, **options)
 
     y, t = batch_of(data).y, torch.arange(21) * 0.1
-    z_e, z_a = trained.model.encode(y[:11]).mean
+    z_e, z_a = trained.model.encode(seen(y[:11])).mean
     expected = trained.model.forecast(y[0], z_e, z_a, t, Solver("rk4"))
     assert torch.equal(forecast_or_fallback(trained.model, y[0], z_e, z_a, t, Stiff("dopri5")), expected)
 

@@ -15,6 +15,7 @@ from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.log import read_log
+from seen import seen
 from typed_jobs import augment, evaluate, finetune, train
 
 SYSTEM = {"name": "field_systems:Fisher"}
@@ -76,14 +77,16 @@ def test_shifted_fields_have_the_same_parameters_and_shifted_forecasts(parts):
     t = torch.arange(6) * 0.1
     model = HybridModel(systems.load(SYSTEM), *parts).build(t[:4], [0, 1])
     y = torch.rand(4, 2, 3, 1, 64, generator=torch.Generator().manual_seed(0))
-    model.fit(y[:, 0])
-    states, z_e = model.predict(y, t, Solver("rk4"))
-    shifted, same = model.predict(y.roll(8, -1), t, Solver("rk4"))
+    model.fit(seen(y[:, 0]))
+    states, z_e = model.predict(seen(y, t), Solver("rk4"))
+    shifted, same = model.predict(seen(y.roll(8, -1), t), Solver("rk4"))
     torch.testing.assert_close(same, z_e, rtol=1e-4, atol=1e-7)
     torch.testing.assert_close(shifted, states.roll(8, -1), rtol=1e-4, atol=1e-5)
     alone = HybridModel(systems.load(SYSTEM), *parts).build(t[:4], [1])
-    alone.fit(y[:, 0])
-    torch.testing.assert_close(alone.predict(y[:, 1:], t, Solver("rk4"))[0][:, 0], states[:, 1], rtol=1e-4, atol=1e-5)
+    alone.fit(seen(y[:, 0]))
+    torch.testing.assert_close(
+        alone.predict(seen(y[:, 1:], t), Solver("rk4"))[0][:, 0], states[:, 1], rtol=1e-4, atol=1e-5
+    )
 
 
 def test_three_dimensions_pass_the_convolutions():
@@ -96,7 +99,7 @@ def test_three_dimensions_pass_the_convolutions():
     for encoder, interaction in PARTS:
         model = HybridModel(Cube(), encoder, interaction).build(t, [0, 1])
         y = torch.rand(3, 2, 2, 1, 4, 4, 4)
-        posterior = model.encode(y)
+        posterior = model.encode(seen(y))
         assert posterior.z_e.mean.shape == (2, 2, 1)
         assert model.interaction_squares(y, *posterior.mean).shape == (2, 6)
 
@@ -109,7 +112,7 @@ def test_a_model_file_of_fields_is_read_again(tmp_path):
     store.save(tmp_path / "m", model, card(description))
     again = store.load(tmp_path / "m", classes=["field_systems:Fisher"]).model
     y = torch.rand(3, 1, 2, 1, 64)
-    assert torch.equal(again.encode(y).z_e.mean, model.encode(y).z_e.mean)
+    assert torch.equal(again.encode(seen(y)).z_e.mean, model.encode(seen(y)).z_e.mean)
 
 
 def test_least_squares_on_fields_is_evaluated_and_drawn(fields, tmp_path, settings):

@@ -19,10 +19,12 @@ from expertaug.models.posterior import Gaussian, unconstrain
 from expertaug.presets import resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from seen import seen
 from tiny import PRIOR
 from typed_jobs import augment, finetune, train
 
 CPU = torch.device("cpu")
+TIMES = torch.arange(31) * 0.1
 
 
 @pytest.fixture
@@ -135,7 +137,7 @@ class TestLoss:
 
     def test_supervision_is_the_posteriors_density(self, case):
         model, batch, task = case
-        labelled = Batch(batch.y, batch.z_e, torch.zeros(2, 40).index_fill_(1, torch.arange(10), 1.0))
+        labelled = Batch(batch.trajectories, batch.z_e, torch.zeros(2, 40).index_fill_(1, torch.arange(10), 1.0))
         plain, term = objective().loss(*case)[0], objective().loss(model, labelled, task)
         noise = RandomStreams([0, 1], 0, 2)
         posterior = model.encoder(batch.y[:11], lambda k: noise.normal(40, k))
@@ -143,7 +145,8 @@ class TestLoss:
         torch.testing.assert_close(term[1]["z_e"], expected.detach())
         torch.testing.assert_close(term[0] * 20, plain * 20 + expected)
         impossible = batch.z_e.index_fill(1, torch.arange(10, 40), -1.0)
-        assert torch.isfinite(objective().loss(model, Batch(batch.y, impossible, labelled.supervised), task)[0]).all()
+        unlikely = Batch(batch.trajectories, impossible, labelled.supervised)
+        assert torch.isfinite(objective().loss(model, unlikely, task)[0]).all()
 
     def test_a_sample_that_runs_away_is_left_out(self, case, monkeypatch):
         draw = Gaussian.draw
@@ -212,7 +215,7 @@ def test_training_lowers_the_loss_and_the_likelihoods_scale(data, tmp_path, sett
 def augmented(model, data, folder, settings, **choices):
     chosen = settings["choices"] | choices
     augment(model, data, folder / "plus.st", settings | {"noise": 0.01, "choices": chosen})
-    plus = augmentation.load(folder / "plus.st", CPU)
+    plus = augmentation.load(folder / "plus.st", CPU, TIMES)
     return plus.train, plus.validation, plus.drawing.to_json()
 
 
@@ -224,7 +227,7 @@ def test_z_a_of_augmented_samples_is_drawn(data, tmp_path, settings):
     t = torch.tensor(stored.card.t[:11])
     y = real.y.expand(-1, 2, -1, -1)
     noise = RandomStreams([0, 1], 0, 1).normal(40, 1)
-    for name, z_a in (("posterior", stored.model.encode(y[:11]).z_a.draw(lambda k: noise)), ("prior", noise)):
+    for name, z_a in (("posterior", stored.model.encode(seen(y[:11])).z_a.draw(lambda k: noise)), ("prior", noise)):
         expected = stored.model.forecast(y[0], plus[name].z_e, z_a, t, Solver("rk4"))
         torch.testing.assert_close(plus[name].y, expected.detach(), rtol=1e-4, atol=1e-5)
 
@@ -263,8 +266,8 @@ def test_fields_have_the_same_objective():
     system = systems.load({"name": "reaction_diffusion"})
     stacked = Hybrid.network(system, card(description))
     y = torch.rand(3, 1, 4, 2, 32, 32, generator=torch.Generator().manual_seed(0))
-    stacked.fit(y[:, 0])
-    batch = StackedSet(y, torch.full((1, 4, 2), 0.002), torch.ones(4)).whole(2)
+    stacked.fit(seen(y[:, 0]))
+    batch = StackedSet(seen(y), torch.full((1, 4, 2), 0.002), torch.ones(4)).whole(2)
     task = task_of(TrainSettings(), card(description), CPU, torch.tensor([1e-3, 2e-3]))
     loss, parts = HybridVAE([0, 1], resolve("corrected"), {"a": [0.001, 0.004], "b": [0.001, 0.01]}).loss(
         stacked, batch, task

@@ -53,7 +53,8 @@ def test_plain_parts_are_augmented_and_finetuned_with_theta_frozen(data, tmp_pat
     settings["choices"] = settings["choices"] | {"frozen": "interaction_and_z_e_head"}
     model = trained(data, tmp_path, settings, [0, 1])
     augment(model, data, tmp_path / "plus.st", settings | {"prior": PRIOR, "noise": 0.01})
-    assert augmentation.load(tmp_path / "plus.st", torch.device("cpu")).train.y.isfinite().all()
+    plus = augmentation.load(tmp_path / "plus.st", torch.device("cpu"), torch.arange(31) * 0.1)
+    assert plus.train.y.isfinite().all()
     tuned = settings | {"method": "a+", "label": "A+"}
     finetune(model, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "w", tuned, None)
     before, after = (store.load(p, classes=own).model.state_dict() for p in (model, tmp_path / "plus.safetensors"))

@@ -14,9 +14,11 @@ from expertaug.inference.least_squares import assumed_noise
 from expertaug.inference.settings import RefinementSettings
 from expertaug.learning.residuals import mean_squared_error, squared_errors, squares
 from expertaug.measurements.cut import measured, sets_of
-from expertaug.models.gaps import Gaps, fill, ranges_of
+from expertaug.models.gaps import Gaps, ranges_of
 from expertaug.models.observation_noise import noise_of, of_observed
 from expertaug.systems.pendulum import DampedPendulum
+from expertaug.windows import fill
+from seen import seen
 
 SYSTEM = DampedPendulum()
 NAN = float("nan")
@@ -83,7 +85,7 @@ def test_first_points_are_what_was_measured_or_within_their_range():
     gaps = Gaps(SYSTEM, torch.arange(4.0), {"theta": [-1, 1], "omega": [5, 7]})
     _, y = states(4, 50)
     y = y.float()
-    found, known = gaps.start(y), ~y[0].isnan()
+    found, known = gaps.start(seen(y)), ~y[0].isnan()
     assert torch.equal(found[known], y[0][known])
     assert ((found[:, 1] >= 5) & (found[:, 1] <= 7))[~known[:, 1]].all()
     assert ranges_of(["a", "b"], [0.0, np.inf], [1.0, -np.inf], {"b": [2, 3]}) == {"a": [-0.1, 1.1], "b": [2.0, 3.0]}

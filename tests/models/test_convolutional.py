@@ -14,6 +14,7 @@ from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.convolutional import IN_CACHE, ConvInteraction
 from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, wrap
 from expertaug.systems.solvers.solver import Solver
+from seen import seen
 
 SYSTEM = {"name": "reaction_diffusion"}
 MODEL = {
@@ -58,7 +59,7 @@ def test_padding_once_is_padding_before_every_layer():
 def test_gradient_reaches_every_parameter():
     model, description = make([0, 1])
     y = fields(2)
-    forecast, z_e = model.predict(y[:4], torch.tensor(description["t"]), Solver("rk4"))
+    forecast, z_e = model.predict(seen(y[:4], torch.tensor(description["t"])), Solver("rk4"))
     (forecast.square().sum() + z_e.sum()).backward()
     for name, parameter in model.named_parameters():
         assert parameter.grad is not None and parameter.grad.abs().sum() > 0, name
@@ -68,9 +69,9 @@ def test_gradient_reaches_every_parameter():
 def test_a_block_computes_what_each_seed_does_alone(interaction):
     group, description = make([3, 4], **interaction)
     y, t = fields(2), torch.tensor(description["t"])
-    together, _ = group.predict(y[:4], t, Solver("rk4"))
+    together, _ = group.predict(seen(y[:4], t), Solver("rk4"))
     for k, seed in enumerate([3, 4]):
-        alone, _ = make([seed], **interaction)[0].predict(y[:4, :1], t, Solver("rk4"))
+        alone, _ = make([seed], **interaction)[0].predict(seen(y[:4, :1], t), Solver("rk4"))
         torch.testing.assert_close(together[:, k], alone[:, 0], rtol=1e-4, atol=1e-5)
 
 
@@ -79,8 +80,8 @@ def test_one_seed_needs_no_seed_axis():
     stacked, plain = make([0])[0], make([0])[0]
     for parameter in list(plain.parameters()) + list(plain.buffers()):
         parameter.data = parameter.data[0]
-    expected, _ = stacked.predict(y[:4], t, Solver("rk4"))
-    found, _ = plain.predict(y[:4, 0], t, Solver("rk4"))
+    expected, _ = stacked.predict(seen(y[:4], t), Solver("rk4"))
+    found, _ = plain.predict(seen(y[:4, 0], t), Solver("rk4"))
     torch.testing.assert_close(found, expected[:, 0], rtol=1e-4, atol=1e-5)
 
 
@@ -88,23 +89,23 @@ def test_saves_and_loads_to_the_same_bits(tmp_path):
     model, description = make([0, 1])
     store.save(tmp_path / "m.safetensors", model, card(description))
     again, y, t = store.load(tmp_path / "m.safetensors").model, fields(2), torch.tensor(T)
-    assert torch.equal(model.predict(y[:4], t, Solver("rk4"))[0], again.predict(y[:4], t, Solver("rk4"))[0])
+    assert torch.equal(model.predict(seen(y[:4], t), Solver("rk4"))[0], again.predict(seen(y[:4], t), Solver("rk4"))[0])
 
 
 def test_shifted_fields_have_the_same_posterior_and_a_shifted_rate():
     model, _ = make([0])
     y = fields(1)[:4]
     shifted = y.roll((4, -6), (-2, -1))
-    for a, b in zip(model.encode(y).mean, model.encode(shifted).mean, strict=True):
+    for a, b in zip(model.encode(seen(y)).mean, model.encode(seen(shifted)).mean, strict=True):
         torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-6)
-    context = model.interaction.context(*reversed(model.encode(y).mean))
+    context = model.interaction.context(*reversed(model.encode(seen(y)).mean))
     rate = model.interaction(y[0], context)
     torch.testing.assert_close(model.interaction(shifted[0], context), rate.roll((4, -6), (-2, -1)))
 
 
 def test_estimates_start_at_the_parameters_size_and_are_positive():
     model, _ = make([0, 1, 2])
-    z_e = model.encode(fields(3)[:4]).z_e.mean
+    z_e = model.encode(seen(fields(3)[:4])).z_e.mean
     assert (z_e / torch.tensor([1e-3, 5e-3]) > 0.2).all() and (z_e / torch.tensor([1e-3, 5e-3]) < 2).all()
 
 
@@ -119,8 +120,8 @@ def test_inputs_are_standardised_by_the_training_set():
 
 def test_bfloat16_agrees_to_its_precision():
     y, t = fields(1), torch.tensor(T)
-    exact, _ = make([0])[0].predict(y[:4], t, Solver("rk4"))
-    rough, _ = make([0], precision="bfloat16")[0].predict(y[:4], t, Solver("rk4"))
+    exact, _ = make([0])[0].predict(seen(y[:4], t), Solver("rk4"))
+    rough, _ = make([0], precision="bfloat16")[0].predict(seen(y[:4], t), Solver("rk4"))
     assert rough.dtype == torch.float32
     assert 0 < (rough - exact).abs().max() < 3e-3
 

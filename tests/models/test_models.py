@@ -15,6 +15,7 @@ from expertaug.models.hybrid import HybridModel
 from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
 from expertaug.systems.solvers.solver import Solver
+from seen import seen
 
 CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}
 PENDULUM = {
@@ -64,8 +65,8 @@ class TestEveryModel:
     def test_gradient_reaches_every_parameter(self, case, parts):
         model, description = make(case, [0, 1], **parts)
         y = data_for(case, 2)
-        forecast, _ = model.predict(y[:11], torch.tensor(description["t"]), Solver("rk4"))
-        (forecast.square().sum() + model.estimate(y[:11]).z_e.sum()).backward()
+        forecast, _ = model.predict(seen(y[:11], torch.tensor(description["t"])), Solver("rk4"))
+        (forecast.square().sum() + model.estimate(seen(y[:11])).z_e.sum()).backward()
         unused = {"encoder.latent_head.layers.0.weight", "encoder.latent_head.layers.0.bias"}
         for name, parameter in model.named_parameters():
             if parts.get("interaction") is False and name in unused:
@@ -75,9 +76,9 @@ class TestEveryModel:
     def test_a_block_computes_what_each_seed_does_alone(self, case, parts):
         group, description = make(case, [3, 4, 5], **parts)
         y, t = data_for(case, 3), torch.tensor(description["t"])
-        together, _ = group.predict(y[:11], t, Solver("rk4"))
+        together, _ = group.predict(seen(y[:11], t), Solver("rk4"))
         for k, seed in enumerate([3, 4, 5]):
-            alone, _ = make(case, [seed], **parts)[0].predict(y[:11, :1], t, Solver("rk4"))
+            alone, _ = make(case, [seed], **parts)[0].predict(seen(y[:11, :1], t), Solver("rk4"))
             torch.testing.assert_close(together[:, k], alone[:, 0], rtol=1e-4, atol=1e-5)
 
     def test_saves_and_loads_to_the_same_bits(self, case, parts, tmp_path):
@@ -86,13 +87,15 @@ class TestEveryModel:
         again = store.load(tmp_path / "m.safetensors")
         y, t = data_for(case, 2), torch.tensor(description["t"])
         assert again.seeds == [0, 1]
-        assert torch.equal(model.predict(y[:11], t, Solver("rk4"))[0], again.model.predict(y[:11], t, Solver("rk4"))[0])
+        assert torch.equal(
+            model.predict(seen(y[:11], t), Solver("rk4"))[0], again.model.predict(seen(y[:11], t), Solver("rk4"))[0]
+        )
 
 
 def test_expert_alone_is_the_experts_trajectory():
     model, description = make(PENDULUM, [0], interaction=False)
     t, y = torch.tensor(description["t"]), data_for(PENDULUM, 1)
-    forecast, z_e = model.predict(y[:11], t, Solver("rk4"))
+    forecast, z_e = model.predict(seen(y[:11], t), Solver("rk4"))
     expected = Solver("rk4")(lambda s, x: model.system.expert(s, x, z_e), y[0], t)
     assert torch.equal(forecast, expected)
     assert (z_e > 0).all()
@@ -101,7 +104,7 @@ def test_expert_alone_is_the_experts_trajectory():
 def test_forecast_from_the_last_observed_point_keeps_the_observation():
     model, description = make(PENDULUM, [0])
     t, y = torch.tensor(description["t"]), data_for(PENDULUM, 1)
-    forecast, _ = model.predict(y[:11], t, Solver("rk4"), start="y_t1")
+    forecast, _ = model.predict(seen(y[:11], t), Solver("rk4"), start="y_t1")
     assert torch.equal(forecast[:11], y[:11])
     assert forecast.shape == y.shape
 
@@ -131,12 +134,12 @@ def test_the_order_in_which_windows_are_written_does_not_matter():
 def test_window_encoder_sees_its_windows_only():
     model, _ = make(DOUBLE, [0])
     y = data_for(DOUBLE, 1).clone()
-    before = model.encode(y[:11]).z_e.mean
+    before = model.encode(seen(y[:11])).z_e.mean
     y[1:5, ..., 1] += 1.0  # θ2 before 50 ms
     y[..., 2:] += 1.0  # speeds
-    assert torch.equal(model.encode(y[:11]).z_e.mean, before)
+    assert torch.equal(model.encode(seen(y[:11])).z_e.mean, before)
     y[5, ..., 1] += 1.0
-    assert not torch.equal(model.encode(y[:11]).z_e.mean, before)
+    assert not torch.equal(model.encode(seen(y[:11])).z_e.mean, before)
 
 
 def test_inputs_are_standardised_by_the_training_set():
@@ -152,7 +155,7 @@ def test_inputs_are_standardised_by_the_training_set():
 def test_mean_model_predicts_the_mean():
     mean = torch.arange(8.0).reshape(4, 2)
     forecast, z_e = MeanModel(systems.load({"name": "pendulum"}), mean).predict(
-        torch.zeros(2, 3, 5, 2), torch.arange(4), Solver()
+        seen(torch.zeros(2, 3, 5, 2), torch.arange(4.0)), Solver()
     )
     assert forecast.shape == (4, 3, 5, 2) and z_e is None
     assert torch.equal(forecast[:, 2, 4], mean)

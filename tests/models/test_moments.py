@@ -11,6 +11,7 @@ from expertaug.models.estimators import Hybrid
 from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
+from seen import seen
 
 SYSTEM = {"name": "reaction_diffusion"}
 ENCODERS = {
@@ -35,11 +36,11 @@ def fields(seeds, samples=5):
 def test_a_block_computes_what_each_seed_does_alone(kind):
     y = fields(2)
     group = make(kind, [3, 4])
-    group.fit(y[:4, 0])
+    group.fit(seen(y[:4, 0]))
     for k, seed in enumerate([3, 4]):
         alone = make(kind, [seed])
-        alone.fit(y[:4, 0])
-        for together, own in zip(group.encode(y[:4]).mean, alone.encode(y[:4, :1]).mean, strict=True):
+        alone.fit(seen(y[:4, 0]))
+        for together, own in zip(group.encode(seen(y[:4])).mean, alone.encode(seen(y[:4, :1])).mean, strict=True):
             torch.testing.assert_close(together[k], own[0], rtol=1e-4, atol=1e-5)
 
 
@@ -70,9 +71,9 @@ def test_moments_tell_the_diffusion_coefficients():
 def test_gradient_reaches_every_parameter(kind):
     model = make(kind, [0, 1])
     y = fields(2)
-    posterior = model.encode(y[:4])
+    posterior = model.encode(seen(y[:4]))
     loss = sum(part.square().sum() for part in posterior.mean)
     loss.backward()
     for name, parameter in model.encoder.named_parameters():
         assert parameter.grad is not None and parameter.grad.abs().sum() > 0, name
-    assert torch.isfinite(model.predict(y[:4], torch.tensor(T), Solver("rk4"))[0]).all()
+    assert torch.isfinite(model.predict(seen(y[:4], torch.tensor(T)), Solver("rk4"))[0]).all()

@@ -17,6 +17,7 @@ from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.mlp import MLPInteraction
 from expertaug.models.posterior import Gaussian
 from expertaug.systems.solvers.solver import Solver
+from seen import seen
 
 TIMES = torch.arange(5) * 0.1
 SYSTEM = systems.load({"name": "rlc"})
@@ -44,27 +45,27 @@ def recipe(encoder=parts.LinearEncoder, interaction=parts.LinearInteraction) -> 
 def test_a_group_computes_what_each_seed_does_alone(encoder, interaction):
     group = recipe(encoder, interaction).build(TIMES, [3, 4, 5]).eval()
     assert all(len(p) == 3 for p in group.parameters())
-    together, z_e = group.predict(windows(3), TIMES, Solver())
+    together, z_e = group.predict(seen(windows(3), TIMES), Solver())
     for k, seed in enumerate([3, 4, 5]):
         one = recipe(encoder, interaction).build(TIMES, [seed]).eval()
-        alone, own = one.predict(windows(1), TIMES, Solver())
+        alone, own = one.predict(seen(windows(1), TIMES), Solver())
         torch.testing.assert_close(together[:, k], alone[:, 0])
         torch.testing.assert_close(z_e[k], own[0])
-        flat, _ = one.predict(windows(None), TIMES, Solver())
+        flat, _ = one.predict(seen(windows(None), TIMES), Solver())
         torch.testing.assert_close(flat.reshape(alone[:, 0].shape), alone[:, 0])
         with torch.random.fork_rng():
             torch.manual_seed(seed)
             single = recipe(encoder, interaction).build_one(TIMES).eval()
-        torch.testing.assert_close(single.predict(windows(None), TIMES, Solver())[0], alone[:, 0])
+        torch.testing.assert_close(single.predict(seen(windows(None), TIMES), Solver())[0], alone[:, 0])
 
 
 @pytest.mark.parametrize("encoder", ENCODERS)
 def test_gradients_are_those_of_each_seed(encoder):
     group = recipe(encoder).build(TIMES, [3, 4])
-    group.predict(windows(2), TIMES, Solver())[0].square().sum().backward()
+    group.predict(seen(windows(2), TIMES), Solver())[0].square().sum().backward()
     for k, seed in enumerate([3, 4]):
         one = recipe(encoder).build(TIMES, [seed])
-        one.predict(windows(1), TIMES, Solver())[0].square().sum().backward()
+        one.predict(seen(windows(1), TIMES), Solver())[0].square().sum().backward()
         for (name, p), (_, q) in zip(group.named_parameters(), one.named_parameters(), strict=True):
             assert (p.grad is None) == (q.grad is None), name
             if p.grad is not None:
@@ -73,7 +74,7 @@ def test_gradients_are_those_of_each_seed(encoder):
 
 def test_an_encoder_says_what_a_posterior_of_gaussians_is():
     model = recipe(parts.GaussianEncoder).build(TIMES, [0, 1])
-    posterior = model.encode(windows(2))
+    posterior = model.encode(seen(windows(2)))
     assert isinstance(posterior.z_e, Gaussian) and isinstance(posterior.z_a, Gaussian)
     assert posterior.z_e.log_std.shape == (2, 6, 2) and (posterior.z_e.mean > 0).all()
     assert posterior.z_a_used.shape == (2, 6, 2) and posterior.filtered is None
@@ -89,13 +90,13 @@ def test_unbounded_outputs_become_positive_parameters_of_their_size():
 def test_what_fit_learns_is_the_same_for_every_seed_and_kept(tmp_path):
     whole = HybridModel(SYSTEM, partial(parts.KeywordEncoder, gain=2.0), {"kind": "mlp", "layers": [4]})
     model = whole.build(TIMES, [0, 1])
-    model.fit(windows(None))
+    model.fit(seen(windows(None)))
     assert torch.equal(model.encoder.module.size, windows(None).std().expand(2))
     description = describe(whole).model_dump() | {"kind": "hybrid", "t": TIMES.tolist(), "observed": 5, "seeds": [0, 1]}
     store.save(tmp_path / "m.safetensors", model, card(description))
     again = store.load(tmp_path / "m.safetensors", classes=[parts.KeywordEncoder]).model
     assert torch.equal(
-        again.predict(windows(2), TIMES, Solver())[0], model.eval().predict(windows(2), TIMES, Solver())[0]
+        again.predict(seen(windows(2), TIMES), Solver())[0], model.eval().predict(seen(windows(2), TIMES), Solver())[0]
     )
 
 
@@ -108,13 +109,13 @@ def test_buffers_move_in_training_and_in_no_forecast():
         return any(not torch.equal(v, before[k]) for k, v in model.named_buffers())
 
     with torch.no_grad():
-        model.predict(windows(2), TIMES, Solver())
+        model.predict(seen(windows(2), TIMES), Solver())
     assert not moved()
     model.decoder.requires_grad_(False)
-    model.predict(windows(2), TIMES, Solver())
+    model.predict(seen(windows(2), TIMES), Solver())
     assert not moved()  # frozen, as in fine-tuning
     model.decoder.requires_grad_(True)
-    model.predict(windows(2), TIMES, Solver())
+    model.predict(seen(windows(2), TIMES), Solver())
     assert moved()
 
 
@@ -129,7 +130,7 @@ def test_tied_weights_stay_tied():
 
     model = recipe(interaction=Tied).build(TIMES, [0, 1])
     assert model.decoder.interaction.module.again is model.decoder.interaction.module.gain
-    model.predict(windows(2), TIMES, Solver())[0].sum().backward()
+    model.predict(seen(windows(2), TIMES), Solver())[0].sum().backward()
     assert model.decoder.interaction.module.again.grad.shape == (2,)
 
 
@@ -151,7 +152,7 @@ def test_a_subclass_of_a_stackable_class_is_wrapped():
 def test_random_layers_are_refused(encoder):
     model = recipe(encoder).build(TIMES, [0, 1])
     with pytest.raises(InputError, match=r"model\.encoder: Dropout\w+ draws random numbers, .*; leave .* dropout out"):
-        model.encode(windows(2))
+        model.encode(seen(windows(2)))
 
 
 @pytest.mark.parametrize(
@@ -171,7 +172,7 @@ def test_random_layers_are_refused(encoder):
 )
 def test_a_wrong_shape_is_one_line(encoder, interaction, expected):
     with pytest.raises(InputError, match=expected):
-        recipe(encoder, interaction).build(TIMES, [0, 1]).predict(windows(2), TIMES, Solver())
+        recipe(encoder, interaction).build(TIMES, [0, 1]).predict(seen(windows(2), TIMES), Solver())
 
 
 def test_a_lazy_layer_is_refused():

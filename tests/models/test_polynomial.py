@@ -10,6 +10,7 @@ from expertaug.models.estimators import Hybrid
 from expertaug.models.interactions.polynomial import PolynomialInteraction
 from expertaug.systems.reaction_diffusion import local_reaction
 from expertaug.systems.solvers.solver import Solver
+from seen import seen
 
 CASES = {
     "rlc": {"encoder": {"kind": "recurrent", "hidden": 4, "layers": [3]}, "interaction": {"latent_degree": 1}},
@@ -46,7 +47,7 @@ def test_terms_are_orthonormal_over_the_training_set(name):
 @pytest.mark.parametrize("name", CASES)
 def test_the_first_forecasts_are_almost_the_experts(name):
     model, y, t = make(name, [0, 1])
-    z_e, z_a = model.encode(y[:4]).mean
+    z_e, z_a = model.encode(seen(y[:4])).mean
     wild = torch.randn(z_a.shape, generator=torch.Generator().manual_seed(1))
     hybrid = model.forecast(y[0], z_e, wild, t, Solver("rk4"))
     expert = model.forecast(y[0], z_e, wild[..., :0, :], t, Solver("rk4"))
@@ -74,7 +75,7 @@ def test_it_becomes_the_local_reaction_and_goes_on_as_it():
 @pytest.mark.parametrize("name", CASES)
 def test_gradient_reaches_every_parameter(name):
     model, y, t = make(name, [0, 1])
-    forecast, z_e = model.predict(y[:4], t, Solver("rk4"))
+    forecast, z_e = model.predict(seen(y[:4], t), Solver("rk4"))
     (forecast.square().sum() + z_e.sum()).backward()
     for parameter_name, parameter in model.named_parameters():
         assert parameter.grad is not None and parameter.grad.abs().sum() > 0, parameter_name
@@ -83,9 +84,9 @@ def test_gradient_reaches_every_parameter(name):
 @pytest.mark.parametrize("name", CASES)
 def test_a_block_computes_what_each_seed_does_alone(name):
     group, y, t = make(name, [3, 4])
-    together, _ = group.predict(y[:4], t, Solver("rk4"))
+    together, _ = group.predict(seen(y[:4], t), Solver("rk4"))
     for k, seed in enumerate([3, 4]):
-        alone, _ = make(name, [seed])[0].predict(y[:4, :1], t, Solver("rk4"))
+        alone, _ = make(name, [seed])[0].predict(seen(y[:4, :1], t), Solver("rk4"))
         torch.testing.assert_close(together[:, k], alone[:, 0], rtol=1e-4, atol=1e-5)
 
 

@@ -7,6 +7,7 @@ import plain_parts as parts
 from expertaug import systems
 from expertaug.models.hybrid import HybridModel
 from expertaug.systems.solvers.solver import Solver
+from seen import seen
 
 TIMES = torch.arange(6, dtype=torch.float64) * 0.2
 WINDOWS = {"U": [0.0, 1.0], "I": [0.0, 1.0]}
@@ -22,7 +23,7 @@ def test_they_are_those_of_finite_differences(pair):
     y = torch.randn(6, 2, 3, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
 
     def loss() -> torch.Tensor:
-        return (model.predict(y, TIMES, Solver("rodas3"))[0] - y).square().mean()
+        return (model.predict(seen(y, TIMES), Solver("rodas3"))[0] - y).square().mean()
 
     loss().backward()
     directions = [torch.randn_like(p) for p in model.parameters()]

@@ -9,6 +9,7 @@ from expertaug.models import store
 from expertaug.models.encoders.two_step import LOG_STD, SPREAD
 from expertaug.models.estimators import Hybrid
 from expertaug.systems.solvers.solver import Solver
+from seen import seen
 
 SMALL = {"latent_layers": [7, 6], "filter_layers": [6, 5], "expert_layers": [8, 5]}
 CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}
@@ -29,7 +30,7 @@ def make(case, seeds):
     description = {"kind": "hybrid", "t": t, "observed": 11, "seeds": seeds, "model": model, **parts}
     description["system"] = case["system"]
     model = Hybrid.network(systems.load(case["system"]), card(description))
-    model.fit(data_for(case, 1)[:11, 0])
+    model.fit(seen(data_for(case, 1)[:11, 0]))
     return model, description
 
 
@@ -64,13 +65,13 @@ def test_unstacked_models_compute_the_same(case):
     single = HybridModel(systems.load(case["system"]), case["encoder"]).build_one(times)
     stacked, _ = make(case, [0])
     single.load_state_dict({k: v[0] for k, v in stacked.state_dict().items() if k.startswith("encoder.")})
-    torch.testing.assert_close(single.encode(y[:11, 0]).mean[0], stacked.encode(y[:11]).mean[0][0])
+    torch.testing.assert_close(single.encode(seen(y[:11, 0])).mean[0], stacked.encode(seen(y[:11])).mean[0][0])
 
 
 @CASES
 def test_the_filtered_observation_is_what_g_p2_reads(case):
     model, _ = make(case, [0])
-    posterior = model.encode(data_for(case, 1)[:11])
+    posterior = model.encode(seen(data_for(case, 1)[:11]))
     assert posterior.filtered.shape == model.encoder.view(data_for(case, 1)[:11]).shape
     torch.testing.assert_close(model.encoder.infer(posterior.filtered).mean, posterior.z_e.mean)
     assert torch.equal(posterior.z_a_used, posterior.z_a.mean)
@@ -87,20 +88,20 @@ def test_filtering_depends_on_z_a_and_hardly_changes_anything_at_first():
 def test_spread_of_the_posterior_is_bounded():
     model, _ = make(PENDULUM, [0])
     for sign in (-1e6, 1e6):
-        log_std = model.encode(data_for(PENDULUM, 1)[:11] * sign).z_e.log_std
+        log_std = model.encode(seen(data_for(PENDULUM, 1)[:11] * sign)).z_e.log_std
         assert torch.isfinite(log_std).all() and (log_std - LOG_STD).abs().max() <= SPREAD
 
 
 def test_windowed_encoder_sees_its_windows_only():
     model, _ = make(DOUBLE, [0])
     y = data_for(DOUBLE, 1).clone()
-    before = model.encode(y[:11])
+    before = model.encode(seen(y[:11]))
     y[1:5, ..., 1] += 1.0  # θ2 before 50 ms
     y[..., 2:] += 1.0  # speeds
-    for one, other in zip(model.encode(y[:11]).mean, before.mean, strict=True):
+    for one, other in zip(model.encode(seen(y[:11])).mean, before.mean, strict=True):
         assert torch.equal(one, other)
     y[5, ..., 1] += 1.0
-    assert not torch.equal(model.encode(y[:11]).mean[0], before.mean[0])
+    assert not torch.equal(model.encode(seen(y[:11])).mean[0], before.mean[0])
 
 
 @CASES
@@ -117,7 +118,7 @@ def test_inputs_are_standardised_by_the_training_set(case):
 def test_samples_beyond_those_of_z_a_follow_the_expert_alone(case):
     model, description = make(case, [0, 1])
     y0, t = data_for(case, 2)[0], torch.tensor(description["t"])
-    z_e, z_a = model.encode(data_for(case, 2)[:11]).mean
+    z_e, z_a = model.encode(seen(data_for(case, 2)[:11])).mean
     both = model.forecast(torch.cat((y0, y0), 1), torch.cat((z_e, z_e), 1), z_a, t, Solver("rk4"))
     torch.testing.assert_close(both[:, :, :6], model.forecast(y0, z_e, z_a, t, Solver("rk4")))
     start = model.system.initial_state(y0, z_e)
@@ -133,7 +134,7 @@ def test_saves_and_loads_to_the_same_bits(case, tmp_path):
     store.save(tmp_path / "m.safetensors", model, card(description))
     again = store.load(tmp_path / "m.safetensors").model
     y = data_for(case, 2)
-    assert torch.equal(model.encode(y[:11]).mean[0], again.encode(y[:11]).mean[0])
+    assert torch.equal(model.encode(seen(y[:11])).mean[0], again.encode(seen(y[:11])).mean[0])
     assert torch.equal(model.likelihood.scale, again.likelihood.scale)
 
 

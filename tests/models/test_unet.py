@@ -9,6 +9,7 @@ from expertaug.models.encoders.two_step import ConvTwoStep
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.networks.convolutional import UNet
 from expertaug.models.stacking import stack
+from seen import seen
 
 SYSTEM = {"name": "reaction_diffusion"}
 SMALL = {"channels": [3, 4], "strides": [1, 2], "layers": [6], "filter_channels": [3, 4, 5], "latent": 2}
@@ -42,7 +43,7 @@ def test_unet_is_periodic_and_conditional():
 def test_a_block_computes_what_each_seed_does_alone():
     models = [make(seed) for seed in (0, 1)]
     for model in models:
-        model.fit(observed())
+        model.fit(seen(observed()))
     alone = [model.encoder(observed(), noise(1)) for model in models]
     group = stack(models).encoder(observed().unsqueeze(1).expand(-1, 2, -1, -1, -1, -1), noise(2))
     for k in range(2):
@@ -53,10 +54,10 @@ def test_a_block_computes_what_each_seed_does_alone():
 
 def test_posterior_is_positive_and_does_not_move_with_the_fields():
     model = make(0)
-    model.fit(observed())
-    posterior = model.encode(observed())
+    model.fit(seen(observed()))
+    posterior = model.encode(seen(observed()))
     assert posterior.filtered.shape == (4, 6, 32, 32) and (posterior.z_e.mean > 0).all()
-    shifted = model.encode(observed().roll((4, 8), (-2, -1)))
+    shifted = model.encode(seen(observed().roll((4, 8), (-2, -1))))
     torch.testing.assert_close(shifted.z_e.mean, posterior.z_e.mean, rtol=1e-4, atol=1e-7)
 
 

@@ -21,8 +21,8 @@ from expertaug.inference.shared import groups_of
 from expertaug.learning.residuals import differences
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.systems import System
-from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories, points_until
+from expertaug.windows import Windows
 
 FEWEST = 3  # points of a half
 
@@ -117,8 +117,7 @@ def _candidate(first: TrainedModel, whole: TrainedModel, data: Trajectories, hal
     count = squares.shape[1] if known is None else known.movedim(2, 0).flatten(1).sum(1).clamp_min(1)
     found = whole.forecast(seen, t, u=u)
     assert found.chi2 is not None, "of least squares"
-    given = None if u is None else torch.from_numpy(u).movedim(1, 0).unsqueeze(1)
-    missing = fit.missing(joined(torch.from_numpy(seen).movedim(1, 0).unsqueeze(1), given))[0]
+    missing = fit.missing(Windows.of(data).until(points).joined)[0]
     return Candidate(
         held_out=(squares.sum(1) / count).numpy(),
         chi2=np.asarray(found.chi2, dtype=float),

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TypedDict, TypeVar, Unpack
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from expertaug import systems
@@ -38,8 +39,8 @@ from expertaug.models.store import StoredModel
 from expertaug.presets import resolve
 from expertaug.settings import Settings
 from expertaug.systems import System
-from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 logger = logging.getLogger(__name__)
 BUDGET = 2.0  # by which p⁺ is widened at most: the configuration's default too
@@ -326,14 +327,16 @@ def grow_ranges(
             wanted = f"(N, {observed}, {', '.join(map(str, train.y.shape[2:]))})"
             raise InputError("unlabelled", f"has shape {tuple(y.shape)}", f"give {wanted}")
         windows = _windows(y, u, system, train.t[:observed], "u")
-        windows = windows[:, np.linspace(0, len(y) - 1, min(SAMPLES, len(y))).astype(int)]
-        return adapt_prior(stored, training[:observed], windows, noise, first, options)
+        index = np.linspace(0, len(y) - 1, min(SAMPLES, len(y))).astype(int)
+        windows = windows.samples(torch.from_numpy(index))
+        return adapt_prior(stored, training.until(observed), windows, noise, first, options)
 
 
-def _windows(y: Tensor, u: object, system: System, t: np.ndarray, name: str) -> Tensor:
-    """States (N, T, *state) with the known inputs (N, T, U) as further components, (T, N, *observed)."""
+def _windows(y: Tensor, u: object, system: System, t: np.ndarray, name: str) -> Windows:
+    """Windows y (T, 1, N, *state) of states (N, T, *state) and known inputs (N, T, U)."""
     inputs = arguments.inputs(u, system, len(y), t, name)
-    return joined(y.movedim(1, 0), None if inputs is None else inputs.movedim(1, 0))
+    inputs = None if inputs is None else inputs.movedim(1, 0)
+    return Windows(torch.from_numpy(t).float(), y.movedim(1, 0), inputs).with_seeds()
 
 
 def given_or_grown_ranges(model: TrainedModel, train: Trajectories, prior: Ranges | None, noise: GivenNoise) -> dict:

@@ -142,13 +142,12 @@ def predictive(
     """
     if not levels or any(not 0 < level < 1 for level in levels):
         raise InputError("levels", f"found {list(levels)}", "give numbers between 0 and 1, as 0.05")
-    observed, times, inputs = model._window(window, t, u)
+    windows, times = model._windows(window, t, u)
     with torch.no_grad(), arguments.one_thread():
-        points = torch.from_numpy(times).float().to(observed.device)
         sampler = model.predictor
         if not isinstance(sampler, FlowEstimator):
-            sampler = Drawn(sampler, model.seeds, bound_of_card(model.stored.card, observed.device))
-        drawn = of_windows(sampler, observed, points, solver or model.solver, draws, levels, u=inputs, pooled=pooled)
+            sampler = Drawn(sampler, model.seeds, bound_of_card(model.stored.card, windows.y.device))
+        drawn = of_windows(sampler, windows, solver or model.solver, draws, levels, pooled=pooled)
     mean, quantiles = drawn.mean.movedim(0, 2), drawn.quantiles.movedim(1, 3)
     z_e = drawn.z_e
     if model.single or pooled:

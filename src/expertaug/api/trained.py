@@ -30,9 +30,9 @@ from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel, device_of
 from expertaug.systems import System
-from expertaug.systems.inputs import joined, states_of
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 STARTS = ("y0", "y_t1")
 FEWEST = 19  # validation windows of which one in twenty can be told
@@ -156,13 +156,12 @@ class TrainedModel:
             InputError: another shape than the model's, other times, or values that are not finite.
             SolveError: an adaptive solver fails.
         """
-        observed, t, inputs = self._window(window, t, u)
+        windows, t = self._windows(window, t, u)
         if start not in STARTS:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
         with torch.no_grad(), arguments.one_thread():
-            points = torch.from_numpy(t).float().to(observed.device)
-            estimates = self.predictor.estimate(observed)  # type: ignore[attr-defined]
-            states = self.predictor.predicted(estimates, observed, points, solver or self.solver, start, inputs)
+            estimates = self.predictor.estimate(windows)  # type: ignore[attr-defined]
+            states = self.predictor.predicted(estimates, windows, solver or self.solver, start)
         y = states.movedim(0, 2)
         units = {p.name: p.unit for p in self.system.state} | {
             f"z_e {p.name}": p.unit for p in self.system.expert_parameters
@@ -171,7 +170,7 @@ class TrainedModel:
         named, std = self._named(estimates.z_e, window), self._named(standard_deviation(estimates), window)
         chi2, misfit = estimates.chi2, None
         if start == "y0":  # else the forecast begins with the window itself
-            misfit = window_residual(self.system, states, states_of(self.system, observed))
+            misfit = window_residual(self.system, states, windows.y)
         trusted = None if misfit is None else self._trusted(misfit)
         each = [
             None if v is None else arguments.like(v[0] if self.single else v, window) for v in (chi2, misfit, trusted)
@@ -187,9 +186,9 @@ class TrainedModel:
         Returns:
             by name, (N,) each, in the system's units; nothing for a model that estimates none.
         """
-        observed, *_ = self._window(window, t, u)
+        windows, _ = self._windows(window, t, u)
         with torch.no_grad(), arguments.one_thread():
-            estimates = self.predictor.estimate(observed)  # type: ignore[attr-defined]
+            estimates = self.predictor.estimate(windows)  # type: ignore[attr-defined]
         return self._named(estimates.z_e, window)
 
     def evaluate(
@@ -216,7 +215,7 @@ class TrainedModel:
             InputError: the set is of another system or of other times.
         """
         data = spread(arguments.trajectories(data, "data"), max_samples)
-        window, *_ = self._window(data.seen[:, : self.observed], data.t, data.u)
+        windows, _ = self._windows(data.seen[:, : self.observed], data.t, data.u)
         if data.z_e.shape[1] != len(self.system.expert_parameters):
             names = ", ".join(p.name for p in self.system.expert_parameters)
             raise InputError("data", f"z_e has shape {data.z_e.shape}", f"the expert parameters are {names}")
@@ -224,7 +223,7 @@ class TrainedModel:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
         scoring = Scoring.of(from_s=from_s, solver=dict(vars(solver or self.solver)), draws=0)
         with arguments.one_thread():
-            scored = score(replace(self.stored, model=self.predictor), data, scoring, start, window.device)
+            scored = score(replace(self.stored, model=self.predictor), data, scoring, start, windows.y.device)
         rows = [(seed, metric, value) for metric, seed, value in scored.of_seeds(self.seeds)]
         return pd.DataFrame(rows, columns=["seed", "metric", "value"])
 
@@ -259,9 +258,9 @@ class TrainedModel:
             validation: windows like the training's, on which nothing was fitted; 19 or more.
         """
         seen = arguments.trajectories(validation, "validation").seen[:, : self.observed]
-        window, *_ = self._window(seen, validation.t, validation.u)
+        windows, _ = self._windows(seen, validation.t, validation.u)
         with arguments.one_thread():
-            kept = record_residuals(replace(self.stored, model=self.predictor), window[:, :1])
+            kept = record_residuals(replace(self.stored, model=self.predictor), windows.seed(slice(1)))
         return replace(self, misfits=kept["validation"])
 
     def _trusted(self, misfit: Tensor) -> Tensor | None:
@@ -280,8 +279,8 @@ class TrainedModel:
         """
         store.save(path, self.stored.model, self.stored.card)
 
-    def _window(self, window: object, t: object, u: object = None) -> tuple[Tensor, np.ndarray, Tensor | None]:
-        """Windows (T1, S, N, *observed) on the model's device, all times, and known inputs (T, S, N, U)."""
+    def _windows(self, window: object, t: object, u: object = None) -> tuple[Windows, np.ndarray]:
+        """Windows, y (T1, S, N, *state), on the model's device, and all times in double precision."""
         y, t = arguments.tensor(window, "window", self.stored.card.start is not None), arguments.times(t)
         state, points = self.system.state_shape, self.observed
         if y.dim() != 2 + len(state) or y.shape[2:] != state or not len(y):
@@ -294,7 +293,7 @@ class TrainedModel:
             arguments.same_times(t, self.t, "t", "the mean of the training set has no others")
         inputs = arguments.inputs(u, self.system, len(y), t)
         y, inputs = (None if x is None else arguments.grouped(x.to(self._device), len(self)) for x in (y, inputs))
-        return joined(y, None if inputs is None else inputs[:points]), t, inputs  # type: ignore[arg-type]
+        return Windows(torch.from_numpy(t).float().to(self._device), y, inputs), t  # type: ignore[arg-type]
 
     @property
     def _device(self) -> torch.device:

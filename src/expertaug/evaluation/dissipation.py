@@ -20,7 +20,6 @@ from expertaug.evaluation.settings import DissipationJob
 from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.least_squares import refined_by, refinement_of
-from expertaug.learning.training_data import StackedSet
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates
@@ -30,6 +29,7 @@ from expertaug.systems import System
 from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import Trajectories
 from expertaug.versions import MAIN_SETS, Version
+from expertaug.windows import Windows
 
 
 def measured_loss(system: System, t: Tensor, states: Tensor, z_e: Tensor) -> Tensor:
@@ -137,14 +137,14 @@ def _losses(
         estimator = refined_by(stored, given)
     observed, rows = stored.card.observed, []
     for name, chunks in sets.items():
-        windows = StackedSet.of(chunks, device).windows(len(chunks.t))
-        windows = windows.expand(-1, len(stored.seeds), *windows.shape[2:])
+        windows = Windows.of(chunks, device).expand(len(stored.seeds))
+        states = windows.y
         with torch.no_grad():
-            found = None if decoder.interaction is None else estimator.estimate(windows[:observed])
-        power = dissipated_power(decoder, windows, found).cpu().numpy()
-        z_e = windows.new_zeros(len(stored.seeds), len(chunks), 1) if found is None else found.z_e
+            found = None if decoder.interaction is None else estimator.estimate(windows.until(observed))
+        power = dissipated_power(decoder, states, found).cpu().numpy()
+        z_e = states.new_zeros(len(stored.seeds), len(chunks), 1) if found is None else found.z_e
         assert z_e is not None
-        measured = measured_loss(decoder.system, torch.from_numpy(chunks.t).to(device), windows, z_e).cpu().numpy()
+        measured = measured_loss(decoder.system, torch.from_numpy(chunks.t).to(device), states, z_e).cpu().numpy()
         own = recordings_of(chunks)
         for recording in dict.fromkeys(own):
             inside = own == recording

@@ -23,16 +23,15 @@ from expertaug.inference.simulations import own_draws
 from expertaug.learning.divergence import bound_of_card, clamp_to_bound, solve_with_sample_fallback, within_bound
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors
-from expertaug.learning.training_data import StackedSet
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, shaped
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
-from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 DRAWN = 4  # of the keys of random numbers: a flow's end in 3
 BYTES = 2**25  # of the forecasts that are scored at a time
@@ -58,31 +57,25 @@ class Forecast:
 
 def forecast(
     model: Predictor,
-    observed: Tensor,
-    t: Tensor,
+    windows: Windows,
     solver: Solver,
     start: str,
     bound: Tensor | None,
-    u: Tensor | None = None,
 ) -> Forecast:
     """Forecast samples from their observed windows.
 
     Arguments:
         model: estimates and forecasts.
-        observed: (T1, S, B, *observed).
-        t: (T,) in s.
+        windows: observed, y (T1, S, B, *state), with all times of the forecast and the known inputs then.
         start: y0 or y_t1 (:meth:`Predictor.predicted`).
         bound: (K,) or (B, K), largest size of each component; None keeps what is not finite.
-        u: known inputs (T, S, B, U) at all times; None for a system without.
     """
     before = time.process_time()
-    found = model.estimate(observed)
+    found = model.estimate(windows)
     estimate_s = time.process_time() - before
     states, unsolved = solve_with_sample_fallback(
-        lambda part, stopping: model.predicted(
-            found.part(part), observed[:, :, part], t, stopping, start, None if u is None else u[:, :, part]
-        ),
-        observed.shape[2],
+        lambda part, stopping: model.predicted(found.part(part), windows.samples(part), stopping, start),
+        windows.y.shape[2],
         solver,
         bound,
     )
@@ -150,46 +143,46 @@ class Drawing:
     draws_solver: Solver
 
     def states(
-        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: RandomStreams
+        self, model: Predictor, found: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
     ) -> Tensor | None:
         """Forecasts (K, T', S, B, *state) from draws, from the point ``begin`` on; None of a version without any.
 
         Arguments:
             found: the model's estimates of the windows.
-            y: (T, S, B, *observed), of which the observed points are used, and all known inputs.
+            windows: y (T, S, B, *state), of which the observed points are used, and all known inputs.
             bound: (C,) or (B, C), how far they may go.
         """
-        drawn = joint_draws(model, found, y[: self.observed], self.count, random)
+        observed = windows.observed(self.observed)
+        drawn = joint_draws(model, found, observed, self.count, random)
         if drawn is None:
             return None
         z_e, z_a, y0 = drawn
-        system, first = model.system, 0  # type: ignore[attr-defined]
-        seen, u = states_of(system, y), inputs_of(system, y)
-        if self.start != "y0" and not torch.isnan(seen[: self.observed]).any():  # as Predictor.predicted
+        first, u = 0, windows.u
+        if self.start != "y0" and not observed.has_gaps:  # as Predictor.predicted
             first = min(self.observed - 1, self.begin)
         if first:
-            y0 = seen[first].expand_as(y0)
+            y0 = windows.y[first].expand_as(y0)
         decoder = model.decoder  # type: ignore[attr-defined]
         later = None if u is None else u[first:]
         states = forecasts(decoder, y0, z_e, z_a, self.t[first:], self.draws_solver, bound, later)
         return states[:, self.begin - first :]
 
     def scores(
-        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: RandomStreams
+        self, model: Predictor, found: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
     ) -> DrawnScores | None:
-        """Scores of the windows y (T, S, B, *observed), a part of them at a time; arguments as of :meth:`states`."""
-        each = self.count * len(self.t) * y[0, 0, 0].numel() * y.element_size()
+        """Scores of windows, y (T, S, B, *state), a part of them at a time; arguments as of :meth:`states`."""
+        each = self.count * len(self.t) * windows.numbers * windows.y.element_size()
         size, parts, system = max(BYTES // each, 1), [], model.system  # type: ignore[attr-defined]
-        for k in range(0, y.shape[2], size):
+        for k in range(0, windows.y.shape[2], size):
             part = slice(k, k + size)
             limit = bound if bound is None or bound.dim() == 1 else bound[part]
-            states = self.states(model, found.part(part), y[:, :, part], limit, random)
+            states = self.states(model, found.part(part), windows.samples(part), limit, random)
             if states is None:
                 return None
             if is_some(self.noise):  # (S, K, T', B, *state): a seed's numbers do not depend on the seeds beside it
                 shape = (states.shape[0], states.shape[1], *states.shape[3:])
                 states = states + shaped(self.noise, states, system) * random.normal(*shape).movedim(0, 2).to(states)
-            parts.append(self._scored(system, states, states_of(system, y[self.begin :, :, part])))
+            parts.append(self._scored(system, states, windows.y[self.begin :, :, part]))
         return DrawnScores.joined(parts)
 
     def _scored(self, system: System, states: Tensor, y: Tensor) -> DrawnScores:
@@ -207,10 +200,10 @@ class Drawing:
         return DrawnScores(*(np.stack(one) for one in each))
 
     def band(
-        self, model: Predictor, found: Estimates, y: Tensor, bound: Tensor | None, random: RandomStreams
+        self, model: Predictor, found: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
     ) -> Tensor | None:
         """The ends of the 90 % band of each state, without noise, (2, T', S, B, *state)."""
-        states = self.states(model, found, y, bound, random)
+        states = self.states(model, found, windows, bound, random)
         if states is None:
             return None
         return torch.quantile(states, torch.tensor(BAND).to(states), dim=0)
@@ -263,31 +256,31 @@ class ExpectedError:
         self.moved: list[Tensor] = []
         self.expected: list[Tensor] = []
 
-    def add(self, made: Forecast, y: Tensor, windows: Tensor, bound: Tensor | None, u: Tensor | None) -> None:
+    def add(self, made: Forecast, windows: Windows, bound: Tensor | None) -> None:
         """Of further windows.
 
         Arguments:
             made: their forecasts.
-            y: (T, S, B, *observed), of which the observed points are used, and all known inputs.
-            windows: observed, (T1, S, B, *observed).
+            windows: y (T, S, B, *state), of which the observed points are used, and all known inputs.
             bound: (C,) or (B, C), how far forecasts may go.
-            u: known inputs (T, S, B, U); None for a system without.
         """
         drawing, begin = self.drawing, self.drawing.begin
         first = getattr(self.model, "first", None)
         if isinstance(first, HybridNet):
-            before = forecast(first, windows, drawing.t, drawing.solver, drawing.start, bound, u)
+            observed = windows.observed(drawing.observed)
+            before = forecast(first, observed, drawing.solver, drawing.start, bound)
             self.moved.append(squared_errors(self.model.system, before.states[begin:], made.states[begin:]).cpu())
         if drawing.count and made.found.z_e is not None:
-            self._add_own(made, y, bound)
+            self._add_own(made, windows, bound)
 
-    def _add_own(self, made: Forecast, y: Tensor, bound: Tensor | None) -> None:
+    def _add_own(self, made: Forecast, windows: Windows, bound: Tensor | None) -> None:
         drawing = self.drawing
-        size = max(BYTES // (drawing.count * y[:, 0, 0].numel() * y.element_size()), 1)
-        for k in range(0, y.shape[2], size):
+        each = windows.points * windows.numbers * windows.y.element_size()
+        size = max(BYTES // (drawing.count * each), 1)
+        for k in range(0, windows.y.shape[2], size):
             part = slice(k, k + size)
             limit = bound if bound is None or bound.dim() == 1 else bound[part]
-            drawn = drawing.states(self.model, made.found.part(part), y[:, :, part], limit, self.random)
+            drawn = drawing.states(self.model, made.found.part(part), windows.samples(part), limit, self.random)
             if drawn is None:
                 return
             states = made.states[drawing.begin :, :, part]
@@ -326,12 +319,12 @@ def of_own_windows(
         drawing: how forecasts are drawn and scored.
     """
     device = drawing.t.device
-    y, z_e = own_draws(stored, StackedSet.of(train, device).windows(len(train.t))[:, 0], own, noise, count)
-    if not y.shape[2]:
+    windows, z_e = own_draws(stored, Windows.of(train, device), own, noise, count)
+    if not windows.y.shape[2]:
         return None, 0
-    found = stored.model.estimate(y[: drawing.observed])
+    found = stored.model.estimate(windows.until(drawing.observed))
     draws = z_e_draws(found)
     bound, random = bound_of_card(stored.card, device), RandomStreams(stored.seeds, DRAWN, device=device)
-    scores = drawing.scores(stored.model, found, y, bound, random)
+    scores = drawing.scores(stored.model, found, windows, bound, random)
     each = None if draws is None else draws.cpu()
     return scored_draws(z_e.cpu().numpy(), each, scores), 0 if each is None else each.shape[2]

@@ -19,8 +19,9 @@ from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors, window_residual
 from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.store import StoredModel
-from expertaug.systems.inputs import check_given, joined
+from expertaug.systems.inputs import check_given
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 CHUNK_BYTES = 2**25  # of the forecasts made at a time: bounds the memory, whatever the size of a state
 
@@ -111,13 +112,11 @@ def score(
         u = None
         if truth.u is not None:
             u = torch.from_numpy(truth.u[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
-            u = u.expand(-1, seeds, *u.shape[2:])
-        windows = joined(y[:observed].expand(-1, seeds, *y.shape[2:]), None if u is None else u[:observed])
-        found = forecast(stored.model, windows, t, solver, start, limit, u)
+        whole = Windows(t, y, u).expand(seeds)
+        found = forecast(stored.model, whole.observed(observed), solver, start, limit)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
         early.append(window_residual(system, found.states, y[:observed]).cpu())
-        whole = joined(y.expand(-1, seeds, *y.shape[2:]), u)
-        expected.add(found, whole, windows, limit, u)
+        expected.add(found, whole, limit)
         if begin < observed:
             after.append(squared_errors(system, found.states[observed:], y[observed:]).cpu())
         here = index[(index >= first) & (index < first + size)] - first
@@ -133,7 +132,7 @@ def score(
             for wanted, made, at in ((drawing.scores, scores, places), (drawing.band, bands, here)):
                 some = torch.from_numpy(at).to(device)
                 bounds = limit if limit is None or limit.dim() == 1 else limit[some]
-                part = found.found.part(some), whole[:, :, some]
+                part = found.found.part(some), whole.samples(some)
                 one = wanted(stored.model, *part, bounds, random) if len(at) else None
                 made += [] if one is None else [one]
     errors = torch.cat(late, dim=1)

@@ -19,11 +19,11 @@ from expertaug.evaluation.table import DASH, Study, Table, escape
 from expertaug.inference.diagnostics.validity import Refit, Validity, along, refit
 from expertaug.inference.flow import load
 from expertaug.inference.settings import ValiditySettings
-from expertaug.learning.training_data import StackedSet
 from expertaug.models.settings import Refinement
 from expertaug.models.store import StoredModel, device_of
 from expertaug.settings import given_ranges
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 SETS = ("train", "iid", "validation", "test")  # of the two in the middle the first that there is
 CAPTION = (
@@ -85,7 +85,7 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
 
 def _refit(stored: StoredModel, data: Trajectories, fitting: Refinement, how: ValiditySettings) -> Refit:
     observed = stored.card.observed
-    windows = StackedSet.of(data, torch.device("cpu")).windows(observed)[:, 0]
+    windows = Windows.of(data).until(observed)
     simulated = data.z_a.shape[1] > 0
     truth = (torch.from_numpy(data.z_e), torch.from_numpy(data.z_a)) if simulated else None
     prior = None if fitting.prior is None else given_ranges(fitting.prior)

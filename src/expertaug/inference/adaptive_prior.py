@@ -22,12 +22,12 @@ from expertaug.inference.least_squares import LeastSquares, estimator_of
 from expertaug.inference.settings import FirstPriorJob, OwnPriorJob, OwnWindows
 from expertaug.inference.simulations import LOST, own_draws
 from expertaug.learning.train import Calibration, describe_recipe, make_expert_alone
-from expertaug.learning.training_data import StackedSet
 from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel, device_of
 from expertaug.systems import Parameter, System
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 Range = tuple[float, float]
 WIDEN = 1.5  # a search goes so far beyond what is known: by this factor, or this share of the width
@@ -79,8 +79,8 @@ class AdaptivePrior:
 
 def adapt_prior(
     stored: StoredModel,
-    train: Tensor,
-    windows: Tensor,
+    train: Windows,
+    windows: Windows,
     noise: GivenNoise,
     first: Mapping[str, Sequence[float]] | None = None,
     settings: Mapping | RefinementSettings | None = None,
@@ -92,8 +92,8 @@ def adapt_prior(
 
     Arguments:
         stored: a trained model, or the expert alone.
-        train: observed windows of the training, (T1, N, *observed), known inputs as further components of the state.
-        windows: observed windows of where the model is to work, (T1, M, *observed); nothing else is known of them.
+        train: observed windows of the training, y (T1, 1, N, *state).
+        windows: observed windows of where the model is to work, y (T1, 1, M, *state); nothing else is known of them.
         noise: standard deviation of the data's noise.
         first: ranges by parameter in which fits of the training windows start; None: at the model's own estimates.
         settings: see :class:`RefinementSettings`.
@@ -102,16 +102,16 @@ def adapt_prior(
         InputError: the expert alone without first ranges, or windows of another shape.
     """
     parameters = stored.model.system.expert_parameters
-    if train.shape[0] != windows.shape[0] or train.shape[2:] != windows.shape[2:]:
-        found = f"windows of shape {tuple(windows.shape)}"
-        raise InputError("windows", found, f"the training's are {tuple(train.shape)}, (T1, N, *state)")
+    own, others = tuple(train.seed(0).y.shape), tuple(windows.seed(0).y.shape)
+    if own[0] != others[0] or own[2:] != others[2:]:
+        raise InputError("windows", f"windows of shape {others}", f"the training's are {own}, (T1, N, *state)")
     training, limit = _of_training(stored, train, noise, first, settings)
     ranges = training
     explained, rounds = 0.0, 0
     while rounds < ROUNDS:
         rounds += 1
         search = _widened(parameters, ranges, WIDEN)
-        z_e, chi2 = _estimated(estimator_of(stored, settings, noise, search), _whole(stored, windows))
+        z_e, chi2 = _estimated(estimator_of(stored, settings, noise, search), windows.expand(len(stored.seeds)))
         good = chi2 <= limit
         share = float(good.double().mean())
         if not good.any():
@@ -132,7 +132,7 @@ def adapt_prior(
 
 def widen_prior(
     stored: StoredModel,
-    train: Tensor,
+    train: Windows,
     noise: GivenNoise,
     budget: float,
     first: Mapping[str, Sequence[float]] | None = None,
@@ -145,7 +145,7 @@ def widen_prior(
 
     Arguments:
         stored, noise, first, settings: as of :func:`adapt_prior`.
-        train: trajectories of the training, (T, N, *observed).
+        train: trajectories of the training, y (T, 1, N, *state).
         budget: factor, > 1, by which the ranges go beyond the training's: a positive parameter's ends are divided and
             multiplied by it, another's width is.
 
@@ -156,16 +156,16 @@ def widen_prior(
         raise InputError("budget", f"found {budget:g}", "give a factor above 1, as 2")
     observed = stored.card.observed
     parameters = stored.model.system.expert_parameters
-    training, limit = _of_training(stored, train[:observed], noise, first, settings)
+    training, limit = _of_training(stored, train.until(observed), noise, first, settings)
     ranges, explained, rounds, factor = training, 0.0, 0, 1.0
     while factor < budget:
         factor, rounds = min(factor * WIDEN, budget), rounds + 1
         wide = _widened(parameters, training, factor)
         estimator = estimator_of(stored, settings, noise, wide)
-        y, _ = own_draws(replace(stored, model=estimator), train, OwnWindows.of(prior=wide), noise, TRIED)
-        if y.shape[2] < (1 - LOST) * TRIED:
+        made, _ = own_draws(replace(stored, model=estimator), train, OwnWindows.of(prior=wide), noise, TRIED)
+        if made.y.shape[2] < (1 - LOST) * TRIED:
             break
-        share = float((_estimated(estimator, y[:observed])[1] <= limit).double().mean())
+        share = float((_estimated(estimator, made.until(observed))[1] <= limit).double().mean())
         if share < EXPLAINED:
             break
         ranges, explained = wide, share
@@ -188,7 +188,7 @@ def typical_ranges(system: System) -> dict[str, Range]:
 
 def _of_training(
     stored: StoredModel,
-    train: Tensor,
+    train: Windows,
     noise: GivenNoise,
     first: Mapping[str, Sequence[float]] | None,
     settings: Mapping | RefinementSettings | None,
@@ -198,20 +198,15 @@ def _of_training(
         raise InputError("first", "missing", "the expert alone has no estimates to start from: give ranges")
     first = first or (None if stored.card.refinement is None else stored.card.refinement.prior)  # of kind alternating
     ranges = None if first is None else {name: (float(low), float(high)) for name, (low, high) in first.items()}
-    z_e, chi2 = _estimated(estimator_of(stored, settings, noise, ranges), _whole(stored, train))
+    z_e, chi2 = _estimated(estimator_of(stored, settings, noise, ranges), train.expand(len(stored.seeds)))
     return _hull(stored.model.system.expert_parameters, z_e), float(torch.quantile(chi2, 1 - FALSE_ALARMS))
 
 
-def _estimated(estimator: LeastSquares, y: Tensor) -> tuple[Tensor, Tensor]:
-    """z_e (S·N, P) and χ² (S·N,) of windows (T1, S, N, *observed)."""
-    found = estimator.estimate(y)
+def _estimated(estimator: LeastSquares, windows: Windows) -> tuple[Tensor, Tensor]:
+    """z_e (S·N, P) and χ² (S·N,) of windows, y (T1, S, N, *state)."""
+    found = estimator.estimate(windows)
     assert found.z_e is not None and found.chi2 is not None
     return found.z_e.flatten(0, 1).double(), found.chi2.flatten().double()
-
-
-def _whole(stored: StoredModel, y: Tensor) -> Tensor:
-    """Windows (T1, N, *observed) for each seed, (T1, S, N, *observed)."""
-    return y.unsqueeze(1).expand(-1, len(stored.seeds), *y.shape[1:])
 
 
 def _hull(parameters: Sequence[Parameter], z_e: Tensor) -> dict[str, Range]:
@@ -274,7 +269,7 @@ def find_prior(
         observed = stored.card.observed
         sets = [_trajectories(Trajectories.load(Path(data) / f"{name}.npz")) for name in settings.windows]
         found = adapt_prior(
-            stored, known[:observed], torch.cat([one[:observed] for one in sets], dim=1), noise, first, how
+            stored, known.until(observed), Windows.cat([part.until(observed) for part in sets]), noise, first, how
         )
     else:
         found = widen_prior(stored, known, noise, settings.budget, first, how)
@@ -282,7 +277,7 @@ def find_prior(
     return found
 
 
-def _trajectories(data: Trajectories) -> Tensor:
-    """At most so many trajectories, (T, N, *observed)."""
+def _trajectories(data: Trajectories) -> Windows:
+    """At most so many trajectories, y (T, 1, N, *state)."""
     index = np.linspace(0, len(data) - 1, min(SAMPLES, len(data))).astype(int)
-    return StackedSet.of(data.subset(index), torch.device("cpu")).windows(len(data.t))[:, 0]
+    return Windows.of(data.subset(index))

@@ -44,7 +44,7 @@ from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimators import Alternating
-from expertaug.models.gaps import ends_of, fill
+from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Estimates
 from expertaug.models.settings import Refinement, RefinementSettings
@@ -53,6 +53,7 @@ from expertaug.systems import System
 from expertaug.systems.inputs import check_given, check_trainable, further, inputs_of, states_of
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows, fill
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0
@@ -420,14 +421,14 @@ class AlternatingTraining:
         trainer: with decoder, windows and settings.
         card: of the model, apart from the record of its training.
         refinement: how windows are fitted.
-        checked: observed windows (T1, 1, N, *state) of the validation set: their misfits are kept, for alarms.
+        checked: observed windows, y (T1, 1, N, *state), of the validation set: their misfits are kept, for alarms.
         classes: see :class:`StoredModel`.
     """
 
     trainer: Alternation
     card: ModelCard
     refinement: Refinement
-    checked: Tensor
+    checked: Windows
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
     def run(self, progress: Progress | None = None) -> store.StoredModel:
@@ -527,6 +528,6 @@ def prepare(
         fit(decoder, seen, refinement.model_copy(update=given), len(seeds)),
     )
     name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
-    sets = train_set.windows(task.horizon), validation_set.windows(len(t))
+    sets = train_set.windows(task.horizon).joined, validation_set.windows(len(t)).joined
     trainer = Alternation(*fits, *sets, task, seeds, training, name)
     return AlternatingTraining(trainer, card, options.refinement, validation_set.windows(len(seen)), classes or {})

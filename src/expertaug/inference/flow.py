@@ -26,7 +26,7 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.encoders.fields import Moments
 from expertaug.models.encoders.window import ComponentView
 from expertaug.models.estimators import Classes, EstimatorKind, register
-from expertaug.models.gaps import ends_of, fill
+from expertaug.models.gaps import ends_of
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.networks.layers import MLP, Linear, Standardise
 from expertaug.models.posterior import Estimates, Predictor
@@ -34,8 +34,8 @@ from expertaug.models.stacking import SeedWise, stack
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
 from expertaug.systems.inputs import observed as as_observed
-from expertaug.systems.inputs import states_of
 from expertaug.systems.solvers.solver import Solver
+from expertaug.windows import Windows, fill
 
 NARROWEST = 9.0  # standard deviations of a posterior are at least exp(−9) of the prior's
 FARTHEST = 10.0  # standard deviations of the draws: a number of a window that no draw is like says no more than that
@@ -212,11 +212,11 @@ class FlowEstimator(Predictor, nn.Module):
         return self.base.interaction
 
     @torch.no_grad()
-    def sample(self, windows: Tensor, count: int, seed: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
+    def sample(self, windows: Windows, count: int, seed: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
         """Draws of the posterior.
 
         Arguments:
-            windows: observed, (T1, S, B, *observed).
+            windows: observed, y (T1, S, B, *state).
             count: K.
             seed: of independent draws for every window, the same for all seeds of the group; None: Sobol points, the
                 same for every window, whose means are more accurate.
@@ -224,48 +224,48 @@ class FlowEstimator(Predictor, nn.Module):
         Returns:
             z_e (K, S, B, P), z_a (K, S, B, Q) and y0 (K, S, B, *state).
         """
-        unknowns, samples = self.head.unknowns, windows.shape[2]
+        unknowns, (seeds, samples) = self.head.unknowns, windows.y.shape[1:3]
         if seed is None:
             engine = torch.quasirandom.SobolEngine(unknowns.count, scramble=True, seed=0)
             share = engine.draw(count).clamp(1e-6, 1 - 1e-6)
             normal = torch.special.ndtri(share)[:, None].expand(-1, samples, -1)
         else:
             normal = torch.randn(count, samples, unknowns.count, generator=torch.Generator().manual_seed(seed))
-        return self.draws(windows, normal.to(windows)[:, None].expand(-1, windows.shape[1], -1, -1))
+        return self.draws(windows, normal.to(windows.y)[:, None].expand(-1, seeds, -1, -1))
 
     @torch.no_grad()
-    def draws(self, windows: Tensor, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def draws(self, windows: Windows, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """As :meth:`sample`, from standard normal numbers (K, S, B, unknowns)."""
-        transform, known = self.head.unknowns.transform, states_of(self.system, windows[0])
+        transform, observed = self.head.unknowns.transform, windows.joined
         size, parts = max(CHUNK // len(normal), 1), []
-        for start in range(0, windows.shape[2], size):
+        for start in range(0, observed.shape[2], size):
             part = slice(start, start + size)
-            x = self.head.context(windows[:, :, part])
+            x = self.head.context(observed[:, :, part])
             theta = self.head.density.sample(x, normal[:, :, part])
-            parts.append(transform.unpack(theta, known[:, part]))
+            parts.append(transform.unpack(theta, windows.y[0, :, part]))
         z_e, z_a, y0 = (torch.cat(found, dim=2) for found in zip(*parts, strict=True))
         return z_e, z_a, y0
 
     def joint_draws(
-        self, found: Estimates, windows: Tensor, count: int, random: RandomStreams
+        self, found: Estimates, windows: Windows, count: int, random: RandomStreams
     ) -> tuple[Tensor, Tensor, Tensor]:
         """As :func:`expertaug.inference.posterior_predictive.joint_draws`."""
-        normal = random.normal(count, windows.shape[2], self.head.unknowns.count).transpose(0, 1)
-        return self.draws(windows, normal.to(windows))
+        normal = random.normal(count, windows.y.shape[2], self.head.unknowns.count).transpose(0, 1)
+        return self.draws(windows, normal.to(windows.y))
 
-    def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, S, B, *observed) → the posterior's means, with the draws that they are the means of."""
+    def estimate(self, windows: Windows) -> Estimates:
+        """Observed windows, y (T1, S, B, *state) → the posterior's means, with the draws that they are the means of."""
         draws = self.sample(windows, self.samples)
         z_e, z_a, y0 = (value.mean(0) for value in draws)
         return Estimates(y0, z_e, z_a, draws=tuple(value.movedim(0, 2) for value in draws))  # type: ignore[arg-type]
 
-    def log_prob(self, windows: Tensor, z_e: Tensor, z_a: Tensor, y0: Tensor) -> Tensor:
+    def log_prob(self, windows: Windows, z_e: Tensor, z_a: Tensor, y0: Tensor) -> Tensor:
         """Log-density (S, B) of z_e (S, B, P), of the principal components of z_a (S, B, Q), and of the inferred
         components of y0 (S, B, *state)."""
         unknowns = self.head.unknowns
-        first = states_of(self.system, windows[0])
+        first = windows.y[0]
         theta = unknowns.transform.pack(z_e, unknowns.transform.latent.coordinates(z_a), y0, first)
-        return self.head.density.log_prob(self.head.context(windows), theta) - unknowns.log_slope(theta, first)
+        return self.head.density.log_prob(self.head.context(windows.joined), theta) - unknowns.log_slope(theta, first)
 
     def forecast(
         self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
@@ -274,25 +274,20 @@ class FlowEstimator(Predictor, nn.Module):
         return self.decoder.forecast(y0, z_e, z_a, t, solver, u)
 
     def predicted(
-        self,
-        found: Estimates,
-        observed: Tensor,
-        t: Tensor,
-        solver: Solver | BoundedSolver,
-        start: str = "y0",
-        u: Tensor | None = None,
+        self, estimates: Estimates, windows: Windows, solver: Solver | BoundedSolver, start: str = "y0"
     ) -> Tensor:
         """The mean of the forecasts from the estimates' draws, from ``forecasts`` of them: posterior predictive; as
         :meth:`Predictor.predicted`."""
-        assert found.draws is not None, "estimates of a flow"
-        z_e, z_a, y0 = (value.movedim(2, 0)[: self.forecasts] for value in found.draws)
+        assert estimates.draws is not None, "estimates of a flow"
+        z_e, z_a, y0 = (value.movedim(2, 0)[: self.forecasts] for value in estimates.draws)
         bound = solver.bound if isinstance(solver, BoundedSolver) else self.bound
-        if start == "y0" or torch.isnan(observed).any():
+        t, u = windows.t, windows.u
+        if start == "y0" or windows.has_gaps:
             return mean_forecast(self.decoder, z_e, z_a, y0, t, solver, bound, u)
-        observed, last = states_of(self.system, observed), len(observed) - 1
-        y0, later = observed[last].expand_as(y0), None if u is None else u[last:]
+        last = windows.points - 1
+        y0, later = windows.y[last].expand_as(y0), None if u is None else u[last:]
         onwards = mean_forecast(self.decoder, z_e, z_a, y0, t[last:], solver, bound, later)
-        return torch.cat((observed[:last], onwards))
+        return torch.cat((windows.y[:last], onwards))
 
 
 def build(base: HybridNet | Decoder, card: ModelCard, latents: Tensor | None = None) -> FlowEstimator:

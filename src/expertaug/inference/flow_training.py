@@ -26,7 +26,6 @@ from expertaug.models.store import StoredModel, device_of, forecast_solver
 from expertaug.presets import Choices
 from expertaug.settings import given_ranges
 from expertaug.systems import System
-from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
@@ -109,10 +108,9 @@ def prepare(
         base=base,
         base_wall_s=base.wall_s,
     )
-    states, known = states_of(system, windows), inputs_of(system, windows)
     latents = latents_of(stored.model, base, windows, choices.augmented_z_a)
     estimator = flows.build(stored.model, card, latents).to(device)
-    estimator.head.context.fit(windows[:, 0])
+    estimator.head.context.fit(windows.seed(0).joined)
     low, high = prior_ends(stored.model.system, prior)
     unknowns = estimator.head.unknowns
     simulator = Simulator(
@@ -120,9 +118,9 @@ def prepare(
         unknowns=unknowns,
         context=estimator.head.context,
         scores=unknowns.transform.latent.coordinates(latents),
-        starts=states[0, 0],
-        inputs=None if known is None else known[:, 0],
-        gaps=torch.isnan(states[:, 0]) if base.has_gaps else None,
+        starts=windows.y[0, 0],
+        inputs=None if windows.u is None else windows.u[:, 0],
+        gaps=torch.isnan(windows.y[:, 0]) if base.has_gaps else None,
         ranges=base.start,
         low=low.to(device),
         high=high.to(device),

@@ -37,6 +37,7 @@ from expertaug.settings import given_ranges
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solvers.solver import Solver
+from expertaug.windows import Windows
 
 FARTHEST = 10.0  # step of a first point, in standard deviations of the noise
 FREE = 30.0  # step of a true equation's z_a, in its standard deviations over the training windows
@@ -376,19 +377,20 @@ class LeastSquares(Predictor, nn.Module):
         return self.decoder.system
 
     @torch.no_grad()
-    def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, S, B, *observed) → estimates, with χ² per degree of freedom and Laplace's posterior."""
-        shared = windows[:, :1].expand_as(windows)
-        if self.alone and torch.allclose(windows, shared, 0.0, 0.0, equal_nan=True):  # the same for every seed
-            return self.fit(windows[:, :1]).expand(windows.shape[1])
-        return self.fit(windows, None if self.first is None else self.first.estimate(windows))
+    def estimate(self, windows: Windows) -> Estimates:
+        """Observed windows, y (T1, S, B, *state) → estimates, with χ² per degree of freedom and Laplace's posterior."""
+        observed = windows.joined
+        shared = observed[:, :1].expand_as(observed)
+        if self.alone and torch.allclose(observed, shared, 0.0, 0.0, equal_nan=True):  # the same for every seed
+            return self.fit(observed[:, :1]).expand(observed.shape[1])
+        return self.fit(observed, None if self.first is None else self.first.estimate(windows))
 
     def joint_draws(
-        self, found: Estimates, windows: Tensor, count: int, random: RandomStreams
+        self, found: Estimates, windows: Windows, count: int, random: RandomStreams
     ) -> tuple[Tensor, Tensor, Tensor]:
         """As :func:`expertaug.inference.posterior_predictive.joint_draws`, by Laplace's approximation."""
-        normal = random.normal(count, windows.shape[2], sum(self.fit.sizes))
-        return self.fit.draws(found, self.fit.first(windows), normal)
+        normal = random.normal(count, windows.y.shape[2], sum(self.fit.sizes))
+        return self.fit.draws(found, windows.y[0], normal)
 
     def forecast(
         self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None

@@ -16,6 +16,7 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates, Gaussian, Predictor, constrain
 from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
+from expertaug.windows import Windows
 
 CHUNK_BYTES = 2**27  # of the forecasts made at a time
 COUNT = 119  # so that intervals of 50 % and 90 % end at draws
@@ -33,8 +34,8 @@ class Sampler(Protocol):
     @property
     def decoder(self) -> Decoder: ...
 
-    def sample(self, windows: Tensor, count: int, seed: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
-        """Windows (T1, S, B, *state) → z_e (K, S, B, P), z_a (K, S, B, Q), y0 (K, S, B, *state)."""
+    def sample(self, windows: Windows, count: int, seed: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
+        """Windows, y (T1, S, B, *state) → z_e (K, S, B, P), z_a (K, S, B, Q), y0 (K, S, B, *state)."""
         ...
 
 
@@ -43,7 +44,7 @@ class JointPosterior(Protocol):
     """An estimator that draws from its joint distribution of (z_e, z_a, y0) itself."""
 
     def joint_draws(
-        self, found: Estimates, windows: Tensor, count: int, random: RandomStreams
+        self, found: Estimates, windows: Windows, count: int, random: RandomStreams
     ) -> tuple[Tensor, Tensor, Tensor]:
         """As :func:`joint_draws`."""
         ...
@@ -70,29 +71,26 @@ class Predictive:
 @torch.no_grad()
 def predictive(
     estimator: Sampler,
-    windows: Tensor,
-    t: Tensor,
+    windows: Windows,
     solver: Solver,
     count: int,
     levels: Sequence[float] = (0.05, 0.95),
     seed: int | None = None,
     keep: bool = False,
-    u: Tensor | None = None,
     pooled: bool = False,
 ) -> Predictive:
     """Forecast every window from draws of its posterior; a forecast that runs away is cut off at the bound.
 
     Arguments:
-        windows: observed, (T1, S, B, *observed).
-        t: (T,) in s.
+        windows: observed, y (T1, S, B, *state), with all times of the forecasts and the known inputs then.
         count: K, draws of each window.
         levels: of the quantiles, in (0, 1).
         seed: of the draws; None: evenly spread points, the same for every window.
         keep: whether to return the samples.
-        u: known inputs (T, S, B, U) at all times; None for a system without.
         pooled: whether all seeds' draws are one posterior's: of one seed with S·K draws.
     """
     z_e, z_a, y0 = estimator.sample(windows, count, seed)
+    t, u = windows.t, windows.u
     seeds, samples, each = y0.shape[1], y0.shape[2], y0[0, 0, 0].numel() * y0.element_size()
     size = max(CHUNK_BYTES // (count * seeds * len(t) * each), 1)
     at = torch.tensor(levels, dtype=y0.dtype, device=y0.device)
@@ -190,14 +188,14 @@ def z_e_draws(found: Estimates, count: int = COUNT) -> Tensor | None:
 
 @torch.no_grad()
 def joint_draws(
-    model: Predictor, found: Estimates, windows: Tensor, count: int, random: RandomStreams
+    model: Predictor, found: Estimates, windows: Windows, count: int, random: RandomStreams
 ) -> tuple[Tensor, Tensor, Tensor] | None:
     """Independent draws of (z_e, z_a, y0) for each window: of a flow, of Laplace's approximation of a fit, or of an
     encoder's Gaussian (whose first point is the observed one); None where the estimator has a point alone.
 
     Arguments:
         model: an estimator, whose estimates ``found`` are.
-        windows: observed, (T1, S, B, *observed).
+        windows: observed, y (T1, S, B, *state).
         count: K.
         random: whence they come.
 
@@ -241,7 +239,7 @@ class Drawn:
     def decoder(self) -> Decoder:
         return self.model.decoder  # type: ignore[attr-defined]
 
-    def sample(self, windows: Tensor, count: int, seed: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
+    def sample(self, windows: Windows, count: int, seed: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
         """As of a flow.
 
         Raises:

@@ -39,8 +39,8 @@ from expertaug.models.posterior import Predictor
 from expertaug.models.stacking import stack
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
-from expertaug.systems.inputs import inputs_of, joined, states_of
 from expertaug.systems.solvers.solver import Solver
+from expertaug.windows import Windows
 
 logger = logging.getLogger(__name__)
 FLOW = 3  # of the keys of random numbers: augmentation's end in 1
@@ -81,10 +81,10 @@ class Draws:
 
 
 class Simulated(NamedTuple):
-    """Observed trajectories y (T, S, M, *observed) with their z_e (S, M, P), components of z_a (S, M, ·), true first
+    """Observed trajectories, y (T, S, M, *state), with their z_e (S, M, P), components of z_a (S, M, ·), true first
     points (S, M, *state), and whether each stayed within the bound (S, M)."""
 
-    y: Tensor
+    windows: Windows
     z_e: Tensor
     scores: Tensor
     y0: Tensor
@@ -180,13 +180,12 @@ class Simulator:
             y = y + noise
         if self.gaps is not None:
             y = y.masked_fill(self.gaps[:, self._index(count, random)], torch.nan)
-        return Simulated(joined(y, u), z_e, scores, y0, good)
+        return Simulated(Windows(self.task.t, y, u), z_e, scores, y0, good)
 
     def _part(self, count: int, random: RandomStreams) -> tuple[Draws, Tensor]:
         """Draws, and how many (S,) of them ran away."""
-        y, z_e, scores, y0, good = self.simulated(count, random)
-        first = states_of(self.decoder.system, y[0])
-        draws = Draws(self.context(y), self.unknowns.transform.pack(z_e, scores, y0, first))
+        windows, z_e, scores, y0, good = self.simulated(count, random)
+        draws = Draws(self.context(windows.joined), self.unknowns.transform.pack(z_e, scores, y0, windows.y[0]))
         return (draws if good.all() else _without(draws, good)), (~good).sum(1).cpu()
 
     def _anywhere(self, y0: Tensor, random: RandomStreams) -> Tensor:
@@ -249,53 +248,54 @@ def _without(draws: Draws, good: Tensor) -> Draws:
 
 
 @torch.no_grad()
-def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Tensor, z_a_from: str) -> Tensor:
+def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Windows, z_a_from: str) -> Tensor:
     """z_a (S, N, Q) as a model's own windows have them: draws of the encoder's posterior of the training windows; of a
     model without an encoder draws of the Gaussian that its fits take z_a from.
 
     Arguments:
         model: stacked over the seeds.
-        windows: observed windows of the training, (T1, 1, N, *observed).
+        windows: observed windows of the training, y (T1, 1, N, *state).
         z_a_from: as of :func:`expertaug.learning.augment.sample_latent`.
     """
     seeds = card.seeds
-    random = RandomStreams(seeds, LATENTS, FLOW, device=windows.device)
+    random = RandomStreams(seeds, LATENTS, FLOW, device=windows.y.device)
     if isinstance(model, FlowEstimator):
         model = model.base
     if not isinstance(model, HybridNet):
         known = ([[]], [[]]) if card.latent is None else (card.latent.mean, card.latent.std)
-        mean, std = (torch.tensor(value).float().to(windows.device).unsqueeze(1) for value in known)
-        return mean + std * random.normal(windows.shape[2], mean.shape[-1])
+        mean, std = (torch.tensor(value).float().to(windows.y.device).unsqueeze(1) for value in known)
+        return mean + std * random.normal(windows.y.shape[2], mean.shape[-1])
     parts = []
-    for part in windows.split(1024, dim=2):
-        posterior = model.encode(part.expand(-1, len(seeds), *part.shape[2:]))
-        parts.append(sample_latent(posterior, z_a_from, partial(random.normal, part.shape[2])))
+    for part in windows.split(1024):
+        posterior = model.encode(part.expand(len(seeds)))
+        parts.append(sample_latent(posterior, z_a_from, partial(random.normal, part.y.shape[2])))
     return torch.cat(parts, dim=1)
 
 
 @torch.no_grad()
 def own_draws(
-    stored: StoredModel, train: Tensor, own: OwnWindows, noise: GivenNoise, count: int
-) -> tuple[Tensor, Tensor]:
+    stored: StoredModel, train: Windows, own: OwnWindows, noise: GivenNoise, count: int
+) -> tuple[Windows, Tensor]:
     """Trajectories that a model makes with z_e of p⁺, z_a and first points of the training windows, and with noise.
 
     Arguments:
         stored: any estimator with an expert.
-        train: trajectories of the training, (T, N, *observed).
+        train: trajectories of the training, y (T, 1, N, *state).
         own: over which p⁺, and from what.
         noise: standard deviation of the data's noise.
         count: of each seed.
 
     Returns:
-        y (T, S, M, *observed) and z_e (S, M, P); those that run away are left out, of all seeds alike.
+        y (T, S, M, *state) and z_e (S, M, P); those that run away are left out, of all seeds alike.
     """
     model, card, seeds = stored.model, stored.card, stored.seeds
     first = model
     if isinstance(model, LeastSquares) and model.__dict__["first"] is not None:
         first = model.__dict__["first"]
-    decoder, system, device = model.decoder, model.system, train.device
-    train = train[:, torch.linspace(0, train.shape[1] - 1, min(WINDOWS, train.shape[1])).long().to(device)]
-    windows, states = train[: card.observed].unsqueeze(1), states_of(system, train)
+    decoder, system, device = model.decoder, model.system, train.y.device
+    number = train.y.shape[2]
+    train = train.samples(torch.linspace(0, number - 1, min(WINDOWS, number)).long().to(device))
+    windows, states = train.until(card.observed), train.y[:, 0]
     latents = latents_of(first, card, windows, own.z_a_from)
     low, high = (end.to(device) for end in prior_ends(system, given_ranges(own.prior)))
     known, ranges = noise_of(noise, system, card), card.start
@@ -314,7 +314,7 @@ def own_draws(
         context=nn.Identity(),
         scores=unknowns.transform.latent.coordinates(latents),
         starts=states[0],
-        inputs=inputs_of(system, train),
+        inputs=None if train.u is None else train.u[:, 0],
         gaps=None if ranges is None else torch.isnan(states),
         ranges=ranges,
         low=low,
@@ -327,4 +327,4 @@ def own_draws(
     )
     found = simulator.simulated(count, RandomStreams(seeds, OWN, FLOW, device=device))
     good = found.good.all(0)
-    return found.y[:, :, good], found.z_e[:, good]
+    return found.windows.samples(good), found.z_e[:, good]

@@ -26,8 +26,8 @@ from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.presets import Choices
 from expertaug.settings import given_ranges
 from expertaug.systems import System
-from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 logger = logging.getLogger(__name__)
 CHUNK, NUMBERS = 4096, 2**20  # samples simulated at a time, and numbers in their states: bounds the memory
@@ -221,7 +221,8 @@ def generate(
     if noise:
         y = y + shaped(noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
     u = None if data.u is None else torch.cat([p[3] for p in parts], dim=2)
-    return StackedSet(y, z_e, torch.ones(z_e.shape[1], device=y.device), u, z_a)
+    made = Windows(task.t, y, u)
+    return StackedSet(made, z_e, torch.ones(z_e.shape[1], device=y.device), z_a)
 
 
 def _as_measured(y: Tensor, like: Tensor) -> Tensor:
@@ -255,7 +256,7 @@ def hardest_parameters(
     y, z_e = _simulate(model, model.start(windows), z_a, low, high, task.shortened(task.observed), random, u)
     y = clamp_to_bound(y, task.bound)
     y = y + shaped(drawing.noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
-    estimated = model.encode(joined(_as_measured(y, batch.y), u)).z_e.mean
+    estimated = model.encode(Windows(windows.t, _as_measured(y, batch.y), u)).z_e.mean
     width = (high - low).clamp_min(1e-12).to(y)
     error = ((estimated - z_e) / width).abs().amax(-1).nan_to_num(torch.inf)
     hardest = error.topk(max(TRIED // 4, 1), dim=1).indices
@@ -319,12 +320,13 @@ def save(path: Path, plus: Augmented) -> None:
     write_tensors(path, tensors, plus.drawing.to_json())
 
 
-def load(path: Path, device: torch.device) -> Augmented:
-    """Read what :func:`save` wrote."""
+def load(path: Path, device: torch.device, t: Tensor) -> Augmented:
+    """Read what :func:`save` wrote; ``t`` (T,) are the model's times in s."""
     header, tensors = read_tensors(path)
     sets = []
     for name in ("train", "validation"):
         y, z_e = tensors[f"{name}_y"].to(device), tensors[f"{name}_z_e"].to(device)
         u, z_a = (tensors[f"{name}_{k}"].to(device) if f"{name}_{k}" in tensors else None for k in ("u", "z_a"))
-        sets.append(StackedSet(y, z_e, torch.ones(z_e.shape[1], device=device), u, z_a))
+        made = Windows(t[: len(y)], y, u)
+        sets.append(StackedSet(made, z_e, torch.ones(z_e.shape[1], device=device), z_a))
     return Augmented(sets[0], sets[1], Drawing.of_json(header))

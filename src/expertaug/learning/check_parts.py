@@ -13,7 +13,8 @@ from expertaug.learning.objectives import Objective
 from expertaug.learning.optimiser import Adam
 from expertaug.learning.training_data import Batch, Task
 from expertaug.models.hybrid import HybridModel, HybridNet
-from expertaug.systems.inputs import check_trainable, inputs_of, joined, solve, states_of
+from expertaug.systems.inputs import check_trainable, solve
+from expertaug.windows import Windows
 
 SEEDS, SAMPLES = (0, 1), 4
 TOLERANCE = 1e-3  # relative, of a seed alone and in a group: to float rounding
@@ -36,7 +37,7 @@ def check_parts(
     recipe: HybridModel,
     task: Task,
     objective: Callable[[list[int]], Objective] | None = None,
-    y: Tensor | None = None,
+    samples: Windows | None = None,
     where: str = "model",
 ) -> None:
     """Make the networks of two seeds, call each part on a few samples, and take one step.
@@ -45,8 +46,7 @@ def check_parts(
         recipe: of the model.
         task: of the training.
         objective: makes it for a list of seeds; None: no step is taken.
-        y: samples (T, N, *observed) at the times of the task, known inputs as further components of the state;
-            forecasts of the expert alone without.
+        samples: y (T, N, *state) at the times of the task; forecasts of the expert alone without.
         where: file or key, for messages.
 
     Raises:
@@ -60,15 +60,15 @@ def check_parts(
 
     def made(group: list[int]) -> HybridNet:
         model = recipe.build(times, group, likelihood)
-        windows, name = y[: task.observed], _name(model.interaction)
-        _called(lambda: model.encoder.fit(windows), where, f"fit of {_name(model.encoder)}")
-        _called(lambda: model.decoder.fit(states_of(model.system, windows)), where, f"fit of {name}")
+        windows, name = samples.until(task.observed), _name(model.interaction)
+        _called(lambda: model.encoder.fit(windows.joined), where, f"fit of {_name(model.encoder)}")
+        _called(lambda: model.decoder.fit(windows.y), where, f"fit of {name}")
         return model
 
-    y = _samples(recipe, task) if y is None else y
+    samples = _samples(recipe, task) if samples is None else samples
     model = made(seeds).eval()
-    batch = y.unsqueeze(1).expand(-1, len(seeds), *y.shape[1:])
-    _check_encoder(model, batch[: task.observed], where)
+    batch = samples.with_seeds().expand(len(seeds))
+    _check_encoder(model, batch.until(task.observed), where)
     _check_interaction(model, batch, where)
     _check_seeds(model, made(seeds[1:]).eval(), batch, task, where)
     _check_kept(model, recipe.build(times, seeds, likelihood), batch, task, where)
@@ -76,8 +76,8 @@ def check_parts(
         _check_step(model.train(), first, batch, task, where)
 
 
-def _samples(recipe: HybridModel, task: Task) -> Tensor:
-    """(T, SAMPLES, *observed): the expert's own motion from small random states, at typical parameters and inputs."""
+def _samples(recipe: HybridModel, task: Task) -> Windows:
+    """y (T, SAMPLES, *state): the expert's own motion from small random states, at typical parameters and inputs."""
     system = recipe.system
     generator = torch.Generator().manual_seed(0)
     y0 = torch.rand(SAMPLES, *system.state_shape, generator=generator)
@@ -88,12 +88,12 @@ def _samples(recipe: HybridModel, task: Task) -> Tensor:
         u = torch.tensor(scales) * torch.rand(SAMPLES, len(scales), generator=generator).expand(len(task.t), -1, -1)
     with torch.no_grad():
         y = solve(system, lambda s, x, *given: system.expert(s, x, z_e, *given), y0, task.t, task.solver, z_e, u)
-    return joined(y, u)
+    return Windows(task.t, y, u)
 
 
-def _check_encoder(model: HybridNet, observed: Tensor, where: str) -> None:
+def _check_encoder(model: HybridNet, observed: Windows, where: str) -> None:
     name, system = _name(model.encoder), model.system
-    seeds, samples = observed.shape[1:3]
+    seeds, samples = observed.y.shape[1:3]
     with torch.no_grad():
         means, again = (_called(lambda: model.encode(observed).mean, where, name) for _ in range(2))
     sizes = len(system.expert_parameters), model.encoder.latent
@@ -106,25 +106,25 @@ def _check_encoder(model: HybridNet, observed: Tensor, where: str) -> None:
         raise InputError(where, f"{name} gives a positive parameter a value that is not", remedy)
 
 
-def _check_interaction(model: HybridNet, batch: Tensor, where: str) -> None:
+def _check_interaction(model: HybridNet, batch: Windows, where: str) -> None:
     if model.interaction is None:
         return
-    name, lead = _name(model.interaction), batch.shape[1:3]
+    name, lead = _name(model.interaction), batch.y.shape[1:3]
     z_e = torch.tensor([p.scale for p in model.system.expert_parameters]).expand(*lead, -1)
     z_a = torch.zeros(*lead, model.encoder.latent)
 
     def rates() -> Tensor:
-        return _rates(model, batch[0], model.interaction.context(z_a, z_e))
+        return _rates(model, batch, model.interaction.context(z_a, z_e))
 
     with torch.no_grad():
         first, again = (_called(rates, where, name) for _ in range(2))
-    _check_tensor(first, tuple(states_of(model.system, batch[0]).shape), where, f"{name}'s rates")
+    _check_tensor(first, tuple(batch.y[0].shape), where, f"{name}'s rates")
     _check_same((first,), (again,), where, name)
 
 
-def _check_seeds(group: HybridNet, alone: HybridNet, batch: Tensor, task: Task, where: str) -> None:
+def _check_seeds(group: HybridNet, alone: HybridNet, batch: Windows, task: Task, where: str) -> None:
     """The last seed of a group must compute what it does alone."""
-    together, single = (_outputs(model, y, task) for model, y in ((group, batch), (alone, batch[:, -1:])))
+    together, single = (_outputs(model, y, task) for model, y in ((group, batch), (alone, batch.seed(slice(-1, None)))))
     for part, a, b in zip(_parts(group), together, single, strict=True):
         if not all(
             torch.allclose(x[-1], y[0], rtol=TOLERANCE, atol=TOLERANCE * _size(y)) for x, y in zip(a, b, strict=True)
@@ -133,7 +133,7 @@ def _check_seeds(group: HybridNet, alone: HybridNet, batch: Tensor, task: Task, 
             raise InputError(where, f"{part} gives a seed other values in a group than alone", remedy)
 
 
-def _check_kept(model: HybridNet, other: HybridNet, batch: Tensor, task: Task, where: str) -> None:
+def _check_kept(model: HybridNet, other: HybridNet, batch: Windows, task: Task, where: str) -> None:
     """A model made anew from the state that a file holds must be the same."""
     other.load_state_dict(model.state_dict())
     for part, a, b in zip(_parts(model), *(_outputs(m, batch, task) for m in (model, other.eval())), strict=True):
@@ -142,12 +142,11 @@ def _check_kept(model: HybridNet, other: HybridNet, batch: Tensor, task: Task, w
             raise InputError(where, f"{part} is another after it was saved and loaded", remedy)
 
 
-def _check_step(model: HybridNet, objective: Objective, batch: Tensor, task: Task, where: str) -> None:
+def _check_step(model: HybridNet, objective: Objective, batch: Windows, task: Task, where: str) -> None:
     name = type(objective).__name__
-    seeds, samples = batch.shape[1:3]
+    seeds, samples = batch.y.shape[1:3]
     z_e = torch.tensor([p.scale for p in model.system.expert_parameters]).expand(seeds, samples, -1)
-    y, u = states_of(model.system, batch), inputs_of(model.system, batch)
-    whole = Batch(y, z_e, torch.zeros(seeds, samples), u)
+    whole = Batch(batch, z_e, torch.zeros(seeds, samples))
     optimiser = Adam(model.parameters())
 
     def step() -> tuple[Tensor, dict]:
@@ -184,23 +183,22 @@ def _parts(model: HybridNet) -> list[str]:
     return [_name(part) for part in (model.encoder, model.interaction) if part is not None]
 
 
-def _outputs(model: HybridNet, batch: Tensor, task: Task) -> list[tuple[Tensor, ...]]:
+def _outputs(model: HybridNet, batch: Windows, task: Task) -> list[tuple[Tensor, ...]]:
     """What the encoder and the interaction model give, seeds first."""
     with torch.no_grad():
-        z_e, z_a = model.encode(batch[: task.observed]).mean
+        z_e, z_a = model.encode(batch.until(task.observed)).mean
         outputs = [(z_e, z_a)]
         if model.interaction is not None:
             # The same latents for all: what the encoder gives has its own check.
             context = model.interaction.context(torch.zeros_like(z_a), torch.ones_like(z_e))
-            outputs.append((_rates(model, batch[0], context),))
+            outputs.append((_rates(model, batch, context),))
     return outputs
 
 
-def _rates(model: HybridNet, observed: Tensor, context: Tensor) -> Tensor:
-    """F_a at one time of what is observed, (S, B, *observed)."""
-    inputs = inputs_of(model.system, observed)
-    y, u = states_of(model.system, observed), () if inputs is None else (inputs,)
-    return model.decoder.interaction_rate(y, context, torch.zeros(()), *u)
+def _rates(model: HybridNet, batch: Windows, context: Tensor) -> Tensor:
+    """F_a at the first states of a batch, (S, B, *state)."""
+    u = None if batch.u is None else batch.u[0]
+    return model.decoder.interaction_rate(batch.y[0], context, torch.zeros(()), u)
 
 
 def _name(part: object) -> str:

@@ -58,7 +58,7 @@ def run_stage(
         raise InputError("--augmented", "missing", "give the augmented samples, or prior in the settings for a control")
     device = device_of(settings.device)
     stored = store.load(model, device, settings.classes or ())
-    plus = None if augmented is None else augment.load(augmented, device)
+    plus = None if augmented is None else augment.load(augmented, device, torch.tensor(stored.card.t))
     sets = set_files(data)
     train, validation = map(Trajectories.load, sets)
     inputs = [Path(model), *([] if augmented is None else [Path(augmented)]), *sets]

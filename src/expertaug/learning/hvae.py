@@ -83,7 +83,7 @@ class HybridVAE(Objective):
         sampled = self.choices.hvae_z_e == "sampled"
 
         window, seen = batch.windows(task.observed), batch.inputs(task.observed)
-        posterior, first = encoder(model.filled(window), normal), model.start(window)
+        posterior, first = encoder(model.seen(window), normal), model.start(window)
         z_e = posterior.z_e.draw(normal) if sampled else posterior.z_e.mean
         z_plus = low + (high - low) * noise.uniform(size, len(low))
         start = model.system.initial_state(first, z_plus)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from expertaug.learning.divergence import BoundedSolver, bound_of_card, clamp_to_bound, solve_with_sample_fallback
-from expertaug.models.posterior import Predictor
+from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
-from expertaug.systems.inputs import inputs_of, states_of
+from expertaug.windows import Windows
 
 KEPT_WINDOWS = 500  # validation windows whose misfits a model file keeps, evenly spread
 AT_A_TIME = 256  # windows at a time
@@ -99,32 +100,34 @@ def window_residual(system: System, states: Tensor, windows: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def observed_residuals(stored: StoredModel, windows: Tensor) -> Tensor:
-    """The misfit (S, N) of windows (T1, 1, N, *observed) by a model's own estimates."""
+def observed_residuals(stored: StoredModel, windows: Windows) -> Tensor:
+    """The misfit (S, N) of windows that all seeds share, y (T1, 1, N, *state), by a model's own estimates."""
     model: Predictor = stored.model
     system: System = model.system  # type: ignore[attr-defined]
-    t = torch.tensor(stored.card.t[: len(windows)], dtype=torch.float32, device=windows.device)
-    bound, parts = bound_of_card(stored.card, windows.device), []
-    for part in windows.split(AT_A_TIME, dim=2):
-        y = part.expand(-1, len(stored.seeds), *part.shape[2:])
-        estimates = model.estimate(y)  # type: ignore[attr-defined]
+    bound, parts = bound_of_card(stored.card, windows.y.device), []
+    t = torch.tensor(stored.card.t[: windows.points], dtype=torch.float32, device=windows.y.device)
+    windows = replace(windows.until(windows.points), t=t)
+    for shared in windows.split(AT_A_TIME):
+        part = shared.expand(len(stored.seeds))
+        estimates = model.estimate(part)  # type: ignore[attr-defined]
 
-        def predicted(samples: slice, solver: BoundedSolver, estimates: object = estimates, y: Tensor = y) -> Tensor:
-            inputs = inputs_of(system, y)
-            u = None if inputs is None else inputs[:, :, samples]
-            return model.predicted(estimates.part(samples), y[:, :, samples], t, solver, u=u)  # type: ignore[attr-defined]
+        def predicted(
+            samples: slice, solver: BoundedSolver, estimates: Estimates = estimates, part: Windows = part
+        ) -> Tensor:
+            return model.predicted(estimates.part(samples), part.samples(samples), solver)  # type: ignore[arg-type]
 
-        states, _ = solve_with_sample_fallback(predicted, y.shape[2], stored.solver, bound)
-        parts.append(window_residual(system, clamp_to_bound(states, bound), states_of(system, y)))
+        states, _ = solve_with_sample_fallback(predicted, part.y.shape[2], stored.solver, bound)
+        parts.append(window_residual(system, clamp_to_bound(states, bound), part.y))
     return torch.cat(parts, dim=1)
 
 
-def record_residuals(stored: StoredModel, windows: Tensor) -> Mapping[str, list[list[float]]]:
-    """What a model file says of validation windows (T1, 1, N, *observed): their misfits, a list a seed.  A window of
-    which nothing was measured after its first point has none."""
+def record_residuals(stored: StoredModel, windows: Windows) -> Mapping[str, list[list[float]]]:
+    """What a model file says of validation windows that all seeds share, y (T1, 1, N, *state): their misfits, a list a
+    seed.  A window of which nothing was measured after its first point has none."""
     system: System = stored.model.system  # type: ignore[assignment]
-    unseen = torch.isnan(system.observe(states_of(system, windows)[1:])).movedim(2, 0).flatten(1).all(1)
-    windows = windows[:, :, ~unseen] if unseen.any() else windows
-    index = torch.linspace(0, windows.shape[2] - 1, min(KEPT_WINDOWS, windows.shape[2])).long()
-    residuals = observed_residuals(stored, windows[:, :, index.to(windows.device)]).nan_to_num(1e30, 1e30)
+    unseen = torch.isnan(system.observe(windows.y[1:])).movedim(2, 0).flatten(1).all(1)
+    windows = windows.samples(~unseen) if unseen.any() else windows
+    count = windows.y.shape[2]
+    index = torch.linspace(0, count - 1, min(KEPT_WINDOWS, count)).long()
+    residuals = observed_residuals(stored, windows.samples(index.to(windows.y.device))).nan_to_num(1e30, 1e30)
     return {"validation": [[float(f"{value:.6g}") for value in seed] for seed in residuals.tolist()]}

@@ -193,7 +193,7 @@ def prepare(
     for name, part in (("training set", train_set), ("validation set", validation_set)):
         check_given(recipe.system, part.u, name)
     windows = train_set.windows(observed)
-    model.fit(windows[:, 0])
+    model.fit(windows.seed(0))
     task = task_of(options.training, card, device)
     return prepare_training(
         model,

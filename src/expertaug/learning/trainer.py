@@ -29,6 +29,7 @@ from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import principal_axes
 from expertaug.models.settings import AXES
 from expertaug.models.store import StoredModel
+from expertaug.windows import Windows
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0
@@ -324,7 +325,7 @@ class Training:
         card: of the model, apart from the record of its training.
         classes: see :class:`StoredModel`.
         unchanged: tensors of the model, by name, that the training must leave as they are.
-        windows: observed windows (T1, 1, N, *observed) of the data: where their z_a lie is kept for refinement.
+        windows: observed windows of the data, y (T1, 1, N, *state): where their z_a lie is kept for refinement.
         checked: observed windows of the validation set: their misfits are kept, for alarms.
     """
 
@@ -332,8 +333,8 @@ class Training:
     card: ModelCard
     classes: Mapping[str, Callable] = field(default_factory=dict)
     unchanged: Mapping[str, Tensor] = field(default_factory=dict)
-    windows: Tensor | None = None
-    checked: Tensor | None = None
+    windows: Windows | None = None
+    checked: Windows | None = None
 
     def run(self, progress: Progress | None = None) -> StoredModel:
         """Train to the end, from the state at which a killed run stopped where ``progress`` has one; the best state of
@@ -377,8 +378,8 @@ def prepare_training(
     options: TrainOptions | FinetuneOptions,
     classes: Mapping[str, Callable],
     unchanged: Mapping[str, Tensor] | None = None,
-    windows: Tensor | None = None,
-    checked: Tensor | None = None,
+    windows: Windows | None = None,
+    checked: Windows | None = None,
 ) -> Training:
     """Make the training of a described model.
 
@@ -400,12 +401,10 @@ def prepare_training(
 
 
 @torch.no_grad()
-def latent_of(model: HybridNet, windows: Tensor, seeds: int) -> LatentRecord:
-    """Mean and standard deviation of z_a (S, Q) over the windows (T1, 1, N, *observed), and the first principal axes
-    (S, C, Q) of a z_a of several components."""
-    parts = [
-        model.encode(part.expand(-1, seeds, *part.shape[2:])).z_a.mean for part in windows.split(LATENT_PART, dim=2)
-    ]
+def latent_of(model: HybridNet, windows: Windows, seeds: int) -> LatentRecord:
+    """Mean and standard deviation of z_a (S, Q) over windows that all seeds share, y (T1, 1, N, *state), and the first
+    principal axes (S, C, Q) of a z_a of several components."""
+    parts = [model.encode(part.expand(seeds)).z_a.mean for part in windows.split(LATENT_PART)]
     z_a = torch.cat(parts, dim=1).double().nan_to_num(0.0, 0.0, 0.0)
     mean, std = moments(z_a)
     axes = [principal_axes(of_seed, AXES).tolist() for of_seed in z_a] if z_a.shape[-1] > 1 else None

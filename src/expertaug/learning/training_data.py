@@ -15,26 +15,53 @@ from torch import Tensor
 from expertaug.learning.divergence import bound_of_card
 from expertaug.models.card import ModelCard
 from expertaug.presets import Choices
-from expertaug.systems.inputs import joined
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories, points_until
+from expertaug.windows import Windows
+
+
+class _Samples:
+    """What sets and batches share: samples whose states and inputs are ``trajectories``."""
+
+    trajectories: Windows
+
+    @property
+    def y(self) -> Tensor:
+        """States (T, S, B, *state), NaN where nothing was measured."""
+        return self.trajectories.y
+
+    @property
+    def u(self) -> Tensor | None:
+        """Known inputs (T, S, B, U); None for a system without."""
+        return self.trajectories.u
+
+    def windows(self, points: int) -> Windows:
+        """The first ``points`` points alone: what an encoder sees."""
+        return self.trajectories.until(points)
+
+    def inputs(self, points: int) -> Tensor | None:
+        """Known inputs at the first ``points`` points."""
+        return None if self.u is None else self.u[:points]
 
 
 @dataclass(frozen=True)
-class Batch:
-    """A batch for a group of S seeds: y (T, S, B, *state), NaN where nothing was measured, z_e (S, B, P), supervised
-    (S, B) in {0, 1}; u (T, S, B, U), known inputs, None for a system without; z_a (S, B, Q) of augmented samples, NaN
-    of others, None where there are none.
+class Batch(_Samples):
+    """A batch for a group of S seeds.
 
     A step does not ask the tensors, for which it would wait where they lie on a card, what is known beforehand:
     ``complete``, that nothing is NaN, and ``labelled``, whether a sample is supervised; None where it is not known.
+
+    Attributes:
+        trajectories: of B samples, y (T, S, B, *state).
+        z_e: (S, B, P).
+        supervised: (S, B) in {0, 1}.
+        z_a: (S, B, Q) of augmented samples, NaN of others; None where there are none.
     """
 
-    y: Tensor
+    trajectories: Windows
     z_e: Tensor
     supervised: Tensor
-    u: Tensor | None = None
     complete: bool = False
     labelled: bool | None = None
     z_a: Tensor | None = None
@@ -44,40 +71,28 @@ class Batch:
         """Whether a sample is supervised."""
         return bool(self.supervised.any()) if self.labelled is None else self.labelled
 
-    def windows(self, points: int) -> Tensor:
-        """What an encoder sees of the first ``points`` points: y, and the known inputs as further components."""
-        return joined(self.y[:points], self.inputs(points))
-
-    def inputs(self, points: int) -> Tensor | None:
-        """Known inputs at the first ``points`` points."""
-        return None if self.u is None else self.u[:points]
-
 
 @dataclass(frozen=True)
-class StackedSet:
+class StackedSet(_Samples):
     """M samples for each of S seeds; S = 1 in the tensors where all seeds share them.
 
     Attributes:
-        y: (T, S or 1, M, *state), NaN where nothing was measured.
+        trajectories: y (T, S or 1, M, *state).
         z_e: (S or 1, M, P).
         supervised: (M,) in {0, 1}: whether z_e is the sample's label (augmented samples) or only for scoring.
-        u: known inputs (T, S or 1, M, U); None for a system without.
         z_a: with which augmented samples were made, (S or 1, M, Q), NaN of others; None where there are none.
     """
 
-    y: Tensor
+    trajectories: Windows
     z_e: Tensor
     supervised: Tensor
-    u: Tensor | None = None
     z_a: Tensor | None = None
 
     @classmethod
     def of(cls, data: Trajectories, device: torch.device) -> StackedSet:
         """A set that all seeds share, none of it supervised."""
-        y = torch.from_numpy(np.ascontiguousarray(np.moveaxis(data.seen, 1, 0))).unsqueeze(1).to(device)
         z_e = torch.from_numpy(data.z_e).unsqueeze(0).to(device)
-        u = None if data.u is None else torch.from_numpy(data.u).movedim(1, 0).contiguous().unsqueeze(1).to(device)
-        return cls(y, z_e, torch.zeros(len(data), device=device), u)
+        return cls(Windows.of(data, device), z_e, torch.zeros(len(data), device=device))
 
     def __len__(self) -> int:
         return len(self.supervised)
@@ -85,23 +100,22 @@ class StackedSet:
     @cached_property
     def complete(self) -> bool:
         """Whether everything was measured."""
-        return not torch.isnan(self.y).any()
+        return not self.trajectories.has_gaps
 
     def __or__(self, other: StackedSet) -> StackedSet:
         """The union of two sets over the times that both have."""
         points = min(len(self.y), len(other.y))
         seeds = max(self.y.shape[1], other.y.shape[1])
 
-        def both(a: Tensor, b: Tensor, axis: int) -> Tensor:
-            grow = [x.expand(*x.shape[:axis], seeds, *x.shape[axis + 1 :]) for x in (a, b)]
-            return torch.cat(grow, dim=axis + 1)
+        def both(a: Tensor, b: Tensor) -> Tensor:
+            return torch.cat([x.expand(seeds, *x.shape[1:]) for x in (a, b)], dim=1)
 
+        parts = [part.windows(points).expand(seeds) for part in (self, other)]
         return StackedSet(
-            both(self.y[:points], other.y[:points], 1),
-            both(self.z_e, other.z_e, 0),
+            Windows.cat(parts),
+            both(self.z_e, other.z_e),
             torch.cat((self.supervised, other.supervised)),
-            None if self.u is None or other.u is None else both(self.u[:points], other.u[:points], 1),
-            None if self.z_a is None and other.z_a is None else both(self._z_a_like(other), other._z_a_like(self), 0),
+            None if self.z_a is None and other.z_a is None else both(self._z_a_like(other), other._z_a_like(self)),
         )
 
     def _z_a_like(self, other: StackedSet) -> Tensor:
@@ -113,12 +127,7 @@ class StackedSet:
 
     def window(self, points: int) -> StackedSet:
         """The first ``points`` points of every sample."""
-        u = None if self.u is None else self.u[:points].contiguous()
-        return StackedSet(self.y[:points].contiguous(), self.z_e, self.supervised, u, self.z_a)
-
-    def windows(self, points: int) -> Tensor:
-        """What an encoder sees of the first ``points`` points, (T, S or 1, M, *observed)."""
-        return joined(self.y[:points], None if self.u is None else self.u[:points])
+        return replace(self, trajectories=self.windows(points).contiguous())
 
     def subset(self, count: int | None) -> StackedSet:
         """At most ``count`` samples, evenly spread."""
@@ -129,17 +138,15 @@ class StackedSet:
 
     def at(self, index: Tensor) -> StackedSet:
         """The samples at some places."""
-        u = None if self.u is None else self.u[:, :, index]
         z_a = None if self.z_a is None else self.z_a[:, index]
-        return StackedSet(self.y[:, :, index], self.z_e[:, index], self.supervised[index], u, z_a)
+        return StackedSet(self.trajectories.samples(index), self.z_e[:, index], self.supervised[index], z_a)
 
     def whole(self, seeds: int) -> Batch:
         """All samples as one batch for ``seeds`` seeds."""
         return Batch(
-            self.y.expand(len(self.y), seeds, *self.y.shape[2:]),
+            self.trajectories.expand(seeds),
             self.z_e.expand(seeds, *self.z_e.shape[1:]),
             self.supervised.expand(seeds, -1),
-            None if self.u is None else self.u.expand(-1, seeds, -1, -1),
             z_a=None if self.z_a is None else self.z_a.expand(seeds, -1, -1),
         )
 
@@ -153,10 +160,15 @@ class StackedSet:
         shared = torch.zeros_like(row) if self.y.shape[1] == 1 else row
         for start in range(0, len(self) - size + 1, size):
             index, labelled = order[:, start : start + size], supervised[:, start : start + size].any()
-            u = None if self.u is None else self.u[:, shared, index]
-            y, z_e = self.y[:, shared, index], self.z_e[shared, index]
             z_a = None if self.z_a is None else self.z_a[shared, index]
-            yield Batch(y, z_e, self.supervised[index], u, self.complete, bool(labelled), z_a)
+            yield Batch(
+                self.trajectories.at(shared, index),
+                self.z_e[shared, index],
+                self.supervised[index],
+                self.complete,
+                bool(labelled),
+                z_a,
+            )
 
     def steps(self, size: int) -> int:
         """Batches in one pass."""

@@ -14,8 +14,9 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.systems import System
-from expertaug.systems.inputs import solve, states_of
+from expertaug.systems.inputs import solve
 from expertaug.systems.solvers.solver import Solver
+from expertaug.windows import Windows
 
 
 class Decoder(nn.Module):
@@ -180,9 +181,9 @@ class MeanModel(Predictor, nn.Module):
         self.system = system
         self.register_buffer("mean", mean)
 
-    def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, …, B, *observed) → their first points, and no parameters."""
-        return Estimates(states_of(self.system, windows[0]).nan_to_num(), None, None)
+    def estimate(self, windows: Windows) -> Estimates:
+        """Observed windows → their first points, and no parameters."""
+        return Estimates(windows.y[0].nan_to_num(), None, None)
 
     def forecast(self, y0: Tensor, z_e: None, z_a: None, t: Tensor, solver: Solver, u: Tensor | None = None) -> Tensor:
         """(…, B, *state) → (T, …, B, *state); the same for every sample, and beyond the training's times that

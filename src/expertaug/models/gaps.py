@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.networks.layers import MLP
 from expertaug.systems import System
+from expertaug.windows import Windows, fill
 
 LAYERS = (64, 64)  # of the network that estimates first points
 
@@ -43,48 +44,21 @@ class Gaps(nn.Module):
         self.times, (self.middle, self.width) = times, ends_of({name: ranges[name] for name in names})
         self.network = MLP(2 * len(times) * len(names), LAYERS, len(names), "silu")
 
-    def filled(self, observed: Tensor) -> Tensor:
-        """A window (T1, …, B, K + U) without gaps; the same where it has none."""
-        return fill(observed, self.times, self.middle.to(observed))
+    def filled(self, windows: Windows) -> Windows:
+        """Observed windows without gaps; the same where they have none."""
+        return windows.filled(self.times, self.middle.to(windows.y))
 
-    def start(self, observed: Tensor) -> Tensor:
-        """First points (…, B, K) of windows (T1, …, B, K + U): as measured, and estimated from the states of the window
-        where they were not."""
-        observed = observed[..., : len(self.middle)]
-        known = ~torch.isnan(observed)
+    def start(self, windows: Windows) -> Tensor:
+        """First points (…, B, K) of observed windows: as measured, and estimated from the states of the window where
+        they were not."""
+        observed, known = windows.y, windows.measured
         if known[0].all():
             return observed[0]
         middle, width = self.middle.to(observed), self.width.to(observed)
-        scaled = (self.filled(observed) - middle) / width
+        scaled = (fill(observed, self.times, middle) - middle) / width
         inputs = torch.cat((scaled, known.to(scaled)), -1).movedim(0, -2).flatten(-2)
         estimate = middle + width * torch.tanh(self.network(inputs))
         return torch.where(known[0], observed[0], estimate)
-
-
-def fill(observed: Tensor, times: Tensor, middle: Tensor) -> Tensor:
-    """Windows (T1, …, B, K + U) with straight lines over the gaps of their states; the same where they have none.
-
-    Arguments:
-        observed: K components of the state and U known inputs, which have no gaps.
-        times: in s, (T1,).
-        middle: what a component without a measured value is, (K,).
-    """
-    if not torch.isnan(observed).any():
-        return observed
-    observed, inputs = observed.tensor_split([len(middle)], dim=-1)
-    known = ~torch.isnan(observed)
-    last = len(observed) - 1
-    place = torch.arange(len(observed), device=observed.device).view(-1, *[1] * (observed.dim() - 1))
-    before = torch.where(known, place, -1).cummax(0).values
-    after = torch.where(known, place, last + 1).flip(0).cummin(0).values.flip(0)
-    left = torch.where(before >= 0, before, after.clamp_max(last))
-    right = torch.where(after <= last, after, before.clamp_min(0))
-    times, values = times.to(observed), observed.nan_to_num()
-    one, other = values.gather(0, left), values.gather(0, right)
-    share = (times[place] - times[left]) / (times[right] - times[left]).clamp_min(1e-12)
-    lines = torch.where(right > left, one + (other - one) * share, one)
-    filled = torch.where(known, observed, torch.where(known.any(0), lines, middle))
-    return torch.cat((filled, inputs), dim=-1) if inputs.shape[-1] else filled
 
 
 def ends_of(ranges: Mapping[str, Sequence[float]], like: Tensor | None = None) -> tuple[Tensor, Tensor]:

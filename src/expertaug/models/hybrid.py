@@ -22,6 +22,7 @@ from expertaug.models.user_modules import encoder_of, interaction_of
 from expertaug.systems import System
 from expertaug.systems.inputs import observed, states_of
 from expertaug.systems.solvers.solver import Solver
+from expertaug.windows import Windows
 
 
 class HybridNet(Predictor, nn.Module):
@@ -54,26 +55,27 @@ class HybridNet(Predictor, nn.Module):
     def likelihood(self) -> nn.Module | None:
         return self.decoder.likelihood
 
-    def fit(self, observed: Tensor) -> None:
-        """Let the parts that learn scales from the training set's observed window (T1, N, *observed) do so."""
-        observed = self.filled(observed)
-        self.encoder.fit(observed)  # type: ignore[operator]
-        self.decoder.fit(states_of(self.system, observed))
+    def fit(self, windows: Windows) -> None:
+        """Let the parts that learn scales from the training set's observed windows, y (T1, N, *state), do so."""
+        seen = self.seen(windows)
+        self.encoder.fit(seen)  # type: ignore[operator]
+        self.decoder.fit(states_of(self.system, seen))
 
-    def filled(self, observed: Tensor) -> Tensor:
-        """Observed windows (T1, …, B, *observed) as the encoder sees them."""
-        return observed if self.gaps is None else self.gaps.filled(observed)
+    def seen(self, windows: Windows) -> Tensor:
+        """What the encoder sees of observed windows, (T1, …, B, *observed): without gaps, the known inputs as further
+        components of the state."""
+        return (windows if self.gaps is None else self.gaps.filled(windows)).joined
 
-    def start(self, observed: Tensor) -> Tensor:
-        """The first points (…, B, *state) of observed windows (T1, …, B, *observed), estimated where not measured."""
-        return states_of(self.system, observed[0]) if self.gaps is None else self.gaps.start(observed)
+    def start(self, windows: Windows) -> Tensor:
+        """The first points (…, B, *state) of observed windows, estimated where they were not measured."""
+        return windows.y[0] if self.gaps is None else self.gaps.start(windows)
 
-    def encode(self, observed: Tensor) -> Posterior:
-        """Observed window (T1, …, B, *observed), known inputs as further components of the state → q(z_e, z_a)."""
-        return self.encoder(self.filled(observed))
+    def encode(self, windows: Windows) -> Posterior:
+        """Observed windows → q(z_e, z_a)."""
+        return self.encoder(self.seen(windows))
 
-    def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, …, B, *observed) → the posterior's means, from the first point."""
+    def estimate(self, windows: Windows) -> Estimates:
+        """Observed windows → the posterior's means, from the first point."""
         posterior = self.encode(windows)
         return Estimates(self.start(windows), *posterior.mean, posterior)
 

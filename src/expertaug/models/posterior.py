@@ -16,8 +16,8 @@ from torch.distributions import Distribution, constraints
 
 from expertaug.systems import Parameter, System
 from expertaug.systems.base import constant_like
-from expertaug.systems.inputs import states_of
 from expertaug.systems.solvers.solver import Solver
+from expertaug.windows import Windows
 
 # normal(k) gives (…, B, k) standard normal numbers: whoever samples says where randomness comes from.
 Normal = Callable[[int], Tensor]
@@ -239,8 +239,8 @@ def _tensors_of(one: Estimates) -> list[Tensor]:
 class Estimator(Protocol):
     """Anything that reads (y0, z_e, z_a) off observed windows: an encoder, least squares, a flow."""
 
-    def estimate(self, windows: Tensor) -> Estimates:
-        """Observed windows (T1, …, B, *state) → estimates."""
+    def estimate(self, windows: Windows) -> Estimates:
+        """Observed windows → estimates (…, B, ·)."""
         ...
 
 
@@ -258,39 +258,34 @@ class Predictor:
 
     def predicted(
         self,
-        found: Estimates,
-        observed: Tensor,
-        t: Tensor,
+        estimates: Estimates,
+        windows: Windows,
         solver: Solver,
         start: str = "y0",
-        u: Tensor | None = None,
     ) -> Tensor:
         """The forecast that follows from estimates.
 
         Arguments:
-            found: of the observed windows.
-            observed: (T1, …, B, *observed), known inputs as further components of the state.
-            t: (T,) in s, T ≥ T1.
+            estimates: of the observed windows.
+            windows: observed, with all times of the forecast and the known inputs then.
             start: y0, or y_t1: integrate onwards from the last observed point and return the observation before it.
-            u: known inputs (T, …, B, U) at all times; None for a system without.
 
         Returns:
             states (T, …, B, *state).
         """
-        if start == "y0" or found.z_e is None or torch.isnan(observed).any():  # what was not measured has no rates
-            return self.forecast(found.y0, found.z_e, found.z_a, t, solver, u)  # type: ignore[attr-defined]
-        observed, last = states_of(self.system, observed), len(observed) - 1
+        z_e, z_a, t, u = estimates.z_e, estimates.z_a, windows.t, windows.u
+        if start == "y0" or z_e is None or windows.has_gaps:  # what was not measured has no rates
+            return self.forecast(estimates.y0, z_e, z_a, t, solver, u)  # type: ignore[attr-defined]
+        last = windows.points - 1
         later = None if u is None else u[last:]
-        onwards = self.forecast(observed[last], found.z_e, found.z_a, t[last:], solver, later)  # type: ignore[attr-defined]
-        return torch.cat((observed[:last], onwards))
+        onwards = self.forecast(windows.y[last], z_e, z_a, t[last:], solver, later)  # type: ignore[attr-defined]
+        return torch.cat((windows.y[:last], onwards))
 
-    def predict(
-        self, observed: Tensor, t: Tensor, solver: Solver, start: str = "y0", u: Tensor | None = None
-    ) -> tuple[Tensor, Tensor | None]:
+    def predict(self, windows: Windows, solver: Solver, start: str = "y0") -> tuple[Tensor, Tensor | None]:
         """The forecast of the estimates from windows, and the estimate of z_e (…, B, P) where :attr:`knows_z_e`; as
         :meth:`predicted`."""
-        found = self.estimate(observed)  # type: ignore[attr-defined]
-        return self.predicted(found, observed, t, solver, start, u), found.z_e if self.knows_z_e else None
+        estimates = self.estimate(windows)  # type: ignore[attr-defined]
+        return self.predicted(estimates, windows, solver, start), estimates.z_e if self.knows_z_e else None
 
 
 DEAD = 1e-5  # of the whole: a principal component with a smaller standard deviation does not vary

@@ -176,28 +176,27 @@ class _Experiment:
             return self._try(at, lambda: tried(recipe, kind, at))
 
         def tried(recipe: Any, kind: Any, at: str) -> bool:
-            task, y = self._task(settings, data)
-            check_parts(recipe, task, lambda s: make_objective(kind, s, options), y, at)
+            task, samples = self._task(settings, data)
+            check_parts(recipe, task, lambda s: make_objective(kind, s, options), samples, at)
             return True
 
         return bool(self._try(where, parts))
 
     def _task(self, settings: TrainOptions, data: Trajectories | None) -> tuple:
-        """The task of a training, and samples (T, N, *observed) where the data are simulated."""
+        """The task of a training, and samples, y (T, N, *state), where the data are simulated."""
         import torch
 
         from expertaug.learning.divergence import divergence_bound
         from expertaug.learning.train import observed_points
         from expertaug.learning.training_data import task_of
         from expertaug.models.card import ModelCard
-        from expertaug.systems.inputs import joined
+        from expertaug.windows import Windows
 
         t = [float(v) for v in data.t] if data is not None else self._times()
         observed, bound = observed_points(t, settings.t1_s, settings.choices), None
-        y = None
+        samples = None
         if data is not None:
-            u = None if data.u is None else torch.from_numpy(data.u).movedim(0, 1)
-            y = joined(torch.from_numpy(data.y).float().movedim(0, 1), u)
+            samples = Windows.of(data).seed(0)
             bound = divergence_bound(data.y)
         said = {
             "kind": Hybrid.name,
@@ -207,7 +206,7 @@ class _Experiment:
             "observed": observed,
         }
         card = ModelCard.of(**said, **({} if bound is None else {"bound": bound}))
-        return task_of(settings.training, card, torch.device("cpu")), y
+        return task_of(settings.training, card, torch.device("cpu")), samples
 
     def _times(self) -> list[float]:
         """Times of a chunk of a recording, or about those of one of measurements, in s."""

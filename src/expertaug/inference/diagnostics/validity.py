@@ -27,6 +27,7 @@ from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems.inputs import further, inputs_of, states_of
+from expertaug.windows import Windows
 
 BINS = 8
 TAKEN = 0.75  # of the windows of a bin must be explained for F_a to hold there
@@ -175,7 +176,7 @@ class Refit:
 
 def refit(
     stored: StoredModel,
-    windows: Tensor,
+    windows: Windows,
     noise: GivenNoise,
     prior: Mapping[str, tuple[float, float]] | None,
     settings: Mapping | RefinementSettings | None = None,
@@ -186,7 +187,7 @@ def refit(
 
     Arguments:
         stored: trained, with an interaction model; it stays as it is.
-        windows: observed, (T1, N, *observed).
+        windows: observed, y (T1, 1, N, *state).
         noise, prior, settings: of the least squares (:func:`estimator_of`).
         how: number and size of the steps.
         truth: z_e (N, P) and z_a (N, Q) of simulated windows.
@@ -198,10 +199,10 @@ def refit(
         raise InputError("model", "has no interaction model", "give a hybrid one, or one of kind alternating")
     how, seeds = how or ValiditySettings(), len(stored.seeds)
     estimator = estimator_of(stored, settings, noise, prior)
-    y = windows.unsqueeze(1).expand(-1, seeds, *windows.shape[1:])
-    found = estimator.estimate(y)
+    windows = windows.expand(seeds)
+    found = estimator.estimate(windows)
     assert found.z_e is not None and found.z_a is not None and found.chi2 is not None
-    fit, y = estimator.fit, y.cpu().double()
+    fit, y = estimator.fit, windows.joined.cpu().double()
     x = fit.coordinates(found.to(y), fit.first(y))
     new, x_new = _fitted(fit, x, y, how)
     squares, changes = _difference(fit, new, x, x_new, y)
