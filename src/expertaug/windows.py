@@ -55,21 +55,6 @@ class Windows:
         u = None if data.u is None else torch.from_numpy(data.u).movedim(1, 0).contiguous().unsqueeze(1).to(device)
         return cls(torch.from_numpy(data.t).float(), y, u)
 
-    @classmethod
-    def parted(cls, t: Tensor, observed: Tensor, states: int, inputs: int = 0, rank: int = 1) -> Windows:
-        """Windows whose states and inputs stand in one tensor, as :attr:`joined` has them.
-
-        Arguments:
-            t: times in s, (T,).
-            observed: (T, …, B, states + inputs, *grid).
-            states, inputs: numbers of components.
-            rank: axes of a state, 1 for a vector.
-        """
-        if not inputs:
-            return cls(t, observed)
-        u = observed.narrow(-rank, states, inputs)[(..., *[0] * (rank - 1))]
-        return cls(t, observed.narrow(-rank, 0, states), u)
-
     @staticmethod
     def cat(parts: Sequence[Windows]) -> Windows:
         """Samples of several groups' windows (T1, S, B, *state) at the same times, one after the other."""

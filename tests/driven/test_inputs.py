@@ -7,7 +7,8 @@ from driven_sets import DAMPING, FREQUENCY, T, simulated
 
 import expertaug as ea
 from expertaug.errors import InputError
-from expertaug.systems.inputs import Linear, inputs_of, joined, observed, solve, states_of
+from expertaug.systems.inputs import Linear, inputs_of, observed, solve, states_of
+from expertaug.windows import Windows
 
 
 class Integrator(ea.System):
@@ -61,13 +62,13 @@ def test_an_integrator_has_the_area_under_its_input(solver, how):
 
 def test_what_is_observed_is_states_and_inputs():
     y, u = torch.rand(3, 2, 5, 1, 4), torch.rand(3, 2, 5, 2)
-    windows, system = joined(y, u), Blurred()
+    windows, system = Windows(torch.arange(3.0), y, u).joined, Blurred()
     assert windows.shape == (3, 2, 5, 3, 4)
     assert torch.equal(states_of(system, windows), y)
     assert torch.equal(inputs_of(system, windows), u)
     seen = observed(system)
     assert [p.name for p in seen.state] == ["y", "u", "c"] and seen.state_shape == (3, 4)
-    assert joined(y, None) is y and states_of(ea.DampedPendulum(), y) is y
+    assert Windows(torch.arange(3.0), y).joined is y and states_of(ea.DampedPendulum(), y) is y
 
 
 def test_networks_see_inputs_in_units_of_their_scale():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import torch
@@ -18,7 +19,6 @@ from expertaug.models.encoders.two_step import TwoStep
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import unconstrain
 from expertaug.presets import Choices
-from expertaug.systems.inputs import joined
 
 STREAM = 2  # of the random numbers: 0 are orders of data, 1 augmented samples
 QUANTILES = 1000
@@ -82,7 +82,7 @@ class HybridVAE(Objective):
         low, high = (end.to(y, non_blocking=True) for end in prior_ends(model.system, self.prior))
         sampled = self.choices.hvae_z_e == "sampled"
 
-        window, seen = batch.windows(task.observed), batch.inputs(task.observed)
+        window = batch.windows(task.observed)
         posterior, first = encoder(model.seen(window), normal), model.start(window)
         z_e = posterior.z_e.draw(normal) if sampled else posterior.z_e.mean
         z_plus = low + (high - low) * noise.uniform(size, len(low))
@@ -103,8 +103,9 @@ class HybridVAE(Objective):
         apart, _ = squares(model.system, hybrid[later], expert[later], complete=held)  # within the bound
         likelihood = sample_mean(model.likelihood.log_prob(errors, compared), hybrid_good)
         ppc = apart / (2 * model.likelihood.scale.detach().square()) + divergence
-        filtered = posterior.filtered - encoder.view(joined(expert[: task.observed], seen)).detach()
-        inferred = encoder.infer(encoder.view(joined(plus[: task.observed], seen))).mean
+        alone, over_prior = (replace(window, y=part[: task.observed]).joined for part in (expert, plus))
+        filtered = posterior.filtered - encoder.view(alone).detach()
+        inferred = encoder.infer(encoder.view(over_prior)).mean
         scale = ((high - low) / 12**0.5).clamp_min(1e-12)
         divergence = sample_mean(divergence)
         r_ppc = sample_mean(ppc, both_good)

@@ -1,4 +1,4 @@
-"""Solving a system with its known inputs u(t) and its events; inputs joined to what an encoder sees."""
+"""Solving a system with its known inputs u(t) and its events; the system as an encoder sees it."""
 
 from __future__ import annotations
 
@@ -141,23 +141,13 @@ def check_trainable(system: System, where: str = "system") -> None:
         raise InputError(where, found, "fit windows by least squares, or observe what does not jump")
 
 
-def joined(y: Tensor, u: Tensor | None) -> Tensor:
-    """What is observed: states (T, …, B, *state) with inputs (T, …, B, U) as further components, the same all over a
-    field; the states alone where there are no inputs."""
-    if u is None:
-        return y
-    axis = u.dim() - 1
-    wide = u.to(y.dtype)[(..., *[None] * (y.dim() - u.dim()))]
-    return torch.cat((y, wide.expand(*u.shape, *y.shape[axis + 1 :])), dim=axis)
-
-
 def states_of(system: System, windows: Tensor) -> Tensor:
-    """The states of windows that :func:`joined` made."""
+    """The states of windows that have both (:attr:`expertaug.windows.Windows.joined`)."""
     return windows.narrow(_axis(system), 0, len(system.state)) if system.known else windows
 
 
 def inputs_of(system: System, windows: Tensor) -> Tensor | None:
-    """The inputs (T, …, B, U) of windows that :func:`joined` made; None for a system without."""
+    """The inputs (T, …, B, U) of such windows; None for a system without."""
     if not system.known:
         return None
     u = windows.narrow(_axis(system), len(system.state), len(system.known))
