@@ -293,7 +293,8 @@ class TrainedModel:
             arguments.same_times(t, self.t, "t", "the mean of the training set has no others")
         inputs = arguments.inputs(u, self.system, len(y), t)
         y, inputs = (None if x is None else arguments.grouped(x.to(self._device), len(self)) for x in (y, inputs))
-        return Windows(torch.from_numpy(t).float().to(self._device), y, inputs), t  # type: ignore[arg-type]
+        windows = Windows(torch.from_numpy(t).float().to(self._device), y, inputs)  # type: ignore[arg-type]
+        return windows if inputs is None else windows.contiguous(), t  # rounding depends on how they lie
 
     @property
     def _device(self) -> torch.device:

@@ -112,7 +112,8 @@ def score(
         u = None
         if truth.u is not None:
             u = torch.from_numpy(truth.u[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
-        whole = Windows(t, y, u).expand(seeds)
+        whole = Windows(t, y, u)
+        whole = (whole if u is None else whole.contiguous()).expand(seeds)  # rounding depends on how they lie
         found = forecast(stored.model, whole.observed(observed), solver, start, limit)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
         early.append(window_residual(system, found.states, y[:observed]).cpu())

@@ -21,8 +21,8 @@ from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTES
 from expertaug.models.settings import Constant, Refinement
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
-from expertaug.systems.inputs import joined
 from expertaug.trajectories import Trajectories
+from expertaug.windows import Windows
 
 logger = logging.getLogger(__name__)
 STEPS = 60
@@ -71,8 +71,7 @@ def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories)
         raise InputError("units", "given without a prior", "give a range of each parameter in which fits start")
     each = refinement.settings.model_copy(update={"units": {}})
     fit = estimator_of(stored, each, refinement.noise, given_ranges(refinement.prior)).fit
-    u = None if train.u is None else torch.from_numpy(train.u).movedim(1, 0)
-    windows = joined(torch.from_numpy(train.seen).movedim(1, 0), u)[: stored.card.observed].unsqueeze(1).double()
+    windows = Windows.of(train).until(stored.card.observed).joined.double()
     places = [names.index(name) for name in shared]
     x, equations = _minimise(fit, windows, places)
     covariance = _covariance(equations, places, groups_of(train))
