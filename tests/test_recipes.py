@@ -199,7 +199,7 @@ def test_an_encoder(checkout):
     checkout.insert(where, "class InteractionSettings", settings)
     checkout.insert(where, "WindowSettings, RecurrentSettings, TwoStep", "MeanSettings, ")
     checkout.configure("model: {encoder: {kind: mean, latent: 3}}")
-    assert checkout.settings("expertaug train")[0]["model"]["encoder"]["kind"] == "mean"
+    assert checkout.settings("expertaug train", "aphynity")[0]["model"]["encoder"]["kind"] == "mean"
     checkout.run("expertaug.cli", "check-system", "my.yaml")
     checkout.run("expertaug.config.reference", "config/README.md")
     assert "a network of the mean of the observed states" in (checkout.folder / "config/README.md").read_text()
