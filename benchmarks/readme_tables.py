@@ -1,8 +1,14 @@
 """Fills the tables of README.md and docs/*.md: ``python benchmarks/readme_tables.py [--check] [--root CHECKOUT]``.
 
-They come from results/published.  A comment names a table's source, ``<!-- table: FOLDER NAME [VERSIONS] -->``; the
-table below it is replaced; VERSIONS, if given, are its rows, apart by commas.  NAME is a table of the paper
-(synth_log_mse, param_acc: ours, the published number in brackets) or an experiment (log-MSE of every method and set).
+They come from results/published.  A comment names the source of what stands behind it:
+
+- ``<!-- table: FOLDER NAME [VERSIONS] -->``: the table below is replaced; VERSIONS, if given, are its rows, apart by
+  commas.  NAME is a table of the paper (synth_log_mse, param_acc: ours, the published number in brackets) or an
+  experiment (log-MSE of every method and set).
+- ``<!-- beside the paper: FOLDER EXPERIMENT VERSIONS -->``: log-MSE of versions on the test sets, with the paper's
+  number beside each and a mark where each window is fitted.
+- ``<!-- value: FOLDER TABLE VERSION SET METRIC [gain] -->…<!-- -->``, in a line: a cell, or its gain over the control.
+
 With ``--check`` nothing is written, and the exit status says whether all are as published.
 """
 
@@ -21,10 +27,14 @@ from expertaug.evaluation.metrics import metric_of
 from expertaug.evaluation.settings import Titles
 from expertaug.evaluation.table import Cell, grid
 from expertaug.files import write_text
+from expertaug.models.estimators import estimator
+from expertaug.versions import Version, base
 
 CELL = ("mean", "std", "n", "low", "high")
 PAPER = {"synth_log_mse": "log-MSE", "param_acc": "parameter error [%]"}
 MARK = re.compile(r"(<!-- table: (\S+) (\S+)(?: (\S+))? -->\n)((?:\|.*\n)*)")
+BESIDE = re.compile(r"(<!-- beside the paper: (\S+) (\S+) (\S+) -->\n)((?:\|.*\n)*)")
+VALUE = re.compile(r"(<!-- value: (\S+) (\S+) (\S+) (\S+) (\S+)( gain)? -->)[^<]*(<!-- -->)")
 
 
 def of_paper(folder: Path, name: str) -> list[str]:
@@ -57,11 +67,39 @@ def of_experiment(folder: Path, name: str, versions: str | None) -> list[str]:
     sets = [s for s in ("train", "validation", "iid", "test") if f"{s}/{metric}/mean" in table]
     rows = []
     for _, line in table.iterrows():
-        cells = [{k: line.get(f"{s}/{metric}/{k}", math.nan) for k in CELL} for s in sets]
-        of = len(str(line["seeds"]).split())
-        rows.append([line["label"], *(Cell.of_row(metric_of(metric), cell | {"of": of}).text() for cell in cells)])
+        rows.append([line["label"], *(_cell(line, one_set, metric).text() for one_set in sets)])
     titles = {"iid": "IID test", "test": "test (OOD)"}
     return grid(["method", *(titles.get(s, s) for s in sets)], rows, 1)
+
+
+def beside_paper(folder: Path, name: str, versions: str) -> list[str]:
+    """Log-MSE of some versions on the experiment's test sets, each beside the paper's; which of them fit windows."""
+    config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
+    metric = f"log_mse_{config['experiments'][name]['evaluation'].get('convention', 'sum')}"
+    ours = pd.read_csv(folder / "tables" / f"{name}.csv").set_index("method")
+    paper = pd.read_csv(folder / "tables" / f"{name}_published.csv").query("table == 'synth_log_mse'")
+    paper = paper.set_index(["label", "set"])
+    rows = []
+    for version in versions.split(","):
+        line = ours.loc[version]
+        kind = estimator(config["methods"][base(version)]["kind"])
+        row = [line["label"], "yes" if kind.fits_windows or Version.parse(version).is_refined else ""]
+        for one_set in ("iid", "test"):
+            row.append(_cell(line, one_set, metric).text())
+            theirs = paper.loc[(line["label"], one_set)] if (line["label"], one_set) in paper.index else None
+            shown = "" if theirs is None else f"{theirs['published_mean']:.1f} ± {theirs['published_std']:.1f}"
+            row.append(shown.replace("-", "−"))
+        rows.append(row)
+    return grid(["method", "fits each window", "IID test", "paper", "shifted test", "paper"], rows, 2)
+
+
+def _cell(line: pd.Series, one_set: str, metric: str, gain: bool = False) -> Cell:
+    """A cell of an experiment's table, or the gain of a version over its control."""
+    keys = {key: f"gain_{key}" if key != "mean" else "gain" for key in ("mean", "low", "high")} if gain else {}
+    row = {key: line.get(f"{one_set}/{metric}/{keys.get(key, key)}", math.nan) for key in CELL}
+    if math.isnan(row["mean"]):
+        sys.exit(f"{line['label']}: no {'gain of ' if gain else ''}{metric} on the set {one_set!r}")
+    return Cell.of_row(metric_of(metric), row | {"of": len(str(line["seeds"]).split())})
 
 
 def main() -> int:
@@ -76,10 +114,19 @@ def main() -> int:
         lines = of_paper(folder, name) if name in PAPER else of_experiment(folder, name, match[4])
         return match[1] + "\n".join(lines) + "\n"
 
+    def beside(match: re.Match) -> str:
+        folder = options.root / "results" / "published" / match[2]
+        return match[1] + "\n".join(beside_paper(folder, match[3], match[4])) + "\n"
+
+    def value(match: re.Match) -> str:
+        table = pd.read_csv(options.root / "results" / "published" / match[2] / "tables" / f"{match[3]}.csv")
+        line = table.set_index("method").loc[match[4]]
+        return match[1] + _cell(line, match[5], match[6], bool(match[7])).text() + match[8]
+
     stale = 0
     for page in (options.root / "README.md", *sorted((options.root / "docs").glob("*.md"))):
         text = page.read_text(encoding="utf-8")
-        new = MARK.sub(filled, text)
+        new = VALUE.sub(value, BESIDE.sub(beside, MARK.sub(filled, text)))
         if new == text:
             continue
         stale = 1

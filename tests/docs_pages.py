@@ -28,7 +28,7 @@ BROUGHT = {"my/clip.mp4": "", "board.png": "", "data/double_pendulum_chaotic/0.c
 @dataclass(frozen=True)
 class Block:
     """A block of code: ``file`` where the reader is to keep it, ``after`` which others it overrides, ``skipped`` why
-    the test is not to run it."""
+    the test is not to run it, ``in_order`` whether each command needs what those before it have made."""
 
     page: str
     line: int
@@ -37,6 +37,7 @@ class Block:
     file: str | None = None
     after: tuple[str, ...] = ()
     skipped: str | None = None
+    in_order: bool = False
 
     def __str__(self) -> str:
         return f"{self.page}:{self.line}"
@@ -50,6 +51,7 @@ class Command:
     page: str
     words: tuple[str, ...]
     whole: bool
+    in_order: bool = False
 
 
 def swings() -> str:
@@ -73,8 +75,8 @@ def name_of(page: Path) -> str:
 
 
 def blocks(page: Path) -> list[Block]:
-    """Fenced and indented blocks; ``<!-- file: NAME -->``, ``<!-- file: NAME, after OTHER -->`` and
-    ``<!-- not run: WHY -->`` on the line before a fence say more."""
+    """Fenced and indented blocks; ``<!-- file: NAME -->``, ``<!-- file: NAME, after OTHER -->``,
+    ``<!-- in order -->`` and ``<!-- not run: WHY -->`` on the line before a fence say more."""
     text = page.read_text(encoding="utf-8")
     found = []
     for match in FENCE.finditer(text):
@@ -90,6 +92,7 @@ def blocks(page: Path) -> list[Block]:
                 file=kept[1] if kept else None,
                 after=tuple(kept[2].split(", ")) if kept and kept[2] else (),
                 skipped=skipped[1] if skipped else None,
+                in_order=mark == "in order",
             )
         )
     rest = FENCE.sub(lambda match: "\n" * match[0].count("\n"), text)
@@ -104,6 +107,20 @@ def every(language: str) -> list[Block]:
     return [block for page in PAGES for block in blocks(page) if block.language == language]
 
 
+def prose(page: Path) -> str:
+    """The text of a page, as it is read: without code, tables, comments and the addresses of links."""
+    text = INDENTED.sub("", FENCE.sub("", page.read_text(encoding="utf-8")))
+    text = re.sub(
+        r"^\|.*$|^:::.*$|^\.\. auto.*$|^   :\w+:.*$", "", re.sub(r"<!--.*?-->", "", text, flags=re.S), flags=re.M
+    )
+    return re.sub(r"\]\([^)]*\)", "]", text)
+
+
+def words(page: Path) -> int:
+    """How many words of text a page has."""
+    return sum(bool(re.search(r"\w", word)) for word in prose(page).split())
+
+
 def commands() -> Iterator[Command]:
     """Every command of every page: of its blocks of shell, and of its running text."""
     for page in PAGES:
@@ -114,7 +131,8 @@ def commands() -> Iterator[Command]:
                 for part in re.split(r"&&|\|", line):
                     words = shlex.split(re.sub(r">.*", "", part), comments=True)
                     if words:
-                        yield Command(f"{block.page}:{block.line + number}", block.page, tuple(words), True)
+                        where = f"{block.page}:{block.line + number}"
+                        yield Command(where, block.page, tuple(words), True, block.in_order)
         text = FENCE.sub(lambda match: "\n" * match[0].count("\n"), page.read_text(encoding="utf-8"))
         for match in SPAN.finditer(text):
             where = f"{name_of(page)}:{text.count(chr(10), 0, match.start()) + 1}"

@@ -1,11 +1,17 @@
-"""The tables of README and docs hold the published numbers."""
+"""The tables of README and docs hold the published numbers, and the way from a CSV to a forecast can be gone."""
 
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from docs_pages import blocks, checkout, run, swings
 
 ROOT = Path(__file__).parents[1]
 
@@ -16,24 +22,46 @@ def test_tables_are_as_published(tmp_path):
         (tmp_path / name).symlink_to(ROOT / name)
     pages = {page.relative_to(ROOT): page.read_text(encoding="utf-8") for page in ROOT.glob("docs/*.md")}
     pages |= {Path("README.md"): (ROOT / "README.md").read_text(encoding="utf-8")}
-    assert sum(len(re.findall("<!-- table: ", text)) for text in pages.values()) == 17
+    assert sum(len(re.findall("<!-- (?:table|beside the paper|value): ", text)) for text in pages.values()) == 16
     (tmp_path / "docs").mkdir()
 
     def write(texts: dict[Path, str]) -> None:
         for page, text in texts.items():
             (tmp_path / page).write_text(text, encoding="utf-8")
 
-    def run(*options: str) -> int:
+    def fill(*options: str) -> int:
         script = tmp_path / "benchmarks" / "readme_tables.py"
         return subprocess.run([sys.executable, script, "--root", tmp_path, *options], check=False).returncode
 
     write(pages)
-    assert run("--check") == 0, "python benchmarks/readme_tables.py"
-    rows = {Path("README.md"): "APHYNITY+", Path("docs/results.md"): "pendulum | IID test"}
+    assert fill("--check") == 0, "python benchmarks/readme_tables.py"
+    rows = {Path("README.md"): "APHYNITY+ |  ", Path("docs/results.md"): "pendulum | IID test"}
     for page, row in rows.items():
-        wrong = re.sub(rf"(\| {re.escape(row)} \| −)\d", r"\g<1>0", pages[page], count=1)
+        wrong = re.sub(rf"(\| {re.escape(row)} ?\| −)\d", r"\g<1>0", pages[page], count=1)
         assert wrong != pages[page]
         write(pages | {page: wrong})
-        assert run("--check") == 1
-        assert run() == 0
+        assert fill("--check") == 1
+        assert fill() == 0
         assert {name: (tmp_path / name).read_text(encoding="utf-8") for name in pages} == pages
+
+
+@pytest.mark.slow
+def test_a_csv_becomes_a_forecast_by_the_commands_of_the_first_page(tmp_path):
+    """As written, but for a training of few steps."""
+    (block,) = (block for block in blocks(ROOT / "README.md") if block.in_order)
+    folder = checkout(tmp_path / "project", "README.md")
+    _, rows = swings().split("\n", 1)
+    (folder / "swings.csv").write_text("trial,time [ms],angle [deg]\n" + rows, encoding="utf-8")
+    for line in block.text.splitlines():
+        program, *arguments = shlex.split(line, comments=True)
+        output = folder / arguments.pop() if ">" in arguments else None
+        arguments = [argument for argument in arguments if argument != ">"]
+        done = run(folder, "-m", "expertaug.cli" if program == "expertaug" else program, *arguments, timeout=900)
+        assert done.returncode == 0, done.stdout + done.stderr
+        if output:
+            proposed = re.sub(r"epochs: \d+", "epochs: 2", done.stdout)
+            fewer = "methods: [aphynity]\n    controls: []\n    refined: []"
+            proposed = re.sub(r"methods: .*(?=\n    augmented)", fewer, proposed)
+            output.write_text(re.sub(r"\n    (controls|refined): \[aphynity.*", "", proposed), encoding="utf-8")
+    forecast = pd.read_csv(folder / "forecast.csv")
+    assert set(forecast["trial"]) == set(range(6)) and "omega0" in done.stderr + done.stdout

@@ -1,19 +1,24 @@
-"""The example of the README runs as it is written."""
+"""The example of the README runs as it is written, and prints what it says."""
 
+import re
 import runpy
 from pathlib import Path
 
 EXAMPLE = Path(__file__).parents[2] / "docs/example.py"
+PRINTED = re.compile(r"(.+): omega0 is off by (\d+) %")
 
 
-def test_it_prints_a_table_in_which_augmentation_helps(capsys):
+def test_it_prints_two_sentences_of_which_the_second_is_better(capsys):
     names = runpy.run_path(str(EXAMPLE))
-    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    table = {row[0]: [float(value) for value in row[1:]] for row in rows if len(row) == 3 and row[0] != "label"}
-    assert ["label", "APHYNITY", "APHYNITY+"] in rows
-    assert table["log_mse_sum"][1] < table["log_mse_sum"][0] - 0.5
-    assert table["rmse_omega0"][1] < table["rmse_omega0"][0]
-    assert table["relative_error"][1] < table["relative_error"][0]
-    assert names["out"].y.shape == (50, 101, 2) and names["out"].z_e["omega0"].shape == (50,)
+    printed = PRINTED.findall(capsys.readouterr().out)
+    shown = PRINTED.findall(EXAMPLE.read_text(encoding="utf-8").replace("\n# ", "\n").split('%")\n')[1])
+    assert [words for words, _ in printed] == [words for words, _ in shown] and len(printed) == 2
+    for (_, found), (_, expected) in zip(printed, shown, strict=True):
+        assert abs(int(found) - int(expected)) <= 15  # other processors round otherwise
+    assert int(printed[1][1]) < int(printed[0][1]) - 15
+    assert names["found"].y.shape == (50, 101, 2) and names["found"].z_e["omega0"].shape == (50,)
+
+
+def test_it_has_ten_lines_beside_its_imports():
     lines = EXAMPLE.read_text(encoding="utf-8").splitlines()[1:]
-    assert len([line for line in lines if line.strip()]) == 12
+    assert len([line for line in lines if line.strip() and not re.match("#|import |from ", line)]) == 10
