@@ -8,6 +8,8 @@ They come from results/published.  A comment names the source of what stands beh
 - ``<!-- beside the paper: FOLDER EXPERIMENT VERSIONS -->``: log-MSE of versions on the test sets, with the paper's
   number beside each and a mark where each window is fitted.
 - ``<!-- value: FOLDER TABLE VERSION SET METRIC [gain] -->…<!-- -->``, in a line: a cell, or its gain over the control.
+- ``<!-- count: FOLDER WHAT -->…<!-- -->``: how many cells of the paper's tables are at_or_below, better or worse.
+- ``<!-- alarm: FOLDER EXPERIMENT VERSION SCORE -->…<!-- -->``: a score's AUROC on the shifted test, mean over seeds.
 
 With ``--check`` nothing is written, and the exit status says whether all are as published.
 """
@@ -27,7 +29,6 @@ from expertaug.evaluation.metrics import metric_of
 from expertaug.evaluation.settings import Titles
 from expertaug.evaluation.table import Cell, grid
 from expertaug.files import write_text
-from expertaug.models.estimators import estimator
 from expertaug.versions import Version, base
 
 CELL = ("mean", "std", "n", "low", "high")
@@ -35,6 +36,8 @@ PAPER = {"synth_log_mse": "log-MSE", "param_acc": "parameter error [%]"}
 MARK = re.compile(r"(<!-- table: (\S+) (\S+)(?: (\S+))? -->\n)((?:\|.*\n)*)")
 BESIDE = re.compile(r"(<!-- beside the paper: (\S+) (\S+) (\S+) -->\n)((?:\|.*\n)*)")
 VALUE = re.compile(r"(<!-- value: (\S+) (\S+) (\S+) (\S+) (\S+)( gain)? -->)[^<]*(<!-- -->)")
+COUNT = re.compile(r"(<!-- count: (\S+) (\S+) -->)[^<]*(<!-- -->)")
+ALARM = re.compile(r"(<!-- alarm: (\S+) (\S+) (\S+) (\S+) -->)[^<]*(<!-- -->)")
 
 
 def of_paper(folder: Path, name: str) -> list[str]:
@@ -74,6 +77,8 @@ def of_experiment(folder: Path, name: str, versions: str | None) -> list[str]:
 
 def beside_paper(folder: Path, name: str, versions: str) -> list[str]:
     """Log-MSE of some versions on the experiment's test sets, each beside the paper's; which of them fit windows."""
+    from expertaug.models.estimators import estimator  # loads torch, which other tables do not need
+
     config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
     metric = f"log_mse_{config['experiments'][name]['evaluation'].get('convention', 'sum')}"
     ours = pd.read_csv(folder / "tables" / f"{name}.csv").set_index("method")
@@ -123,10 +128,22 @@ def main() -> int:
         line = table.set_index("method").loc[match[4]]
         return match[1] + _cell(line, match[5], match[6], bool(match[7])).text() + match[8]
 
+    def count(match: re.Match) -> str:
+        cells = pd.read_csv(options.root / "results" / "published" / match[2] / "tables" / "published.csv")
+        cells = cells[cells["n"] > 0]
+        chosen = cells["at_or_below"] if match[3] == "at_or_below" else cells["verdict"] == match[3]
+        return f"{match[1]}{int(chosen.astype(bool).sum())} of {len(cells)}{match[4]}"
+
+    def alarm(match: re.Match) -> str:
+        table = pd.read_csv(options.root / "results" / "published" / match[2] / "tables" / f"{match[3]}_alarm.csv")
+        row = (table["method"] == match[4]) & (table["score"] == match[5]) & (table["set"] == "test")
+        return f"{match[1]}{table.loc[row, 'auroc'].mean():.3f}{match[6]}"
+
     stale = 0
     for page in (options.root / "README.md", *sorted((options.root / "docs").glob("*.md"))):
         text = page.read_text(encoding="utf-8")
         new = VALUE.sub(value, BESIDE.sub(beside, MARK.sub(filled, text)))
+        new = ALARM.sub(alarm, COUNT.sub(count, new))
         if new == text:
             continue
         stale = 1

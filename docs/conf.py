@@ -17,6 +17,7 @@ version = ".".join(release.split(".")[:2])
 
 root_doc = "docs/index"
 include_patterns = ["docs/**", "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "config/README.md"]
+include_patterns += ["benchmarks/README.md", "results/published/search/README.md"]
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_copybutton"]
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]

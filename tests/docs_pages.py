@@ -16,7 +16,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 SITE = ("index.md", "api.md")  # Sphinx directives alone: building the site tests them
 OWN = sorted(page for page in ROOT.glob("docs/*.md") if page.name not in SITE)
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "config" / "README.md", *OWN]
+RECORDS = [ROOT / "benchmarks" / "README.md", ROOT / "results" / "published" / "search" / "README.md"]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "config" / "README.md", *OWN, *RECORDS]
 FENCE = re.compile(r"^(?:<!-- (?P<mark>[^\n]+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
 INDENTED = re.compile(r"(?:^    [^\n]*\n(?:[ ]*\n(?=    ))*)+", re.M)
 SPAN = re.compile(r"`((?:snakemake|expertaug|mlflow|python|pip|pytest)\s[^`]+)`")
@@ -127,7 +128,8 @@ def commands() -> Iterator[Command]:
         for block in blocks(page):
             if block.language != "sh" or block.skipped:
                 continue
-            for number, line in enumerate(block.text.splitlines()):
+            joined = block.text.replace("\\\n", " ")
+            for number, line in enumerate(joined.splitlines()):
                 for part in re.split(r"&&|\|", line):
                     words = shlex.split(re.sub(r">.*", "", part), comments=True)
                     if words:

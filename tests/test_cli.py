@@ -7,6 +7,8 @@ import json
 import logging
 import os
 import platform
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -263,3 +265,41 @@ def test_a_reader_that_has_seen_enough_is_no_error():
     command = f"{sys.executable} -m expertaug.cli config show rlc aphynity | head -n 1"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=ROOT)
     assert done.stdout.count("\n") == 1 and done.stderr == ""
+
+
+def test_the_help_groups_every_command(capsys):
+    with pytest.raises(SystemExit) as stop:
+        run("--help")
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    groups = re.split(r"^(\w[^\n]*):$", text, flags=re.M)
+    listed = [set(re.findall(r"^  ([a-z-]+)(?: |$)", part, re.M)) for part in groups[-5::2]]
+    use, inspected, stages = listed
+    assert {"run", "inspect-data", "forecast"} <= use and {"validate", "config"} <= inspected
+    assert stages == {stage.name for stage in STAGES.values()}
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_every_command_that_is_no_stage_has_examples_that_it_takes(capsys):
+    actions = commands.parser()._subparsers._group_actions[0].choices
+    shown = 0
+    for name in set(actions) - {stage.name for stage in STAGES.values()}:
+        lines = actions[name].epilog.splitlines()[1:]
+        for line in lines:
+            program, *words = shlex.split(line.split(" > ")[0], comments=True)
+            assert program == "expertaug" and words[0] == name
+            commands.parse(words)
+            shown += 1
+    assert shown >= 10
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [("trian", "did you mean train?"), ("validat", "did you mean validate"), ("xyz", "expertaug --help lists all")],
+)
+def test_a_misspelt_command_is_one_line_with_a_suggestion(word, expected, capsys):
+    with pytest.raises(SystemExit) as stop:
+        run(word, "--output", "x")
+    error = capsys.readouterr().err
+    assert stop.value.code == 2 and error.count("\n") == 1
+    assert f"no command '{word}'" in error and expected in error

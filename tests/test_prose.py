@@ -1,16 +1,26 @@
-"""Sentences that cite a mean with its interval cite one that stands in a published table."""
+"""What pages say: numbers that published tables have, in words that a reader needs, and not too many of them."""
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from docs_pages import OWN, ROOT, prose, words
+
 NUMBER = r"-?\d*\.?\d+"
 INTERVAL = re.compile(rf"({NUMBER}) \[({NUMBER}), ({NUMBER})\]")
 PAGES = ["README.md", *(str(page.relative_to(ROOT)) for page in sorted((ROOT / "docs").glob("*.md")))]
+
+READ = [ROOT / "README.md", *OWN, ROOT / "docs" / "index.md"]  # by users; records of trials are not
+# A revision of the repository: seven hexadecimal digits or more, with a letter and a digit among them.
+HASH = re.compile(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,40}\b")
+DIALECT = re.compile(
+    r"told apart|beside (?:other work|little else|a training)|of then\b|earlier run|isolated|\baudit|"
+    r"of today|today's|in the run before|not yet here|a run at\b|on that host|an earlier host",
+    re.I,
+)
+BARE_DECIMAL = re.compile(r"(?<![\w.)\]*/])[−-]?\.\d")
 
 
 def intervals(text: str) -> set[tuple[float, ...]]:
@@ -36,3 +46,33 @@ def test_intervals_are_those_of_a_published_table(page, published):
 def test_a_number_that_no_table_has_is_found(published):
     assert intervals("gains 5.69 [−.96,\n12.05] nats") == {(5.69, -0.96, 12.05)}
     assert not intervals("gains 5.69 [−.96, 12.05] nats") & published
+
+
+@pytest.mark.parametrize("page", READ, ids=lambda page: page.name)
+def test_pages_say_what_holds_now(page):
+    """No revisions and none of the words of those who wrote them; code and its output are left out."""
+    text = re.sub(r"`[^`]*`", "", prose(page))
+    assert HASH.findall(text) == [] and DIALECT.findall(re.sub(r"\s+", " ", text)) == []
+
+
+@pytest.mark.parametrize("page", READ, ids=lambda page: page.name)
+def test_decimals_have_one_style(page):
+    """A digit before the point, in tables as well."""
+    code_left_out = re.sub(
+        r"`[^`]*`", "", re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    )
+    assert [code_left_out[m.start() - 20 : m.end() + 9] for m in BARE_DECIMAL.finditer(code_left_out)] == []
+
+
+def test_what_a_page_may_not_say_is_found():
+    assert HASH.findall("at 2254aed and e1dfb20, 1234567 samples defaced") == ["2254aed", "e1dfb20"]
+    assert (
+        DIALECT.search("not told apart") and DIALECT.search("with three seeds of then") and not DIALECT.search("often")
+    )
+    assert BARE_DECIMAL.search("off by .08 s") and not BARE_DECIMAL.search("0.08 s, model.1, e.g. this")
+
+
+def test_the_documentation_is_short():
+    """Text alone: code, tables, config/README.md, docstrings and records of trials are not counted."""
+    assert sum(map(words, (*OWN, ROOT / "docs" / "index.md"))) <= 15_000
+    assert words(ROOT / "docs" / "what_has_been_shown.md") <= 600

@@ -22,7 +22,10 @@ def test_tables_are_as_published(tmp_path):
         (tmp_path / name).symlink_to(ROOT / name)
     pages = {page.relative_to(ROOT): page.read_text(encoding="utf-8") for page in ROOT.glob("docs/*.md")}
     pages |= {Path("README.md"): (ROOT / "README.md").read_text(encoding="utf-8")}
-    assert sum(len(re.findall("<!-- (?:table|beside the paper|value): ", text)) for text in pages.values()) == 16
+    assert (
+        sum(len(re.findall("<!-- (?:table|beside the paper|value|count|alarm): ", text)) for text in pages.values())
+        == 39
+    )
     (tmp_path / "docs").mkdir()
 
     def write(texts: dict[Path, str]) -> None:
@@ -52,16 +55,16 @@ def test_a_csv_becomes_a_forecast_by_the_commands_of_the_first_page(tmp_path):
     folder = checkout(tmp_path / "project", "README.md")
     _, rows = swings().split("\n", 1)
     (folder / "swings.csv").write_text("trial,time [ms],angle [deg]\n" + rows, encoding="utf-8")
-    for line in block.text.splitlines():
+    for line in block.text.replace("\\\n", " ").splitlines():
         program, *arguments = shlex.split(line, comments=True)
         output = folder / arguments.pop() if ">" in arguments else None
         arguments = [argument for argument in arguments if argument != ">"]
         done = run(folder, "-m", "expertaug.cli" if program == "expertaug" else program, *arguments, timeout=900)
         assert done.returncode == 0, done.stdout + done.stderr
         if output:
-            proposed = re.sub(r"epochs: \d+", "epochs: 2", done.stdout)
-            fewer = "methods: [aphynity]\n    controls: []\n    refined: []"
-            proposed = re.sub(r"methods: .*(?=\n    augmented)", fewer, proposed)
-            output.write_text(re.sub(r"\n    (controls|refined): \[aphynity.*", "", proposed), encoding="utf-8")
+            short = "overrides: {alternating: {alternation: {steps: 4, batch_size: 20, validate_every: 2}}}"
+            proposed = re.sub(r"methods: .*", "methods: [alternating]", re.sub(r"overrides: .*", short, done.stdout))
+            output.write_text(re.sub(r"\n    (augmented|controls|refined): \[.*", "", proposed), encoding="utf-8")
     forecast = pd.read_csv(folder / "forecast.csv")
-    assert set(forecast["trial"]) == set(range(6)) and "omega0" in done.stderr + done.stdout
+    assert set(forecast["sample"]) == {f"swings/{trial}" for trial in range(6)}
+    assert len(re.findall(r"omega0 = \S+ ± .* trust", done.stdout + done.stderr)) == 6

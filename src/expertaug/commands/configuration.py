@@ -14,19 +14,25 @@ logger = logging.getLogger(__name__)
 
 def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
-    p = add("validate", _validate, "check configuration files")
+    p = add("validate", _validate, "check configuration files", "inspect", "expertaug validate my.yaml")
     p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
 
-    p = add("check-system", _check_system, "try the systems and models of a run on a few samples")
+    text = "try the systems and models of a run on a few samples"
+    p = add("check-system", _check_system, text, "inspect", "expertaug check-system my.yaml")
     p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
 
-    p = add("config", _config, "show what each job of a method gets, and where it comes from")
+    examples = """
+    expertaug config show pendulum aphynity+
+    expertaug config show swings least_squares --configfile mine.yaml
+    """
+    p = add("config", _config, "show what each job of a method gets, and where it comes from", "inspect", examples)
     p.add_argument("action", choices=("show",))
     p.add_argument("experiment", help="name of the experiment")
     p.add_argument("method", help="name of its method")
     p.add_argument("--configfile", type=Path, nargs="+", default=[], metavar="YAML", help="files as in the workflow")
 
-    p = add("demand", _demand, "say what a run asks of a cluster, by published costs")
+    text = "say what a run asks of a cluster, by published costs"
+    p = add("demand", _demand, text, "inspect", "expertaug demand config/paper.yaml")
     p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
     p.add_argument("--published", type=Path, default=Path("results/published"), help="folder of published runs")
 

@@ -15,7 +15,11 @@ logger = logging.getLogger(__name__)
 
 def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
-    p = add("inspect", _inspect, "show what videos show and propose their configuration")
+    examples = """
+    expertaug inspect my/*.mp4 --output contact.png > my.yaml
+    expertaug inspect my/series --times names --time-unit 0.001
+    """
+    p = add("inspect", _inspect, "show what videos show and propose their configuration", "use", examples)
     p.add_argument("videos", type=Path, nargs="+", metavar="VIDEO", help="video file, or folder of pictures")
     text = "contact sheet, .png or .jpg"
     p.add_argument("--output", type=Path, default=Path("contact.png"), metavar="PATH", help=text)
@@ -26,7 +30,11 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     p.add_argument("--times", metavar="CSV", help=text)
     p.add_argument("--time-unit", type=float, metavar="S", help="seconds of a unit of these times (default: 1)")
 
-    p = add("inspect-data", _inspect_data, "show what tables hold and propose their configuration")
+    examples = """
+    expertaug inspect-data swings.csv --system pendulum > mine.yaml
+    expertaug inspect-data lab/*.csv --system pendulum --unit angle=deg --set skip_lines=3
+    """
+    p = add("inspect-data", _inspect_data, "show what tables hold and propose their configuration", "use", examples)
     p.add_argument("files", nargs="+", metavar="FILE", help="tables or globs: CSV, Parquet or NPZ")
     text = "system whose components the columns are: a name, or JSON with name and arguments (default: none)"
     p.add_argument("--system", metavar="NAME", help=text)
@@ -41,7 +49,11 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     text = "picture, .png or .pdf"
     p.add_argument("--output", type=Path, default=Path("data.png"), metavar="PATH", help=text)
 
-    p = add("forecast", _forecast, "forecast from observed windows with a trained model")
+    examples = """
+    expertaug forecast --model model.safetensors window.csv --output forecast.csv
+    expertaug forecast --model model.safetensors window.csv --refine estimated
+    """
+    p = add("forecast", _forecast, "forecast from observed windows with a trained model", "use", examples)
     text = "CSV: t, the state's components; sample, where it holds several windows; or a table like the training's"
     p.add_argument("window", type=Path, help=text)
     add_paths(p, model="model file")

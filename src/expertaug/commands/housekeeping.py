@@ -12,12 +12,16 @@ logger = logging.getLogger(__name__)
 
 def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
-    p = add("rebuild-tracking", _rebuild_tracking, "make the MLflow store again from the logs")
+    text = "make the MLflow store again from the logs"
+    p = add("rebuild-tracking", _rebuild_tracking, text, "inspect", "expertaug rebuild-tracking results")
     p.add_argument("results", type=Path, help="results folder")
     p.add_argument("--uri", help="of the store (default: sqlite in RESULTS/mlflow)")
     p.add_argument("--experiment", default="expertaug", help="name of the MLflow experiment")
 
-    p = add("publish", _publish, "keep the tables and figures of a finished run")
+    examples = """
+    expertaug publish config/config.yaml --to published/mine --command "snakemake --cores 2"
+    """
+    p = add("publish", _publish, "keep the tables and figures of a finished run", "use", examples)
     p.add_argument("config", type=Path, nargs="+", help="YAML files of the run, later ones win")
     p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder, which is replaced")
     p.add_argument("--command", required=True, help="how the run was started, for the record")

@@ -14,9 +14,14 @@ _PROFILES = ("--profile", "--workflow-profile")
 def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
     text = "run the workflow: snakemake with the Snakefile of this package, results below the working directory"
-    p = add("run", _run, text)
+    examples = """
+    expertaug run --cores 2 --configfile config/smoke.yaml    # the small run
+    expertaug run --cores 2                                   # the default reproduction
+    expertaug run -n pendulum                                 # what one experiment would do
+    """
+    p = add("run", _run, text, "use", examples)
     p.usage = "expertaug run [-h] [SNAKEMAKE'S ARGUMENTS]"
-    p.epilog = "A file of the workflow, as config/smoke.yaml, need not be in the working directory."
+    p.description = "A file of the workflow, as config/smoke.yaml, need not be in the working directory."
     p.set_defaults(rest=[])
 
 
