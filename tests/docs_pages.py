@@ -8,10 +8,11 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+import warm_python
 
 ROOT = Path(__file__).parents[1]
 SITE = ("index.md", "api.md")  # Sphinx directives alone: building the site tests them
@@ -161,7 +162,6 @@ def checkout(folder: Path, page: str) -> Path:
 def run(folder: Path, *words: str, timeout: float = 300) -> subprocess.CompletedProcess[str]:
     """Run ``python`` with ``words`` in a checkout, as its reader would: the folder itself is on Python's path."""
     path = os.pathsep.join((str(folder / "src"), str(folder)))
-    env = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
-    return subprocess.run(
-        [sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True, timeout=timeout, check=False
-    )
+    env = os.environ | {"PYTHONPATH": path, "PATH": warm_python.path(), "OMP_NUM_THREADS": "1"}
+    command = [warm_python.interpreter(), *words]
+    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=timeout, check=False)

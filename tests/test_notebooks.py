@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+import warm_python
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs" / "notebooks").glob("*.ipynb"))
 
@@ -28,7 +30,8 @@ def run(code: list[str], folder: Path) -> str:
     script = folder / "cells.py"
     plain = [line for line in "\n\n".join(code).splitlines() if not line.startswith("%")]  # of a notebook alone
     script.write_text("import matplotlib\n\nmatplotlib.use('agg')\n" + "\n".join(plain) + "\n", encoding="utf-8")
-    done = subprocess.run([sys.executable, script], cwd=folder, capture_output=True, text=True, check=False)
+    command, env = [warm_python.interpreter(), script], os.environ | {"PATH": warm_python.path()}
+    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stderr
 

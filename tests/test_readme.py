@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+import warm_python
 from docs_pages import blocks, checkout, run, swings
 
 ROOT = Path(__file__).parents[1]
@@ -34,7 +34,7 @@ def test_tables_are_as_published(tmp_path):
 
     def fill(*options: str) -> int:
         script = tmp_path / "benchmarks" / "readme_tables.py"
-        return subprocess.run([sys.executable, script, "--root", tmp_path, *options], check=False).returncode
+        return subprocess.run([warm_python.interpreter(), script, "--root", tmp_path, *options], check=False).returncode
 
     write(pages)
     assert fill("--check") == 0, "python benchmarks/readme_tables.py"

@@ -11,10 +11,11 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+import warm_python
 
 ROOT = Path(__file__).parents[1]
 COPIED = ("src/expertaug", "src/expertaug_recordings", "src/snakemake_logger_plugin_expertaug", "workflow", "config")
@@ -120,9 +121,9 @@ class Checkout:
 
     def run(self, *command: object) -> str:
         done = subprocess.run(
-            [sys.executable, "-m", *map(str, command)],
+            [warm_python.interpreter(), "-m", *map(str, command)],
             cwd=self.folder,
-            env=os.environ | {"PYTHONPATH": str(self.folder / "src")},
+            env=os.environ | {"PYTHONPATH": str(self.folder / "src"), "PATH": warm_python.path()},
             capture_output=True,
             text=True,
             timeout=240,

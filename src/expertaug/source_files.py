@@ -132,6 +132,7 @@ def _reachable(name: str, ignored: frozenset[str]) -> frozenset[tuple[str, Path]
     return frozenset(found.items())
 
 
+@cache
 def _path(module: str, root: Path = PACKAGE.parent) -> Path | None:
     base = root.joinpath(*module.split("."))
     return next((p for p in (base.with_suffix(".py"), base / "__init__.py") if module and p.is_file()), None)

@@ -3,7 +3,6 @@
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
@@ -11,6 +10,7 @@ import pytest
 import yaml
 from pendulum_motion import markers, truth
 
+import warm_python
 from expertaug.files import sha256
 
 ROOT = Path(__file__).parents[2]
@@ -39,12 +39,11 @@ def snakemake(folder, *arguments, **recordings):
     }
     (folder / "change.yaml").write_text(yaml.safe_dump(change))
     files = [ROOT / "config" / "smoke.yaml", folder / "change.yaml"]
-    command = [sys.executable, "-m", "snakemake", "-s", ROOT / "Snakefile", "--cores", "2", "recordings", *arguments]
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    command = [warm_python.interpreter(), "-m", "snakemake", "-s", ROOT / "Snakefile", "--cores", "2", "recordings"]
     return subprocess.run(
-        [*map(str, command), "--configfile", *map(str, files)],
+        [*map(str, [*command, *arguments]), "--configfile", *map(str, files)],
         cwd=folder,
-        env=os.environ | {"PATH": path, "OMP_NUM_THREADS": "1"},
+        env=os.environ | {"PATH": warm_python.path(), "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
         timeout=300,

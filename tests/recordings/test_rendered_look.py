@@ -1,12 +1,13 @@
 """The rendered video beside the one published real frame (benchmarks/look.py), where that is here."""
 
 import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from pendulum_motion import real_recordings
+
+import warm_python
 
 ROOT = Path(__file__).parents[2]
 
@@ -15,7 +16,7 @@ def test_rendered_frame_measures_like_the_real_one(tmp_path):
     folder = real_recordings()
     if not (folder / "frame.png").is_file():
         pytest.skip("no frame.png with the real recordings")
-    command = [sys.executable, ROOT / "benchmarks" / "look.py", tmp_path, "--recordings", folder]
+    command = [warm_python.interpreter(), ROOT / "benchmarks" / "look.py", tmp_path, "--recordings", folder]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr
     table = pd.read_csv(tmp_path / "look.csv", index_col=0)

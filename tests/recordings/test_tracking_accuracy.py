@@ -1,10 +1,11 @@
 """A small share of benchmarks/tracking_accuracy.py: the tracker on simulated motion, and with faults."""
 
 import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
+
+import warm_python
 
 ROOT = Path(__file__).parents[2]
 
@@ -12,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 def test_targets_are_met_and_faults_are_flagged(tmp_path):
     script = ROOT / "benchmarks" / "tracking_accuracy.py"
     options = ["--recordings", tmp_path / "none", "--frames", 16, "--clips", 1, "--levels", 2]
-    command = [sys.executable, script, tmp_path / "out", *options]
+    command = [warm_python.interpreter(), script, tmp_path / "out", *options]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "every target is met" in done.stdout

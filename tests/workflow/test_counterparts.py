@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
+
+import warm_python
 
 ROOT = Path(__file__).parents[2]
 
@@ -16,7 +17,7 @@ def test_every_counterpart_is_made_by_the_default_reproduction(tmp_path):
     assert len(named) > 15
     files = ["--snakefile", ROOT / "Snakefile", "--configfile", ROOT / "config" / "config.yaml"]
     done = subprocess.run(
-        [sys.executable, "-m", "snakemake", "--summary", *files],
+        [warm_python.interpreter(), "-m", "snakemake", "--summary", *files],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
         capture_output=True,

@@ -6,11 +6,11 @@ import json
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import yaml
 
+import warm_python
 from expertaug.config.load import merge
 from test_own_system import EXPERIMENT, SYSTEM
 
@@ -32,11 +32,11 @@ experiments:
 def plan(folder: Path, text: str, *more: str, dry: bool = True, **environment: str) -> subprocess.CompletedProcess:
     """A run with a configuration of one's own, dry unless it is to stop by itself."""
     (folder / "my.yaml").write_text(text)
-    command = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "Snakefile"), "-p", "--cores", "1"]
+    command = [warm_python.interpreter(), "-m", "snakemake", "-s", str(ROOT / "Snakefile"), "-p", "--cores", "1"]
     return subprocess.run(
         [*command, *["-n"] * dry, "--configfile", "my.yaml", *more],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT / "src")} | environment,
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src"), "PATH": warm_python.path()} | environment,
         capture_output=True,
         text=True,
         timeout=240,

@@ -1,11 +1,11 @@
 """Configuration files that Snakemake cannot read end in one line each, not in its traceback."""
 
 import subprocess
-import sys
 
 import pytest
 from running import ROOT
 
+import warm_python
 from snakemake_logger_plugin_expertaug import configuration_files, refusals
 
 
@@ -29,7 +29,7 @@ def test_what_can_be_read_is_not_refused():
 def test_each_file_that_cannot_be_read_gets_its_line(tmp_path):
     broken = tmp_path / "broken.yaml"
     broken.write_text("a: [1\nb: }", encoding="utf-8")
-    command = [sys.executable, "-m", "snakemake", "-n", "--cores", "1", "--directory", str(tmp_path)]
+    command = [warm_python.interpreter(), "-m", "snakemake", "-n", "--cores", "1", "--directory", str(tmp_path)]
     command += ["--snakefile", str(ROOT / "Snakefile"), "--workflow-profile", str(ROOT / "profiles/default")]
     command += ["--configfile", "missing.yaml", str(broken)]
     run = subprocess.run(command, text=True, check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
