@@ -218,7 +218,8 @@ def start(argv: list[str]) -> None:
     elif first.startswith("-"):
         raise ValueError(f"{first}: no warm Python takes this option; start sys.executable")
     else:
-        set_path(str(Path(first).resolve().parent))
+        script = Path(first)
+        set_path(str((script.resolve() if script.is_symlink() else script.absolute()).parent))
         sys.argv = [first, *rest]
         runpy.run_path(first, run_name="__main__")
 
