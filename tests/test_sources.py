@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+import warm_python
 from expertaug import source_files
 from expertaug.errors import InputError
 from expertaug.stages import STAGES
@@ -17,7 +17,6 @@ MODULES = sorted({stage.code for stage in STAGES.values()})
 # Each module is imported by a fork of a process that has imported nothing but what is not ours.
 IMPORTS = """
 import importlib, json, os, sys
-import av, blosc2, cv2, matplotlib.figure, pandas, pydantic, scipy.stats, torch, zuko
 assert not [name for name in sys.modules if name.startswith("expertaug")]
 for module in sys.argv[1:]:
     if not os.fork():
@@ -32,7 +31,8 @@ for module in sys.argv[1:]:
 @pytest.fixture(scope="module")
 def loaded_by():
     """Files of this package that importing a module loads."""
-    done = subprocess.run([sys.executable, "-c", IMPORTS, *MODULES], capture_output=True, text=True, check=True)
+    command = [warm_python.interpreter(), "-c", IMPORTS, *MODULES]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     return dict(map(json.loads, done.stdout.splitlines()))
 
 

@@ -37,7 +37,7 @@ def smoke_run(tmp_path_factory) -> Path:
             record.mkdir()
             (record / "sitecustomize.py").write_text(RECORDER)
             python_path = os.pathsep.join([str(folder / "src"), str(record)])
-            done = snakemake(folder, *SMOKE, PYTHONPATH=python_path, RECORD=str(record))
+            done = snakemake(folder, *SMOKE, warm=False, PYTHONPATH=python_path, RECORD=str(record))
             (folder / "said").write_text(done.stdout + done.stderr)
             (folder / "status").write_text(str(done.returncode))
     if (folder / "status").read_text() != "0":

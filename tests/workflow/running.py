@@ -14,6 +14,8 @@ from pathlib import Path
 import yaml
 from dry_runs import DryRuns
 
+import warm_python
+
 ROOT = Path(__file__).parents[2]
 DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "plot_recording", "overlay", "recordings"]
 DATA += ["split_chunks", "calibrate", "cut_measurements"]
@@ -66,12 +68,13 @@ ANGLES = {"measure_angles_of_recording", "plot_page_of_recording", "summarise_re
 MARKERS = {"extract_frames_of_recording", "track_markers_of_recording"} | ANGLES
 
 
-def snakemake(project: Path, *arguments: object, **environment: str) -> subprocess.CompletedProcess:
-    """Run Snakemake in the project with the package that lies there."""
+def snakemake(project: Path, *arguments: object, warm: bool = True, **environment: str) -> subprocess.CompletedProcess:
+    """Run Snakemake in the project with the package that lies there; it and its jobs start warm, or as a user's do."""
+    python, path = (warm_python.interpreter(), {"PATH": warm_python.path()}) if warm else (sys.executable, {})
     return subprocess.run(
-        [*COMMAND, *map(str, arguments)],
+        [python, "-m", "snakemake", *OPTIONS, *map(str, arguments)],
         cwd=project,
-        env=env_of(project) | environment,
+        env=env_of(project) | path | environment,
         capture_output=True,
         text=True,
         timeout=900,
