@@ -119,6 +119,20 @@ def test_shipped_files_are_valid(base, name, tmp_path):
         ("experiments: {x: {based_on: pendulum, training: {epochs: 0}}}", "experiments.x.training.epochs: found 0"),
         ("{run: [x], experiments: {x: {}}}", "experiments.x.system: missing"),
         (
+            "experiments: {pendulum: {refinement: {units: {omega: shared}}}}",
+            "experiments.pendulum.refinement.units.omega: 'omega' is no expert parameter; did you mean 'omega0'?",
+        ),
+        ("experiments: {pendulum: {refinement: {units: {omega0: all}}}}", "units.omega0: found 'all'; known: window"),
+        (
+            "experiments: {rlc: {overrides: {aphynity: {refinement: {units: {R: shared}}}}}}",
+            "experiments.rlc.overrides.aphynity.refinement.units.R: 'R' is no expert parameter",
+        ),
+        (
+            "{run: [x], experiments: {x: {based_on: pendulum_shift, methods: [least_squares_shared], augmented: []}}}",
+            "x.methods[0]: 'least_squares_shared' fits what windows share, and nothing is said to be shared; give "
+            "refinement: {units: {omega0: shared}}",
+        ),
+        (
             "experiments: {recordings: {based_on: pendulum}}",
             "experiments.recordings: the results folder needs this name",
         ),
@@ -672,3 +686,24 @@ class TestCards:
 
     def test_a_run_on_one_machine_has_one(self):
         assert "gpu=1" in yaml.safe_load((ROOT / "profiles" / "default" / "config.yaml").read_text())["resources"]
+
+
+def test_what_windows_share_is_told_only_to_what_shares_it(base):
+    methods = "methods: [mean, least_squares, least_squares_shared, truth, aphynity, alternating]"
+    none = "augmented: [], augmentations: {narrow: null, wide: null}, controls: [], flows: [], refined: [aphynity]"
+    text = f"{{run: [pendulum], experiments: {{pendulum: {{UNITS {methods}, {none}}}}}}}"
+    shared = text.replace("UNITS", "refinement: {units: {omega0: shared}},")
+    each = text.replace("UNITS", "").replace("least_squares_shared, ", "")
+    with_units, without = (config.validate(config.merge(base, yaml.safe_load(one))) for one in (shared, each))
+    jobs_of = {}
+    for name, found in (("with", with_units), ("without", without)):
+        jobs_of[name] = {
+            (stage, *names): STAGES[stage].settings_of(found, *names)
+            for stage, names in planned.planned(found)
+            if stage in ("train", "alternate", "share", "evaluate", "validity", "dissipation")
+        }
+    own = {key: one for key, one in jobs_of["with"].items() if "least_squares_shared" not in key}
+    changed = {key[0] for key, one in own.items() if one != jobs_of["without"][key]}
+    assert not changed
+    told = {key for key, one in jobs_of["with"].items() if '"omega0": "shared"' in one}
+    assert told == {("share", "pendulum", "least_squares_shared", "seeds_0_1_2")}

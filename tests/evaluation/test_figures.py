@@ -280,6 +280,11 @@ def test_bad_input(tmp_path):
     assert not output.exists()
 
 
+def test_where_nothing_is_trained_the_curves_say_so(tmp_path):
+    traces.curves([], [tmp_path / "c.png"])
+    assert (tmp_path / "c.png").stat().st_size > 1000
+
+
 def test_a_seed_that_could_not_be_trained_is_not_drawn(tmp_path, drawn):
     paths = write_forecasts(tmp_path, labels=("Hybrid",), seeds=(0, 1))
     arrays = dict(np.load(paths["hybrid"]))

@@ -1,6 +1,8 @@
 """Parameters that all windows share: the minimum and its errors, and forecasts that have them."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +10,9 @@ import torch
 from scipy.optimize import least_squares
 
 import expertaug as ea
+from expertaug.cli import main
+from expertaug.config import load as config
+from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug.inference.shared import groups_of
 from expertaug.systems import Parameter, System
@@ -126,3 +131,60 @@ def test_errors_are_clustered_by_trajectory_or_by_blocks():
     assert len(set(groups_of(by_trajectory))) == 10
     assert len(set(groups_of(replace(data, id=np.array([f"run/{k}" for k in range(40)]))))) == 10
     assert len(set(groups_of(data))) == 40
+
+
+EXPERIMENT = """
+run: [rubbed]
+seeds: [0, 1]
+experiments:
+  rubbed:
+    based_on: pendulum
+    system: {friction: estimated}
+    data:
+      t1_s: 2.0
+      t2_s: 6.0
+      noise: 0.02
+      sets:
+        train: &one {size: 12, z_e: {omega0: [1.7, 1.7], alpha: [0.15, 0.15]}, z_a: {}}
+        validation: *one
+        iid: *one
+        test: *one
+    augmentation: {prior: {omega0: [1.0, 3.0], alpha: [0.01, 0.5]}}
+    augmentations: {narrow: null, wide: null}
+    model: {encoder: {windows: {theta: [0.0, 2.0], omega: [0.0, 2.0]}}}
+    refinement: {units: {omega0: shared, alpha: shared}}
+    methods: [least_squares, least_squares_shared]
+    augmented: []
+    controls: []
+    flows: []
+    refined: []
+"""
+
+
+def test_the_stage_fits_what_python_fits(tmp_path, capsys):
+    """And its file forecasts with these constants."""
+    (tmp_path / "mine.yaml").write_text(EXPERIMENT)
+    root = Path(__file__).parents[2]
+    found = config.validate(config.load([root / "config" / "config.yaml", tmp_path / "mine.yaml"]))
+    rng = np.random.default_rng(3)
+    for name in ("train", "validation"):
+        swings(12, int(rng.integers(99))).save(tmp_path / f"{name}.npz")
+    job = stage_settings.train(found, "rubbed", "least_squares_shared", "seeds_0_1")
+    paths = ["--data", str(tmp_path), "--output", str(tmp_path / "model.safetensors"), "--work", str(tmp_path / "w")]
+    assert main(["share", *paths, "--settings", json.dumps(job)]) == 0
+    model = ea.load(tmp_path / "model.safetensors")
+    train = Trajectories.load(tmp_path / "train.npz")
+    system = ea.DampedPendulum(friction="estimated")
+    same = ea.least_squares(system, train, observed_s=END, prior=PRIOR, noise=NOISE, units=BOTH)
+    assert model.stored.card.refinement.shared == same.stored.card.refinement.shared
+    window = train.seen[:, : same.observed]
+    np.testing.assert_array_equal(model.forecast(window, T).y[1], same.forecast(window, T).y)
+    told = stage_settings.evaluate(found, "rubbed", "least_squares_shared", "seeds_0_1") | {"sets": ["validation"]}
+    scores = ["--output", str(tmp_path / "metrics.csv"), "--forecasts", str(tmp_path / "forecasts.npz")]
+    data = ["evaluate", "--model", str(tmp_path / "model.safetensors"), "--data", str(tmp_path)]
+    assert main([*data, *scores, "--settings", json.dumps(told)]) == 0
+    estimates = np.load(tmp_path / "forecasts.npz")["validation_z_e_hat"]
+    assert np.ptp(estimates, axis=(0, 1)).max() == 0
+    del job["refinement"]["settings"]["units"]
+    assert main(["share", *paths, "--settings", json.dumps(job)]) == 2
+    assert "refinement.units: nothing is shared" in capsys.readouterr().err

@@ -6,10 +6,11 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from expertaug.cli import main
-from expertaug.config import jobs, recording_settings
+from expertaug.config import jobs, recording_settings, stage_settings
 from expertaug.config import load as config
 from expertaug.errors import InputErrors
 from expertaug.systems.double_pendulum import Constants
@@ -28,7 +29,7 @@ def completed(folder: Path, run: str, **data: object) -> dict:
     for one in ("real_pendulum", "real_double_pendulum"):
         files = given["experiments"][one]["data"]["files"]
         files["paths"] = str(folder / Path(files["paths"]).name)
-    given["experiments"][run]["data"] |= data
+    given["experiments"][run].setdefault("data", {}).update(data)
     return config.validate({**given, "run": [run]})
 
 
@@ -80,6 +81,32 @@ def test_losses_of_energy_are_compared_where_all_was_measured(tmp_path):
     assert jobs.dissipating(found, "real_pendulum") == []
     default = config.validate(config.load(EXAMPLE[:1]))
     assert jobs.dissipating(default, "pendulum") == [] and jobs.dissipating(default, "double_pendulum")
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="needs the measurements beside the checkout, ../shared/measurements")
+@pytest.mark.parametrize(
+    ("one", "method", "score"),
+    [
+        ("real_pendulum", "least_squares_shared", -5.36),
+        ("real_pendulum_friction", "least_squares_shared", -6.45),
+        ("real_pendulum_small_friction", "least_squares_shared", -6.07),
+    ],
+)
+def test_two_constants_explain_the_real_pendulum(tmp_path, one, method, score):
+    found = completed(REAL, one)
+    settings = json.dumps(recording_settings.cut_measurements(found, one))
+    table = found.experiments[one].data.files.paths
+    assert main(["cut-measurements", str(table), "--output", str(tmp_path), "--settings", settings]) == 0
+    group = next(iter(jobs.seed_groups(found)))
+    model, scores = tmp_path / "model.safetensors", tmp_path / "metrics.csv"
+    job = ["--data", str(tmp_path), "--settings", json.dumps(stage_settings.train(found, one, method, group))]
+    assert main(["share", *job, "--output", str(model), "--work", str(tmp_path / "work")]) == 0
+    told = stage_settings.evaluate(found, one, method, group)
+    told["evaluation"] |= {"draws": 0, "expected_draws": 0}
+    job = ["--data", str(tmp_path), "--settings", json.dumps(told), "--model", str(model), "--output", str(scores)]
+    assert main(["evaluate", *job, "--forecasts", str(tmp_path / "forecasts.npz")]) == 0
+    rows = pd.read_csv(scores).query("set == 'test' and metric == 'log_mse_sum'")
+    assert rows["value"].to_numpy() == pytest.approx(score, abs=0.005)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs the measurements beside the checkout, ../shared/measurements")

@@ -11,6 +11,8 @@ from expertaug.measurements.cut import measured
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings
 
+POINT_MASSES = '{"name": "double_pendulum", "expert": "point_mass"}'
+
 
 @pytest.mark.parametrize("header", [True, False])
 def test_commas_in_numbers_are_seen_and_proposed(tmp_path, capsys, header):
@@ -31,6 +33,20 @@ def test_a_comma_between_columns_is_no_decimal(tmp_path, capsys):
     path.write_text("t,x\n" + "".join(f"{k / 50},{k % 7}\n" for k in range(200)))
     assert main(["inspect-data", str(path), "--output", str(tmp_path / "seen.png")]) == 0
     assert "decimal" not in yaml.safe_load(capsys.readouterr().out)["experiments"]["measured"]["data"]["files"]
+
+
+@pytest.mark.parametrize(("system", "shared"), [("pendulum", ["omega0"]), (POINT_MASSES, [])])
+def test_one_apparatus_has_one_value_of_what_is_a_constant_of_it(tmp_path, capsys, system, shared):
+    """Initial speeds are none."""
+    double = "double_pendulum" in system
+    names = ["theta1", "theta2", "omega1", "omega2"] if double else ["theta", "omega"]
+    rows = [[k / 50, *(np.cos(5.2 * k / 50 + j) for j in range(len(names)))] for k in range(1000)]
+    path = tmp_path / "swings.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    assert main(["inspect-data", str(path), "--system", system, "--output", str(tmp_path / "seen.png")]) == 0
+    one = yaml.safe_load(capsys.readouterr().out)["experiments"]["measured"]
+    assert list(one.get("refinement", {}).get("units", {})) == shared
+    assert ("least_squares_shared" in one["methods"]) == bool(shared)
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,23 @@ def test_undamped_pendulum_keeps_its_energy():
     assert np.abs(total / total[:, :1] - 1).max() < 1e-4
 
 
+def test_a_pendulum_whose_friction_is_the_experts_moves_as_the_other():
+    data = pendulum_data(size=6)
+    rubbed = SimulatedData.from_mapping(
+        data.to_json() | {"sets": {"train": {"size": 6, "z_e": {"omega0": [1.5, 3.1], "alpha": [0.0, 0.6]}}}}
+    )
+    system = systems.load({"name": "pendulum", "friction": "estimated"})
+    assert [p.name for p in system.expert_parameters] == ["omega0", "alpha"] and not system.interaction_parameters
+    assert PendulumSettings(friction="estimated").expert_names == ("omega0", "alpha")
+    one = sample(system, rubbed, "train")
+    y, z_e, z_a = torch.from_numpy(one.y[:, 3]), torch.from_numpy(one.z_e[:, :1]), torch.from_numpy(one.z_e[:, 1:])
+    t = torch.zeros(())
+    other = systems.load({"name": "pendulum"}).truth(t, y, z_e, z_a)
+    torch.testing.assert_close(system.expert(t, y, torch.from_numpy(one.z_e)), other)
+    with pytest.raises(InputError, match="system.friction"):
+        systems.load({"name": "pendulum", "friction": "known"})
+
+
 def test_small_damped_oscillation_is_the_linear_solution():
     class Small(type(systems.load({"name": "pendulum"}))):
         def sample_initial_state(self, n, generator):

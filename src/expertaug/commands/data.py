@@ -87,7 +87,7 @@ def _inspect_data(a: argparse.Namespace) -> None:
     from expertaug.measurements.proposal import comment, proposal
     from expertaug.measurements.settings import MeasurementSettings
 
-    names, priors, settings = None, {}, None
+    names, priors, constants, settings = None, {}, [], None
     if a.system is not None:
         from expertaug import systems
 
@@ -95,6 +95,7 @@ def _inspect_data(a: argparse.Namespace) -> None:
         system = systems.load(settings)
         names = systems.names(system)
         priors = {p.name: [(0.3 if p.positive else -3.0) * p.scale, 3.0 * p.scale] for p in system.expert_parameters}
+        constants = systems.constants(system)
     units = dict(text.rpartition("=")[::2] for text in a.unit)
     given = dict(map(_key, a.set))
     MeasurementSettings.from_mapping({"paths": a.files, "columns": {"-": "-"}} | given, "--set")
@@ -103,7 +104,7 @@ def _inspect_data(a: argparse.Namespace) -> None:
         print(comment(line))
     found.draw(a.output)
     logger.info("%s: picture", a.output)
-    print(proposal(found, settings, priors), end="")
+    print(proposal(found, settings, priors, constants), end="")
 
 
 def _noise(text: str) -> float | str:

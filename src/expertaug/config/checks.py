@@ -15,6 +15,7 @@ from expertaug.config.sources import wrong_measurements
 from expertaug.errors import InputError
 from expertaug.evaluation.products import PRODUCTS
 from expertaug.learning.settings import TrainSettings
+from expertaug.measurements.settings import label_of
 from expertaug.models.estimators import EstimatorKind, Hybrid
 from expertaug.systems.settings import EVENTS
 from expertaug.versions import FLOW, Version, base
@@ -228,6 +229,33 @@ def _fits(
     if system is not None and system.state is not None:
         windows = experiment.refinement.windows or {}
         yield from unknown(windows, system.state, f"{where}.refinement.windows", "component of the state")
+    yield from _shared(where, experiment, methods, system)
+
+
+def _shared(
+    where: str, experiment: Experiment, methods: dict[str, Method], system: options.KnownSystem | None
+) -> Iterator[InputError]:
+    """What windows share: parameters that there are, one of them at least where a method shares, and no first values."""
+    known = experiment.data.files.z_e if experiment.data.source == "files" else {}
+    started = [name for name, label in known.items() if label_of(label).start]
+    blocks = {f"{where}.refinement": experiment.refinement}
+    for method, over in experiment.overrides.items():
+        if over.refinement is not None:
+            blocks[f"{where}.overrides.{method}.refinement"] = over.refinement
+    for at, block in blocks.items():
+        for name in block.units or {}:
+            here = f"{at}.units.{name}"
+            if system is not None and system.expert is not None:
+                yield from unknown_one(name, system.expert, here, "expert parameter")
+            if name in block.shared and name in started:
+                yield InputError(here, "is the first value of each chunk (data.files.z_e)", "leave it out")
+    for k, method in enumerate(experiment.methods):
+        over = experiment.overrides.get(method)
+        own = experiment if over is None else overridden(experiment, over)
+        if methods[method].estimator.shares and not own.refinement.shared:
+            found = f"'{method}' fits what windows share, and nothing is said to be shared"
+            first = next(iter((system.expert if system is not None else None) or ()), "NAME")
+            yield InputError(f"{where}.methods[{k}]", found, f"give refinement: {{units: {{{first}: shared}}}}")
 
 
 def _estimator(methods: dict[str, Method], method: str) -> type[EstimatorKind]:

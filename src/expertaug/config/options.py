@@ -60,8 +60,8 @@ def describe_system(settings: Arguments, where: str) -> tuple[KnownSystem | None
         made = kind.model_construct(**{k: v for k, v in settings.items() if k in kind.model_fields})  # unchecked yet
         system = KnownSystem(
             kind.STATE,
-            kind.EXPERT,
-            kind.INTERACTION,
+            made.expert_names,
+            made.interaction_names,
             kind.FIELDS,
             events=kind.EVENTS,
             jumps=made.jumps,

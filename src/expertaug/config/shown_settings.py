@@ -126,7 +126,7 @@ def _traced(config: Configuration, experiment: str) -> list[str]:
     def rank(variant: str) -> int:
         method, version = base(variant), Version.parse(variant)
         build = builds[method]
-        if variant == classical:
+        if variant == classical or build.estimator.shares:
             return 0
         if build.known_form or not build.estimator.trains() or version.prior:
             return 4

@@ -104,7 +104,7 @@ def own_prior(config: Configuration, experiment: str, variant: str, group: str |
     version = Version.parse(variant)
     settings = config.experiment_of(experiment, version.method or None)
     search = settings.augmentation_of(version.prior).dump(include=("windows", "budget"))
-    search |= {"noise": _noise(settings), "refinement": settings.refinement.dump()}
+    search |= {"noise": _noise(settings), "refinement": _fit(settings)}
     if version.method:
         return search | {"device": config.device, **foreign(config, experiment, version.method)}
     return search | {
@@ -158,7 +158,9 @@ def dissipation(config: Configuration, experiment: str) -> dict[str, Any]:
     versions = []
     for variant in dissipating(config, experiment):
         fit = _estimator(config, experiment, variant).get("refinement")
-        if fit is not None and fit["prior"] == OWN:
+        if config.methods[Version.parse(variant).method].estimator.shares:
+            fit = None  # its file has the constants
+        elif fit is not None and fit["prior"] == OWN:
             # What a fitted method starts within its file says; refined versions start at their own estimates then.
             fit = {**fit, "prior": None} if Version.parse(variant).is_refined else None
         versions.append([variant, label(config, variant), fit])
@@ -179,7 +181,7 @@ def validity(config: Configuration, experiment: str) -> dict[str, Any]:
     versions = []
     for method in methods:
         own = config.experiment_of(experiment, method)
-        fit = {"settings": own.refinement.dump(), "noise": _noise(own), "prior": prior_of(own.augmentation)}
+        fit = {"settings": _fit(own), "noise": _noise(own), "prior": prior_of(own.augmentation)}
         versions.append([method, label(config, method), fit])
     return {
         "experiment": experiment,
@@ -199,16 +201,22 @@ def _identity(config: Configuration, experiment: str, variant: str) -> dict[str,
 def _estimator(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
     """What least squares on each window needs, where a version's estimates come from it."""
     version = Version.parse(variant)
-    if not version.is_refined and not config.methods[version.method].estimator.fits_windows:
+    kind = config.methods[version.method].estimator
+    if not version.is_refined and not kind.fits_windows:
         return {}
     settings = config.experiment_of(experiment, version.method)
     return {
         "refinement": {
-            "settings": settings.refinement.dump(),
+            "settings": _fit(settings, kind.shares),
             "noise": _noise(settings),
             "prior": _prior(settings.augmentation),
         }
     }
+
+
+def _fit(experiment: Experiment, shares: bool = False) -> dict[str, Any]:
+    """How windows are fitted; what they share is told only to what shares it."""
+    return experiment.refinement.dump(exclude=() if shares else ("units",))
 
 
 def _drawn(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:

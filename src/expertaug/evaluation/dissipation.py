@@ -136,11 +136,13 @@ def _losses(
     if given is not None:
         estimator = refined_by(stored, given)
     observed, rows = stored.card.observed, []
+    # Where z_e is the start, neither E nor F_e asks for it.
+    asks = decoder.interaction is not None or type(decoder.system).initial_state is System.initial_state
     for name, chunks in sets.items():
         windows = Windows.of(chunks, device).expand(len(stored.seeds))
         states = windows.y
         with torch.no_grad():
-            found = None if decoder.interaction is None else estimator.estimate(windows.until(observed))
+            found = estimator.estimate(windows.until(observed)) if asks else None
         power = dissipated_power(decoder, states, found).cpu().numpy()
         z_e = states.new_zeros(len(stored.seeds), len(chunks), 1) if found is None else found.z_e
         assert z_e is not None

@@ -247,7 +247,7 @@ def curves(
 
     Arguments:
         logs: log.jsonl of every method and group of seeds.
-        outputs: as in :func:`forecasts`.
+        outputs: as in :func:`forecasts`; where nothing is trained the figure says so.
         reading: its labels are those of the logs.
         traced: the versions to draw; none = all.
 
@@ -258,6 +258,9 @@ def curves(
     found: dict[str, dict[str, list[Log]]] = {}
     # The scores of flows are densities.
     read = [log for log in map(read_log, logs) if not Version.parse(log.header.method).is_flow]
+    if not read:
+        plotting.save_note("no method is trained by gradient steps", outputs)
+        return
     trained = {log.header.method for log in read}
     shown = trained & set(traced or trained) or trained
     for log in (log for log in read if log.header.method in shown):

@@ -8,16 +8,23 @@ former, windows are independent, so that their own parameters are eliminated fro
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.inference.least_squares import MEMORY, WindowFit, estimator_of
 from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTEST, linearised
+from expertaug.learning.settings import UntrainedJob
+from expertaug.learning.train import Calibration, describe_recipe, make_untrained
+from expertaug.learning.training_data import set_files
+from expertaug.models import store
 from expertaug.models.settings import Constant, Refinement
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
@@ -44,6 +51,30 @@ class NormalEquations:
     cost: Tensor
     curvature: Tensor
     slope: Tensor
+
+
+def run_stage(data: Path, output: Path, settings: UntrainedJob, calibration: Path | None = None) -> None:
+    """Stage: fit what all windows of ``data/train.npz`` share, and write the model whose file has these constants.
+
+    Arguments:
+        data: folder of the sets.
+        output: model file.
+        settings: of the job; its refinement says what is shared.
+        calibration: JSON whose ``constants`` complete the system's settings.
+
+    Raises:
+        InputError: unusable data or settings.
+    """
+    described = describe_recipe(settings, None if calibration is None else Calibration.load(calibration))
+    train, build = Trajectories.load(set_files(data)[0]), settings.build
+    system = systems.load(described.system)
+    stored = make_untrained(build.kind, system, train, settings, described, bool(build.truth))
+    if settings.refinement is None or not settings.refinement.settings.shared:
+        raise InputError("refinement.units", "nothing is shared", "say of a parameter that it is: NAME: shared")
+    began = time.perf_counter()
+    refinement = fit_shared(stored, settings.refinement, train)
+    card = stored.card.but(refinement=refinement, wall_s=time.perf_counter() - began)
+    store.save(output, stored.model, card)
 
 
 def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories) -> Refinement:

@@ -31,12 +31,15 @@ TESTS = {
 }
 
 
-def proposal(found: Inspection, system: Mapping | None, priors: Mapping[str, list[float]]) -> str:
+def proposal(
+    found: Inspection, system: Mapping | None, priors: Mapping[str, list[float]], constants: Sequence[str] = ()
+) -> str:
     """YAML for the experiment ``measured``.
 
     Arguments:
         system: its name and arguments; None: NAME stands for it, to be replaced.
         priors: a first guess of the range of each expert parameter.
+        constants: expert parameters that all windows of one apparatus share.
     """
     settings, length, counts = _cut(found)
     t1_s = round(length // 2 * found.data.grid.row_s * _points_apart(settings, found), 9)
@@ -56,7 +59,10 @@ def proposal(found: Inspection, system: Mapping | None, priors: Mapping[str, lis
     unseen = [name for name in found.names.state if name not in settings["columns"]]
     start = {name: _guessed(found) for name in unseen}
     prior = {name: [float(f"{end:.6g}") for end in ends] for name, ends in priors.items()}
-    methods = ["mean", "expert_only", "least_squares", "ml_only", "aphynity", "alternating"]
+    # Windows share constants of the apparatus; what gives the first point is each window's own.
+    shared = {name: "shared" for name in constants}
+    fitted = ["least_squares", *(["least_squares_shared"] if shared or system is None else [])]
+    methods = ["mean", "expert_only", *fitted, "ml_only", "aphynity", "alternating"]
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
     blocks = [
         f"# expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_told(counts)})",
@@ -90,6 +96,11 @@ def proposal(found: Inspection, system: Mapping | None, priors: Mapping[str, lis
         blocks += [
             f"    augmentation: {{prior: {shown}}}  # p+: between what the expert's parameters may lie",
             "    finetuning: {epochs: 100, batch_size: 20, learning_rate: 3.0e-3}",
+        ]
+    if "least_squares_shared" in methods:
+        units = flow(shared) if shared else "{PARAMETER: shared}"
+        blocks += [
+            f"    refinement: {{units: {units}}}  # one apparatus: one value for all windows; of several ones: window"
         ]
     blocks += [
         "    overrides: {ml_only: {training: {expert_first: 0.0}}}",

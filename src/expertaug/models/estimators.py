@@ -36,6 +36,8 @@ class EstimatorKind:
         has_expert: whether it estimates the parameters of an expert, which fits of a window then refine.
         fits_windows: whether its estimates are least squares on each window, which a range of p⁺ starts and which cost
             hundreds of forecasts a window; otherwise one pass, from which such fits can start.
+        shares: whether expert parameters that the configuration calls shared are fitted once, to all training windows
+            together; otherwise each window has its own.
         fixed_times: whether it forecasts at the times of its training alone.
         needs: keys that its card must have.
         base: beginning of the names of the tensors of the model that it stands beside (:attr:`ModelCard.base`); empty:
@@ -50,6 +52,7 @@ class EstimatorKind:
     has_objective: ClassVar[bool] = False
     has_expert: ClassVar[bool] = False
     fits_windows: ClassVar[bool] = False
+    shares: ClassVar[bool] = False
     fixed_times: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
     base: ClassVar[str] = ""
@@ -210,6 +213,16 @@ class LeastSquares(EstimatorKind):
         from expertaug.models.decoder import Decoder, TruthDecoder
 
         return TruthDecoder(system) if card.truth else Decoder(system)
+
+
+@register
+class SharedLeastSquares(LeastSquares):
+    """The same where windows share parameters, which its file keeps as constants (:mod:`expertaug.inference.shared`)."""
+
+    name = "least_squares_shared"
+    summary = "the same with the parameters that refinement.units calls shared, fitted to all training windows together"
+    stage = "share"
+    shares = True
 
 
 @register

@@ -370,7 +370,8 @@ class RefinementSettings(Settings):
     units: dict[str, Literal["window", "shared"]] = key(
         LEFT_OUT,
         "to what each expert parameter belongs: window = each window has its own; shared = all windows have one, "
-        "fitted once to the training windows together; left out = window. Of the expert alone (least squares)",
+        "fitted once to the training windows together; left out = window. Of methods of kind least_squares_shared "
+        "alone: of all others each window has its own",
     )
 
     @property

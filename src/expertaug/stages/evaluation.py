@@ -149,7 +149,7 @@ class Plot(Stage):
         text = "forecasts.npz of one group of seeds per method"
         parser.add_argument("--forecasts", type=Path, nargs="+", required=True, help=text)
         text = "log.jsonl of every trained method and group of seeds"
-        parser.add_argument("--logs", type=Path, nargs="+", required=True, help=text)
+        parser.add_argument("--logs", type=Path, nargs="*", default=[], help=text)
         add_paths(parser, output="path of the figures, to which _NAME.png and _NAME.pdf are added")
 
     @staticmethod

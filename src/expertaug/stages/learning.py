@@ -94,6 +94,24 @@ class Alternate(_Training):
         run_stage(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
 
 
+class Share(_Training):
+    """fit what all windows share to the training windows together"""
+
+    name = "share"
+    code = "expertaug.inference.shared"
+    job = "expertaug.learning.settings:UntrainedJob"
+    slice = "expertaug.config.stage_settings:train"
+    reads = (*SETS, "calibrate")
+    runs_methods = True
+    add_arguments = staticmethod(_add_training)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: UntrainedJob) -> None:
+        from expertaug.inference.shared import run_stage
+
+        run_stage(a.data, a.output, job, a.calibration)
+
+
 class OwnPrior(Stage):
     """find the ranges of p⁺ from the windows that it is to cover, or until a budget"""
 

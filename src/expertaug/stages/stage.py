@@ -18,7 +18,7 @@ WHERE = "--settings"
 # Stages that others read.
 SETS = ("simulate", "split_chunks", "cut_measurements")
 HORIZONS = ("cut_horizon", "cut_measured_horizon")
-TRAINED = ("train", "alternate")
+TRAINED = ("train", "alternate", "share")
 
 
 def _named(name: str) -> Any:

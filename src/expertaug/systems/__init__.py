@@ -100,6 +100,14 @@ def names(system: System) -> Names:
     return Names(state, parameters, inputs, constant, bool(system.inputs) and system.interpolation != "linear")
 
 
+def constants(system: System) -> list[str]:
+    """Names of the expert parameters that are constants of an apparatus: none where they say how a forecast starts."""
+    from expertaug.systems.base import System
+
+    started = type(system).initial_state is not System.initial_state
+    return [] if started else [p.name for p in system.expert_parameters]
+
+
 def describe(system: System) -> dict[str, object]:
     """What :func:`load` makes the system from again: ``name`` and what its constructor was given."""
     cls = type(system)

@@ -81,6 +81,16 @@ class SystemSettings(Settings):
             SYSTEMS[cls.model_fields["name"].default] = cls
 
     @property
+    def expert_names(self) -> tuple[str, ...]:
+        """Names of the expert parameters."""
+        return self.EXPERT
+
+    @property
+    def interaction_names(self) -> tuple[str, ...]:
+        """Names of the simulation's parameters of the interaction."""
+        return self.INTERACTION
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the known inputs."""
         return ()
@@ -107,6 +117,17 @@ class PendulumSettings(SystemSettings):
     INTERACTION = ("alpha",)
 
     name: Literal["pendulum"] = key("pendulum", "the damped pendulum")
+    friction: Literal["estimated"] | None = key(
+        None, "estimated = the expert knows the damping: its rate alpha is an expert parameter too; null = F_a's to learn"
+    )
+
+    @property
+    def expert_names(self) -> tuple[str, ...]:
+        return self.EXPERT if self.friction is None else (*self.EXPERT, *self.INTERACTION)
+
+    @property
+    def interaction_names(self) -> tuple[str, ...]:
+        return self.INTERACTION if self.friction is None else ()
 
 
 class DrivenPendulumSettings(SystemSettings):
