@@ -7,7 +7,7 @@ import os
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
-from expertaug.config import options
+from expertaug.config import jobs, options
 from expertaug.config.layers import overridden
 from expertaug.config.models import Common, Experiment, Method, Override
 from expertaug.config.recording_settings import is_single
@@ -15,7 +15,6 @@ from expertaug.config.sources import wrong_measurements
 from expertaug.errors import InputError
 from expertaug.evaluation.products import PRODUCTS
 from expertaug.learning.settings import TrainSettings
-from expertaug.measurements.settings import label_of
 from expertaug.models.estimators import EstimatorKind, Hybrid
 from expertaug.systems.settings import EVENTS
 from expertaug.versions import FLOW, Version, base
@@ -235,9 +234,8 @@ def _fits(
 def _shared(
     where: str, experiment: Experiment, methods: dict[str, Method], system: options.KnownSystem | None
 ) -> Iterator[InputError]:
-    """What windows share: parameters that there are, one of them at least where a method shares, and no first values."""
-    known = experiment.data.files.z_e if experiment.data.source == "files" else {}
-    started = [name for name, label in known.items() if label_of(label).start]
+    """What windows share: parameters that there are, no first values, and something at least where a method shares."""
+    started = jobs.starts(experiment)
     blocks = {f"{where}.refinement": experiment.refinement}
     for method, over in experiment.overrides.items():
         if over.refinement is not None:
@@ -248,7 +246,7 @@ def _shared(
             if system is not None and system.expert is not None:
                 yield from unknown_one(name, system.expert, here, "expert parameter")
             if name in block.shared and name in started:
-                yield InputError(here, "is the first value of each chunk (data.files.z_e)", "leave it out")
+                yield InputError(here, "says how a window begins, and no two begin alike", "leave it out")
     for k, method in enumerate(experiment.methods):
         over = experiment.overrides.get(method)
         own = experiment if over is None else overridden(experiment, over)

@@ -8,7 +8,8 @@ from typing import Any
 from expertaug.config import options
 from expertaug.config.models import Configuration, Experiment
 from expertaug.learning.settings import named_modules
-from expertaug.systems.settings import CONSERVING
+from expertaug.measurements.settings import label_of
+from expertaug.systems.settings import CONSERVING, SYSTEMS
 from expertaug.versions import AUGMENTED, CONTROL, FLOW, REFINED, Version
 
 # What the drivers of cards put there: NVIDIA's, AMD's, and that of Linux within Windows.
@@ -90,6 +91,13 @@ def found_priors(config: Configuration, experiment: str) -> list[str]:
     if any(finds_prior_to_train(config, experiment, m) for m in config.experiments[experiment].methods):
         priors.append("")
     return [v for v in dict.fromkeys(priors) if v is not None]
+
+
+def starts(experiment: Experiment) -> list[str]:
+    """Names of the expert parameters that say how a window begins, and are no constants of an apparatus."""
+    system, data = SYSTEMS.get(experiment.system["name"]), experiment.data
+    named = data.files.z_e if data.source == "files" else {}
+    return [*(() if system is None else system.STARTS), *(n for n, label in named.items() if label_of(label).start)]
 
 
 def with_interaction(config: Configuration, experiment: str) -> list[str]:

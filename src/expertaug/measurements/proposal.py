@@ -60,7 +60,7 @@ def proposal(
     start = {name: _guessed(found) for name in unseen}
     prior = {name: [float(f"{end:.6g}") for end in ends] for name, ends in priors.items()}
     # Windows share constants of the apparatus; what gives the first point is each window's own.
-    shared = {name: "shared" for name in constants}
+    shared = dict.fromkeys(constants, "shared")
     fitted = ["least_squares", *(["least_squares_shared"] if shared or system is None else [])]
     methods = ["mean", "expert_only", *fitted, "ml_only", "aphynity", "alternating"]
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}

@@ -217,7 +217,7 @@ class LeastSquares(EstimatorKind):
 
 @register
 class SharedLeastSquares(LeastSquares):
-    """The same where windows share parameters, which its file keeps as constants (:mod:`expertaug.inference.shared`)."""
+    """The same where windows share parameters, which its file keeps (:mod:`expertaug.inference.shared`)."""
 
     name = "least_squares_shared"
     summary = "the same with the parameters that refinement.units calls shared, fitted to all training windows together"

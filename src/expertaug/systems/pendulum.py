@@ -17,7 +17,7 @@ class DampedPendulum(System):
     """State (θ, θ'), z_e = ω0, z_a = α; the expert knows gravity, the interaction is the damping.
 
     Arguments:
-        friction: estimated: the expert knows the damping as well, z_e = (ω0, α), and nothing is left to the interaction.
+        friction: estimated: the expert knows the damping as well, z_e = (ω0, α), and leaves nothing to an interaction.
     """
 
     state = (Parameter("theta", "rad"), Parameter("omega", "rad/s"))

@@ -59,6 +59,7 @@ class SystemSettings(Settings):
         name: the module of expertaug.systems, or what :func:`expertaug.systems.load` takes.
         STATE, EXPERT, INTERACTION: names of the state's components, of z_e and of the simulation's z_a.
         SIMULATED: whether it can be simulated.
+        STARTS: names of those of z_e that say how a forecast starts, and are no constants of an apparatus.
         FIELDS: whether its state is fields on a grid.
         EVENTS: whether it has events.
     """
@@ -67,6 +68,7 @@ class SystemSettings(Settings):
     STATE: ClassVar[tuple[str, ...]]
     EXPERT: ClassVar[tuple[str, ...]]
     INTERACTION: ClassVar[tuple[str, ...]] = ()
+    STARTS: ClassVar[tuple[str, ...]] = ()
     SIMULATED: ClassVar[bool] = True
     FIELDS: ClassVar[bool] = False
     EVENTS: ClassVar[bool] = False
@@ -118,7 +120,8 @@ class PendulumSettings(SystemSettings):
 
     name: Literal["pendulum"] = key("pendulum", "the damped pendulum")
     friction: Literal["estimated"] | None = key(
-        None, "estimated = the expert knows the damping: its rate alpha is an expert parameter too; null = F_a's to learn"
+        None,
+        "estimated = the expert knows the damping, whose rate alpha is an expert parameter; null = F_a learns it",
     )
 
     @property
@@ -220,7 +223,7 @@ class DoublePendulumSettings(SystemSettings):
     """The planar double pendulum."""
 
     STATE = ("theta1", "theta2", "omega1", "omega2")
-    EXPERT = ("omega1", "omega2")
+    EXPERT = STARTS = ("omega1", "omega2")
     SIMULATED = False
 
     name: Literal["double_pendulum"] = key("double_pendulum", "the planar double pendulum")
