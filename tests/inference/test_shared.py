@@ -134,25 +134,16 @@ def test_errors_are_clustered_by_trajectory_or_by_blocks():
 
 
 EXPERIMENT = """
-run: [rubbed]
+run: [swings]
 seeds: [0, 1]
 experiments:
-  rubbed:
+  swings:
     based_on: pendulum
-    system: {friction: estimated}
-    data:
-      t1_s: 2.0
-      t2_s: 6.0
-      noise: 0.02
-      sets:
-        train: &one {size: 12, z_e: {omega0: [1.7, 1.7], alpha: [0.15, 0.15]}, z_a: {}}
-        validation: *one
-        iid: *one
-        test: *one
-    augmentation: {prior: {omega0: [1.0, 3.0], alpha: [0.01, 0.5]}}
+    data: {t1_s: 2.0, noise: 0.02}
+    augmentation: {prior: {omega0: [1.0, 3.0]}}
     augmentations: {narrow: null, wide: null}
     model: {encoder: {windows: {theta: [0.0, 2.0], omega: [0.0, 2.0]}}}
-    refinement: {units: {omega0: shared, alpha: shared}}
+    refinement: {units: {omega0: shared}}
     methods: [least_squares, least_squares_shared]
     augmented: []
     controls: []
@@ -168,18 +159,21 @@ def test_the_stage_fits_what_python_fits(tmp_path, capsys):
     found = config.validate(config.load([root / "config" / "config.yaml", tmp_path / "mine.yaml"]))
     rng = np.random.default_rng(3)
     for name in ("train", "validation"):
-        swings(12, int(rng.integers(99))).save(tmp_path / f"{name}.npz")
-    job = stage_settings.train(found, "rubbed", "least_squares_shared", "seeds_0_1")
+        one = swings(12, int(rng.integers(99)))
+        replace(one, z_e=one.z_e[:, :1]).save(tmp_path / f"{name}.npz")
+    job = stage_settings.train(found, "swings", "least_squares_shared", "seeds_0_1")
     paths = ["--data", str(tmp_path), "--output", str(tmp_path / "model.safetensors"), "--work", str(tmp_path / "w")]
     assert main(["share", *paths, "--settings", json.dumps(job)]) == 0
     model = ea.load(tmp_path / "model.safetensors")
     train = Trajectories.load(tmp_path / "train.npz")
-    system = ea.DampedPendulum(friction="estimated")
-    same = ea.least_squares(system, train, observed_s=END, prior=PRIOR, noise=NOISE, units=BOTH)
-    assert model.stored.card.refinement.shared == same.stored.card.refinement.shared
+    options = {"prior": {"omega0": (1.0, 3.0)}, "noise": NOISE, "units": {"omega0": "shared"}}
+    options["solver"] = job["training"]["solver"]
+    same = ea.least_squares(ea.DampedPendulum(), train, observed_s=END, **options)
+    one, other = (each.stored.card.refinement.shared["omega0"] for each in (model, same))
+    assert (one.value, one.std) == pytest.approx((other.value, other.std), rel=1e-9)
     window = train.seen[:, : same.observed]
-    np.testing.assert_array_equal(model.forecast(window, T).y[1], same.forecast(window, T).y)
-    told = stage_settings.evaluate(found, "rubbed", "least_squares_shared", "seeds_0_1") | {"sets": ["validation"]}
+    np.testing.assert_allclose(model.forecast(window, T).y[1], same.forecast(window, T).y, atol=1e-4)
+    told = stage_settings.evaluate(found, "swings", "least_squares_shared", "seeds_0_1") | {"sets": ["validation"]}
     scores = ["--output", str(tmp_path / "metrics.csv"), "--forecasts", str(tmp_path / "forecasts.npz")]
     data = ["evaluate", "--model", str(tmp_path / "model.safetensors"), "--data", str(tmp_path)]
     assert main([*data, *scores, "--settings", json.dumps(told)]) == 0
