@@ -6,12 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-import torch
 from torch import Tensor
 
 from expertaug.api.arguments import Array
 from expertaug.errors import InputError
-from expertaug.models.posterior import Estimates, Gaussian, log_slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +73,3 @@ class Forecast:
 def labelled(name: str, unit: str) -> str:
     """Heading of a column."""
     return f"{name} [{unit}]" if unit else name
-
-
-def standard_deviation(found: Estimates) -> Tensor | None:
-    """Standard deviation (S, B, P) of z_e, where the estimator has one, to first order."""
-    posterior = found.posterior
-    if posterior is None or not isinstance(posterior.z_e, Gaussian):
-        return None
-    q = posterior.z_e
-    slope = log_slope(q.loc, q.parameters) if q.parameters is not None else torch.zeros_like(q.loc)
-    return (q.log_std + slope).exp()

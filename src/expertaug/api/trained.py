@@ -16,8 +16,9 @@ from torch import Tensor
 
 from expertaug.api import arguments
 from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions
-from expertaug.api.forecasts import Forecast, standard_deviation
+from expertaug.api.forecasts import Forecast
 from expertaug.errors import InputError
+from expertaug.evaluation.estimates import COLUMNS, Stated, summarise
 from expertaug.evaluation.score import score, spread
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.diagnostics.alarm import threshold
@@ -167,7 +168,7 @@ class TrainedModel:
             f"z_e {p.name}": p.unit for p in self.system.expert_parameters
         }
         y = arguments.like(y[0] if self.single else y, window)
-        named, std = self._named(estimates.z_e, window), self._named(standard_deviation(estimates), window)
+        named, std = self._named(estimates.z_e, window), self._named(estimates.z_e_std, window)
         chi2, misfit = estimates.chi2, None
         if start == "y0":  # else the forecast begins with the window itself
             misfit = window_residual(self.system, states, windows.y)
@@ -190,6 +191,36 @@ class TrainedModel:
         with torch.no_grad(), arguments.one_thread():
             estimates = self.predictor.estimate(windows)  # type: ignore[attr-defined]
         return self._named(estimates.z_e, window)
+
+    def estimates(self, data: Trajectories) -> pd.DataFrame:
+        """The parameters as the model states them of a set's windows, with standard errors and 90 % intervals: shared
+        ones, the mean and the spread of all trajectories, and each trajectory (:mod:`expertaug.evaluation.estimates`).
+
+        Arguments:
+            data: with the times of the training up to the end of the observed window; windows of one trajectory have
+                identities ``trajectory/first row`` (``id``), without which each is a trajectory of its own.
+
+        Returns:
+            a row for each :class:`expertaug.evaluation.estimates.Estimate`.
+
+        Raises:
+            InputError: the set is of another system or of other times.
+        """
+        data = arguments.trajectories(data, "data")
+        windows, _ = self._windows(data.seen[:, : self.observed], data.t, data.u)
+        with torch.no_grad(), arguments.one_thread():
+            found = self.predictor.estimate(windows)  # type: ignore[attr-defined]
+        rows = []
+        if found.z_e is not None and self.stored.model.knows_z_e:
+            truth = bool(self.stored.card.truth)
+            parameters = [*self.system.expert_parameters, *(self.system.interaction_parameters if truth else ())]
+            values, std = (None if v is None else v.cpu().double().numpy() for v in found.stated(truth))
+            fit = self.refinement
+            shared = {} if fit is None else {name: one.groups for name, one in (fit.shared or {}).items()}
+            names, units = [p.name for p in parameters], [p.unit for p in parameters]
+            ranges = fit.prior if fit is not None and isinstance(fit.prior, Mapping) else {}
+            rows = summarise(Stated(values, std, names, units, data.id, shared), ranges)  # type: ignore[arg-type]
+        return pd.DataFrame([vars(one) for one in rows], columns=list(COLUMNS))
 
     def evaluate(
         self,

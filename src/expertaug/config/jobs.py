@@ -100,6 +100,17 @@ def starts(experiment: Experiment) -> list[str]:
     return [*(() if system is None else system.STARTS), *(n for n, label in named.items() if label_of(label).start)]
 
 
+def estimating(config: Configuration, experiment: str) -> list[str]:
+    """Versions that estimate constants of an apparatus."""
+    settings = config.experiments[experiment]
+    system, known = SYSTEMS.get(settings.system["name"]), starts(settings)
+    if system is not None and set(system.EXPERT) <= set(known):
+        return []
+    builds = {m: config.build_of(experiment, m) for m in settings.methods}
+    named = [(v, builds[Version.parse(v).method]) for v in variants(config, experiment)]
+    return [v for v, build in named if build.estimator.has_expert and build.has_expert]
+
+
 def with_interaction(config: Configuration, experiment: str) -> list[str]:
     """Methods of an experiment that learn an interaction model beside an expert; points of grids aside."""
     methods = []

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from expertaug.config.jobs import found_priors, label, seed_groups, studied, variants
+from expertaug.config.jobs import estimating, found_priors, label, seed_groups, starts, studied, variants
 from expertaug.config.models import Augmentation, Configuration, Experiment, OutOfExpertise
 from expertaug.versions import Version, base
 
@@ -191,6 +191,18 @@ def windows(config: Configuration, experiment: str) -> dict[str, Any]:
         "mean": next((m for m in settings.methods if not config.methods[m].estimator.has_expert), None),
         "classical": _classical(config, experiment),
         "traced": _traced(config, experiment),
+        **reading(config, experiment),
+    }
+
+
+def estimates(config: Configuration, experiment: str) -> dict[str, Any]:
+    """What the table of estimates says: versions, the ranges in which their fits start, and what is no constant."""
+    shown = estimating(config, experiment)
+    priors = {v: prior_of(config.experiment_of(experiment, base(v)).augmentation) for v in shown}
+    return {
+        "labels": _labels(config, shown),
+        "priors": {v: ranges for v, ranges in priors.items() if ranges is not None},
+        "starts": starts(config.experiments[experiment]),
         **reading(config, experiment),
     }
 

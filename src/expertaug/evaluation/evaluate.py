@@ -77,6 +77,8 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         rank_draws = own_draws if own is not None and own.ranks is not None else rank_draws
     rows += [MetricRow(*identity, seed, "train", "wall_s", stored.card.wall_s) for seed in stored.seeds]
     system = stored.model.system
+    parameters = [*system.expert_parameters, *(system.interaction_parameters if stored.card.truth else ())]
+    constants = {} if refinement is None else refinement.shared or {}
     Forecasts(
         t=t,
         observed=stored.card.observed - 1,
@@ -88,6 +90,9 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         sets=sets,
         failed=stored.failed,
         interaction_names=[p.name for p in getattr(system, "interaction_parameters", ())],
+        estimated_names=[p.name for p in parameters],
+        estimated_units=[p.unit for p in parameters],
+        shared={name: one.groups for name, one in constants.items()},
         version=VersionKey(job.experiment, job.preset, job.method),
         rank_draws=rank_draws,
         own=own,
@@ -112,6 +117,8 @@ def _of_every_sample(name: str, truth: Trajectories, scored: Scored) -> SetForec
         z_a=truth.z_a if truth.z_a.shape[1] else None,
         z_e_hat=None if is_train or scored.z_e is None else scored.z_e.numpy(),
         sample_id=truth.id,
+        estimated=array(scored.stated),
+        estimated_std=array(scored.stated_std),
         expected=array(scored.expected),
         moved=array(scored.moved),
     )

@@ -19,6 +19,7 @@ from expertaug.files import atomic, read_npz
 REMEDY = "make it again with evaluate"
 OWN = "own"  # the set of windows that the version's models have made themselves
 TEXTS = ("state_names", "state_units", "parameter_names", "parameter_units")
+MORE_TEXTS = ("interaction_names", "estimated_names", "estimated_units")
 ALWAYS = ("t", "observed", "seeds", *TEXTS)
 OF_A_SET = ("errors", "misfit", "truth", "z_e")  # a set is what has one of these
 
@@ -62,6 +63,8 @@ class SetForecasts:
         z_a: true parameters of the interaction, (N, Q), where they are known.
         z_e_hat: estimates, (S, N, P), of a version that estimates; not of the training set.
         sample_id: where the samples come from, (N,) texts.
+        estimated, estimated_std: estimates of what :attr:`Forecasts.estimated_names` names, (S, N, K), of the training
+            set too, and their standard deviations, where the version states some.
         expected: squared error that is expected of each forecast, (S, N), by a version with a distribution.
         moved: the same that a refined version expects of its encoder's forecasts.
         ranks, tarp: of the true parameters among draws of z_e, (S, N, P), and by distance from random points, (S, N).
@@ -76,6 +79,8 @@ class SetForecasts:
     z_a: np.ndarray | None = None
     z_e_hat: np.ndarray | None = None
     sample_id: np.ndarray | None = None
+    estimated: np.ndarray | None = None
+    estimated_std: np.ndarray | None = None
     expected: np.ndarray | None = None
     moved: np.ndarray | None = None
     ranks: np.ndarray | None = None
@@ -102,6 +107,9 @@ class Forecasts:
         sets: by name.
         failed: seeds that could not be trained.
         interaction_names: of the true interaction's parameters, where they are known.
+        estimated_names, estimated_units: of the expert parameters and, where the equation is the true one, of the
+            interaction's.
+        shared: of those that all windows share, the number of independent groups of windows that they are from.
         version: whose they are; None of a file from before that was kept, and in memory.
         rank_draws: K, the number of draws among which ``ranks`` of the sets are.
         own: ranks and scores on windows that the version's models have made themselves.
@@ -118,6 +126,9 @@ class Forecasts:
     sets: dict[str, SetForecasts]
     failed: list[int] = field(default_factory=list)
     interaction_names: list[str] = field(default_factory=list)
+    estimated_names: list[str] = field(default_factory=list)
+    estimated_units: list[str] = field(default_factory=list)
+    shared: Mapping[str, int] = field(default_factory=dict)
     version: VersionKey | None = None
     rank_draws: int | None = None
     own: SetForecasts | None = None
@@ -161,7 +172,9 @@ class Forecasts:
             arrays |= one.arrays(name)
         arrays |= {} if self.own is None else self.own.arrays(OWN)
         arrays |= {name: getattr(self, name) for name in ("t", "observed", "seeds", "rank_draws", "version")}
-        texts = {name: np.array(getattr(self, name), dtype=str) for name in (*TEXTS, "interaction_names")}
+        texts = {name: np.array(getattr(self, name), dtype=str) for name in (*TEXTS, *MORE_TEXTS)}
+        texts["shared_names"] = np.array(list(self.shared), dtype=str)
+        arrays["shared_groups"] = np.array(list(self.shared.values()), dtype=int)
         found = {key: np.array(value) for key, value in arrays.items() if value is not None}
         with atomic(path) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, **found, failed=np.array(self.failed, dtype=int), **texts)
@@ -193,7 +206,11 @@ class Forecasts:
             **{name: [str(text) for text in arrays[name]] for name in TEXTS},
             sets={name: _of_set(path, name, arrays) for name in sets},
             failed=[int(seed) for seed in arrays.get("failed", ())],
-            interaction_names=[str(text) for text in arrays.get("interaction_names", ())],
+            **{name: [str(text) for text in arrays.get(name, ())] for name in MORE_TEXTS},
+            shared={
+                str(name): int(groups)
+                for name, groups in zip(arrays.get("shared_names", ()), arrays.get("shared_groups", ()), strict=True)
+            },
             version=VersionKey(*map(str, arrays["version"])) if "version" in arrays else None,
             rank_draws=int(arrays["rank_draws"]) if "rank_draws" in arrays else None,
             own=SetForecasts(**own) if own else None,

@@ -35,6 +35,8 @@ class Scored:
         index: samples whose forecasts are kept, (K,).
         prediction: these forecasts, (S, K, T, *state).
         z_e: estimates (S, N, P), or None where the model estimates nothing.
+        stated, stated_std: z_e and, of the true equation, z_a, (S, N, K), and their standard deviations, where there
+            are any.
         errors: squared error of every sample (S, N), as of :func:`squared_errors`; NaN of seeds that failed.
         draws: of z_e (S, N, K, P), where the estimator has a distribution.
         misfit: the same over the observed window after its first point, which needs no truth.
@@ -55,6 +57,8 @@ class Scored:
     draws: Tensor | None
     drawn: DrawnScores | None = None
     band: Tensor | None = None
+    stated: Tensor | None = None
+    stated_std: Tensor | None = None
 
     def of_seeds(self, seeds: Sequence[int]) -> Iterator[tuple[str, int, float]]:
         """Metric, seed and value."""
@@ -100,6 +104,7 @@ def score(
     check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0
+    of_truth, stated = bool(stored.card.truth), []
     few = min(drawing.count, scoring.expected_draws)
     expected = ExpectedError(stored.model, replace(drawing, count=few))
     chosen = np.linspace(0, len(truth) - 1, min(scoring.drawn_samples, len(truth))).astype(int)
@@ -126,6 +131,7 @@ def score(
         estimate_s += found.estimate_s
         if found.found.z_e is not None and stored.model.knows_z_e:
             estimates.append(found.found.z_e.cpu())
+            stated.append(found.found.stated(of_truth))
             of_each = z_e_draws(found.found)
             drawn += [] if of_each is None else [of_each.cpu()]
         if drawing.count and found.found.z_e is not None:
@@ -165,4 +171,11 @@ def score(
         torch.cat(drawn, dim=1) if drawn else None,
         of_draws,
         torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,
+        *(_together([one[k] for one in stated]) for k in range(2)),
     )
+
+
+def _together(parts: Sequence[Tensor | None]) -> Tensor | None:
+    """Parts (S, B, K) of a set as one; None where there are none."""
+    known = [one.cpu() for one in parts if one is not None]
+    return torch.cat(known, dim=1) if known and len(known) == len(parts) else None

@@ -223,6 +223,13 @@ class WindowStudyJob(FigureReading):
     traced: list[str] = key(list, "versions that figures show before others")
 
 
+class EstimatesJob(LabelledReading):
+    """The table of an experiment's estimates."""
+
+    priors: dict[str, Ranges] = key(dict, "p⁺ of each version, where it is given")
+    starts: list[str] = key(list, "expert parameters that say how a window begins: they are no constants")
+
+
 class FittedVersion(NamedTuple):
     """A version of trained models, and how its windows are fitted."""
 

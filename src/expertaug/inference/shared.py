@@ -105,11 +105,12 @@ def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories)
     windows = Windows.of(train).until(stored.card.observed).joined.double()
     places = [names.index(name) for name in shared]
     x, equations = _minimise(fit, windows, places)
-    covariance = _covariance(equations, places, groups_of(train))
+    groups = groups_of(train)
+    covariance = _covariance(equations, places, groups)
     values = fit.parts(x, fit.first(windows))[0][0, 0, places]
     std = covariance.diagonal().clamp_min(0).sqrt() * fit.expert.slope(x[0, 0, : len(names)])[places]
     constants = {
-        name: Constant(value=float(value), std=float(error))
+        name: Constant(value=float(value), std=float(error), groups=len(set(groups.tolist())))
         for name, value, error in zip(shared, values, std, strict=True)
     }
     return refinement.model_copy(update={"shared": constants})

@@ -131,6 +131,12 @@ class Gaussian(Distribution):
         logs = unit.log().expand(self.loc.shape if unit.dim() > 1 else self.loc.shape[-1:])
         return self.log_prob(value) + logs.sum(-1)
 
+    @property
+    def spread(self) -> Tensor:
+        """Standard deviation (…, K) of the components, to first order."""
+        slope = 0.0 if self.parameters is None else log_slope(self.loc, self.parameters)
+        return (self.log_std + slope).exp()
+
     def divergence(self, mean: Tensor | float = 0.0, std: Tensor | float = 1.0) -> Tensor:
         """(…,): KL divergence to Gaussians of ``mean`` and ``std`` (K,) in the unbounded space (and so in any)."""
         each = (torch.as_tensor(x, dtype=self.loc.dtype) for x in (mean, std))
@@ -186,6 +192,23 @@ class Estimates:
     chi2: Tensor | None = None
     draws: tuple[Tensor, Tensor, Tensor] | None = None
     root: Tensor | None = None
+
+    @property
+    def z_e_std(self) -> Tensor | None:
+        """Standard deviation (…, B, P) of z_e, where the estimator has one, to first order."""
+        one = None if self.posterior is None else self.posterior.z_e
+        return one.spread if isinstance(one, Gaussian) else None
+
+    def stated(self, with_z_a: bool) -> tuple[Tensor, Tensor | None]:
+        """z_e, or z_e and z_a behind each other, (…, B, K), and their standard deviations, where there are any."""
+        assert self.z_e is not None
+        if not with_z_a:
+            return self.z_e, self.z_e_std
+        assert self.z_a is not None
+        other = None if self.posterior is None else self.posterior.z_a
+        known = self.z_e_std is not None and isinstance(other, Gaussian)
+        std = torch.cat((self.z_e_std, other.spread), -1) if known else None  # type: ignore[arg-type,union-attr]
+        return torch.cat((self.z_e, self.z_a), -1), std
 
     def part(self, samples: slice | Tensor) -> Estimates:
         """Estimates (S, B, …) of some samples, by a slice or their places; ``chi2`` and the posterior with them."""

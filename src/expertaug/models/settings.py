@@ -385,6 +385,7 @@ class Constant(Settings):
 
     value: float = key(..., "estimate")
     std: NotNegative = key(..., "its standard error")
+    groups: Count = key(1, "number of groups of windows that this is from and that count as independent")
 
 
 class Refinement(Settings):

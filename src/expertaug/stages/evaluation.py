@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         CompareJob,
         DissipationJob,
         DuringTrainingJob,
+        EstimatesJob,
         EvaluateJob,
         GridJob,
         OverviewJob,
@@ -242,6 +243,33 @@ class Distance(_WindowStudy):
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
         simulated = files.config.experiments[experiment].data.source == "simulation"  # a range of training
         return super().inputs(files, experiment, study) if simulated else []
+
+
+class Estimates(StudyStage):
+    """make the table of the parameters that each version states, with intervals"""
+
+    name = "estimates"
+    code = "expertaug.evaluation.estimates"
+    job = "expertaug.evaluation.settings:EstimatesJob"
+    slice = "expertaug.config.shown_settings:estimates"
+    reads = ("evaluate",)
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("forecasts", type=Path, nargs="+", help=OF_ALL)
+        add_outputs(parser, TABLE)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: EstimatesJob) -> None:
+        from expertaug.evaluation.estimates import estimates
+
+        estimates(a.forecasts, a.output, job)
+
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
+
+        return files.of_versions(experiment, jobs.estimating(files.config, experiment), "forecasts.npz")
 
 
 class Validity(StudyStage):

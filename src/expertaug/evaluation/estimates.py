@@ -1,0 +1,319 @@
+"""The stage estimates: the parameters that each version states, with intervals: of all windows, and of each trajectory.
+
+A trajectory's windows are averaged with weights 1 / (σ² + τ²), σ the standard deviation that a window's estimate states
+and τ what the windows scatter beyond it (DerSimonian & Laird 1986).  The error of the mean follows from how blocks of
+successive windows scatter, as long as the estimates' correlation time says (Geyer 1992), since windows overlap and
+residuals last.  Trajectories are averaged in the same way, and the scatter beyond their errors is the population's
+spread; its mean has Student's t intervals (Hartung & Knapp 2001).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from expertaug.evaluation.forecasts import Forecasts, read_forecasts
+from expertaug.evaluation.settings import EstimatesJob
+from expertaug.evaluation.summary import order_sets
+from expertaug.evaluation.table import DASH, Study, Table
+
+LEVEL = 0.90  # of the intervals
+BLOCKS, FEWEST = 10, 6  # of a trajectory's windows, at most; windows of which a correlation time can be estimated
+TOLD = 0.5  # of the width of p⁺: an interval as wide says nothing
+SHARED, ALL = "all windows (shared)", "all"
+COLUMNS = ("parameter", "unit", "of", "value", "error", "low", "high", "spread", "windows", "groups", "told")
+EMPTY = "No version states parameters that are constants of an apparatus."
+CAPTION = (
+    "Estimates of the parameters with their standard error and 90 % interval. Shared: one value for all windows, "
+    "fitted to the training windows together, with errors clustered by trajectory, or by blocks of windows of few. Of "
+    "a trajectory: mean of its windows' own estimates in all sets (at most 200 of the training set), weighted by their "
+    "errors, with the error that blocks of successive windows tell. Of all: mean over trajectories, or over windows "
+    "where each is a trajectory, and the spread between them beyond their errors. Told: the interval is narrower than "
+    "half the range of p⁺, in which fits start; no, the data do not tell the parameter. Intervals say how sure the "
+    "estimate is if the model is right. Of several seeds the mean, with their spread in the error."
+)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter, as a version states it.
+
+    Attributes:
+        parameter, unit: which one.
+        of: all windows (shared), all, or a trajectory's name.
+        value, error: in its unit, with the standard error; NaN where nothing says how large it is.
+        low, high: ends of the 90 % interval.
+        spread: standard deviation between trajectories or windows beyond their errors; NaN of a single one.
+        windows: how many it is from.
+        groups: how many of them count as independent.
+        told: whether the data tell it; None where no p⁺ says how wide an interval may be.
+    """
+
+    parameter: str
+    unit: str
+    of: str
+    value: float
+    error: float
+    low: float
+    high: float
+    spread: float
+    windows: int
+    groups: int
+    told: bool | None
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """A mean of independent values.
+
+    Attributes:
+        value, error: and its standard error.
+        spread: standard deviation of what the values are of, beyond their own errors.
+        groups: number of values.
+    """
+
+    value: float
+    error: float
+    spread: float
+    groups: int
+
+
+def pool(values: np.ndarray, errors: np.ndarray | None, blocks: np.ndarray | None = None) -> Pooled:
+    """Mean of values with the scatter beyond their errors; its own error is never less than what the errors say.
+
+    Arguments:
+        values: (N,), finite.
+        errors: their standard errors (N,); None: nothing is known of them.
+        blocks: numbers (N,) of what counts as independent; None: each value does.  Of a single block no error follows
+            from scatter: it is then that of a single value, as if all said the same.
+    """
+    count = len(values)
+    known = errors is not None and np.isfinite(errors).all()
+    variance = np.square(errors).clip(1e-24) if known else np.ones(count)
+    weights, spread = 1 / variance, np.nan
+    if count > 1:
+        scatter = weights @ np.square(values - weights @ values / weights.sum())
+        freedom = weights.sum() - np.square(weights).sum() / weights.sum()
+        beyond = max(0.0, scatter - (count - 1)) / freedom if known else scatter / (count - 1)
+        spread = float(np.sqrt(beyond))
+        weights = 1 / (variance + beyond) if known else weights
+    mean = float(weights @ values / weights.sum())
+    numbers = np.arange(count) if blocks is None else np.unique(blocks, return_inverse=True)[1]
+    groups = int(numbers.max()) + 1
+    least = float(np.sqrt(1 / (1 / variance).sum())) if known else np.nan
+    if groups == 1:
+        return Pooled(mean, least * np.sqrt(count), spread, 1)
+    pulls = np.bincount(numbers, weights * (values - mean))
+    error = float(np.sqrt(groups / (groups - 1) * np.square(pulls).sum()) / weights.sum())
+    return Pooled(mean, float(np.fmax(error, least)), spread, groups)
+
+
+def correlation_time(values: np.ndarray) -> float:
+    """1 + 2 Σ ρ_k of a series (N,), by Geyer's initial positive sequence; N of one that is too short to tell."""
+    count = len(values)
+    if count < FEWEST:
+        return float(count)
+    centred = values - values.mean()
+    level = centred @ centred
+    if level <= 0:
+        return 1.0
+    rho = np.array([centred[k:] @ centred[: count - k] for k in range(count // 2)]) / level
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(1)
+    positive = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
+    return float(max(1.0, 2 * pairs[:positive].sum() - 1))
+
+
+def blocks_of(values: np.ndarray) -> np.ndarray:
+    """Numbers (N,) of blocks of successive values that are long enough to be independent."""
+    count = len(values)
+    blocks = int(np.clip(count / (2 * correlation_time(values)), 1, BLOCKS))
+    return np.arange(count) * blocks // count
+
+
+def of_trajectory(values: np.ndarray, errors: np.ndarray | None) -> Pooled:
+    """The mean of one trajectory's windows (N,) in the order of their times."""
+    if errors is None or not np.isfinite(errors).all():
+        return pool(values, None, blocks_of(values))
+    return pool(values, errors, blocks_of(values))
+
+
+def interval(pooled: Pooled) -> tuple[float, float]:
+    """Ends of the interval of a mean: Student's t of its groups, or of a single one normal."""
+    quantile = 0.5 + LEVEL / 2
+    wide = stats.t.ppf(quantile, pooled.groups - 1) if pooled.groups > 1 else stats.norm.ppf(quantile)
+    return pooled.value - wide * pooled.error, pooled.value + wide * pooled.error
+
+
+def places_of(identity: np.ndarray | None, count: int) -> dict[str, np.ndarray]:
+    """Places of each trajectory's windows in the order of their times; of windows without identities of each its own.
+
+    Arguments:
+        identity: ``trajectory/first row`` of each window, (N,); of others, which name a trajectory, the order is taken.
+    """
+    if identity is None:
+        return {str(k): np.array([k]) for k in range(count)}
+    parts = [str(one).rpartition("/") for one in identity]
+    known = [bool(head) and tail.isdigit() for head, _, tail in parts]
+    names = [head if told else str(one) for (head, *_), told, one in zip(parts, known, identity, strict=True)]
+    ordered = sorted(range(count), key=lambda k: int(parts[k][2]) if known[k] else 0)
+    return {name: np.array([k for k in ordered if names[k] == name]) for name in dict.fromkeys(names)}
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a version states of N windows.
+
+    Attributes:
+        values: (S, N, K), of S seeds.
+        errors: standard deviations (S, N, K); None where it states none.
+        names, units: of the K parameters.
+        identity: of the windows, (N,); None: each is a trajectory.
+        shared: number of independent groups of windows by name of the parameters that all share.
+    """
+
+    values: np.ndarray
+    errors: np.ndarray | None
+    names: Sequence[str]
+    units: Sequence[str]
+    identity: np.ndarray | None
+    shared: Mapping[str, int]
+
+
+def summarise(
+    stated: Stated, ranges: Mapping[str, Sequence[float]], left_out: Sequence[str] = (), of: str = ALL
+) -> list[Estimate]:
+    """A version's estimates: shared ones once, others of all trajectories and, where they were measured, of each.
+
+    Arguments:
+        ranges: p⁺ by parameter, where it is known.
+        left_out: parameters that are no constants, as initial speeds.
+        of: how all trajectories together are called.
+    """
+    found = []
+    for k, (name, unit) in enumerate(zip(stated.names, stated.units, strict=True)):
+        if name in left_out:
+            continue
+        values = stated.values[..., k].astype(float)
+        known = np.isfinite(values).all(0)
+        errors = None if stated.errors is None else stated.errors[..., k].astype(float)[:, known]
+        values, identity = values[:, known], None if stated.identity is None else stated.identity[known]
+        if not known.any():
+            continue
+
+        def row(one: Pooled, of: str, windows: int, name: str = name, unit: str = unit) -> Estimate:
+            low, high = interval(one)
+            ends = ranges.get(name)
+            told = None if ends is None or not np.isfinite(high - low) else high - low < TOLD * (ends[1] - ends[0])
+            numbers = (one.value, one.error, low, high, one.spread, windows, one.groups)
+            return Estimate(name, unit, of, *numbers, None if told is None else bool(told))
+
+        windows = values.shape[1]
+        if name in stated.shared:
+            error = np.nan if errors is None else float(errors[0, 0])
+            found.append(row(Pooled(float(values[0, 0]), error, np.nan, stated.shared[name]), SHARED, windows))
+            continue
+        seeds, mean = values.mean(1), values.mean(0)
+        typical = None if errors is None else errors.mean(0)
+        between = seeds.std(ddof=1) / np.sqrt(len(seeds)) if len(seeds) > 1 else 0.0
+        each = {}
+        for trajectory, places in places_of(identity, windows).items():
+            one = of_trajectory(mean[places], None if typical is None else typical[places])
+            each[trajectory] = Pooled(one.value, float(np.hypot(one.error, between)), np.nan, one.groups), len(places)
+        if len(each) > 1:
+            means, own = (np.array([getattr(one, part) for one, _ in each.values()]) for part in ("value", "error"))
+            together = pool(means, own)
+            error = float(np.hypot(together.error, between))
+            found.append(row(Pooled(together.value, error, together.spread, together.groups), of, windows))
+        if identity is not None:
+            found += [row(one, trajectory, count) for trajectory, (one, count) in each.items()]
+    return found
+
+
+def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: EstimatesJob) -> None:
+    """Write the table of an experiment's estimates.
+
+    Arguments:
+        forecasts: forecasts.npz of all versions and groups of seeds.
+        outputs: any of .csv, .md and .tex; where no version states a parameter they say so.
+
+    Raises:
+        InputError: a file is broken, or an output's suffix is unknown.
+    """
+    of_version: dict[str, list[Forecasts]] = {}
+    for one in read_forecasts(forecasts):
+        of_version.setdefault(one.identified().method, []).append(one)
+    rows, experiment = [], ""
+    for version, label in job.labels:
+        parts = of_version.get(version, [])
+        experiment = parts[0].identified().experiment if parts else experiment
+        for of, stated in _stated(parts, job).items():
+            found = summarise(stated, job.priors.get(version, {}), job.starts, of)
+            rows += [{"method": version, "label": label, **vars(one)} for one in found]
+    long = pd.DataFrame(rows, columns=["method", "label", *COLUMNS])
+    again = (long["of"] == SHARED) & long.duplicated(["method", "parameter", "of"])  # the same in every set
+    long = long[~again].reset_index(drop=True)
+    Study(long, [_table(long, f"{job.of_experiment(experiment)}: estimates")]).save(outputs)
+
+
+def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
+    """What a version's files state by what it is of: of measurements all sets, of simulations each set by itself."""
+    parts = [part for part in parts if part.places]
+    sets = {} if not parts else {n: one for n, one in parts[0].sets.items() if one.estimated is not None}
+    if not sets:
+        return {}
+    first, names = parts[0], order_sets(sets)
+
+    def joined(field: str, name: str) -> np.ndarray | None:
+        each = [(getattr(part.sets[name], field), part.places) for part in parts]
+        return None if any(one is None for one, _ in each) else np.concatenate([one[good] for one, good in each])
+
+    def stated(chosen: Sequence[str], identity: np.ndarray | None) -> Stated:
+        values, errors = ([joined(field, name) for name in chosen] for field in ("estimated", "estimated_std"))
+        return Stated(
+            np.concatenate(values, axis=1),  # type: ignore[arg-type]
+            None if any(one is None for one in errors) else np.concatenate(errors, axis=1),  # type: ignore[arg-type]
+            first.estimated_names,
+            first.estimated_units,
+            identity,
+            first.shared,
+        )
+
+    if all(sets[name].sample_id is not None for name in names):
+        return {ALL: stated(names, np.concatenate([sets[name].sample_id for name in names]))}
+    if set(first.shared) >= set(first.estimated_names):  # the same in all sets
+        return {SHARED: stated(names, None)}
+    return {job.of_set(name): stated([name], None) for name in names if name != "train"}
+
+
+def _table(long: pd.DataFrame, title: str) -> Table:
+    head = ["method", "parameter", "of", "estimate", "±", "90 % interval", "spread", "windows", "told"]
+    rows = []
+    for _, row in long.iterrows():
+        shown = _rounded(row["error"])
+        quantity = f"{row['parameter']} [{row['unit']}]" if row["unit"] else row["parameter"]
+        ends = f"[{shown(row['low'])}, {shown(row['high'])}]" if np.isfinite(row["low"]) else DASH
+        told = DASH if row["told"] is None or pd.isna(row["told"]) else "yes" if row["told"] else "no"
+        numbers = [shown(row[key]) for key in ("value", "error")]
+        rows.append(
+            [row["label"], quantity, row["of"], *numbers, ends, shown(row["spread"]), str(row["windows"]), told]
+        )
+    return Table(head, [("", rows)], 3, (), title, CAPTION, "estimates", empty=EMPTY)
+
+
+def _rounded(error: float) -> Callable[[float], str]:
+    """What prints numbers to two digits of their error, or to four of their own where that is not known."""
+
+    def shown(value: float) -> str:
+        if not np.isfinite(value):
+            return DASH
+        if not np.isfinite(error) or error <= 0:
+            return f"{value:.4g}".replace("-", "−")
+        digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 12))
+        return f"{value:.{digits}f}".replace("-", "−")
+
+    return shown
