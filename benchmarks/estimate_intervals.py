@@ -1,8 +1,8 @@
 """Do 90 % intervals of estimates hold?  ``python benchmarks/estimate_intervals.py`` (five minutes of a free core).
 
 Damped pendulums of one frequency and friction are simulated with noise .02 and cut into windows of 2 s, of which each
-begins .5 s after the one before and overlaps it.  Both parameters are fitted to each window and, by another row, shared
-by all.  Prints, for a number of trajectories and their length, how many of the intervals of ``model.estimates`` hold the
+begins .5 s after the one before and overlaps it.  Both parameters are fitted to each window and, once more, shared by
+all.  Prints, for a number of trajectories and their length, how many of the intervals of ``model.estimates`` hold the
 truth: of the shared value, of the mean of all trajectories, and of each trajectory.
 """
 
