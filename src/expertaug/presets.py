@@ -146,6 +146,14 @@ class Choices(Settings):
         code="forecast",
         corrected="observed",
     )
+    augmented_selection: Literal["observed", "forecast"] = _row(
+        "points of the augmented validation samples by which fine-tuning selects, beside the validation set: observed "
+        "= those that training compares; forecast = (t1, t2], where the model itself made them: an encoder whose z_a "
+        "leave the range in which F_a was learned explains the observed window and fails after it",
+        paper="observed",
+        code="observed",
+        corrected="observed",
+    )
 
 
 def _described(field: FieldInfo) -> Row:

@@ -37,7 +37,12 @@ def test_it_prints_states_and_estimates_of_every_seed_with_units(fit, model, set
     assert status == 0
     table = pd.read_csv(io.StringIO(told.out))
     states = ["seed", "sample", "t [s]", "theta [rad]", "omega [rad/s]"]
-    assert list(table.columns) == [*states, "z_e omega0 [rad/s]", "misfit"]  # ten validation windows give no threshold
+    assert list(table.columns) == [
+        *states,
+        "z_e omega0 [rad/s]",
+        "misfit",
+        "outside",
+    ]  # ten validation windows give no threshold
     assert len(table) == 2 * 2 * 21 and list(table["sample"].unique()) == ["w2", "w5"]
     found = fit.forecast(sets["test"].y[[2, 5], :11], T)
     one = table[(table["seed"] == 1) & (table["sample"] == "w5")]
@@ -120,4 +125,5 @@ def test_a_model_keeps_what_it_needs_for_the_alarm(sets, recipe, tmp_path):
     assert again.forecast(many.y[:, :11], T, start="y_t1").misfit is None
     refined = again.refined(noise=0.01)
     assert refined.forecast(many.y[:3, :11], T).trusted is None, "other estimates, other misfits"
-    assert refined.watched(many).forecast(many.y[:3, :11], T).trusted.all()
+    watched = refined.watched(many).forecast(many.y[:3, :11], T)
+    np.testing.assert_array_equal(watched.trusted, ~watched.outside)  # as well explained, and where F_a was learned

@@ -37,7 +37,7 @@ def test_least_squares_forecasts_like_a_trained_model(clean, fitted):
     table = fitted.evaluate(clean).set_index("metric")["value"]
     assert table["log_mse_sum"] < -7 and table["relative_error"] < 2
     columns = found.table().columns
-    assert list(columns[-4:]) == ["z_e omega0 [rad/s]", "z_e omega0 std [rad/s]", "chi2", "misfit"]
+    assert list(columns[-5:]) == ["z_e omega0 [rad/s]", "z_e omega0 std [rad/s]", "chi2", "p_chi2", "misfit"]
 
 
 def test_diffusion_is_not_taken_in_coarse_steps():
@@ -122,3 +122,31 @@ def test_where_f_a_holds_is_said_of_windows_alone(fitted):
     found = ea.validity(fitted, train, slow.y[:, : fitted.observed], noise=0.01, prior=PRIOR)["omega0"]
     low, high = found.holds  # without friction the expert alone holds everywhere
     assert low < 0.8 and high > 2.7 and "omega0" in found.says
+
+
+def test_a_model_that_does_not_explain_its_windows_says_so(clean, fitted, caplog):
+    """The noise is as stated: χ² has its distribution; with a noise of a third it has not."""
+    right = fitted.forecast(clean.y[:, : fitted.observed], T)
+    assert right.p_chi2.shape == (12,) and 0.01 < np.median(right.p_chi2) < 0.99
+    assert "does not explain" not in caplog.text
+    wrong = ea.least_squares(ea.DampedPendulum(), clean, observed_s=3.0, prior=PRIOR, noise=0.0033)
+    table = wrong.forecast(clean.y[:, : fitted.observed], T).table()
+    assert table["p_chi2"].max() < 1e-6
+    assert "the model does not explain 12 of 12 windows to within their noise" in caplog.text
+
+
+def test_without_a_noise_nothing_is_said_of_chi2(clean):
+    exact = ea.least_squares(ea.DampedPendulum(), clean, observed_s=3.0, prior=PRIOR)
+    assert exact.forecast(clean.y[:, : exact.observed], T).p_chi2 is None
+
+
+def test_windows_outside_the_trainings_range_are_not_trusted(fit, sets, caplog):
+    like, far = sets["validation"].y[:, : fit.observed].copy(), sets["validation"].y[:, : fit.observed].copy()
+    far[..., 1] *= 30.0
+    assert fit.forecast(like, fit.t).outside.mean() <= 0.2
+    caplog.clear()
+    told = fit.watched(sets["train"]).forecast(far, fit.t)
+    assert told.outside.mean() >= 0.8 and not told.trusted[told.outside].any()
+    assert "outside the range of the training windows'" in caplog.text
+    metrics = fit.evaluate(sets["test"]).query("metric == 'outside_share'")
+    assert metrics["value"].between(0, 1).all() and len(metrics) == 2

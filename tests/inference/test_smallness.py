@@ -1,11 +1,13 @@
 """How large F_a is and what it holds of the expert, against direct formulas."""
 
+import pytest
 import torch
 
-from expertaug.inference.alternating import expert_tangents, squares
-from expertaug.learning.objectives import decorrelate
+from expertaug.learning.expert_share import decorrelate, expert_share, expert_tangents, squares
+from expertaug.models.decoder import Decoder
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.rlc import RLC
+from expertaug.systems.solvers.solver import Solver
 
 
 def test_a_mixture_takes_each_component_from_another_window():
@@ -50,6 +52,30 @@ def test_the_share_is_the_part_along_the_tangents():
     whole, share = squares(across, tangents)
     assert share < 1e-8 * whole
     torch.testing.assert_close(squares(across + along, tangents)[1], squares(along, tangents)[1], rtol=1e-4, atol=0)
+
+
+@pytest.mark.parametrize("of", ["restoring force", "friction", "both"])
+def test_how_much_of_f_a_another_z_e_would_say(of):
+    """A part of sin θ is the pendulum's expert with another ω0; a friction is not, where angle and speed are
+    independent, as they are not along a swing that dies away."""
+
+    class Rates(torch.nn.Module):
+        def context(self, z_a, z_e):
+            return z_a
+
+        def forward(self, y, context):
+            force, friction = 0.3 * torch.sin(y[..., 0]), -context[..., 0] * y[..., 1]
+            rate = {"restoring force": force, "friction": friction, "both": force + friction}[of]
+            return torch.stack((torch.zeros_like(rate), rate), -1)
+
+    t = torch.arange(80, dtype=torch.float64) * 0.1
+    z_e, z_a = torch.full((1, 64, 1), 2.0), torch.full((1, 64, 1), 0.4)
+    start = torch.stack((torch.linspace(-1.5, 1.5, 64), torch.zeros(64)), -1).unsqueeze(0)
+    decoder = Decoder(DampedPendulum(), Rates())
+    states = decoder.forecast(start.double(), z_e.double(), z_a.double(), t, Solver("rk4"))
+    share = expert_share(decoder, states, z_e, z_a, t)
+    low, high = {"restoring force": (0.999, 1.0), "friction": (0.0, 0.15), "both": (0.2, 0.95)}[of]
+    assert low <= float(share) <= high
 
 
 def test_an_expert_without_parameters_to_move_it_holds_nothing():

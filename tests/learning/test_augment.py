@@ -10,8 +10,10 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augment as augmentation
-from expertaug.learning.objectives import Aphynity, decorrelate
-from expertaug.learning.settings import TrainSettings
+from expertaug.learning import finetune as tuning
+from expertaug.learning.expert_share import decorrelate
+from expertaug.learning.objectives import Aphynity
+from expertaug.learning.settings import FinetuneOptions, TrainSettings
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.presets import ROWS, Choices, resolve
@@ -52,6 +54,22 @@ def test_augmented_samples_are_the_models_own(trained, data, tmp_path, settings)
     t = torch.tensor(stored.card.t[:11])
     expected = stored.model.forecast(real.y[0].expand(2, -1, -1), plus.z_e, z_a, t, Solver("rk4"))
     torch.testing.assert_close(plus.y, expected.detach())
+
+
+def test_the_augmented_samples_that_select_go_as_far_as_the_choice_says(trained, data, tmp_path, settings):
+    short = None
+    stored, sets = store.load(trained), [Trajectories.load(data / f"{name}.npz") for name in ("train", "validation")]
+    for choice, times in (("observed", 11), ("forecast", 21)):
+        plus, validation, _ = augmented(trained, data, tmp_path / choice, settings, augmented_selection=choice)
+        assert len(plus.y) == 11 and len(validation.y) == times
+        short = validation if choice == "observed" else short
+        samples = augmentation.load(tmp_path / choice / "plus.st", CPU, TIMES)
+        said = {"method": "aphynity+", "label": "APHYNITY+", "preset": "corrected", "experiment": "pendulum"}
+        chosen = Choices.of(**settings["choices"] | {"augmented_selection": choice})
+        options = FinetuneOptions.of(**said, choices=chosen, seeds=[0, 1], training=settings["training"])
+        checks = tuning.prepare(stored, samples, *sets, options).trainer.validation
+        assert [points for _, points in checks] == [range(1, 11), range(11 if times == 21 else 1, times)]
+    assert torch.equal(short.z_e, validation.z_e) and torch.equal(short.z_a, validation.z_a), "the same samples"
 
 
 def test_augmented_samples_keep_the_z_a_that_made_them(trained, data, tmp_path, settings):

@@ -28,8 +28,12 @@ class Forecast:
             explain the window.  None without refinement.
         misfit: mean squared error over the observed window after its first point, summed over the observed quantities,
             (N,); None where a forecast begins at its end.
-        trusted: whether the misfit is no larger than that of 95 % of the validation windows, (N,), bool; None where
-            theirs are not known.
+        p_chi2: probability of a χ² as large as that if the model and the noise are right, (N,); None where no noise is
+            known.
+        outside: whether the window's z_e or z_a lies outside the range of the training windows', where nothing has
+            tested F_a, (N,), bool; None where that is not known, or there is no F_a.
+        trusted: whether the misfit is no larger than that of 95 % of the validation windows, and the window not
+            outside, (N,), bool; None where the former are not known.
     """
 
     t: np.ndarray
@@ -40,11 +44,13 @@ class Forecast:
     z_e_std: dict[str, Array] = field(default_factory=dict)
     chi2: Array | None = None
     misfit: Array | None = None
+    p_chi2: Array | None = None
+    outside: Array | None = None
     trusted: Array | None = None
 
     def table(self) -> pd.DataFrame:
         """A row per seed, sample and time; columns seed, sample, ``t [s]``, states, z_e with their units, and, where
-        there are any, their standard deviations, χ², misfit and whether the forecast is to be trusted.
+        there are any, their standard deviations, χ², misfit, whether the window lies outside and whether to trust it.
 
         Raises:
             InputError: the state is a field.
@@ -62,8 +68,8 @@ class Forecast:
         of_window |= {
             labelled(f"z_e {name} std", self.units[f"z_e {name}"]): value for name, value in self.z_e_std.items()
         }
-        further = {"chi2": self.chi2, "misfit": self.misfit, "trusted": self.trusted}
-        of_window |= {name: value for name, value in further.items() if value is not None}
+        further = ("chi2", "p_chi2", "misfit", "outside", "trusted")
+        of_window |= {name: value for name in further if (value := getattr(self, name)) is not None}
         for name, value in of_window.items():
             each = np.asarray(value.cpu() if isinstance(value, Tensor) else value).reshape(y.shape[:2])
             columns[name] = each[index[0], index[1]]

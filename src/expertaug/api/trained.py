@@ -22,14 +22,17 @@ from expertaug.evaluation.estimates import COLUMNS, Stated, summarise
 from expertaug.evaluation.score import score, spread
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.diagnostics.alarm import threshold
+from expertaug.inference.diagnostics.goodness import find_unexplained
 from expertaug.inference.flow import load as load_any
-from expertaug.inference.least_squares import refined_by
+from expertaug.inference.least_squares import LeastSquares, refined_by
 from expertaug.learning.residuals import record_residuals, window_residual
 from expertaug.models import store
+from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Predictor
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel, device_of
+from expertaug.models.support import outside_support
 from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -40,6 +43,14 @@ FEWEST = 19  # validation windows of which one in twenty can be told
 DOUBT = (
     "%d of %d windows are explained worse than 95 %% of the validation windows (trusted is False): the model may not "
     "hold there"
+)
+OUTSIDE = (
+    "%d of %d windows have a z_e or z_a outside the range of the training windows' (outside is True): nothing has "
+    "tested F_a there"
+)
+UNEXPLAINED = (
+    "the model does not explain %d of %d windows to within their noise (p_chi2 is small): another expert, or another "
+    "noise, is called for"
 )
 logger = logging.getLogger(__name__)
 
@@ -172,9 +183,12 @@ class TrainedModel:
         chi2, misfit = estimates.chi2, None
         if start == "y0":  # else the forecast begins with the window itself
             misfit = window_residual(self.system, states, windows.y)
-        trusted = None if misfit is None else self._trusted(misfit)
+        outside = outside_support(self.system, self._as_used.card, estimates)
+        trusted = None if misfit is None else self._trusted(misfit, outside)
+        _warn_of_most(outside, OUTSIDE)
         each = [
-            None if v is None else arguments.like(v[0] if self.single else v, window) for v in (chi2, misfit, trusted)
+            None if value is None else arguments.like(value[0] if self.single else value, window)
+            for value in (chi2, misfit, self._probability(chi2, windows), outside, trusted)
         ]
         return Forecast(t, y, named, units, self.seeds, std, *each)
 
@@ -254,7 +268,7 @@ class TrainedModel:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
         scoring = Scoring.of(from_s=from_s, solver=dict(vars(solver or self.solver)), draws=0)
         with arguments.one_thread():
-            scored = score(replace(self.stored, model=self.predictor), data, scoring, start, windows.y.device)
+            scored = score(self._as_used, data, scoring, start, windows.y.device)
         rows = [(seed, metric, value) for metric, seed, value in scored.of_seeds(self.seeds)]
         return pd.DataFrame(rows, columns=["seed", "metric", "value"])
 
@@ -291,16 +305,39 @@ class TrainedModel:
         seen = arguments.trajectories(validation, "validation").seen[:, : self.observed]
         windows, _ = self._windows(seen, validation.t, validation.u)
         with arguments.one_thread():
-            kept = record_residuals(replace(self.stored, model=self.predictor), windows.seed(slice(1)))
+            kept = record_residuals(self._as_used, windows.seed(slice(1)))
         return replace(self, misfits=kept["validation"])
 
-    def _trusted(self, misfit: Tensor) -> Tensor | None:
-        """Whether each misfit (S, N) is one that the validation windows have too; None where theirs are not known."""
+    @property
+    def _as_used(self) -> StoredModel:
+        """What estimates and forecasts, with a card that says how windows are fitted."""
+        card = self.stored.card
+        changed = card if self.refinement == card.refinement else card.but(refinement=self.refinement)
+        return replace(self.stored, model=self.predictor, card=changed)
+
+    def _probability(self, chi2: Tensor | None, windows: Windows) -> Tensor | None:
+        """Of so large a χ² (S, N) per degree of freedom, with the noise that is known; None where none is."""
+        used, refinement = self.predictor, self.refinement
+        if chi2 is None or refinement is None or not isinstance(used, LeastSquares):
+            return None
+        known = "noise" in refinement.settings.model_fields_set
+        if not known and not is_some(noise_of(refinement.noise, self.system, self.stored.card)):
+            return None
+        freedom = used.fit.degrees_of_freedom(windows.joined.cpu()).to(chi2).expand_as(chi2)
+        each = zip(chi2.double().cpu().numpy(), freedom.double().cpu().numpy(), strict=True)
+        beyond = np.stack([find_unexplained(np.nan_to_num(of_seed, nan=np.inf), dof) for of_seed, dof in each])
+        _warn_of_most(torch.from_numpy(beyond), UNEXPLAINED)
+        return torch.special.gammaincc(freedom / 2, freedom * chi2 / 2)
+
+    def _trusted(self, misfit: Tensor, outside: Tensor | None) -> Tensor | None:
+        """Whether each misfit (S, N) is one that the validation windows have too, and the window none outside; None
+        where theirs are not known."""
         kept = self.misfits
         if kept is None and self.refinement == self.stored.card.refinement:
             record = self.stored.card.misfit
             kept = None if record is None else record.validation
-        return judge(misfit, kept)
+        trusted = judge(misfit, kept)
+        return trusted if trusted is None or outside is None else trusted & ~outside.to(trusted.device)
 
     def save(self, path: str | Path) -> None:
         """Write a model file, which :func:`load` and the command line read; of a refined model the model itself.
@@ -377,7 +414,12 @@ def judge(misfit: Tensor, kept: Sequence[Sequence[float]] | None) -> Tensor | No
         return None
     limits = misfit.new_tensor([threshold(np.array(of_seed)) for of_seed in kept])
     trusted = misfit <= limits.unsqueeze(1)
-    doubtful = int((trusted.double().mean(0) <= 0.5).sum())
-    if doubtful:
-        logger.warning(DOUBT, doubtful, trusted.shape[1])
+    _warn_of_most(~trusted, DOUBT)
     return trusted
+
+
+def _warn_of_most(which: Tensor | None, text: str) -> None:
+    """Of windows (S, N) that are so for at least half of the seeds."""
+    count = 0 if which is None else int((which.double().mean(0) >= 0.5).sum())
+    if which is not None and count:
+        logger.warning(text, count, which.shape[1])

@@ -55,7 +55,7 @@ class AugmentedSets:
     """D⁺ of a trained model: an augmented training and validation set of each seed.
 
     Attributes:
-        t: times in s, (T,): those that fine-tuning needs.
+        t: times in s, (T,): those of the training set, of which each augmented set has the first.
         drawn: y (T, S, N, *state) and z_e (S, N, P) of both sets, and how they were drawn.
     """
 
@@ -86,7 +86,7 @@ class AugmentedSets:
             {name: value[k] for name, value in (("u", u), ("mask", mask)) if value is not None}
             for k in range(len(self.seeds))
         ]
-        return [Trajectories(self.t, y[k], z_e[k], **each) for k, each in enumerate(given)]
+        return [Trajectories(self.t[: y.shape[2]], y[k], z_e[k], **each) for k, each in enumerate(given)]
 
 
 def fit(
@@ -203,7 +203,7 @@ def augment(
     rows = _choices(model, preset, choices)[1]
     with arguments.one_thread():
         drawn = augmenting.augment(model.stored, train, validation, ranges, arguments.noise(noise), rows, float(worst))
-    return AugmentedSets(model.t[: len(drawn.train.y)], drawn)
+    return AugmentedSets(model.t, drawn)
 
 
 def finetune(

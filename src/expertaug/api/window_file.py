@@ -145,6 +145,10 @@ def _told(forecast: Forecast, found: Windows, observed: int) -> Iterator[str]:
             parts.append(f"{parameter} = {each.mean():.4g}{of} {forecast.units[f'z_e {parameter}']}".rstrip())
         if forecast.chi2 is not None:
             parts.append(f"χ² {of_seeds(forecast.chi2)[:, k].mean():.3g}")
+        if forecast.p_chi2 is not None:
+            parts.append(f"p {of_seeds(forecast.p_chi2)[:, k].mean():.2g}")
+        if forecast.outside is not None and (share := of_seeds(forecast.outside)[:, k].mean()) >= 0.5:
+            parts.append("outside the training windows' range")
         if forecast.trusted is None:
             parts.append("whether to trust it is not known (--validation says it)")
         else:

@@ -44,7 +44,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
     start = job.choices.forecast_start
     refinement = refinement_of(stored, job.refinement)
     if refinement is not None:
-        stored = replace(stored, model=refined_by(stored, refinement))
+        stored = replace(stored, model=refined_by(stored, refinement), card=stored.card.but(refinement=refinement))
     identity = (job.experiment, stored.card.system_name, job.method, job.label, job.preset)
     rows: list[MetricRow] = []
     sets: dict[str, SetForecasts] = {}

@@ -50,6 +50,10 @@ class Outcome:
         estimate_ms: processor time in which one seed estimates a window; None of a model that estimates nothing.
         z_e, truth: estimates (S, N, P) and true expert parameters (1, N, P), where the model knows them.
         drawn: averages over windows of the scores of drawn forecasts, by metric or by member of a family, each (S,).
+        outside: whether a window's estimates lie outside the training windows' (:mod:`expertaug.models.support`),
+            (S, N); None where that is not known.
+        with_truth: squared errors of K samples with the true z_e and with the estimated, (2, S, K).
+        expert_share: share of F_a that another z_e would say (:mod:`expertaug.learning.expert_share`), (S,).
     """
 
     system: System
@@ -61,6 +65,9 @@ class Outcome:
     z_e: Tensor | None = None
     truth: Tensor | None = None
     drawn: Mapping[str, Any] | None = None
+    outside: Tensor | None = None
+    with_truth: Tensor | None = None
+    expert_share: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -364,6 +371,20 @@ DIVERGED = register(
         not_negative=True,
     )
 )
+register(
+    Metric(
+        "outside_share",
+        "outside",
+        "%",
+        note="Outside: windows whose z_e or z_a lies outside the range of the training windows', where nothing has "
+        "tested F_a; for augmented versions, p⁺ is inside.",
+        compute=lambda o: None if o.outside is None else o.outside.double().mean(1),
+        shown=Shown.WHERE_ANY,
+        digits=1,
+        factor=100,
+        not_negative=True,
+    )
+)
 COST = register(
     Metric(
         "estimate_ms",
@@ -406,6 +427,30 @@ RELATIVE_ERROR_OF = register(
 RMSE_OF = register(
     Metric(
         "rmse_{of}", "{of} RMSE", None, compute=lambda o: _errors_of_parameters(o)[1], better="lower", not_negative=True
+    )
+)
+register(
+    Metric(
+        "log_mse_true_z_e",
+        "log-MSE with the true z_e, less that with the estimated",
+        note="Where the true z_e makes forecasts worse, F_a makes up for a wrong one (of at most 64 samples).",
+        compute=lambda o: None if o.with_truth is None else log_of_mean(o.with_truth[0]) - log_of_mean(o.with_truth[1]),
+        digits=2,
+        better="lower",
+    )
+)
+register(
+    Metric(
+        "expert_share",
+        "F_a in the expert's directions",
+        "%",
+        note="F_a in the expert's directions: how much of F_a another z_e would say as well, where the components of "
+        "the state are independent.",
+        compute=lambda o: o.expert_share,
+        digits=1,
+        factor=100,
+        better="lower",
+        not_negative=True,
     )
 )
 register(Metric("crps", "CRPS of forecasts", compute=_drawn("crps"), better="lower", not_negative=True))

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from expertaug.evaluation.expert_probe import ExpertProbe
 from expertaug.evaluation.forecasting import DRAWN, DrawnScores, ExpectedError, drawing_of, forecast
 from expertaug.evaluation.metrics import Outcome, values_of
 from expertaug.evaluation.settings import Scoring
@@ -19,6 +20,7 @@ from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors, window_residual
 from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.store import StoredModel
+from expertaug.models.support import outside_support
 from expertaug.systems.inputs import check_given
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
@@ -105,6 +107,7 @@ def score(
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0
     of_truth, stated = bool(stored.card.truth), []
+    outside, probe = [], ExpertProbe(stored.model, drawing, len(truth))
     few = min(drawing.count, scoring.expected_draws)
     expected = ExpectedError(stored.model, replace(drawing, count=few))
     chosen = np.linspace(0, len(truth) - 1, min(scoring.drawn_samples, len(truth))).astype(int)
@@ -129,11 +132,14 @@ def score(
         kept.append(found.states[:, :, here].cpu())
         runaways.append(found.runaways.cpu())
         estimate_s += found.estimate_s
+        beyond = outside_support(system, stored.card, found.found)
+        outside += [] if beyond is None else [beyond]
         if found.found.z_e is not None and stored.model.knows_z_e:
             estimates.append(found.found.z_e.cpu())
             stated.append(found.found.stated(of_truth))
             of_each = z_e_draws(found.found)
             drawn += [] if of_each is None else [of_each.cpu()]
+        probe.add(found, whole, truth.z_e[first : first + size], limit, first)
         if drawing.count and found.found.z_e is not None:
             places = chosen[(chosen >= first) & (chosen < first + size)] - first
             for wanted, made, at in ((drawing.scores, scores, places), (drawing.band, bands, here)):
@@ -156,6 +162,8 @@ def score(
         z_e,
         torch.from_numpy(truth.z_e).unsqueeze(0),
         None if of_draws is None else of_draws.averages(),
+        torch.cat(outside, dim=1) if outside else None,
+        *probe.joined(),
     )
     failed = torch.tensor([seed in stored.failed for seed in stored.seeds])
     values = {name: value.masked_fill(failed, math.nan) for name, value in values_of(outcome).items()}

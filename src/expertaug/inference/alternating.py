@@ -6,7 +6,7 @@ minimum, the gradient is that of variable projection).
 Of all F_a that explain the data the smallest is wanted (APHYNITY, Yin et al. 2021): it leaves to the expert what the
 expert can do.  Along the data's own trajectories that is not so: in a swing that dies away angle and speed are
 correlated, and the smallest F_a with a damping there has a share of the restoring force as well.  Here F_a is measured
-where the components of the state are independent (:func:`expertaug.learning.objectives.decorrelate`).
+where the components of the state are independent (:func:`expertaug.learning.expert_share.decorrelate`).
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
+from expertaug.learning.expert_share import expert_sizes, squares_beside_expert
 from expertaug.learning.job import Job
-from expertaug.learning.objectives import decorrelate
 from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import mean_squared_error, record_residuals
@@ -48,9 +48,10 @@ from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Estimates
 from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.models.support import support_of
 from expertaug.settings import given_ranges
 from expertaug.systems import System
-from expertaug.systems.inputs import check_given, check_trainable, further, inputs_of, states_of
+from expertaug.systems.inputs import check_given, check_trainable, inputs_of, states_of
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows, fill
@@ -60,10 +61,6 @@ PROGRESS_S = 10.0
 FIRST_STEPS = 8  # of Levenberg and Marquardt, with which every training window begins
 SPREAD = 0.3  # standard deviation of the first z_a: F_a learns what they are good for
 WORST = 0.1  # share of the training windows that are started anew at each validation
-# F_a is measured at so many windows' points, each so many points from the next, for z_a of so many windows.
-STATES, EVERY, LATENTS = 64, 4, 16
-STEP = 1e-4  # of an expert parameter, in its scale, for a derivative in double precision
-RIDGE = 1e-6
 WIDTH = 1.0  # standard deviation of z_a's prior in training
 STEPS = 10  # of Levenberg and Marquardt, at most, where windows are started anew and in a validation
 
@@ -84,7 +81,7 @@ class Alternation:
 
     Attributes:
         best: state of the decoder of each seed's best validation score, by the names of its tensors.
-        best_latent: mean and standard deviation of the training windows' z_a then, (2, S, Q).
+        best_x: parameters (S, N, K) of the training windows' fits then.
     """
 
     def __init__(
@@ -118,7 +115,7 @@ class Alternation:
         self.best = {k: v.detach().clone() for k, v in self.model.state_dict().items()}
         self.best_score = torch.full((size,), math.inf)
         self.best_step = torch.zeros(size, dtype=torch.long)
-        self.best_latent = torch.zeros(2, size, fit.sizes[1], dtype=torch.float64)
+        self.best_x = self.x.clone()
         self.step_, self.seconds = 0, 0.0
         self.failed: dict[int, str] = {}
 
@@ -135,10 +132,7 @@ class Alternation:
         index = torch.arange(self.batch).expand(len(self.seeds), -1)
         windows, x = self._windows(index), self._of(self.x, index)
         z_e, system = self.fit.parts(x, self.fit.first(windows))[0], self.fit.system
-        states, u = self.fit.states(x, windows)[::EVERY], inputs_of(system, windows[::EVERY])
-        rate = expert_rates(system, self.fit.t[::EVERY], states, z_e, u)
-        size = rate.square().flatten(4).mean(-1) if rate.dim() > 4 else rate.square()
-        self.rates = size.mean((0, 2)).sqrt().clamp_min(1e-12)
+        self.rates = expert_sizes(system, self.fit.states(x, windows), z_e, self.fit.t, inputs_of(system, windows))
 
     def step(self) -> dict[str, Tensor]:
         """Improve a batch's estimates by one step each, then F_a by one gradient step; the loss's parts, each (S,)."""
@@ -175,15 +169,7 @@ class Alternation:
     def _sizes(self, states: Tensor, x: Tensor, u: Tensor | None) -> tuple[Tensor, Tensor]:
         """Mean squares (S,) of F_a and of its share of the expert, at forecasts (T1, S, B, *state) of parameters x."""
         z_e, z_a, _ = self.fit.parts(x, states[0])
-        times, latents = self.fit.t[::EVERY], z_a[:, :LATENTS]
-        mixed = decorrelate(states[::EVERY, :, :STATES].nan_to_num(0.0, 0.0, 0.0))
-        u = None if u is None else u[::EVERY, :, :STATES]
-        tangents = expert_tangents(
-            self.fit.system, times, mixed, z_e.mean(1, keepdim=True), self.fit.transform.expert.scale, u
-        )
-        rates = interaction_at(self.model, mixed, z_e[:, :LATENTS], latents, times, u)
-        unit = self.rates.view(1, len(self.seeds), 1, -1, *[1] * (mixed.dim() - 4))
-        return squares(rates / unit.unsqueeze(0), tangents / unit.unsqueeze(0))
+        return squares_beside_expert(self.model, states, z_e, z_a, self.fit.t, self.rates, u)
 
     @torch.no_grad()
     def score(self) -> Tensor:
@@ -252,12 +238,15 @@ class Alternation:
         self.best_score = torch.where(better, score, self.best_score)
         self.best_step = torch.where(better, self.step_, self.best_step)
         for key, value in self.model.state_dict().items():
-            self.best[key] = _chosen(better, value, self.best[key], 0)
-        p, q, _ = self.fit.sizes
-        z_a = self.x[..., p : p + q]
-        latent = torch.stack(moments(z_a))
-        self.best_latent = _chosen(better, latent, self.best_latent, 1)
+            self.best[key] = _chosen(better, value, self.best[key])
+        self.best_x = _chosen(better, self.x, self.best_x)
         return score
+
+    @torch.no_grad()
+    def best_estimates(self) -> tuple[Tensor, Tensor]:
+        """z_e (S, N, P) and z_a (S, N, Q) of the training windows, as each seed's best state has them."""
+        z_e, z_a, _ = self.fit.parts(self.best_x, self.fit.first(self.train))
+        return z_e, z_a
 
     def _progress(self, parts: Mapping[str, Tensor]) -> None:
         left = self.seconds / self.step_ * (self.settings.steps - self.step_)
@@ -301,75 +290,16 @@ class Alternation:
         self.found = None if state["found"] is None else Estimates(*state["found"])
 
 
-_RECORD = ("best", "best_score", "best_step", "best_latent", "step_", "seconds")
+_RECORD = ("best", "best_score", "best_step", "best_x", "step_", "seconds")
 
 
 def _residuals(fit: WindowFit, windows: Tensor, candidates: Tensor, columns: Tensor) -> Tensor:
     return fit.residuals(candidates, windows[:, :, columns])
 
 
-def _chosen(which: Tensor, one: Tensor, other: Tensor, axis: int) -> Tensor:
-    """For each seed ``which`` (S,) its part of the first tensor, for the others of the second; seeds along an axis."""
-    shape = [1] * one.dim()
-    shape[axis] = len(which)
-    return torch.where(which.view(shape), one, other)
-
-
-@torch.no_grad()
-def expert_tangents(
-    system: System, t: Tensor, states: Tensor, z_e: Tensor, scale: Tensor, u: Tensor | None = None
-) -> Tensor:
-    """How F_e changes with each expert parameter, per scale of it: (P, T, S, N, *state).
-
-    Arguments:
-        t: times of the states, (T,).
-        states: (T, S, N, *state).
-        z_e: (S, 1, P), where the derivative is taken.
-        scale: of the parameters, (P,).
-        u: known inputs (T, S, N, U) of a system that has some.
-    """
-    wide = z_e.expand(-1, states.shape[2], -1)
-
-    def rates(z: Tensor) -> Tensor:
-        return expert_rates(system, t, states, z, u)
-
-    moves = STEP * torch.diag(scale)
-    return torch.stack([(rates(wide + move) - rates(wide - move)) / (2 * STEP) for move in moves])
-
-
-def expert_rates(system: System, t: Tensor, states: Tensor, z_e: Tensor, u: Tensor | None = None) -> Tensor:
-    """F_e at times t (T,) and states (T, S, N, *state), with known inputs u (T, S, N, U) where there are some."""
-    known = [None] * len(t) if u is None else u
-    rates = [system.expert(s, y, z_e, *further(system, y, z_e, k)) for s, y, k in zip(t, states, known, strict=True)]
-    return torch.stack(rates)
-
-
-def interaction_at(
-    decoder: Decoder, states: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, u: Tensor | None = None
-) -> Tensor:
-    """F_a at every state (T, S, N, *state) for each of M pairs of z_e (S, M, P) and z_a (S, M, Q):
-    (M, T, S, N, *state).  The states are at times t (T,), with known inputs u (T, S, N, U) where there are some."""
-    times, seeds, count = states.shape[:3]
-    points = states.movedim(1, 0).flatten(1, 2)  # (S, T·N, *state)
-    pairs = z_a.shape[1]
-    context = decoder.interaction.context(z_a, z_e).repeat_interleave(times * count, dim=1)
-    when = t.repeat_interleave(count).repeat(pairs)
-    given = () if u is None else (u.movedim(1, 0).flatten(1, 2).repeat(1, pairs, 1),)
-    rates = decoder.interaction_rate(points.repeat(1, pairs, *[1] * (points.dim() - 2)), context, when, *given)
-    return rates.view(seeds, pairs, times, count, *states.shape[3:]).movedim(0, 2)
-
-
-def squares(rates: Tensor, tangents: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean squares (S,) of F_a (M, T, S, N, *state) and of its projection on tangents (P, T, S, N, *state)."""
-    numbers = rates[0, :, 0].numel()
-    f = rates.movedim(2, 0).flatten(2)  # (S, M, T·N·state)
-    g = tangents.movedim(2, 0).flatten(2)  # (S, P, …)
-    gram = g @ g.transpose(1, 2)
-    ridge = RIDGE * gram.diagonal(dim1=1, dim2=2).sum(-1)[:, None, None].clamp_min(1e-30)
-    inner = f @ g.transpose(1, 2)  # (S, M, P)
-    held = torch.linalg.solve(gram + ridge * torch.eye(gram.shape[-1]).to(gram), inner.transpose(1, 2))
-    share = (held.transpose(1, 2) * inner).sum(-1).mean(-1) / numbers
-    return f.square().mean((1, 2)), share
+def _chosen(which: Tensor, one: Tensor, other: Tensor) -> Tensor:
+    """For each seed ``which`` (S,) its part of the first tensor (S, …), for the others of the second."""
+    return torch.where(which.view(-1, *[1] * (one.dim() - 1)), one, other)
 
 
 def run_stage(
@@ -444,13 +374,15 @@ class AlternatingTraining:
             trainer.restore(state)
         trainer.run(progress)
         trainer.model.load_state_dict(trainer.best)
-        mean, std = trainer.best_latent.tolist()
+        z_e, z_a = trainer.best_estimates()
+        mean, std = torch.stack(moments(z_a)).tolist()
         record = {
             "wall_s": trainer.seconds,
             "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],
             "best_step": trainer.best_step.tolist(),
             "failed": sorted(trainer.failed),
             "latent": {"mean": mean, "std": std},
+            "support": support_of(z_e, z_a),
         }
         model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
         stored = store.StoredModel(model, self.card.but(**record), self.classes)

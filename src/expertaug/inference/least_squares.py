@@ -306,9 +306,10 @@ class WindowFit(WindowProblem):
     def _sufficient(self, found: Minimum, windows: Tensor) -> Tensor:
         """Whether minima (S, B) explain their windows within the noise."""
         squares = found.cost - self._pulled(found.x)
-        return torch.special.gammainc(self._freedom(windows) / 2, squares / 2) <= self.settings.sufficient
+        return torch.special.gammainc(self.degrees_of_freedom(windows) / 2, squares / 2) <= self.settings.sufficient
 
-    def _freedom(self, windows: Tensor) -> Tensor:
+    def degrees_of_freedom(self, windows: Tensor) -> Tensor:
+        """Of the χ² of windows (T1, S, B, *observed): measured numbers less fitted ones, at least 1, (S, B)."""
         return (self.observations - self.missing(windows) - self.sizes[0] - self.sizes[2]).clamp_min(1)
 
     def _pulled(self, x: Tensor) -> Tensor:
@@ -334,7 +335,7 @@ class WindowFit(WindowProblem):
         raw = unconstrain(z_e, parameters)
         log_std = of_z_e.clamp_min(1e-30).log() - log_slope(raw, parameters)
         spread = self.transform.latent.spread(std[..., p : p + q]).clamp_min(1e-30).log()
-        misfit = (cost - self._pulled(x)) / self._freedom(windows)
+        misfit = (cost - self._pulled(x)) / self.degrees_of_freedom(windows)
         posterior = Posterior(Gaussian(raw, log_std, parameters), Gaussian(z_a, spread))
         return Estimates(start, z_e, z_a, posterior, misfit, root=root)
 

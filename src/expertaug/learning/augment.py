@@ -129,15 +129,16 @@ def augment(
     if not stored.kind.has_objective:
         raise InputError(where, f"a {stored.card.kind} model", "only hybrid models can be augmented")
     task = task_of(stored.card.training, stored.card, device)
-    task = task.shortened(task.points(choices))
+    short = task.shortened(task.points(choices))
     added: NoiseLike = 0.0
     if choices.augmentation_noise == "as_data":
         added = noise_of(noise, stored.model.system, stored.card)
     resampled, z_a_from = choices.augmented_x == "resampled", choices.augmented_z_a
     drawing = Drawing(prior, added, stored.seeds, resampled, z_a_from, float(worst))
+    long = task if choices.augmented_selection == "forecast" else short
     plus, plus_validation = (
-        generate(stored.model, StackedSet.of(part, device), task, drawing, number)
-        for number, part in enumerate((train, validation))
+        generate(stored.model, StackedSet.of(part, device), until, drawing, number)
+        for number, (part, until) in enumerate(((train, short), (validation, long)))
     )
     return Augmented(plus, plus_validation, drawing)
 

@@ -15,7 +15,7 @@ from expertaug.learning import augment
 from expertaug.learning.augment import Augmented
 from expertaug.learning.job import Job
 from expertaug.learning.settings import FinetuneJob, FinetuneOptions, TrainSettings
-from expertaug.learning.trainer import Progress, Training, latent_of, prepare_training
+from expertaug.learning.trainer import Progress, Training, encode_all, latent_of, prepare_training
 from expertaug.learning.training_data import StackedSet, Task, set_files, task_of
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
@@ -109,7 +109,7 @@ def prepare(
         if plus.train.z_a is None:
             found, remedy = "do not say with which z_a they were made", "draw them again (augment)"
             raise InputError("augmented samples", found, remedy)
-        std = latent_of(hybrid, real.windows(base.observed), len(stored.seeds)).std
+        std = latent_of(encode_all(hybrid, real.windows(base.observed), len(stored.seeds))[1]).std
         spread = torch.tensor(std, dtype=torch.float32, device=device).clamp_min(SMALLEST_SPREAD).unsqueeze(1)
     task = task_of(options.training, base, device, scale, spread)
     card = base.but(
@@ -171,7 +171,8 @@ def _sets(
     checks = [(validation, task.selection(choices))]
     if plus is None:
         return real | real, checks
-    checks.append((plus.validation, range(1, len(plus.validation.y))))
+    first = task.observed if choices.augmented_selection == "forecast" else 1
+    checks.append((plus.validation, range(first, len(plus.validation.y))))
     if choices.resample == "once":
         return real | plus.train, checks
     drawing, short = plus.drawing, task.shortened(points)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.learning.divergence import forecast_or_fallback, within_bound
+from expertaug.learning.expert_share import decorrelate, expert_sizes, squares_beside_expert
 from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.training_data import Batch, Task
 from expertaug.models.hybrid import HybridNet
@@ -186,13 +187,16 @@ class Aphynity(Objective):
     """APHYNITY (Yin et al. 2021; paper, section 2): minimise ‖F_a‖ subject to fitting the data.
 
     The Lagrangian is λ · L + ‖F_a‖, with L the mean squared error of the trajectory over the loss window and ‖F_a‖ the
-    root mean square of F_a along the predicted trajectory, or at its states decorrelated (:func:`decorrelate`);
-    after every ``every`` passes λ grows by tau2 · L (Yin's update).  Variants are the rows multiplier, penalty,
-    loss_normalisation, loss_window and supervision of :mod:`expertaug.presets`.
+    root mean square of F_a along the predicted trajectory, or at its states decorrelated
+    (:func:`~expertaug.learning.expert_share.decorrelate`); after every ``every`` passes λ grows by tau2 · L (Yin's
+    update).  Variants are the rows multiplier, penalty, loss_normalisation, loss_window and supervision of
+    :mod:`expertaug.presets`.
 
     Arguments:
         lambda0: first multiplier, one for all seeds or one for each.
         tau2, every: size of its steps, passes between them.
+        share: weight of what F_a says that another z_e would say as well, 0 for none: the mean square of that part, in
+            units of the expert's rates (:mod:`expertaug.learning.expert_share`).
     """
 
     kept = ("multiplier", "first", "total", "count", "passes")
@@ -204,9 +208,10 @@ class Aphynity(Objective):
         lambda0: float | Sequence[float] = 10.0,
         tau2: float = 5.0,
         every: int = 1,
+        share: float = 0.0,
     ) -> None:
         super().__init__(seeds, choices)
-        self.tau2, self.every = float(tau2), int(every)
+        self.tau2, self.every, self.share = float(tau2), int(every), float(share)
         self.multiplier = torch.as_tensor(lambda0, dtype=torch.float32).expand(len(self.seeds)).clone()
         self.first = torch.ones(len(self.seeds))
         self.total = torch.zeros(len(self.seeds))
@@ -234,10 +239,13 @@ class Aphynity(Objective):
     def loss(self, model: HybridNet, batch: Batch, task: Task) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss (S,) and its parts, each (S,), without gradient."""
         posterior = model.encode(batch.windows(task.observed))
-        data, penalty, runaways = self._terms(model, posterior, batch, task)
+        data, penalty, runaways, share = self._terms(model, posterior, batch, task)
         loss = (self.multiplier / self.first).to(data.device, non_blocking=True) * data + penalty
         parts = {"data": data.detach(), "penalty": penalty.detach(), "multiplier": self.multiplier.clone()}
         parts["runaway_share"] = runaways
+        if share is not None:
+            loss = loss + self.share * share
+            parts["expert_share"] = share.detach().sqrt()
         labelled, terms = supervised_terms(posterior, batch, task, self.choices.supervision)
         loss = loss if labelled is None else loss + labelled
         parts |= terms
@@ -246,8 +254,11 @@ class Aphynity(Objective):
         self.count += 1
         return loss, parts | {"loss": loss.detach()}
 
-    def _terms(self, model: HybridNet, posterior: Posterior, batch: Batch, task: Task) -> tuple[Tensor, Tensor, Tensor]:
-        """Data term and size of F_a over the first ``task.horizon`` points, and share of runaways, each (S,)."""
+    def _terms(
+        self, model: HybridNet, posterior: Posterior, batch: Batch, task: Task
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor | None]:
+        """Data term and size of F_a over the first ``task.horizon`` points, share of runaways, and, where it counts,
+        what F_a holds of the expert, each (S,)."""
         truth, (z_e, z_a), u = batch.y[: task.horizon], posterior.mean, batch.inputs(task.horizon)
         start = model.start(batch.windows(task.observed))
         if self._leaks:
@@ -257,7 +268,7 @@ class Aphynity(Objective):
         prediction, good = finite_forecast(model, start, z_e, z_a, task, task.horizon, u=u)
         data = mean_squared_error(model.system, prediction[1:], truth[1:], good, batch.complete)
         if model.interaction is None:
-            return data, prediction.new_zeros(prediction.shape[1]), diverged_share(data, good)
+            return data, prediction.new_zeros(prediction.shape[1]), diverged_share(data, good), None
         choice, states = self.choices.penalty, prediction
         if choice == "norm_data":
             states = torch.where(torch.isnan(truth), prediction, truth)
@@ -268,7 +279,12 @@ class Aphynity(Objective):
             penalty = torch.sqrt(squares * prod(model.system.state_shape) + 1e-12).flatten(1).mean(1)
         else:
             penalty = torch.sqrt(squares.flatten(1).mean(1) + 1e-12)
-        return data, penalty, diverged_share(data, good)
+        share = None
+        if self.share and any(p.requires_grad for p in model.interaction.parameters()):
+            given = prediction.detach(), z_e.detach(), z_a.detach(), task.t[: task.horizon]
+            unit = expert_sizes(model.system, *given[:2], given[3], u)
+            share = squares_beside_expert(model.decoder, *given, unit, u)[1]
+        return data, penalty, diverged_share(data, good), share
 
     def end_of_pass(self) -> None:
         """Raise the multiplier by tau2 times the passes' mean data term, when it is due."""
@@ -280,26 +296,3 @@ class Aphynity(Objective):
 
     def carried(self) -> dict:
         return {"lambda0": self.multiplier.tolist()}
-
-
-def decorrelate(states: Tensor) -> Tensor:
-    """Decorrelated states: a product of the marginal distributions of the components of trajectories.
-
-    The size of F_a along the data's own trajectories rewards what the expert should say: in a swing that dies away
-    angle and speed are correlated, and the smallest F_a with a damping there has a share of the restoring force as
-    well.  Where the components are independent it has none.
-
-    Arguments:
-        states: (T, S, N, *state).
-
-    Returns:
-        the same shape, each component taken from another window and another time: what drives all windows alike makes
-        the components of one time dependent.
-    """
-    axis, (times, _, count) = 3 - states.dim(), states.shape[:3]
-    window = torch.arange(count)
-    mixed = []
-    for k, part in enumerate(states.split(1, dim=axis)):
-        moved = (torch.arange(times).unsqueeze(1) + (k + 1) * window) % times
-        mixed.append(part.movedim(2, 1)[moved, (window - k) % count].movedim(1, 2))
-    return torch.cat(mixed, dim=axis)

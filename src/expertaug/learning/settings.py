@@ -73,6 +73,11 @@ class AphynitySettings(ObjectiveSettings):
     ] = key(10.0, "initial multiplier of the data term; one value, or one for each seed")
     tau2: NotNegative = key(5.0, "the multiplier is raised by this times the data term")
     every: Count = key(1, "number of passes from one raise of the multiplier to the next")
+    share: NotNegative = key(
+        0.0,
+        "weight of the part of F_a that another z_e would say as well, where the components of the state are "
+        "independent; 0 = it does not count, as in the paper",
+    )
 
 
 class HvaeSettings(ObjectiveSettings):
@@ -134,6 +139,12 @@ class TrainSettings(Settings):
         "share of all steps, at the beginning, in which F_a is absent; otherwise F_a takes over part of what the "
         "expert can explain before z_e is found",
     )
+    restarts: Annotated[int, Field(ge=0, le=10)] = key(
+        0,
+        "how often a seed is begun anew, at most, from other first weights, where it is restart_gap behind the best "
+        "seed of its job; of trainings, not of fine-tunings",
+    )
+    restart_gap: Positive = key(1.0, "how far behind the best seed's validation log-MSE a seed has failed")
     horizon_s: Positive = key(
         LEFT_OUT,
         "end of the part of a trajectory that the loss compares; left out = data.t1_s, or in fine-tuning that of "
@@ -335,7 +346,7 @@ class UntrainedJob(UntrainedOptions, RecipeKeys):
 class AugmentJob(ModelFileJob):
     """An augmentation."""
 
-    OBEYS = ("loss_window", "augmentation_noise", "augmented_x", "augmented_z_a")
+    OBEYS = ("loss_window", "augmentation_noise", "augmented_x", "augmented_z_a", "augmented_selection")
 
     prior: Prior = key(..., "p⁺; own = --prior has it")
     noise: Noise = key(..., "standard deviation of the noise of the data, which augmented samples get too")
@@ -345,10 +356,18 @@ class AugmentJob(ModelFileJob):
 class FinetuneOptions(LabelledJob):
     """How a model is fine-tuned, in memory too."""
 
-    OBEYS = (*OBEYED_IN_TRAINING, "frozen", "resample")
+    OBEYS = (*OBEYED_IN_TRAINING, "frozen", "resample", "augmented_selection")
 
     training: TrainSettings = key(..., "how it is fine-tuned")
     prior: Prior = key(LEFT_OUT, "p⁺, of a control alone; own = --prior has it")
+
+    @model_validator(mode="after")
+    def _goes_on(self) -> Self:
+        if self.training.restarts:
+            raise disagree(
+                f"found {self.training.restarts}", "a fine-tuning goes on from one state: 0", "training.restarts"
+            )
+        return self
 
 
 class FinetuneJob(FinetuneOptions, ModelFileJob):

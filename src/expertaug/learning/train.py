@@ -41,6 +41,7 @@ from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories, points_until
 
+FURTHER = 1_000_000_007  # added to a seed that is begun anew
 # Of the options, what a model file says.
 KEPT = ("experiment", "method", "label", "preset", "choices", "seeds", "training")
 
@@ -195,6 +196,11 @@ def prepare(
     windows = train_set.windows(observed)
     model.fit(windows.seed(0))
     task = task_of(options.training, card, device)
+
+    def again(places: Sequence[int], number: int) -> Training:
+        changed = _begun_anew(options, places, number)
+        return prepare(recipe, train, validation, changed, described, objective, classes, forecast_solver)
+
     return prepare_training(
         model,
         lambda points: (train_set.window(points), [(validation_set, task.selection(options.choices))]),
@@ -204,7 +210,20 @@ def prepare(
         classes,
         windows=windows,
         checked=validation_set.windows(observed),
+        again=again,
     )
+
+
+def _begun_anew(options: TrainOptions, places: Sequence[int], number: int) -> TrainOptions:
+    """Options of some of the group's seeds, with other random numbers than any seed has."""
+    seeds, training = [options.seeds[place] + number * FURTHER for place in places], options.training
+    own = dict(training.objective or {})
+    for name, value in own.items():
+        if isinstance(value, list | tuple) and len(value) == len(options.seeds):  # one for each seed
+            own[name] = [value[place] for place in places]
+    if own:
+        training = training.model_copy(update={"objective": own})
+    return options.model_copy(update={"seeds": seeds, "training": training, "snapshots": []})
 
 
 def make_untrained(

@@ -29,12 +29,14 @@ from expertaug.models.hybrid import HybridNet
 from expertaug.models.posterior import principal_axes
 from expertaug.models.settings import AXES
 from expertaug.models.store import StoredModel
+from expertaug.models.support import support_of
 from expertaug.windows import Windows
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0
 FLUSH_S = 5.0
 SKIPPED_LIMIT = 50
+DIVERGED = 0.2  # share of training samples above which a warning tells that they diverge
 LATENT_PART = 1000  # windows that are encoded at a time
 # Of a running training: tensors, numbers, text, and lists and dicts of them.
 State: TypeAlias = dict[str, Any]
@@ -258,9 +260,18 @@ class Trainer:
                 progress.save(self.state())
                 saved = time.monotonic()
         self._progress(steps, steps, parts, 0.0)
+        self._warn_of_divergence(parts.get("runaway_share"))
         reason = "no validation forecast had a finite error; lower training.learning_rate"
         self._fail(~torch.isfinite(self.best_score), reason)
         self._tell_failures(progress, told_of)
+
+    def _warn_of_divergence(self, share: Tensor | None) -> None:
+        """Of what a last step left out of its loss: what is learned of the others says little."""
+        for seed, diverged in zip(self.seeds, [] if share is None else share.tolist(), strict=False):
+            if diverged > DIVERGED and seed not in self.failed:
+                text = "%s: seed %d: %.0f %% of the last training samples diverge: give first values of what nobody "
+                text += "measured (data.start), a shorter horizon_s, or a lower learning rate"
+                logger.warning(text, self.name, seed, 100 * diverged)
 
     def _tell_failures(self, progress: Progress, told_of: set[int]) -> set[int]:
         for seed in sorted(self.failed.keys() - told_of):
@@ -310,10 +321,107 @@ class Trainer:
         for name in ("best", "best_score", "best_epoch", "epoch", "seconds", "skipped", "failed", "snapshots"):
             setattr(self, name, state[name])
 
+    def late_seeds(self) -> list[int]:
+        """Places of the seeds whose best state is more than ``restart_gap`` behind the best of the group's."""
+        behind = self.best_score - self.best_score.min()
+        return [place for place, gap in enumerate(behind.tolist()) if not gap <= self.settings.restart_gap]
+
+    def adopt(self, places: Sequence[int], other: Trainer) -> list[int]:
+        """Of another trainer, which has begun some of the seeds anew, the best states where they are better; at which
+        places these are."""
+        adopted = []
+        for number, place in enumerate(places):
+            if not other.best_score[number] < self.best_score[place]:
+                continue
+            for name, value in self.best.items():
+                value[place] = other.best[name][number]
+            self.best_score[place], self.best_epoch[place] = other.best_score[number], other.best_epoch[number]
+            self.failed.pop(self.seeds[place], None)
+            adopted.append(place)
+        return adopted
+
 
 def _chosen(which: Tensor, one: Tensor, other: Tensor) -> Tensor:
     """For each seed ``which`` (S,) its part of the first stacked tensor, for the others of the second."""
     return torch.where(which.to(one.device).view(-1, *[1] * (one.dim() - 1)), one, other)
+
+
+@dataclass
+class Restarts:
+    """Seeds whose training has failed are begun anew: from other first weights, in another order of the data.
+
+    A network that learns beside an expert has minima in which F_a holds a part of what the expert should say, and only
+    other seeds show that validation could be better.  A seed is begun anew where it is more than ``restart_gap`` behind
+    the best of its group, and its better state is kept.
+
+    Attributes:
+        trainer: of the group; its best states become those of the restarts, where they are better.
+        counts: how often each seed has been begun anew.
+        carried: what the objectives of the best states carry.
+        seconds: of all trainings together.
+        running: state of a restart that was killed.
+    """
+
+    trainer: Trainer
+    counts: list[int]
+    carried: dict[str, Any]
+    seconds: float
+    running: State | None = None
+
+    @classmethod
+    def of(cls, trainer: Trainer, state: State | None) -> Restarts:
+        """Of a group whose training has ended; ``state`` is that of restarts that were killed."""
+        if state is not None:
+            return cls(trainer, **state)
+        return cls(trainer, [0] * len(trainer.seeds), trainer.objective.carried(), trainer.seconds)
+
+    def run(self, again: Callable[[Sequence[int], int], Training], progress: Progress) -> None:
+        """Begin anew what is behind, at most ``restarts`` times."""
+        trainer, most = self.trainer, self.trainer.settings.restarts
+        while (late := trainer.late_seeds()) and max(self.counts) < most:
+            number = max(self.counts) + 1
+            other = again(late, number).trainer
+            if self.running is None:
+                for place in late:
+                    seed, gap = trainer.seeds[place], float(trainer.best_score[place] - trainer.best_score.min())
+                    text = "%s: seed %d is %.2f behind the best seed and is begun anew (%d of at most %d times)"
+                    logger.info(text, trainer.name, seed, gap, number, most)
+                progress.save(self.state(None))
+            else:
+                other.restore(self.running)
+                self.running = None
+            try:
+                other.run(_Restarting(self, progress))
+            except SolveError as error:
+                logger.warning("%s", error)
+            before, adopted = trainer.best_score.tolist(), trainer.adopt(late, other)
+            carried = other.objective.carried()
+            for number_there, place in enumerate(late):
+                self.counts[place] = number
+                scores = {"before": before[place], "after": float(other.best_score[number_there])}
+                finite = {name: score if math.isfinite(score) else None for name, score in scores.items()}
+                progress.event("seed_restarted", seed=trainer.seeds[place], kept=place in adopted, **finite)
+                for name in self.carried if place in adopted else ():
+                    if isinstance(self.carried[name], list) and len(self.carried[name]) == len(trainer.seeds):
+                        self.carried[name][place] = carried[name][number_there]
+            self.seconds += other.seconds
+        steps = trainer.sets(0).steps(trainer.settings.batch_size) * trainer.settings.epochs
+        progress.metrics(steps, {"restarts": [float(count) for count in self.counts]})
+
+    def state(self, running: State | None) -> State:
+        """What a killed run goes on from, at a restart's beginning or at a state of it."""
+        told = {"counts": self.counts, "carried": self.carried, "seconds": self.seconds, "running": running}
+        return self.trainer.state() | {"restarting": told}
+
+
+class _Restarting(Progress):
+    """Of a restart: only its state is kept, within that of the group."""
+
+    def __init__(self, restarts: Restarts, progress: Progress) -> None:
+        self.restarts, self.progress = restarts, progress
+
+    def save(self, state: State) -> None:
+        self.progress.save(self.restarts.state(state))
 
 
 @dataclass(frozen=True)
@@ -327,6 +435,8 @@ class Training:
         unchanged: tensors of the model, by name, that the training must leave as they are.
         windows: observed windows of the data, y (T1, 1, N, *state): where their z_a lie is kept for refinement.
         checked: observed windows of the validation set: their misfits are kept, for alarms.
+        again: places of seeds and a number → the same training of these seeds from other first weights, in another
+            order of the data; None where seeds are not begun anew.
     """
 
     trainer: Trainer
@@ -335,6 +445,7 @@ class Training:
     unchanged: Mapping[str, Tensor] = field(default_factory=dict)
     windows: Windows | None = None
     checked: Windows | None = None
+    again: Callable[[Sequence[int], int], Training] | None = None
 
     def run(self, progress: Progress | None = None) -> StoredModel:
         """Train to the end, from the state at which a killed run stopped where ``progress`` has one; the best state of
@@ -345,9 +456,14 @@ class Training:
         """
         trainer, progress = self.trainer, progress or Progress()
         state = progress.begin(self.card)
+        restarting = None if state is None else state.pop("restarting", None)
         if state is not None:
             trainer.restore(state)
-        trainer.run(progress)
+        if restarting is None:
+            trainer.run(progress)
+        restarts = Restarts.of(trainer, restarting)
+        if self.again is not None and trainer.settings.restarts:
+            restarts.run(self.again, progress)
         if trainer.keep:
             progress.snapshots(trainer.snapshots)
         model = trainer.model
@@ -356,14 +472,17 @@ class Training:
             if not torch.equal(model.state_dict()[key], value):
                 raise RuntimeError(f"{trainer.name}: fine-tuning changed {key}, which is frozen")
         record = {
-            "wall_s": trainer.seconds,
+            "wall_s": restarts.seconds,
             "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],
             "best_epoch": trainer.best_epoch.tolist(),
-            "carried": trainer.objective.carried(),
+            "carried": restarts.carried,
             "failed": sorted(trainer.failed),
         }
+        if self.again is not None and trainer.settings.restarts:
+            record["restarts"] = restarts.counts
         if self.windows is not None:
-            record["latent"] = latent_of(model, self.windows, len(trainer.seeds))
+            z_e, z_a = encode_all(model, self.windows, len(trainer.seeds))
+            record["latent"], record["support"] = latent_of(z_a), support_of(z_e if model.knows_z_e else None, z_a)
         stored = StoredModel(model, self.card.but(**record), self.classes)
         if self.checked is not None:
             record["misfit"] = record_residuals(stored, self.checked)
@@ -380,13 +499,14 @@ def prepare_training(
     unchanged: Mapping[str, Tensor] | None = None,
     windows: Windows | None = None,
     checked: Windows | None = None,
+    again: Callable[[Sequence[int], int], Training] | None = None,
 ) -> Training:
     """Make the training of a described model.
 
     Arguments:
         sets: number of points needed → training set (or a function from the pass to one) and validation sets.
         options: how to train.
-        windows, checked: see :class:`Training`.
+        windows, checked, again: see :class:`Training`.
 
     Raises:
         InputError: an unknown option, or an objective without the prior that it needs.
@@ -397,15 +517,21 @@ def prepare_training(
     name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
     failed = dict.fromkeys(card.failed or (), "it failed in the training before")
     trainer = Trainer(model, objective, task, train_set, validation, seeds, options.training, name, keep, failed)
-    return Training(trainer, card, classes, unchanged or {}, windows, checked)
+    return Training(trainer, card, classes, unchanged or {}, windows, checked, again)
 
 
 @torch.no_grad()
-def latent_of(model: HybridNet, windows: Windows, seeds: int) -> LatentRecord:
-    """Mean and standard deviation of z_a (S, Q) over windows that all seeds share, y (T1, 1, N, *state), and the first
-    principal axes (S, C, Q) of a z_a of several components."""
-    parts = [model.encode(part.expand(seeds)).z_a.mean for part in windows.split(LATENT_PART)]
-    z_a = torch.cat(parts, dim=1).double().nan_to_num(0.0, 0.0, 0.0)
+def encode_all(model: HybridNet, windows: Windows, seeds: int) -> tuple[Tensor, Tensor]:
+    """Posterior means z_e (S, N, P) and z_a (S, N, Q) of windows that all seeds share, y (T1, 1, N, *state)."""
+    parts = [model.encode(part.expand(seeds)).mean for part in windows.split(LATENT_PART)]
+    z_e, z_a = (torch.cat([part[k] for part in parts], dim=1) for k in range(2))
+    return z_e, z_a
+
+
+def latent_of(z_a: Tensor) -> LatentRecord:
+    """Mean and standard deviation of z_a (S, N, Q) over windows, and the first principal axes (S, C, Q) of a z_a of
+    several components."""
+    z_a = z_a.double().nan_to_num(0.0, 0.0, 0.0)
     mean, std = moments(z_a)
     axes = [principal_axes(of_seed, AXES).tolist() for of_seed in z_a] if z_a.shape[-1] > 1 else None
     record = {"mean": mean.tolist(), "std": std.tolist()}

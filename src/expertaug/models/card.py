@@ -51,6 +51,15 @@ class LatentRecord(Settings):
     axes: list[list[list[float]]] = key(LEFT_OUT, "(S, C, Q), each as long as its standard deviation")
 
 
+class SupportRecord(Settings):
+    """Range of the estimates of the training windows: S seeds, P expert parameters, Q components of z_a."""
+
+    least_z_e: list[list[float]] = key(LEFT_OUT, "(S, P)")
+    most_z_e: list[list[float]] = key(LEFT_OUT, "(S, P)")
+    least_z_a: list[list[float]] = key(LEFT_OUT, "(S, Q)")
+    most_z_a: list[list[float]] = key(LEFT_OUT, "(S, Q)")
+
+
 class MisfitRecord(Settings):
     """Misfits of windows on which nothing was fitted, a list a seed."""
 
@@ -121,10 +130,12 @@ class ModelCard(RecipeRecord):
     best_score: list[float | None] | None = key(LEFT_OUT, "of each seed on the validation set")
     best_epoch: list[int] = key(LEFT_OUT, "of each seed")
     best_step: list[int] = key(LEFT_OUT, "of each seed")
+    restarts: list[int] = key(LEFT_OUT, "how often each seed was begun anew")
     carried: dict[str, Any] = key(LEFT_OUT, "options of the objective that a fine-tuning takes over")
     failed: list[int] = key(LEFT_OUT, "seeds that could not be trained")
     latent: LatentRecord = key(LEFT_OUT, "where z_a of the training windows lie")
     misfit: MisfitRecord = key(LEFT_OUT, "of validation windows")
+    support: SupportRecord = key(LEFT_OUT, "range of the estimates of the training windows")
     # A flow.
     flow: dict[str, Any] = key(LEFT_OUT, "how it learned, and is used")
     prior: dict[str, Range] = key(LEFT_OUT, "p⁺ of its draws")
@@ -152,7 +163,7 @@ class ModelCard(RecipeRecord):
     def of_seeds(self, places: Sequence[int]) -> ModelCard:
         """What the card says of the group's seeds at some places, from 0: one value a seed becomes theirs."""
         chosen: dict[str, Any] = {}
-        for name in ("seeds", "best_score", "best_epoch", "best_step"):
+        for name in ("seeds", "best_score", "best_epoch", "best_step", "restarts"):
             if (values := getattr(self, name)) is not None:
                 chosen[name] = [values[k] for k in places]
 
@@ -162,7 +173,7 @@ class ModelCard(RecipeRecord):
 
         if self.carried is not None:
             chosen["carried"] = theirs(self.carried)
-        for name in ("latent", "misfit"):
+        for name in ("latent", "misfit", "support"):
             if (record := getattr(self, name)) is not None:
                 chosen[name] = theirs(record.model_dump())
         return self.but(**chosen)

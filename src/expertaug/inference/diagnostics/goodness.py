@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import binom, wilcoxon
 from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import wilcoxon
 
 from expertaug.errors import InputError
 from expertaug.inference.diagnostics.arrays import Array, plain
@@ -70,6 +70,23 @@ def goodness_of_fit(chi2: Array, dof: Array | int, independent: int | None = Non
     p_together = float(chi2_distribution.sf(total * together, together))
     explains = p_together >= LEVEL or total <= 1 + TOLERANCE
     return Goodness(chi2_distribution.sf(values * freedom, freedom), total, p_together, bool(explains))
+
+
+def find_unexplained(chi2: Array, dof: Array | int) -> np.ndarray:
+    """Windows (N,) that a model does not explain to within their noise, where there are more of them than chance makes.
+
+    A window counts whose χ² has a probability below 1 % with a noise 5 % larger than stated; of N windows that a right
+    model made so many are expected to be one in a hundred, and none is named while their number is no surprise.
+
+    Arguments:
+        chi2: per degree of freedom, of each window, (N,); infinite where a fit has failed.
+        dof: degrees of freedom of each window, (N,), or of all.
+    """
+    values = plain(chi2, "chi2", infinite=True)
+    freedom = np.broadcast_to(plain(dof, "dof"), values.shape)
+    beyond = chi2_distribution.sf(values * freedom / (1 + TOLERANCE), freedom) < LEVEL
+    surprise = binom.sf(beyond.sum() - 1, len(beyond), LEVEL)
+    return beyond if surprise < LEVEL else np.zeros_like(beyond)
 
 
 @dataclass(frozen=True)
