@@ -25,7 +25,7 @@ def windows(trajectories: int, points: int, seed: int) -> Trajectories:
     """Overlapping windows of some trajectories of one pendulum."""
     ranges = {"omega0": (OMEGA0, OMEGA0)}, {"alpha": (ALPHA, ALPHA)}
     t = STEP * np.arange(points)
-    y = ea.simulate(ea.DampedPendulum(), *ranges, n=trajectories, t=t, noise=NOISE, seed=seed).y
+    y = ea.simulate(ea.DampedPendulum(), *ranges, n=trajectories, t=t, noise=NOISE, name=f"set {seed}").y
     places = [(k, first) for k in range(trajectories) for first in range(0, points - POINTS + 1, STRIDE)]
     cut = np.stack([y[k, first : first + POINTS] for k, first in places])
     return Trajectories(t[:POINTS], cut, np.full((len(cut), 2), np.nan), id=np.array([f"{k}/{f}" for k, f in places]))

@@ -23,7 +23,8 @@ from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 
 LEVEL = 0.90  # of the intervals
-BLOCKS, FEWEST = 10, 6  # of a trajectory's windows, at most; windows of which a correlation time can be estimated
+BLOCKS, ENOUGH = 10, 5  # of a trajectory's windows, at most, and for an error by their scatter
+FEWEST = 6  # windows of which a correlation time can be estimated
 TOLD = 0.5  # of the width of p⁺: an interval as wide says nothing
 SHARED, ALL = "all windows (shared)", "all"
 COLUMNS = ("parameter", "unit", "of", "value", "error", "low", "high", "spread", "windows", "groups", "told")
@@ -50,7 +51,7 @@ class Estimate:
         low, high: ends of the 90 % interval.
         spread: standard deviation between trajectories or windows beyond their errors; NaN of a single one.
         windows: how many it is from.
-        groups: how many of them count as independent.
+        groups: how many of them count as independent by their scatter; 1 where the error is what they state themselves.
         told: whether the data tell it; None where no p⁺ says how wide an interval may be.
     """
 
@@ -136,10 +137,18 @@ def blocks_of(values: np.ndarray) -> np.ndarray:
 
 
 def of_trajectory(values: np.ndarray, errors: np.ndarray | None) -> Pooled:
-    """The mean of one trajectory's windows (N,) in the order of their times."""
+    """The mean of one trajectory's windows (N,) in the order of their times.
+
+    Of few blocks, whose scatter says little, the error is what the windows' own say, as if there were so many fewer of
+    them as they are correlated.
+    """
+    blocks = blocks_of(values)
     if errors is None or not np.isfinite(errors).all():
-        return pool(values, None, blocks_of(values))
-    return pool(values, errors, blocks_of(values))
+        return pool(values, None, blocks)
+    if blocks[-1] + 1 >= ENOUGH:
+        return pool(values, errors, blocks)
+    each = pool(values, errors)
+    return Pooled(each.value, float(each.error * np.sqrt(correlation_time(values))), each.spread, 1)
 
 
 def interval(pooled: Pooled) -> tuple[float, float]:
