@@ -30,7 +30,8 @@ class ExpertProbe:
     def __init__(self, model: Predictor, drawing: Drawing, count: int) -> None:
         self.model, self.drawing = model, drawing
         decoder = getattr(model, "decoder", None)
-        self.decoder = decoder if model.knows_z_e and decoder.interaction is not None and decoder.expert else None
+        told = model.knows_z_e and decoder.expert and decoder.interaction is not None
+        self.decoder = decoder if told and decoder.system.expert_parameters else None
         self.places = np.linspace(0, count - 1, min(PROBED, count)).astype(int)
         self.states: list[Tensor] = []
         self.windows: list[Windows] = []
