@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+import zlib
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from expertaug.cli import main
 from expertaug.errors import InputError, SolveError
 from expertaug.systems.double_pendulum import Constants, accelerations, energy, point_masses
 from expertaug.systems.settings import SYSTEMS, PendulumSettings, SimulatedData, SimulateJob
-from expertaug.systems.simulate import sample, simulate
+from expertaug.systems.simulate import sample, simulate, trajectories
 from expertaug.systems.solvers.solver import Solver, check_finite
 from expertaug.trajectories import Trajectories
 
@@ -63,6 +64,24 @@ def test_small_damped_oscillation_is_the_linear_solution():
     assert (
         np.abs(data.y[..., 0] - expected).max() < 1e-6
     )  # a thousandth of the amplitude, which is what sin θ ≈ θ leaves
+
+
+def test_every_seed_and_every_name_has_numbers_of_its_own():
+    """Those of seed 0 are the name's alone, as ever."""
+    ranges, t = {"omega0": (0.0, 1.0)}, np.arange(2) * 0.1
+    system = systems.load({"name": "pendulum"})
+    drawn = {
+        (seed, name): trajectories(system, ranges, {"alpha": (0.0, 0.0)}, n=20, t=t, seed=seed, name=name).z_e[:, 0]
+        for seed in (0, 1, 2, 7, 2**31 - 1)
+        for name in ("train", "validation")
+    }
+    values = np.stack(list(drawn.values()))
+    assert len(np.unique(values)) == values.size
+    assert np.abs(np.corrcoef(values) - np.eye(len(values))).max() < 0.75
+    old = torch.Generator().manual_seed(zlib.crc32(b"train"))
+    np.testing.assert_array_equal(
+        drawn[0, "train"], torch.rand(20, 1, dtype=torch.float64, generator=old)[:, 0].float().numpy()
+    )
 
 
 def test_simulation_is_reproducible_and_sets_are_independent(tmp_path):

@@ -48,6 +48,8 @@ class TrainingOptions(TypedDict, total=False):
     z_a_supervision_weight: float
     horizon_warmup: float
     expert_first: float
+    restarts: int
+    restart_gap: float
 
 
 @dataclass(frozen=True)

@@ -139,7 +139,7 @@ class TrainSettings(Settings):
         "share of all steps, at the beginning, in which F_a is absent; otherwise F_a takes over part of what the "
         "expert can explain before z_e is found",
     )
-    restarts: Annotated[int, Field(ge=0, le=10)] = key(
+    restarts: Annotated[int, Field(ge=0, le=3)] = key(
         0,
         "how often a seed is begun anew, at most, from other first weights, where it is restart_gap behind the best "
         "seed of its job; of trainings, not of fine-tunings",

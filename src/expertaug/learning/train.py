@@ -41,7 +41,7 @@ from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories, points_until
 
-FURTHER = 1_000_000_007  # added to a seed that is begun anew
+FURTHER = 1_000_000_007  # added to a seed that is begun anew, at most three times: generators take 32 bits
 # Of the options, what a model file says.
 KEPT = ("experiment", "method", "label", "preset", "choices", "seeds", "training")
 

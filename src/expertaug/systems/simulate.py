@@ -83,7 +83,7 @@ def trajectories(
         )
     if n < 1 or not 0 <= noise < np.inf:
         raise InputError("simulation", f"n = {n}, noise = {noise:g}", "n must be at least 1, noise at least 0")
-    generator = torch.Generator().manual_seed((int(seed) << 32) + zlib.crc32(name.encode()))
+    generator = torch.Generator().manual_seed(_seed_of(int(seed), name))
     expert = uniform(system.expert_parameters, z_e, n, generator)
     interaction = uniform(system.interaction_parameters, z_a or {}, n, generator)
     y0 = system.sample_initial_state(n, generator)
@@ -99,6 +99,12 @@ def trajectories(
         y += noise * torch.randn(y.shape, generator=generator, dtype=torch.float64)
     given = None if known is None else known.numpy()
     return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=expert.numpy(), z_a=interaction.numpy(), u=given)
+
+
+def _seed_of(seed: int, name: str) -> int:
+    """A generator's seed for a set.  It takes 32 bits alone; with a seed of 0 they are the name's."""
+    told = zlib.crc32(name.encode())
+    return told if not seed else int(np.random.SeedSequence([seed, told]).generate_state(1)[0])
 
 
 def _inputs(
