@@ -30,6 +30,7 @@ from expertaug.systems.inputs import further, inputs_of, states_of
 from expertaug.windows import Windows
 
 BINS = 8
+TAIL = 0.01  # share of training windows, at each end, beyond whose estimates by half of the range others are outliers
 TAKEN = 0.75  # of the windows of a bin must be explained for F_a to hold there
 QUANTILE = 0.95  # of the training windows' χ²: what is above is not explained
 CLIP, THRESHOLD = 5.0, 5.0  # as in a training by alternation
@@ -98,13 +99,21 @@ def along(parameter: str, z_e: np.ndarray, chi2: np.ndarray, train_z_e: np.ndarr
         if np.isnan(one).any() or np.isnan(other).any():
             raise InputError(name, "has values that are no numbers", "leave these windows out")
     limit = float(np.quantile(train_chi2, QUANTILE))
-    ends = min(z_e.min(), train_z_e.min()), max(z_e.max(), train_z_e.max())
+    own = _without_outliers(train_z_e)
+    ends = min(z_e.min(), own.min()), max(z_e.max(), own.max())
     edges = np.linspace(*ends, BINS + 1)
     place = np.clip(np.searchsorted(edges, z_e, side="right") - 1, 0, BINS - 1)
     bins = [chi2[place == k] for k in range(BINS)]
     explained = np.array([np.mean(one <= limit) if len(one) else np.nan for one in bins])
     median = np.array([np.median(one) if len(one) else np.nan for one in bins])
-    return Validity(parameter, edges, explained, median, limit, (float(train_z_e.min()), float(train_z_e.max())))
+    return Validity(parameter, edges, explained, median, limit, (float(own.min()), float(own.max())))
+
+
+def _without_outliers(values: np.ndarray) -> np.ndarray:
+    """Estimates but those of windows that say nothing of the parameter: a pendulum that hangs still fits any ω0."""
+    low, high = np.quantile(values, (TAIL, 1 - TAIL))
+    slack = 0.5 * (high - low)
+    return values[(values >= low - slack) & (values <= high + slack)]
 
 
 @torch.no_grad()
