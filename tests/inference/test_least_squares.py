@@ -44,9 +44,7 @@ def windows(data, seeds=2):
 
 
 def pendulum(z_e, damping=(0.0, 0.0), n=40):
-    return trajectories(
-        systems.load({"name": "pendulum"}), {"omega0": z_e}, {"alpha": damping}, n=n, t=T, noise=NOISE, seed=3
-    )
+    return trajectories(systems.load({"name": "pendulum"}), {"omega0": z_e}, {"alpha": damping}, n=n, t=T, noise=NOISE)
 
 
 def test_the_minimiser_finds_the_minimum_of_each_problem_and_its_curvature():
@@ -87,7 +85,7 @@ def test_an_undamped_pendulum_is_fitted_to_its_noise(z_e):
     score = (unconstrain(truth, parameters) - q.loc[0]) / q.log_std[0].exp()
     assert 0.5 < score.square().mean() < 2.0
     # A start that is estimated is nearer the truth than the noisy one.
-    clean = trajectories(systems.load({"name": "pendulum"}), {"omega0": z_e}, {"alpha": (0, 0)}, n=40, t=T, seed=3)
+    clean = trajectories(systems.load({"name": "pendulum"}), {"omega0": z_e}, {"alpha": (0, 0)}, n=40, t=T)
     exact = torch.from_numpy(clean.y[:, 0]).float()
     assert (found.y0[0] - exact).square().mean() < 0.5 * (windows(data)[0, 0] - exact).square().mean()
 
@@ -116,7 +114,7 @@ def test_the_true_equation_is_a_floor(name):
     if name == "reaction_diffusion":
         t, ranges = np.linspace(0, 1, 11), {"a": (0.001, 0.002), "b": (0.003, 0.007)}
         z_a, solver, noise = {"k": (0.003, 0.005)}, {"method": "lawson4"}, 0.0
-    data = trajectories(system, ranges, z_a, n=6, t=t, noise=noise, seed=2)
+    data = trajectories(system, ranges, z_a, n=6, t=t, noise=noise)
     given = {"settings": {"starts": 8} if solver else {}, "noise": noise, "prior": ranges}
     settings = {"choices": {"observed_points": "inclusive"}, "seeds": [0, 1], "t1_s": float(t[-1])}
     settings["training"] = {"solver": solver} if solver else {}
@@ -131,7 +129,7 @@ def test_the_true_equation_is_a_floor(name):
     assert (found.z_a[0] - torch.from_numpy(data.z_a).float()).abs().mean() < 0.05 * data.z_a.mean()
     # Also where its own parameters lie far from the training's.
     beyond = {k: (10 * high, 20 * high) for k, (_, high) in z_a.items()} if name == "reaction_diffusion" else z_a
-    far = trajectories(system, ranges, beyond, n=4, t=t, noise=noise, seed=3)
+    far = trajectories(system, ranges, beyond, n=4, t=t, noise=noise)
     y = torch.from_numpy(far.y).movedim(1, 0).unsqueeze(1).float().expand(-1, 2, -1, *[-1] * (far.y.ndim - 2))
     found = refined_by(stored, stored.card.refinement).estimate(seen(y))
     assert (found.z_a[0] - torch.from_numpy(far.z_a).float()).abs().mean() < 0.05 * far.z_a.mean()
