@@ -61,6 +61,7 @@ PROGRESS_S = 10.0
 FIRST_STEPS = 8  # of Levenberg and Marquardt, with which every training window begins
 SPREAD = 0.3  # standard deviation of the first z_a: F_a learns what they are good for
 WORST = 0.1  # share of the training windows that are started anew at each validation
+SUPPORTING = 200  # training windows, at most, whose estimates say where F_a was learned
 WIDTH = 1.0  # standard deviation of z_a's prior in training
 STEPS = 10  # of Levenberg and Marquardt, at most, where windows are started anew and in a validation
 
@@ -242,11 +243,10 @@ class Alternation:
         self.best_x = _chosen(better, self.x, self.best_x)
         return score
 
-    @torch.no_grad()
-    def best_estimates(self) -> tuple[Tensor, Tensor]:
-        """z_e (S, N, P) and z_a (S, N, Q) of the training windows, as each seed's best state has them."""
-        z_e, z_a, _ = self.fit.parts(self.best_x, self.fit.first(self.train))
-        return z_e, z_a
+    def best_latent(self) -> Tensor:
+        """z_a (S, N, Q) of the training windows, as each seed's best state has them."""
+        p, q, _ = self.fit.sizes
+        return self.best_x[..., p : p + q]
 
     def _progress(self, parts: Mapping[str, Tensor]) -> None:
         left = self.seconds / self.step_ * (self.settings.steps - self.step_)
@@ -351,13 +351,15 @@ class AlternatingTraining:
         trainer: with decoder, windows and settings.
         card: of the model, apart from the record of its training.
         refinement: how windows are fitted.
-        checked: observed windows, y (T1, 1, N, *state), of the validation set: their misfits are kept, for alarms.
+        seen: observed windows, y (T1, 1, N, *state), of the training set: the range of their estimates is kept.
+        checked: of the validation set: their misfits are kept, for alarms.
         classes: see :class:`StoredModel`.
     """
 
     trainer: Alternation
     card: ModelCard
     refinement: Refinement
+    seen: Windows
     checked: Windows
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
@@ -374,20 +376,21 @@ class AlternatingTraining:
             trainer.restore(state)
         trainer.run(progress)
         trainer.model.load_state_dict(trainer.best)
-        z_e, z_a = trainer.best_estimates()
-        mean, std = torch.stack(moments(z_a)).tolist()
+        mean, std = torch.stack(moments(trainer.best_latent())).tolist()
         record = {
             "wall_s": trainer.seconds,
             "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],
             "best_step": trainer.best_step.tolist(),
             "failed": sorted(trainer.failed),
             "latent": {"mean": mean, "std": std},
-            "support": support_of(z_e, z_a),
         }
         model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
         stored = store.StoredModel(model, self.card.but(**record), self.classes)
         estimator = refined_by(stored, self.refinement)
         record["misfit"] = record_residuals(replace(stored, model=estimator), self.checked)
+        # As windows will be fitted, with F_a as it is now: what training had at hand lags behind it.
+        found = estimator.estimate(self.seen.expand(len(trainer.seeds)))
+        record["support"] = support_of(found.z_e, found.z_a)
         return replace(stored, card=self.card.but(**record))
 
 
@@ -462,4 +465,5 @@ def prepare(
     name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
     sets = train_set.windows(task.horizon).joined, validation_set.windows(len(t)).joined
     trainer = Alternation(*fits, *sets, task, seeds, training, name)
-    return AlternatingTraining(trainer, card, options.refinement, validation_set.windows(len(seen)), classes or {})
+    known = train_set.subset(SUPPORTING).windows(len(seen)), validation_set.windows(len(seen))
+    return AlternatingTraining(trainer, card, options.refinement, *known, classes or {})
