@@ -113,12 +113,16 @@ def test_what_there_is_not_is_one_line():
         estimator(f"{__name__}:LastState")
 
 
+CLASSICAL = ["least_squares", "least_squares_shared"]
+
+
 def test_what_each_kind_can_do():
     of = {name: kind for name, kind in ESTIMATORS.items() if name != Flow.name}
     assert [name for name, kind in of.items() if kind.trains()] == ["hybrid", "alternating"]
     assert [name for name, kind in of.items() if kind.has_objective] == ["hybrid"]
-    assert [name for name, kind in of.items() if kind.fits_windows] == ["alternating", "least_squares"]
-    assert [name for name, kind in of.items() if kind.is_classical()] == ["least_squares"]
+    assert [name for name, kind in of.items() if kind.fits_windows] == ["alternating", *CLASSICAL]
+    assert [name for name, kind in of.items() if kind.is_classical()] == CLASSICAL
+    assert [name for name, kind in of.items() if kind.shares] == CLASSICAL[1:]
     assert [name for name, kind in of.items() if not kind.has_expert] == ["mean"]
 
 
