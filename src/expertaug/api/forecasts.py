@@ -31,7 +31,7 @@ class Forecast:
         p_chi2: probability of a χ² as large as that if the model and the noise are right, (N,); None where no noise is
             known.
         outside: whether the window's z_e or z_a lies outside the range of the training windows', where nothing has
-            tested F_a, (N,), bool; None where that is not known, or there is no F_a.
+            tested the model, (N,), bool; None where that is not known.
         trusted: whether the misfit is no larger than that of 95 % of the validation windows, and the window not
             outside, (N,), bool; None where the former are not known.
     """

@@ -30,13 +30,13 @@ def support_of(z_e: Tensor | None, z_a: Tensor | None) -> SupportRecord:
 
 def outside_support(system: System, card: ModelCard, estimates: Estimates) -> Tensor | None:
     """Which windows (S, N) have a z_e or z_a outside the range of the training windows', by more than a tenth of its
-    width; None of a model whose file does not say it, and of one without F_a.
+    width; None of a model whose file does not say it, since it learned from no windows.
 
     Augmented samples are training windows too: z_e may lie anywhere in p⁺, and so where fits of windows start.
     """
     learned = card if card.base is None else card.base
     record = learned.support
-    if record is None or not learned.interaction:
+    if record is None:
         return None
     refined = None if card.refinement is None else card.refinement.prior
     own = None if isinstance(refined, str) else refined
