@@ -70,7 +70,7 @@ def module(tmp_path, monkeypatch):
         ("encoder", "HandsOn", ["gain", "width", "depth"]),
         ("encoder", "Anything", None),
         ("encoder", "Nothing", []),
-        ("objective", "Scaled", ["factor", "lambda0", "tau2", "every"]),
+        ("objective", "Scaled", ["factor", "lambda0", "tau2", "every", "share"]),
     ],
 )
 def test_options_are_read_through_inheritance_and_keywords(part, name, expected):
