@@ -46,7 +46,7 @@ DOUBT = (
 )
 OUTSIDE = (
     "%d of %d windows have a z_e or z_a outside the range of the training windows' (outside is True): nothing has "
-    "tested F_a there"
+    "tested the model there"
 )
 UNEXPLAINED = (
     "the model does not explain %d of %d windows to within their noise (p_chi2 is small): another expert, or another "

@@ -377,7 +377,7 @@ register(
         "outside",
         "%",
         note="Outside: windows whose z_e or z_a lies outside the range of the training windows', where nothing has "
-        "tested F_a; for augmented versions, p⁺ is inside.",
+        "tested the model; for augmented versions, p⁺ is inside.",
         compute=lambda o: None if o.outside is None else o.outside.double().mean(1),
         shown=Shown.WHERE_ANY,
         digits=1,

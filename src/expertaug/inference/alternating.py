@@ -82,7 +82,7 @@ class Alternation:
 
     Attributes:
         best: state of the decoder of each seed's best validation score, by the names of its tensors.
-        best_x: parameters (S, N, K) of the training windows' fits then.
+        best_latent: mean and standard deviation of the training windows' z_a then, (2, S, Q).
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Alternation:
         self.best = {k: v.detach().clone() for k, v in self.model.state_dict().items()}
         self.best_score = torch.full((size,), math.inf)
         self.best_step = torch.zeros(size, dtype=torch.long)
-        self.best_x = self.x.clone()
+        self.best_latent = torch.zeros(2, size, fit.sizes[1], dtype=torch.float64)
         self.step_, self.seconds = 0, 0.0
         self.failed: dict[int, str] = {}
 
@@ -239,14 +239,12 @@ class Alternation:
         self.best_score = torch.where(better, score, self.best_score)
         self.best_step = torch.where(better, self.step_, self.best_step)
         for key, value in self.model.state_dict().items():
-            self.best[key] = _chosen(better, value, self.best[key])
-        self.best_x = _chosen(better, self.x, self.best_x)
-        return score
-
-    def best_latent(self) -> Tensor:
-        """z_a (S, N, Q) of the training windows, as each seed's best state has them."""
+            self.best[key] = _chosen(better, value, self.best[key], 0)
         p, q, _ = self.fit.sizes
-        return self.best_x[..., p : p + q]
+        z_a = self.x[..., p : p + q]
+        latent = torch.stack(moments(z_a))
+        self.best_latent = _chosen(better, latent, self.best_latent, 1)
+        return score
 
     def _progress(self, parts: Mapping[str, Tensor]) -> None:
         left = self.seconds / self.step_ * (self.settings.steps - self.step_)
@@ -290,16 +288,18 @@ class Alternation:
         self.found = None if state["found"] is None else Estimates(*state["found"])
 
 
-_RECORD = ("best", "best_score", "best_step", "best_x", "step_", "seconds")
+_RECORD = ("best", "best_score", "best_step", "best_latent", "step_", "seconds")
 
 
 def _residuals(fit: WindowFit, windows: Tensor, candidates: Tensor, columns: Tensor) -> Tensor:
     return fit.residuals(candidates, windows[:, :, columns])
 
 
-def _chosen(which: Tensor, one: Tensor, other: Tensor) -> Tensor:
-    """For each seed ``which`` (S,) its part of the first tensor (S, …), for the others of the second."""
-    return torch.where(which.view(-1, *[1] * (one.dim() - 1)), one, other)
+def _chosen(which: Tensor, one: Tensor, other: Tensor, axis: int) -> Tensor:
+    """For each seed ``which`` (S,) its part of the first tensor, for the others of the second; seeds along an axis."""
+    shape = [1] * one.dim()
+    shape[axis] = len(which)
+    return torch.where(which.view(shape), one, other)
 
 
 def run_stage(
@@ -376,7 +376,7 @@ class AlternatingTraining:
             trainer.restore(state)
         trainer.run(progress)
         trainer.model.load_state_dict(trainer.best)
-        mean, std = torch.stack(moments(trainer.best_latent())).tolist()
+        mean, std = trainer.best_latent.tolist()
         record = {
             "wall_s": trainer.seconds,
             "best_score": [s if math.isfinite(s) else None for s in trainer.best_score.tolist()],

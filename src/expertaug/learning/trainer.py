@@ -350,9 +350,8 @@ def _chosen(which: Tensor, one: Tensor, other: Tensor) -> Tensor:
 class Restarts:
     """Seeds whose training has failed are begun anew: from other first weights, in another order of the data.
 
-    A network that learns beside an expert has minima in which F_a holds a part of what the expert should say, and only
-    other seeds show that validation could be better.  A seed is begun anew where it is more than ``restart_gap`` behind
-    the best of its group, and its better state is kept.
+    Some first weights lead to minima that are told from good ones only beside other seeds.  A seed is begun anew where
+    it is more than ``restart_gap`` behind the best of its group, and its better state is kept.
 
     Attributes:
         trainer: of the group; its best states become those of the restarts, where they are better.
