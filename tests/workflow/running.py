@@ -51,7 +51,6 @@ experiments:
 # The rules that a change redoes: all that follows its own.
 EVALUATION = {"evaluate_seed_group", "tabulate_experiment", "plot_experiment", "plot_overview"}
 EVALUATION |= {"log_evaluations_of_experiment", "write_report", "alarm_of_experiment", "coverage_of_experiment"}
-EVALUATION |= {"estimates_of_experiment"}
 AUGMENTED = {"finetune_seed_group"} | EVALUATION
 # Of the double pendulum longer forecasts and the loss of energy.
 LEARNING = {"train_seed_group", "augment_seed_group", "horizons_of_experiment", "dissipation_of_experiment"} | AUGMENTED
@@ -61,7 +60,8 @@ CHUNKS |= {"cut_horizon_of_experiment"}
 # Of the pendulum there is more.
 COMPARED = {"compare_experiment", "compare_all"}
 STUDIED = {"out_of_expertise_of_experiment", "prior_width_of_experiment"}
-SCORED = STUDIED | {"distance_of_experiment"} | COMPARED | EVALUATION
+# The double pendulum's z_e say how a window begins: it has no estimates.
+SCORED = STUDIED | {"distance_of_experiment", "estimates_of_experiment"} | COMPARED | EVALUATION
 ALONG = {"during_training_of_experiment"}  # the study along training, which has scores of its own
 TUNED = {"finetune_seed_group", "during_training_seed_group"} | ALONG | SCORED
 TRAINED = {"train_seed_group", "augment_seed_group", "flow_seed_group", "validity_of_experiment"} | TUNED

@@ -62,7 +62,7 @@ WIDER = {"augmentation": {"prior": {"omega0": [0.5, 4]}}}
         ({"experiments": {"pendulum": {"choices": {"frozen": "interaction_and_z_e_head"}}}}, TUNED),
         (
             {"methods": {"ml_only": {"label": "Neural ODE"}}},
-            ({"train_seed_group"} | ALONG | SCORED) - {"prior_width_of_experiment"},
+            ({"train_seed_group"} | ALONG | SCORED) - {"prior_width_of_experiment", "estimates_of_experiment"},
         ),
         ({"tracking": {"uri": "sqlite:///elsewhere.db"}}, {"init_tracking"}),
         ({"device": "cpu"}, {"dissipation_of_experiment", "horizons_of_experiment"} | TRAINED),
