@@ -54,7 +54,7 @@ def without_effect(package: Path, module: str) -> list[str]:
 
 
 AT_REQUEST = ("review_recording", "review", "export_recording")
-# Of other sources, or of a p⁺ without given ranges.
+# Of other sources, of a p⁺ without given ranges, or of constants that windows share.
 ELSEWHERE = (
     "unpack_markers",
     "import_markers",
@@ -62,6 +62,7 @@ ELSEWHERE = (
     "cut_measured_horizon",
     "own_prior",
     "own_priors",
+    "share",
 )
 
 

@@ -41,7 +41,9 @@ MISSING = [
     (
         "pendulum/ml_only/*/model.safetensors",
         "pendulum",
-        {"train_seed_group"} | SCORED - {"prior_width_of_experiment", "plot_overview", "compare_all", "write_report"},
+        {"train_seed_group"}
+        | SCORED
+        - {"prior_width_of_experiment", "estimates_of_experiment", "plot_overview", "compare_all", "write_report"},
     ),
 ]
 
