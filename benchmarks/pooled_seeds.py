@@ -33,7 +33,7 @@ def main() -> None:
     t, seeds = model.t[: model.observed], len(model)
     for name in ("validation", "iid", "test"):
         data = spread(Trajectories.load(options.folder / f"data/{name}.npz"), options.windows)
-        found = ea.predictive(model, data.seen[:, : len(t)], t, draws=DRAWS)
+        found = ea.predictive(model, data.seen[:, : len(t)], t, draws=DRAWS, pooled=False)
         for k, (parameter, draws) in enumerate(found.z_e.items()):
             below = [ea.diagnostics.ranks(draws[:, seed], data.z_e[:, k]) for seed in range(seeds)]
             each = [ea.diagnostics.interval_coverage(one, DRAWS, TABLE_LEVELS).share for one in below]

@@ -156,7 +156,7 @@ def test_a_flow(waits):
     assert on_card(flow)
     assert asked(waits) == {"learning/optimiser.py"}
     found = ea.predictive(flow, sets[1].y[:, :6], sets[1].t, draws=4).mean
-    assert found.shape == (2, 4, 11, 2)
+    assert found.shape == (4, 11, 2)
     there = ea.fit_posterior(fitted("pendulum", device="cpu")[0], *sets, prior=ranges, noise=0.01, **FLOW)
     assert np.array_equal(found, ea.predictive(there, sets[1].y[:, :6], sets[1].t, draws=4).mean)
 

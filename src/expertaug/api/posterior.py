@@ -44,8 +44,8 @@ class FlowOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Band:
-    """A posterior's forecasts of N windows; of a group of S seeds that are not pooled every array has an axis (S,)
-    before N.
+    """A posterior's forecasts of N windows; of a group of S seeds whose posteriors are not pooled every array has an axis
+    (S,) before N.
 
     Attributes:
         t: times in s, (T,).
@@ -122,7 +122,7 @@ def predictive(
     levels: Sequence[float] = (0.05, 0.5, 0.95),
     draws: int = 119,
     solver: Solver | None = None,
-    pooled: bool = False,
+    pooled: bool = True,
 ) -> Band:
     """Posterior predictive forecasts: mean and quantiles over draws, without the noise of a measurement.
 
@@ -135,7 +135,8 @@ def predictive(
         window, t, u, solver: as of :meth:`TrainedModel.forecast`.
         levels: of the quantiles.
         draws: K, of each seed.
-        pooled: whether all S seeds' draws make one posterior, as of one seed with S·K draws.
+        pooled: whether all S seeds' draws make one posterior, as of one seed with S·K draws; False: one of each seed,
+            whose intervals leave out how far off its own F_a is.
 
     Raises:
         InputError: a model without a posterior that can be drawn from, or levels beyond 0 and 1.
