@@ -10,6 +10,7 @@ from torch import Tensor
 
 from expertaug.api.arguments import Array
 from expertaug.errors import InputError
+from expertaug.models.doubts import FitDoubts
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,8 @@ class Forecast:
             tested the model, (N,), bool; None where that is not known.
         trusted: whether the misfit is no larger than that of 95 % of the validation windows, and the window not
             outside, (N,), bool; None where the former are not known.
+        doubts: what is doubtful about the fits of the windows (:class:`expertaug.models.doubts.FitDoubts`, with the
+            axis of seeds in any case); None where windows are not fitted.
     """
 
     t: np.ndarray
@@ -47,10 +50,12 @@ class Forecast:
     p_chi2: Array | None = None
     outside: Array | None = None
     trusted: Array | None = None
+    doubts: FitDoubts | None = None
 
     def table(self) -> pd.DataFrame:
         """A row per seed, sample and time; columns seed, sample, ``t [s]``, states, z_e with their units, and, where
-        there are any, their standard deviations, χ², misfit, whether the window lies outside and whether to trust it.
+        there are any, their standard deviations, χ², misfit, whether the window lies outside, whether to trust it, and
+        whether its fit is doubtful.
 
         Raises:
             InputError: the state is a field.
@@ -70,6 +75,8 @@ class Forecast:
         }
         further = ("chi2", "p_chi2", "misfit", "outside", "trusted")
         of_window |= {name: value for name in further if (value := getattr(self, name)) is not None}
+        if self.doubts is not None:
+            of_window["doubtful"] = self.doubts.any
         for name, value in of_window.items():
             each = np.asarray(value.cpu() if isinstance(value, Tensor) else value).reshape(y.shape[:2])
             columns[name] = each[index[0], index[1]]

@@ -44,8 +44,8 @@ class FlowOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Band:
-    """A posterior's forecasts of N windows; of a group of S seeds whose posteriors are not pooled every array has an axis
-    (S,) before N.
+    """A posterior's forecasts of N windows; of S seeds whose posteriors are not pooled every array has an axis (S,)
+    before N.
 
     Attributes:
         t: times in s, (T,).

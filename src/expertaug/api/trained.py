@@ -27,6 +27,7 @@ from expertaug.inference.flow import load as load_any
 from expertaug.inference.least_squares import LeastSquares, refined_by
 from expertaug.learning.residuals import record_residuals, window_residual
 from expertaug.models import store
+from expertaug.models.doubts import doubts_of
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Predictor
 from expertaug.models.settings import Refinement, RefinementSettings
@@ -186,11 +187,14 @@ class TrainedModel:
         outside = outside_support(self.system, self._as_used.card, estimates)
         trusted = None if misfit is None else self._trusted(misfit, outside)
         _warn_of_most(outside, OUTSIDE)
+        doubts = doubts_of(self.system, self._as_used.card, estimates)
+        if doubts is not None:
+            doubts.warn()
         each = [
             None if value is None else arguments.like(value[0] if self.single else value, window)
             for value in (chi2, misfit, self._probability(chi2, windows), outside, trusted)
         ]
-        return Forecast(t, y, named, units, self.seeds, std, *each)
+        return Forecast(t, y, named, units, self.seeds, std, *each, doubts)
 
     def estimate(self, window: Array, t: Array | Sequence[float], *, u: Array | None = None) -> dict[str, Array]:
         """Estimates of the expert parameters, without a forecast.

@@ -149,6 +149,7 @@ def _told(forecast: Forecast, found: Windows, observed: int) -> Iterator[str]:
             parts.append(f"p {of_seeds(forecast.p_chi2)[:, k].mean():.2g}")
         if forecast.outside is not None and (share := of_seeds(forecast.outside)[:, k].mean()) >= 0.5:
             parts.append("outside the training windows' range")
+        parts += [] if forecast.doubts is None else forecast.doubts.reasons(k)
         if forecast.trusted is None:
             parts.append("whether to trust it is not known (--validation says it)")
         else:

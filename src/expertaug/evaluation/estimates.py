@@ -21,11 +21,11 @@ from expertaug.evaluation.forecasts import Forecasts, read_forecasts
 from expertaug.evaluation.settings import EstimatesJob
 from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
+from expertaug.models.settings import TOLD
 
 LEVEL = 0.90  # of the intervals
 BLOCKS, ENOUGH = 10, 5  # of a trajectory's windows, at most, and for an error by their scatter
 FEWEST = 6  # windows of which a correlation time can be estimated
-TOLD = 0.5  # of the width of p⁺: an interval as wide says nothing
 SHARED, ALL = "all windows (shared)", "all"
 COLUMNS = ("parameter", "unit", "of", "value", "error", "low", "high", "spread", "windows", "groups", "told")
 EMPTY = "No version states parameters that are constants of an apparatus."

@@ -52,6 +52,8 @@ class Outcome:
         drawn: averages over windows of the scores of drawn forecasts, by metric or by member of a family, each (S,).
         outside: whether a window's estimates lie outside the training windows' (:mod:`expertaug.models.support`),
             (S, N); None where that is not known.
+        doubtful: whether a window's fit is (:class:`expertaug.models.doubts.FitDoubts`), (S, N); None where none is
+            made.
         with_truth: squared errors of K samples with the true z_e and with the estimated, (2, S, K).
         expert_share: share of F_a that another z_e would say (:mod:`expertaug.learning.expert_share`), (S,).
     """
@@ -66,6 +68,7 @@ class Outcome:
     truth: Tensor | None = None
     drawn: Mapping[str, Any] | None = None
     outside: Tensor | None = None
+    doubtful: Tensor | None = None
     with_truth: Tensor | None = None
     expert_share: Tensor | None = None
 
@@ -380,6 +383,19 @@ register(
         "tested the model; for augmented versions, p⁺ is inside.",
         compute=lambda o: None if o.outside is None else o.outside.double().mean(1),
         shown=Shown.WHERE_ANY,
+        digits=1,
+        factor=100,
+        not_negative=True,
+    )
+)
+register(
+    Metric(
+        "doubtful_share",
+        "doubtful fits",
+        "%",
+        note="Doubtful fits: windows whose fit never left its start, has a positive parameter at zero, or does not "
+        "tell a parameter: its 90 % interval is wider than half the range in which fits start.",
+        compute=lambda o: None if o.doubtful is None else o.doubtful.double().mean(1),
         digits=1,
         factor=100,
         not_negative=True,

@@ -18,6 +18,7 @@ from expertaug.inference.posterior_predictive import z_e_draws
 from expertaug.learning.divergence import bound_of_card, largest_sizes
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors, window_residual
+from expertaug.models.doubts import doubts_of
 from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.store import StoredModel
 from expertaug.models.support import outside_support
@@ -107,7 +108,7 @@ def score(
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0
     of_truth, stated = bool(stored.card.truth), []
-    outside, probe = [], ExpertProbe(stored.model, drawing, len(truth))
+    outside, doubtful, probe = [], [], ExpertProbe(stored.model, drawing, len(truth))
     few = min(drawing.count, scoring.expected_draws)
     expected = ExpectedError(stored.model, replace(drawing, count=few))
     chosen = np.linspace(0, len(truth) - 1, min(scoring.drawn_samples, len(truth))).astype(int)
@@ -134,6 +135,8 @@ def score(
         estimate_s += found.estimate_s
         beyond = outside_support(system, stored.card, found.found)
         outside += [] if beyond is None else [beyond]
+        doubts = doubts_of(system, stored.card, found.found)
+        doubtful += [] if doubts is None else [doubts.any]
         if found.found.z_e is not None and stored.model.knows_z_e:
             estimates.append(found.found.z_e.cpu())
             stated.append(found.found.stated(of_truth))
@@ -163,6 +166,7 @@ def score(
         torch.from_numpy(truth.z_e).unsqueeze(0),
         None if of_draws is None else of_draws.averages(),
         torch.cat(outside, dim=1) if outside else None,
+        torch.cat(doubtful, dim=1) if doubtful else None,
         *probe.joined(),
     )
     failed = torch.tensor([seed in stored.failed for seed in stored.seeds])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor, nn
@@ -290,7 +291,10 @@ class WindowFit(WindowProblem):
                 value[seeds, place] = torch.where(chosen, other, value[seeds, place])
             again = (further.cost - before).abs() <= self.settings.agreement * torch.minimum(before, further.cost)
             wanting[seeds, place] &= ~(again | self._sufficient(further, part))
-        return self._estimates(found.x, found.cost, found.curvature, windows)
+        return replace(
+            self._estimates(found.x, found.cost, found.curvature, windows),
+            stuck=~found.moved & ~self._sufficient(found, windows),
+        )
 
     def _minimum(self, x: Tensor, windows: Tensor) -> Minimum:
         """The minima that are reached from starts (S, B, K)."""
@@ -300,7 +304,7 @@ class WindowFit(WindowProblem):
 
         if not x.shape[-1]:  # everything is shared, and the first point is what was observed
             cost = cost_of(residuals(x.unsqueeze(0), torch.arange(x.shape[-2]))[0])
-            return Minimum(x, cost, x.new_zeros(*x.shape, 0))
+            return Minimum(x, cost, x.new_zeros(*x.shape, 0), torch.ones_like(cost, dtype=torch.bool))
         return minimise(residuals, x, self.settings.steps, self.longest)
 
     def _sufficient(self, found: Minimum, windows: Tensor) -> Tensor:

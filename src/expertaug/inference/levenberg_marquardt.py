@@ -26,11 +26,13 @@ class Minimum:
         x: (…, B, K).
         cost: sum of squared residuals there, (…, B).
         curvature: JᵀJ there, (…, B, K, K): half the second derivative, without the residuals' own.
+        moved: whether any step was better than the start, (…, B), bool.
     """
 
     x: Tensor
     cost: Tensor
     curvature: Tensor
+    moved: Tensor
 
 
 @torch.no_grad()
@@ -53,7 +55,7 @@ def minimise(
     columns = torch.arange(x.shape[-2], device=x.device)
     cost, curvature, slope = _derivatives(residuals, x, columns)
     damping = torch.full_like(cost, DAMPING)
-    done = torch.zeros_like(cost, dtype=torch.bool)
+    done, moved = (torch.zeros_like(cost, dtype=torch.bool) for _ in range(2))
     for _ in range(steps):
         step, gain = _step(curvature, slope, damping, longest)
         done |= (gain <= tolerance * cost) & (damping <= DAMPING)
@@ -64,6 +66,7 @@ def minimise(
         trial = (x + step)[..., open_, :]
         new, new_curvature, new_slope = _derivatives(residuals, trial, open_)
         better = (new < now) & ~done[..., open_]
+        moved[..., open_] |= better
         x[..., open_, :] = torch.where(better[..., None], trial, x[..., open_, :])
         curvature[..., open_, :, :] = torch.where(better[..., None, None], new_curvature, curvature[..., open_, :, :])
         slope[..., open_, :] = torch.where(better[..., None], new_slope, slope[..., open_, :])
@@ -71,7 +74,7 @@ def minimise(
         damping[..., open_] = torch.where(better, at * LESS, at * MORE)
         settled = (better & (now - new <= tolerance * now)) | (damping[..., open_] > TIGHTEST)
         done[..., open_] = done[..., open_] | settled
-    return Minimum(x, cost, curvature)
+    return Minimum(x, cost, curvature, moved)
 
 
 @torch.no_grad()

@@ -183,6 +183,7 @@ class Estimates:
         chi2: how well they fit each window, (…, B), where the estimator has compared them with it.
         draws: of the posterior of z_e, z_a and y0, each (…, B, K, ·), where the estimator's forecast is their mean.
         root: a matrix (…, B, D, D) whose square is the covariance of a fit's D coordinates (Laplace's approximation).
+        stuck: whether a fit never found a better point than its start and does not explain the window, (…, B), bool.
     """
 
     y0: Tensor
@@ -192,6 +193,7 @@ class Estimates:
     chi2: Tensor | None = None
     draws: tuple[Tensor, Tensor, Tensor] | None = None
     root: Tensor | None = None
+    stuck: Tensor | None = None
 
     @property
     def z_e_std(self) -> Tensor | None:
@@ -216,7 +218,7 @@ class Estimates:
 
     def to(self, like: Tensor) -> Estimates:
         """The same in another tensor's type and on its device."""
-        return self._each(lambda value: value.to(like))
+        return self._each(lambda value: value.to(like.device) if value.dtype is torch.bool else value.to(like))
 
     def expand(self, seeds: int) -> Estimates:
         """Those of one seed (1, B, …) for each of S seeds that share them: (S, B, …)."""
@@ -236,7 +238,7 @@ class Estimates:
         def changed(value: Tensor | None) -> Tensor | None:
             return None if value is None else change(value)
 
-        found = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2", "root")}
+        found = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2", "root", "stuck")}
         posterior = self.posterior
         if posterior is not None:
             posterior = replace(

@@ -33,6 +33,7 @@ from expertaug.systems.settings import SYSTEMS, SolverSettings
 Module = TypeVar("Module")
 WIDEST = 2**16
 AXES = 32  # principal components of an encoder's z_a that a model file keeps, for fits of windows
+TOLD = 0.5  # of the width of p⁺: an interval as wide says nothing of a parameter
 Width = Annotated[int, Field(ge=1, le=WIDEST)]
 Widths = Annotated[tuple[Width, ...], Field(strict=False, max_length=100)]
 Hidden = Annotated[tuple[Width, ...], Field(strict=False, min_length=1, max_length=100)]
