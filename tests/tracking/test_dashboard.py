@@ -97,12 +97,12 @@ def test_the_page_of_a_method_shows_mean_spread_parameters_data_and_a_figure(das
 
 
 def test_two_runs_are_compared(dashboard, page, tracking):
-    found = [run_named(tracking, f"seed {seed} · evaluate") for seed in (0, 1)]
+    found = [run_named(tracking, f"swing/Hybrid+ · seed {seed} · evaluate") for seed in (0, 1)]
     ids = "%22,%22".join(run.info.run_id for run in found)
     experiment = dashboard.partition("/experiments/")[2].partition("/")[0]
     base = dashboard.partition("/experiments/")[0]
     address = f"{base}/compare-runs?runs=[%22{ids}%22]&experiments=[%22{experiment}%22]"
-    page.open(address, "seed 0 · evaluate", "seed 1 · evaluate", "training.rate", "test/log_mse_sum")
+    page.open(address, "swing/Hybrid+ · seed 0", "swing/Hybrid+ · seed 1", "training.rate", "test/log_mse_sum")
     page.keep("compared")
 
 
@@ -111,8 +111,8 @@ def test_a_curve_moves_while_a_training_runs_and_has_no_gap_after_a_kill(dashboa
     fields = FIELDS | {"seeds": [0], "label": "Other", "method": "other", "stage": "stuck"}
     job = start(str(path), tracking, fields, 0, code=SLOWLY)
     try:
-        page.wait_for(lambda: any(run.info.run_name == "seed 0 · stuck" for run in runs_of(tracking)))
-        charts = page_of(dashboard, run_named(tracking, "seed 0 · stuck"), "/model-metrics")
+        page.wait_for(lambda: any(run.info.run_name == "swing/Other · seed 0 · stuck" for run in runs_of(tracking)))
+        charts = page_of(dashboard, run_named(tracking, "swing/Other · seed 0 · stuck"), "/model-metrics")
         page.open(charts, "loss")
         page.wait_for(lambda: max(page.points(), default=0) > 1)
         first = max(page.points())

@@ -146,9 +146,9 @@ def test_store_holds_what_was_logged(tmp_path, tracking):
         for step in range(3):
             log.metrics(step, {"loss": [step, 10 + step], "odd=name": [1, 1]})
         log.artifact(folder / "model.bin")
-    *children, parent = sorted(contents(tracking))
+    parent, *children = sorted(contents(tracking))
     assert parent[0] == "swing/Hybrid+"
-    assert [child[0] for child in children] == ["seed 0 · train", "seed 1 · train"]
+    assert [child[0] for child in children] == ["swing/Hybrid+ · seed 0 · train", "swing/Hybrid+ · seed 1 · train"]
     for position, (_, info, tags, parent_name, params, metrics, datasets, artifacts) in enumerate(children):
         assert info[0] == "FINISHED"
         assert parent_name == "swing/Hybrid+"

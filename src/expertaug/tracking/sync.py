@@ -185,8 +185,8 @@ class Mirror:
                 tags["mlflow.source.git.commit"] = tags["git_revision"].removesuffix("-dirty")
             tags |= {"mlflow.source.type": "LOCAL", "mlflow.source.name": f"expertaug {header.stage}"}
             tags |= {"mlflow.parentRunId": self.parent, "log_key": log_key, "log_place": self._place}
-            name = header.stage if seed is None else f"seed {seed} · {header.stage}"
-            run = self._client.get_run(self._create(name, tags))
+            of = header.stage if seed is None else f"seed {seed} · {header.stage}"
+            run = self._client.get_run(self._create(f"{self._method} · {of}", tags))
         elif run.info.status != "RUNNING":
             self._client.update_run(run.info.run_id, status="RUNNING")
         run_id = run.info.run_id
@@ -295,7 +295,12 @@ class Mirror:
         for run in self._search(condition, order_by=["attributes.start_time ASC"], max_results=1):
             return run.info.run_id
         tags = {name: getattr(header, name) for name in IDENTITY} | {"parent_key": key}
-        return self._create(f"{header.experiment}/{header.label}", tags)
+        return self._create(self._method, tags)
+
+    @property
+    def _method(self) -> str:
+        """What names the method's runs, so that those of several can be told from each other when they are compared."""
+        return f"{self._header.experiment}/{self._header.label}"
 
     def _end_parent(self, end: int) -> None:
         """A log has ended, at ``end`` in ms: its parent gets mean and spread of this stage's values, and a state."""
