@@ -69,7 +69,8 @@ def least_squares(
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
         start: ranges [low, high] of first values of components that nobody measured, in their units.
         options: see :class:`expertaug.inference.settings.RefinementSettings`; with ``units={"omega0": "shared"}`` all
-            windows have one ω0, fitted once to the training windows together.
+            windows have one ω0, fitted once to the training windows together; with ``sensors={"omega": {"scale":
+            "shared"}}`` the scale of the speed's sensor is estimated with it, and forecasts are what it shows.
 
     Returns:
         a model that forecasts and is scored like a trained one.
@@ -89,7 +90,7 @@ def least_squares(
         ranges = grow_ranges_of_expert(stored, train, fitting.noise, fitting.settings)
         fitting = fitting.model_copy(update={"prior": ranges})
         stored = replace(stored, card=stored.card.but(refinement=fitting))
-    if fitting.settings.shared:
+    if fitting.settings.shares:
         with arguments.one_thread():
             fitting = fit_shared(stored, fitting, train)
         stored = replace(stored, card=stored.card.but(refinement=fitting))

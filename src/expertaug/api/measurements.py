@@ -73,4 +73,6 @@ def _read(
     stride = min(length, 5)
     defaults = {"stride": stride, "evaluation_stride": length, **settings}
     defaults |= {"paths": [fspath(path) for path in several], "columns": dict(columns), "length": length}
-    return measured(MeasurementSettings.from_mapping(defaults), systems.names(system))
+    data = measured(MeasurementSettings.from_mapping(defaults), systems.names(system))
+    data.warn_of_slopes()
+    return data

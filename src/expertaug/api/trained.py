@@ -19,6 +19,7 @@ from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast
 from expertaug.errors import InputError
 from expertaug.evaluation.estimates import COLUMNS, Stated, summarise
+from expertaug.evaluation.forecasts import sensor_estimates
 from expertaug.evaluation.score import score, spread
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.diagnostics.alarm import threshold
@@ -237,7 +238,9 @@ class TrainedModel:
             shared = {} if fit is None else {name: one.groups for name, one in (fit.shared or {}).items()}
             names, units = [p.name for p in parameters], [p.unit for p in parameters]
             ranges = fit.prior if fit is not None and isinstance(fit.prior, Mapping) else {}
-            rows = summarise(Stated(values, std, names, units, data.id, shared), ranges)  # type: ignore[arg-type]
+            sensors = sensor_estimates(fit, [(p.name, p.unit) for p in self.system.state])
+            stated = Stated(values, std, names, units, data.id, shared, sensors)  # type: ignore[arg-type]
+            rows = summarise(stated, ranges)
         return pd.DataFrame([vars(one) for one in rows], columns=list(COLUMNS))
 
     def evaluate(

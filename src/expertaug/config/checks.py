@@ -234,7 +234,8 @@ def _fits(
 def _shared(
     where: str, experiment: Experiment, methods: dict[str, Method], system: options.KnownSystem | None
 ) -> Iterator[InputError]:
-    """What windows share: parameters that there are, no first values, and something at least where a method shares."""
+    """What windows share: parameters and components that there are, no first values, and something at least where a
+    method shares."""
     started = jobs.starts(experiment)
     blocks = {f"{where}.refinement": experiment.refinement}
     for method, over in experiment.overrides.items():
@@ -247,10 +248,12 @@ def _shared(
                 yield from unknown_one(name, system.expert, here, "expert parameter")
             if name in block.shared and name in started:
                 yield InputError(here, "says how a window begins, and no two begin alike", "leave it out")
+        if system is not None and system.state is not None:
+            yield from unknown(block.sensors or {}, system.state, f"{at}.sensors", "component of the state")
     for k, method in enumerate(experiment.methods):
         over = experiment.overrides.get(method)
         own = experiment if over is None else overridden(experiment, over)
-        if methods[method].estimator.shares and not own.refinement.shared:
+        if methods[method].estimator.shares and not own.refinement.shares:
             found = f"'{method}' fits what windows share, and nothing is said to be shared"
             first = next(iter((system.expert if system is not None else None) or ()), "NAME")
             yield InputError(f"{where}.methods[{k}]", found, f"give refinement: {{units: {{{first}: shared}}}}")

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from expertaug.evaluation.forecasts import Forecasts, read_forecasts
+from expertaug.evaluation.forecasts import Forecasts, SensorEstimate, read_forecasts
 from expertaug.evaluation.settings import EstimatesJob
 from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
@@ -31,12 +31,13 @@ COLUMNS = ("parameter", "unit", "of", "value", "error", "low", "high", "spread",
 EMPTY = "No version states parameters that are constants of an apparatus."
 CAPTION = (
     "Estimates of the parameters with their standard error and 90 % interval. Shared: one value for all windows, "
-    "fitted to the training windows together, with errors clustered by trajectory, or by blocks of windows of few. Of "
-    "a trajectory: mean of its windows' own estimates in all sets (at most 200 of the training set), weighted by their "
-    "errors, with the error that blocks of successive windows tell. Of all: mean over trajectories, or over windows "
-    "where each is a trajectory, and the spread between them beyond their errors. Told: the interval is narrower than "
-    "half the range of p⁺, in which fits start; no, the data do not tell the parameter. Intervals say how sure the "
-    "estimate is if the model is right. Of several seeds the mean, with their spread in the error."
+    "fitted to the training windows together, with errors clustered by trajectory, or by blocks of windows of few; "
+    "constants of sensors (measured = scale · state + offset) with them. Of a trajectory: mean of its windows' own "
+    "estimates in all sets (at most 200 of the training set), weighted by their errors, with the error that blocks of "
+    "successive windows tell. Of all: mean over trajectories, or over windows where each is a trajectory, and the "
+    "spread between them beyond their errors. Told: the interval is narrower than half the range of p⁺, in which fits "
+    "start; no, the data do not tell the parameter. Intervals say how sure the estimate is if the model is right. Of "
+    "several seeds the mean, with their spread in the error."
 )
 
 
@@ -183,6 +184,7 @@ class Stated:
         names, units: of the K parameters.
         identity: of the windows, (N,); None: each is a trajectory.
         shared: number of independent groups of windows by name of the parameters that all share.
+        sensors: constants of sensors, which all windows share too.
     """
 
     values: np.ndarray
@@ -191,6 +193,7 @@ class Stated:
     units: Sequence[str]
     identity: np.ndarray | None
     shared: Mapping[str, int]
+    sensors: Sequence[SensorEstimate] = ()
 
 
 def summarise(
@@ -240,6 +243,10 @@ def summarise(
             found.append(row(Pooled(together.value, error, together.spread, together.groups), of, windows))
         if identity is not None:
             found += [row(one, trajectory, count) for trajectory, (one, count) in each.items()]
+    for one in stated.sensors:
+        low, high = interval(pooled := Pooled(one.value, one.error, np.nan, one.groups))
+        numbers = (pooled.value, pooled.error, low, high, np.nan, stated.values.shape[1], one.groups)
+        found.append(Estimate(one.name, one.unit, SHARED, *numbers, None))
     return found
 
 
@@ -290,6 +297,7 @@ def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
             first.estimated_units,
             identity,
             first.shared,
+            first.sensors,
         )
 
     if all(sets[name].sample_id is not None for name in names):

@@ -161,7 +161,7 @@ class Drawing:
         if self.start != "y0" and not observed.has_gaps:  # as Predictor.predicted
             first = min(self.observed - 1, self.begin)
         if first:
-            y0 = windows.y[first].expand_as(y0)
+            y0 = model.state_of(windows.y[first]).expand_as(y0)
         decoder = model.decoder  # type: ignore[attr-defined]
         later = None if u is None else u[first:]
         states = forecasts(decoder, y0, z_e, z_a, self.t[first:], self.draws_solver, bound, later)

@@ -6,7 +6,7 @@ The file's arrays are the fields of :class:`Forecasts` and, as ``<set>_<field>``
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,11 +15,13 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_npz
+from expertaug.models.settings import Refinement
 
 REMEDY = "make it again with evaluate"
 OWN = "own"  # the set of windows that the version's models have made themselves
 TEXTS = ("state_names", "state_units", "parameter_names", "parameter_units")
 MORE_TEXTS = ("interaction_names", "estimated_names", "estimated_units")
+SENSOR = ("sensor_names", "sensor_units", "sensor_values", "sensor_errors", "sensor_groups")
 ALWAYS = ("t", "observed", "seeds", *TEXTS)
 OF_A_SET = ("errors", "misfit", "truth", "z_e")  # a set is what has one of these
 
@@ -30,6 +32,33 @@ class VersionKey(NamedTuple):
     experiment: str
     preset: str
     method: str
+
+
+class SensorEstimate(NamedTuple):
+    """A constant of a component's sensor, as a version has estimated it.
+
+    Attributes:
+        name: as tables print it.
+        unit: of the constant; empty of a scale.
+        value, error: and its standard error.
+        groups: number of independent groups of windows that it is from.
+    """
+
+    name: str
+    unit: str
+    value: float
+    error: float
+    groups: int
+
+
+def sensor_estimates(refinement: Refinement | None, state: Sequence[tuple[str, str]]) -> list[SensorEstimate]:
+    """What a version's windows are fitted with; ``state`` has name and unit of each component."""
+    found, constants, units = [], {} if refinement is None else refinement.sensors or {}, dict(state)
+    for component, sensor in constants.items():
+        for name, unit in (("offset", units[component]), ("scale", "")):
+            if (one := getattr(sensor, name)) is not None:
+                found.append(SensorEstimate(f"{name} of {component}", unit, one.value, one.std, one.groups))
+    return found
 
 
 @dataclass(frozen=True)
@@ -110,6 +139,7 @@ class Forecasts:
         estimated_names, estimated_units: of the expert parameters and, where the equation is the true one, of the
             interaction's.
         shared: of those that all windows share, the number of independent groups of windows that they are from.
+        sensors: constants of the sensors by which its forecasts are what is measured.
         version: whose they are; None of a file from before that was kept, and in memory.
         rank_draws: K, the number of draws among which ``ranks`` of the sets are.
         own: ranks and scores on windows that the version's models have made themselves.
@@ -129,6 +159,7 @@ class Forecasts:
     estimated_names: list[str] = field(default_factory=list)
     estimated_units: list[str] = field(default_factory=list)
     shared: Mapping[str, int] = field(default_factory=dict)
+    sensors: Sequence[SensorEstimate] = ()
     version: VersionKey | None = None
     rank_draws: int | None = None
     own: SetForecasts | None = None
@@ -175,6 +206,8 @@ class Forecasts:
         texts = {name: np.array(getattr(self, name), dtype=str) for name in (*TEXTS, *MORE_TEXTS)}
         texts["shared_names"] = np.array(list(self.shared), dtype=str)
         arrays["shared_groups"] = np.array(list(self.shared.values()), dtype=int)
+        for name, values in zip(SENSOR, zip(*self.sensors, strict=True), strict=False):
+            arrays[name] = np.array(values)
         found = {key: np.array(value) for key, value in arrays.items() if value is not None}
         with atomic(path) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, **found, failed=np.array(self.failed, dtype=int), **texts)
@@ -211,6 +244,10 @@ class Forecasts:
                 str(name): int(groups)
                 for name, groups in zip(arrays.get("shared_names", ()), arrays.get("shared_groups", ()), strict=True)
             },
+            sensors=[
+                SensorEstimate(str(name), str(unit), float(value), float(error), int(groups))
+                for name, unit, value, error, groups in zip(*(arrays.get(name, ()) for name in SENSOR), strict=True)
+            ],
             version=VersionKey(*map(str, arrays["version"])) if "version" in arrays else None,
             rank_draws=int(arrays["rank_draws"]) if "rank_draws" in arrays else None,
             own=SetForecasts(**own) if own else None,

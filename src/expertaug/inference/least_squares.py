@@ -32,7 +32,8 @@ from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, of_observed, shaped
 from expertaug.models.posterior import Estimates, Estimator, Gaussian, Posterior, Predictor, log_slope, unconstrain
-from expertaug.models.settings import Constant, Refinement, RefinementSettings
+from expertaug.models.sensors import Sensors
+from expertaug.models.settings import Constant, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
 from expertaug.systems import System
@@ -126,19 +127,19 @@ class WindowProblem:
         return torch.cat((data, self.pull(wide)), -1).view(seeds, copies, count, -1).movedim(1, 0)
 
     def first(self, windows: Tensor) -> Tensor:
-        """The observed first points (S, N, *state) of windows (T1, S, N, *observed)."""
-        return states_of(self.system, windows[0])
+        """The observed first points (S, N, *state) of windows (T1, S, N, *observed), as a forecast starts from them."""
+        return self.decoder.state_of(states_of(self.system, windows[0]))
 
     def states(self, x: Tensor, windows: Tensor) -> Tensor:
-        """Forecasts (T1, S, N, *state) with parameters (S, N, K), from the first points and with the known inputs of
-        windows (T1, S, N, *observed)."""
+        """Forecasts (T1, S, N, *state), as they are measured, with parameters (S, N, K), from the first points and with
+        the known inputs of windows (T1, S, N, *observed)."""
         z_e, z_a, start = self.parts(x, self.first(windows))
         u = inputs_of(self.system, windows)
         return forecast_or_fallback(self.decoder, start, z_e, z_a, self.t, self.solver, u)  # type: ignore[arg-type]
 
     def differences(self, states: Tensor, observed: Tensor) -> Tensor:
-        """States (T1, S, N, *state) and windows (T1, S, N, *observed) → what lies between them in units of the noise,
-        (S, N, M)."""
+        """Measured states (T1, S, N, *state) and windows (T1, S, N, *observed) → what lies between them in units of the
+        noise, (S, N, M)."""
         observed = states_of(self.system, observed)
         counts = self.counts.T.view(len(self.t), 1, 1, -1, *[1] * (len(self.system.state_shape) - 1))
         states = torch.where(counts.to(states.device), states, observed)
@@ -395,7 +396,7 @@ class LeastSquares(Predictor, nn.Module):
     ) -> tuple[Tensor, Tensor, Tensor]:
         """As :func:`expertaug.inference.posterior_predictive.joint_draws`, by Laplace's approximation."""
         normal = random.normal(count, windows.y.shape[2], sum(self.fit.sizes))
-        return self.fit.draws(found, windows.y[0], normal)
+        return self.fit.draws(found, self.state_of(windows.y[0]), normal)
 
     def forecast(
         self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
@@ -410,6 +411,7 @@ def estimator_of(
     noise: GivenNoise,
     prior: Mapping[str, tuple[float, float]] | None,
     shared: Mapping[str, Constant] | None = None,
+    sensors: Mapping[str, SensorConstants] | None = None,
 ) -> LeastSquares:
     """Least squares with a stored model's decoder: from its own estimates too, where it has any.
 
@@ -419,6 +421,7 @@ def estimator_of(
         noise: standard deviation of the data's noise (:func:`expertaug.models.observation_noise.noise_of`).
         prior: range of each expert parameter in which starts lie; None: only the model's own estimates are starts.
         shared: constants of all windows.
+        sensors: constants of the sensors that show the state.
 
     Raises:
         InputError: a model without a decoder.
@@ -430,10 +433,17 @@ def estimator_of(
     if missing := sorted(set(options.shared) - set(shared or {})):
         remedy = "only least squares with the expert alone shares parameters: leave units out"
         raise InputError(f"units.{missing[0]}", "shared, and its value is not known", remedy)
+    if missing := sorted(set(options.sensors or ()) - set(sensors or ())):
+        remedy = "only least squares with the expert alone estimates sensors: leave it out"
+        raise InputError(f"sensors.{missing[0]}", "its constants are not known", remedy)
     if kind.has_objective and card.latent is None:
         raise InputError("refinement", "the model file does not say where its z_a lie", "train it again")
     first = None if kind.fits_windows else stored.model
     decoder: Decoder = stored.model if first is None else stored.model.decoder
+    starts = card.start
+    if sensors:
+        decoder = decoder.seen_by(Sensors.of(decoder.system, sensors))
+        starts = None if starts is None or decoder.sensors is None else decoder.sensors.state_ranges(starts)
     given = options.model_fields_set
     solver = options.solver if "solver" in given else card.training.solver
     known = noise_of(noise, decoder.system, card)
@@ -447,7 +457,7 @@ def estimator_of(
         prior,
         LatentCoordinates.of(card, options.latent),
         Solver(**dict(solver or {})),
-        card.start,
+        starts,
         shared,
     )
     return LeastSquares(decoder, fit, first)
@@ -456,7 +466,7 @@ def estimator_of(
 def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
     """As :func:`estimator_of`, as a refinement says."""
     prior = None if refinement.prior is None else given_ranges(refinement.prior)
-    return estimator_of(stored, refinement.settings, refinement.noise, prior, refinement.shared)
+    return estimator_of(stored, refinement.settings, refinement.noise, prior, refinement.shared, refinement.sensors)
 
 
 def refinement_of(stored: StoredModel, given: Refinement | None) -> Refinement | None:

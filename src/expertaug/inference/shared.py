@@ -2,7 +2,8 @@
 
 The windows' sum of squares is minimised over the shared parameters and each window's own ones together.  Given the
 former, windows are independent, so that their own parameters are eliminated from the normal equations window by window
-(a Schur complement); what is left is a system of the size of what is shared.
+(a Schur complement); what is left is a system of the size of what is shared.  Scale and offset of a component's sensor
+may be among it: they are seen in how far what is measured contradicts the equation.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +21,16 @@ from torch import Tensor
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.inference.least_squares import MEMORY, WindowFit, estimator_of
-from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTEST, linearised
+from expertaug.inference.levenberg_marquardt import DAMPING, LESS, LONGEST, MORE, TIGHTEST, linearised
 from expertaug.learning.settings import UntrainedJob
 from expertaug.learning.train import Calibration, describe_recipe, make_untrained
 from expertaug.learning.training_data import set_files
 from expertaug.models import store
-from expertaug.models.settings import Constant, Refinement
+from expertaug.models.sensors import Sensors, check_components
+from expertaug.models.settings import Constant, Refinement, SensorConstants
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
+from expertaug.systems import System
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
 
@@ -36,6 +39,8 @@ STEPS = 60
 TOLERANCE = 1e-9  # of the cost: the windows together are at their minimum
 FEWEST_GROUPS = 8  # of windows whose residuals are independent, below which blocks of windows stand for groups
 BLOCKS = 10
+UNTOLD = 1e-7  # of a direction's curvature, each constant's own being 1: two constants make up for each other there
+WEAK = 0.25  # standard error of a sensor's constant, of a scale or of the component's spread, which is told
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,7 @@ def run_stage(data: Path, output: Path, settings: UntrainedJob, calibration: Pat
     train, build = Trajectories.load(set_files(data)[0]), settings.build
     system = systems.load(described.system)
     stored = make_untrained(build.kind, system, train, settings, described, bool(build.truth))
-    if settings.refinement is None or not settings.refinement.settings.shared:
+    if settings.refinement is None or not settings.refinement.settings.shares:
         raise InputError("refinement.units", "nothing is shared", "say of a parameter that it is: NAME: shared")
     began = time.perf_counter()
     refinement = fit_shared(stored, settings.refinement, train)
@@ -78,7 +83,8 @@ def run_stage(data: Path, output: Path, settings: UntrainedJob, calibration: Pat
 
 
 def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories) -> Refinement:
-    """The refinement with constants for what its settings call shared, fitted to the training windows.
+    """The refinement with constants for what its settings call shared, parameters and sensors' constants, fitted to
+    the whole training windows: what they show after the observed part is known, and tells the constants best.
 
     Standard errors are those of clustered observations (Liang & Zeger 1986), by trajectory, or, of fewer than eight, by
     blocks of windows in their order: residuals of a model that is not quite right are correlated along a trajectory and
@@ -90,30 +96,46 @@ def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories)
         train: windows of what shares the parameters, with their identities, where they have any.
 
     Raises:
-        InputError: a name that is no expert parameter, or no prior.
+        InputError: a name that is no expert parameter or no component, no prior, or windows that do not tell a
+            sensor's constant.
     """
     names = [p.name for p in stored.model.system.expert_parameters]
-    shared = refinement.settings.shared
+    shared, sought = refinement.settings.shared, refinement.settings.of_sensors
     if wrong := sorted({*(refinement.settings.units or {})} - set(names)):
         raise InputError(f"units.{wrong[0]}", "is no expert parameter", f"known: {', '.join(names)}")
-    if not shared:
+    check_components(stored.model.system, refinement.settings.sensors or {})
+    if not refinement.settings.shares:
         return refinement
     if refinement.prior is None:
         raise InputError("units", "given without a prior", "give a range of each parameter in which fits start")
-    each = refinement.settings.model_copy(update={"units": {}})
-    fit = estimator_of(stored, each, refinement.noise, given_ranges(refinement.prior)).fit
-    windows = Windows.of(train).until(stored.card.observed).joined.double()
-    places = [names.index(name) for name in shared]
-    x, equations = _minimise(fit, windows, places)
+    each = refinement.settings.model_copy(update={"units": {}, "sensors": {}})
+    whole, x = Windows.of(train), None
+    sensors = SensorCoordinates.of(stored.model.system, sought, whole.y)
+    # The observed part first: a forecast over all of a window has more minima, and is near the best one from there.
+    for points in sorted({stored.card.observed, whole.points}):
+        of_part = replace(stored, card=stored.card.but(observed=points))
+        fit = estimator_of(of_part, each, refinement.noise, given_ranges(refinement.prior)).fit
+        windows, own = whole.until(points).joined.double(), sum(fit.sizes)
+        places = [*(names.index(name) for name in shared), *range(own, own + len(sought))]
+        x, equations = _minimise(SensedFit(fit, sensors), windows, places, x)
+    if sought:
+        _check_told(equations, places, [*shared, *(f"sensors.{component}.{name}" for component, name in sought)])
     groups = groups_of(train)
     covariance = _covariance(equations, places, groups)
-    values = fit.parts(x, fit.first(windows))[0][0, 0, places]
-    std = covariance.diagonal().clamp_min(0).sqrt() * fit.expert.slope(x[0, 0, : len(names)])[places]
-    constants = {
-        name: Constant(value=float(value), std=float(error), groups=len(set(groups.tolist())))
-        for name, value, error in zip(shared, values, std, strict=True)
-    }
-    return refinement.model_copy(update={"shared": constants})
+    std = covariance.diagonal().clamp_min(0).sqrt()
+    values = fit.parts(x[..., :own], fit.first(windows))[0][0, 0, places[: len(shared)]]
+    errors = std[: len(shared)] * fit.expert.slope(x[0, 0, : len(names)])[places[: len(shared)]]
+    changes: dict[str, object] = {}
+    if shared:
+        changes["shared"] = dict(zip(shared, _constants(values, errors, groups), strict=True))
+    if sought:
+        changes["sensors"] = sensors.constants(x[0, 0, own:], std[len(shared) :], groups)
+    return refinement.model_copy(update=changes)
+
+
+def _constants(values: Tensor, errors: Tensor, groups: np.ndarray) -> list[Constant]:
+    count, pairs = len(set(groups.tolist())), zip(values.tolist(), errors.tolist(), strict=True)
+    return [Constant(value=value, std=error, groups=count) for value, error in pairs]
 
 
 def groups_of(data: Trajectories) -> np.ndarray:
@@ -128,11 +150,102 @@ def groups_of(data: Trajectories) -> np.ndarray:
     return np.minimum(np.arange(count) * BLOCKS // count, BLOCKS - 1) + BLOCKS * places
 
 
+@dataclass(frozen=True)
+class SensorCoordinates:
+    """Constants of sensors that are estimated: logarithms of scales, offsets in units of the component's spread.
+
+    Attributes:
+        sought: component and name, scale or offset, of each.
+        places: of their components in the state of K.
+        units: standard deviation of each one's component over the windows, in its unit.
+        components: K.
+        axes: of a state.
+    """
+
+    sought: Sequence[tuple[str, str]]
+    places: Sequence[int]
+    units: Tensor
+    components: int
+    axes: int
+
+    @classmethod
+    def of(cls, system: System, sought: Sequence[tuple[str, str]], windows: Tensor) -> SensorCoordinates:
+        """Of a system, and what was measured of it, (T, 1, N, *state)."""
+        names = [p.name for p in system.state]
+        places, axis = [names.index(component) for component, _ in sought], windows.dim() - len(system.state_shape)
+        columns = [windows.select(axis, place) for place in places]
+        spreads = [float(one[~one.isnan()].std()) if (~one.isnan()).sum() > 1 else 1.0 for one in columns]
+        units = torch.tensor([spread or 1.0 for spread in spreads], dtype=torch.float64)
+        return cls(sought, places, units, len(names), len(system.state_shape))
+
+    def sensors(self, x: Tensor) -> Sensors:
+        """Of coordinates (…, M)."""
+        of_component = torch.nn.functional.one_hot(torch.tensor(self.places, dtype=torch.long), self.components).to(x)
+        is_scale = torch.tensor([name == "scale" for _, name in self.sought])
+        scale = (torch.where(is_scale, x, 0.0) @ of_component).exp()
+        return Sensors(scale, torch.where(is_scale, 0.0, x * self.units) @ of_component, self.axes)
+
+    def constants(self, x: Tensor, std: Tensor, groups: np.ndarray) -> dict[str, SensorConstants]:
+        """The constants in their units, by component, of coordinates (M,) with their standard errors; what is hardly
+        told is told.
+
+        Arguments:
+            groups: numbers of the groups of windows that they are from.
+        """
+        is_scale = torch.tensor([name == "scale" for _, name in self.sought])
+        values, slopes = torch.where(is_scale, x.exp(), x * self.units), torch.where(is_scale, x.exp(), self.units)
+        each: dict[str, dict[str, Constant]] = {}
+        for (component, name), one, weak in zip(
+            self.sought, _constants(values, std * slopes, groups), (std > WEAK).tolist(), strict=True
+        ):
+            each.setdefault(component, {})[name] = one
+            if weak:
+                text = "sensors.%s.%s: %.3g (± %.2g): the windows hardly tell it; leave it out"
+                logger.warning(text, component, name, one.value, one.std)
+        return {component: SensorConstants.of(**constants) for component, constants in each.items()}
+
+
+class SensedFit:
+    """A window's problem with the constants of sensors as further coordinates, after those of the fit.
+
+    Arguments:
+        fit: of states that are measured as they are.
+        sensors: what is estimated of sensors.
+    """
+
+    def __init__(self, fit: WindowFit, sensors: SensorCoordinates) -> None:
+        self.fit, self.sensors = fit, sensors
+        limits = torch.full((len(sensors.sought),), LONGEST, dtype=torch.float64)
+        self.longest = torch.cat((fit.longest, limits))
+
+    def start(self, windows: Tensor) -> Tensor:
+        """Coordinates (1, N, K) of fits of each window as if sensors showed the state."""
+        x = self.fit.coordinates(self.fit(windows), self.fit.first(windows))
+        return torch.cat((x, x.new_zeros(*x.shape[:-1], len(self.sensors.sought))), dim=-1)
+
+    def residuals(self, x: Tensor, windows: Tensor) -> Tensor:
+        """As :meth:`WindowProblem.residuals`, in units of what is measured."""
+        if not self.sensors.sought:
+            return self.fit.residuals(x, windows)
+        copies, seeds, count = x.shape[:3]
+        wide = x.movedim(0, 1).flatten(1, 2)
+        observed = windows.repeat(1, 1, copies, *[1] * (windows.dim() - 3))
+        own, constants = wide.tensor_split([sum(self.fit.sizes)], dim=-1)
+        sensors = self.sensors.sensors(constants)
+        states = sensors.measured(self.fit.states(own, sensors.state(observed)))
+        data = self.fit.differences(states, observed)
+        return torch.cat((data, self.fit.pull(own)), -1).view(seeds, copies, count, -1).movedim(1, 0)
+
+
 @torch.no_grad()
-def _minimise(fit: WindowFit, windows: Tensor, places: Sequence[int]) -> tuple[Tensor, NormalEquations]:
-    """Coordinates (1, N, K) at the minimum, the shared ones being equal, and the equations there."""
-    x = fit.coordinates(fit(windows), fit.first(windows))
-    x[..., places] = x[..., places].median(dim=1, keepdim=True).values
+def _minimise(
+    fit: SensedFit, windows: Tensor, places: Sequence[int], x: Tensor | None
+) -> tuple[Tensor, NormalEquations]:
+    """Coordinates (1, N, K) at the minimum, the shared ones being equal, and the equations there; from x, or from fits
+    of each window."""
+    if x is None:
+        x = fit.start(windows)
+        x[..., places] = x[..., places].median(dim=1, keepdim=True).values
     now, damping, done = _equations(fit, windows, x), DAMPING, False
     for _ in range(STEPS):
         trial = x + _step(now, places, damping, fit.longest)
@@ -150,7 +263,7 @@ def _minimise(fit: WindowFit, windows: Tensor, places: Sequence[int]) -> tuple[T
     return x, now
 
 
-def _equations(fit: WindowFit, windows: Tensor, x: Tensor) -> NormalEquations:
+def _equations(fit: SensedFit, windows: Tensor, x: Tensor) -> NormalEquations:
     parts, size = [], max(1, MEMORY // (windows[:, :, :1].numel() * 8 * (x.shape[-1] + 1)))
     for first in range(0, x.shape[1], size):
         some = windows[:, :, first : first + size]
@@ -192,6 +305,27 @@ def _step(equations: NormalEquations, places: Sequence[int], damping: float, lon
     step[:, places] = shared
     step[:, own] = -(rest + follow @ shared)
     return step.nan_to_num(0.0, 0.0, 0.0).clamp(-longest, longest).unsqueeze(0)
+
+
+def _check_told(equations: NormalEquations, places: Sequence[int], names: Sequence[str]) -> None:
+    """Refuse shared constants that make up for each other, or that move nothing.
+
+    Raises:
+        InputError: their names.
+    """
+    total = _eliminated(equations, places, 0.0)[0].sum(0)
+    own = total.diagonal().clamp_min(1e-300).sqrt()
+    curvature, axes = torch.linalg.eigh(total / torch.outer(own, own))
+    of_sensors = [k for k, name in enumerate(names) if name.startswith("sensors.")]
+    dead = [k for k in of_sensors if float(own[k]) < UNTOLD * float(own.max())]
+    flat = axes[:, 0].abs() if float(curvature[0]) < UNTOLD else torch.zeros(len(names))
+    alike = [k for k in range(len(names)) if float(flat[k]) > 0.1]
+    if dead or (set(alike) & set(of_sensors)):
+        several = dead or alike
+        first = names[next(k for k in several if k in of_sensors)]
+        others = [names[k] for k in several if names[k] != first]
+        told = f"cannot be told apart from {' and '.join(others)}" if others and not dead else "moves nothing"
+        raise InputError(f"refinement.{first}", f"{told} in these windows", "leave it out")
 
 
 def _covariance(equations: NormalEquations, places: Sequence[int], groups: np.ndarray) -> Tensor:

@@ -299,6 +299,8 @@ def own_draws(
     latents = latents_of(first, card, windows, own.z_a_from)
     low, high = (end.to(device) for end in prior_ends(system, given_ranges(own.prior)))
     known, ranges = noise_of(noise, system, card), card.start
+    if decoder.sensors is not None and ranges is not None:
+        ranges = decoder.sensors.state_ranges(ranges)
     if isinstance(first, FlowEstimator):
         unknowns = first.head.unknowns
     else:
@@ -313,7 +315,7 @@ def own_draws(
         unknowns=unknowns,
         context=nn.Identity(),
         scores=unknowns.transform.latent.coordinates(latents),
-        starts=states[0],
+        starts=decoder.state_of(states[0]),
         inputs=None if train.u is None else train.u[:, 0],
         gaps=None if ranges is None else torch.isnan(states),
         ranges=ranges,

@@ -17,6 +17,7 @@ from expertaug.measurements.names import Names
 from expertaug.measurements.noise import noise_of, noise_of_rows
 from expertaug.measurements.paths import list_files, verify
 from expertaug.measurements.settings import MeasurementSettings, label_of
+from expertaug.measurements.slopes import Off, slopes_off
 from expertaug.measurements.splitting import (
     SPLITS,
     keep_apart,
@@ -79,6 +80,16 @@ class Measured:
     def seen(self) -> np.ndarray:
         """Components that have a column, (K,)."""
         return np.array([name in self.settings.columns for name in self.names.state])
+
+    def warn_of_slopes(self) -> None:
+        """Tell of each of them, where the system says what is whose rate of change."""
+        for one in self.slopes_off() if self.names.rates else ():
+            logger.warning("%s", one.says(self.settings))
+
+    def slopes_off(self) -> list[Off]:
+        """Columns that are not the slope of the column whose rate of change they are
+        (:mod:`expertaug.measurements.slopes`)."""
+        return slopes_off(self.settings, list(self.names.state), self.grid.series, self.names.rates)
 
     def shares_seen(self) -> dict[str, float]:
         """In what share of the rows each component with a column was measured."""

@@ -48,6 +48,7 @@ class Inspection:
         data: as these settings read it.
         noise: standard deviation of each component's noise, (K,), at least that of its sensor's resolution.
         resolution: the step of each component's sensor, (K,), NaN where it is finer than the noise or not known.
+        slopes: columns that are not the slope of the column whose rate of change they are.
         remarks: what was put up with, and what the reader has to name.
 
     Raises:
@@ -77,7 +78,7 @@ class Inspection:
             self.remarks.append(f"the times are '{self.guess.date}' and '{self.guess.time.name}' together")
         if self.names.inputs:
             self.remarks.append(f"to be named under inputs, with their columns: {', '.join(self.names.inputs)}")
-            self.names = Names(self.names.state, self.names.parameters)
+            self.names = Names(self.names.state, self.names.parameters, rates=self.names.rates)
         if not self.guess.columns:
             raise InputError(self.files[0], "no column of numbers beside the times", "give a table of measurements")
         if self.guess.time.unit is None:
@@ -88,6 +89,7 @@ class Inspection:
         if angles := self._angles():
             self.settings = self.settings.model_copy(update={"angles": angles})
             self.data = measured(self.settings, self.names, {self.files[0]: self.table})
+        self.slopes = self.data.slopes_off()
 
     def _leave_out_marks(self) -> None:
         """Take numbers that stand for nothing measured out of the columns."""
@@ -251,6 +253,7 @@ class Inspection:
         if repeated := sum(one.repeated for one in rows):
             yield f"rows of a time that another row has: {repeated}"
         yield from self.remarks
+        yield from (one.says(self.settings) for one in self.slopes)
         for k, name in enumerate(self.names.state):
             if name in self.settings.columns:
                 yield self._component(k, name, np.concatenate([one.y[:, k] for one in rows]))

@@ -14,6 +14,7 @@ class Names:
         inputs: inputs, then covariates.
         constant: the covariates, which are constant along a trajectory.
         held: whether an input holds its value until the next; else it is linear in between.
+        rates: component → the component whose rate of change it is.
     """
 
     state: Mapping[str, str]
@@ -21,3 +22,4 @@ class Names:
     inputs: Mapping[str, str] = field(default_factory=dict)
     constant: frozenset[str] = frozenset()
     held: bool = False
+    rates: Mapping[str, str] = field(default_factory=dict)

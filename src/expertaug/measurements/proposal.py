@@ -99,9 +99,10 @@ def proposal(
         ]
     if "least_squares_shared" in methods:
         units = flow(shared) if shared else "{PARAMETER: shared}"
-        blocks += [
-            f"    refinement: {{units: {units}}}  # one apparatus: one value for all windows; of several ones: window"
-        ]
+        scales = {one.rate: {"scale": "shared"} for one in found.slopes if one.may_be_scale}
+        sensors = f", sensors: {flow(scales)}" if scales else ""
+        told = "one apparatus: one value for all windows; of several ones: window"
+        blocks += [f"    refinement: {{units: {units}{sensors}}}  # {told}"]
     blocks += [
         "    overrides: {ml_only: {training: {expert_first: 0.0}}}",
         f"    methods: {flow(methods)}",

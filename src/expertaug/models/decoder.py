@@ -4,6 +4,7 @@ dy/dt = F_e(y; z_e) + F_a(y; z_a), the equation that made simulated data, and th
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -13,6 +14,7 @@ from torch import Tensor, nn
 
 from expertaug.errors import InputError
 from expertaug.models.posterior import Estimates, Predictor
+from expertaug.models.sensors import Sensors
 from expertaug.systems import System
 from expertaug.systems.inputs import solve
 from expertaug.systems.solvers.solver import Solver
@@ -27,6 +29,9 @@ class Decoder(nn.Module):
         interaction: F_a, or None for the expert alone.
         expert: False takes F_e away and keeps the system's kinematics: the agnostic neural ODE.
         likelihood: p(y | forecast), where the objective learns one.
+
+    Attributes:
+        sensors: by which forecasts are what is measured, while they start from a state; None: the state is measured.
 
     Raises:
         InputError: a system with events without its expert, who alone knows them.
@@ -47,6 +52,23 @@ class Decoder(nn.Module):
         self.interaction = interaction
         self.expert = expert
         self.likelihood = likelihood
+        self.sensors: Sensors | None = None
+
+    def seen_by(self, sensors: Sensors | None) -> Decoder:
+        """The same decoder, with the same tensors, whose forecasts sensors show."""
+        if sensors is None:
+            return self
+        seen = copy.copy(self)
+        seen.sensors = sensors
+        return seen
+
+    def measured(self, states: Tensor) -> Tensor:
+        """States (…, *state) → what is measured of them."""
+        return states if self.sensors is None else self.sensors.measured(states)
+
+    def state_of(self, measured: Tensor) -> Tensor:
+        """What is measured (…, *observed) → states, as a forecast starts from."""
+        return measured if self.sensors is None else self.sensors.state(measured)
 
     @property
     def knows_z_e(self) -> bool:
@@ -72,7 +94,8 @@ class Decoder(nn.Module):
     def forecast(
         self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
     ) -> Tensor:
-        """States (T, …, B, *state) at the times t (T,), from the known first point y0 (…, B, *state).
+        """States (T, …, B, *state) at the times t (T,), from the known first point y0 (…, B, *state), as they are
+        measured.
 
         Samples beyond those of z_a follow the expert alone: one solve for both costs less than two.
 
@@ -103,7 +126,7 @@ class Decoder(nn.Module):
             one, other = rate.split([count, rest], axis)
             return torch.cat((one + added, other), axis)
 
-        return solve(self.system, field, self.system.initial_state(y0, z_e), t, solver, z_e, u, flow)
+        return self.measured(solve(self.system, field, self.system.initial_state(y0, z_e), t, solver, z_e, u, flow))
 
     def interaction_rate(self, y: Tensor, context: Tensor, s: Tensor, u: Tensor | None = None) -> Tensor:
         """F_a at states y (…, B, *state), in their shape.
@@ -166,7 +189,7 @@ class TruthDecoder(Decoder):
             # The solver has the linear part by itself.
             return rate - (system.expert(s, y, z_e, *more) - system.nonlinear(s, y, z_e, *more))
 
-        return solve(system, field, system.initial_state(y0, z_e), t, solver, z_e, u, flow)
+        return self.measured(solve(system, field, system.initial_state(y0, z_e), t, solver, z_e, u, flow))
 
 
 class MeanModel(Predictor, nn.Module):

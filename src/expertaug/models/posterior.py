@@ -281,6 +281,11 @@ class Predictor:
         decoder = getattr(self, "decoder", None)
         return decoder is not None and decoder.knows_z_e
 
+    def state_of(self, measured: Tensor) -> Tensor:
+        """What is measured (…, *state) → the states from which the decoder forecasts; the same but for sensors."""
+        decoder = getattr(self, "decoder", None)
+        return measured if decoder is None else decoder.state_of(measured)
+
     def predicted(
         self,
         estimates: Estimates,
@@ -303,7 +308,7 @@ class Predictor:
             return self.forecast(estimates.y0, z_e, z_a, t, solver, u)  # type: ignore[attr-defined]
         last = windows.points - 1
         later = None if u is None else u[last:]
-        onwards = self.forecast(windows.y[last], z_e, z_a, t[last:], solver, later)  # type: ignore[attr-defined]
+        onwards = self.forecast(self.state_of(windows.y[last]), z_e, z_a, t[last:], solver, later)  # type: ignore[attr-defined]
         return torch.cat((windows.y[:last], onwards))
 
     def predict(self, windows: Windows, solver: Solver, start: str = "y0") -> tuple[Tensor, Tensor | None]:

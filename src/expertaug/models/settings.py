@@ -321,6 +321,26 @@ class PartsSettings(Settings):
     interaction: Annotated[dict[str, Any], AfterValidator(_interaction)] = key(LEFT_OUT, "F_a, where there is one")
 
 
+class SensorSettings(Settings):
+    """What is estimated of the sensor of a component of the state: measured = scale · state + offset."""
+
+    WHERE: ClassVar[str] = "refinement.sensors"
+
+    scale: Literal["shared"] = key(LEFT_OUT, "shared = all windows have one, > 0; left out = 1")
+    offset: Literal["shared"] = key(LEFT_OUT, "shared = all windows have one, in the component's unit; left out = 0")
+
+    @model_validator(mode="after")
+    def _estimates_something(self) -> Self:
+        if not self.sought:
+            raise disagree("names nothing", "give scale: shared, offset: shared, or both")
+        return self
+
+    @property
+    def sought(self) -> list[str]:
+        """Which of the constants are estimated."""
+        return [name for name in type(self).model_fields if getattr(self, name) is not None]
+
+
 class RefinementSettings(Settings):
     """Least squares on each observed window: of the expert alone, or from a trained model's estimates."""
 
@@ -374,11 +394,26 @@ class RefinementSettings(Settings):
         "fitted once to the training windows together; left out = window. Of methods of kind least_squares_shared "
         "alone: of all others each window has its own",
     )
+    sensors: dict[str, SensorSettings] = key(
+        LEFT_OUT,
+        "constants of the sensors of components of the state, estimated with what is shared: forecasts are then what "
+        "the sensors show. Of methods of kind least_squares_shared alone; left out = the state itself is measured",
+    )
 
     @property
     def shared(self) -> list[str]:
         """Names of the parameters that all windows share."""
         return [name for name, unit in (self.units or {}).items() if unit == "shared"]
+
+    @property
+    def of_sensors(self) -> list[tuple[str, str]]:
+        """Component and name, scale or offset, of the constants of sensors that are estimated."""
+        return [(component, name) for component, one in (self.sensors or {}).items() for name in one.sought]
+
+    @property
+    def shares(self) -> bool:
+        """Whether all windows share anything."""
+        return bool(self.shared or self.of_sensors)
 
 
 class Constant(Settings):
@@ -387,6 +422,13 @@ class Constant(Settings):
     value: float = key(..., "estimate")
     std: NotNegative = key(..., "its standard error")
     groups: Count = key(1, "number of groups of windows that this is from and that count as independent")
+
+
+class SensorConstants(Settings):
+    """What was estimated of the sensor of a component of the state (:class:`SensorSettings`)."""
+
+    scale: Constant = key(LEFT_OUT, "measured per true change; left out = 1")
+    offset: Constant = key(LEFT_OUT, "what is measured where the state is 0, in the component's unit; left out = 0")
 
 
 class Refinement(Settings):
@@ -400,3 +442,4 @@ class Refinement(Settings):
         ..., "range of each expert parameter in which the fits start; null = none, own = they are found (own-prior)"
     )
     shared: dict[str, Constant] = key(LEFT_OUT, "constants of all windows, where some are shared")
+    sensors: dict[str, SensorConstants] = key(LEFT_OUT, "constants of sensors, where some were estimated")

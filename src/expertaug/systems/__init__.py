@@ -17,7 +17,9 @@ from expertaug.wording import suggest
 if TYPE_CHECKING:
     from expertaug.systems.base import Parameter, System
 
-__all__ = ["Parameter", "System", "describe", "load", "names"]
+__all__ = ["Parameter", "System", "describe", "load", "names", "rates"]
+
+PROBES = 16  # states at which the expert's rates are compared with the states themselves
 
 
 def __getattr__(name: str) -> object:
@@ -97,7 +99,31 @@ def names(system: System) -> Names:
         {p.name: p.unit for p in part} for part in (system.state, system.expert_parameters, system.known)
     )
     constant = frozenset(p.name for p in system.covariates)
-    return Names(state, parameters, inputs, constant, bool(system.inputs) and system.interpolation != "linear")
+    held = bool(system.inputs) and system.interpolation != "linear"
+    return Names(state, parameters, inputs, constant, held, rates(system))
+
+
+def rates(system: System) -> dict[str, str]:
+    """Components that are the rate of change of another, by the expert's own rates at states drawn at random: of a
+    pendulum the speed is the angle's."""
+    import torch
+
+    draw = torch.Generator().manual_seed(0)
+
+    def uniform(*size: int) -> torch.Tensor:
+        return 0.5 + torch.rand(*size, generator=draw, dtype=torch.float64)
+
+    states, parameters = uniform(PROBES, len(system.state)), system.expert_parameters
+    z_e = uniform(PROBES, len(parameters)) * torch.tensor([p.scale for p in parameters], dtype=torch.float64)
+    more = [uniform(PROBES, len(system.known))] if system.known else []
+    more += [torch.ones(PROBES, dtype=torch.float64)] if system.has_events else []
+    try:
+        found = system.expert(torch.zeros((), dtype=torch.float64), states, z_e, *more)
+    except Exception:  # a class of the user's may raise anything; what is wrong with it is told where it is used
+        return {}
+    same = torch.isclose(found.unsqueeze(-1), states.unsqueeze(-2), rtol=1e-9, atol=1e-12).all(0)
+    names = [p.name for p in system.state]
+    return {names[j]: names[i] for i, j in same.nonzero().tolist() if i != j}
 
 
 def constants(system: System) -> list[str]:

@@ -1,0 +1,247 @@
+"""Columns against each other where one is the rate of change of another: a sensor's scale, or its unit, that is wrong.
+
+The integral of the one between two rows is compared with the change of the other, over windows of about a quarter of
+a swing.  Change has noise too, by which a regression on it would find too small a factor; the change between the rows
+next to these, whose noise is another, takes its place as an instrument (Reiersøl 1941).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.stats import t as student
+
+from expertaug.measurements.grid import Series
+from expertaug.measurements.sensors import rows_of_a_period
+from expertaug.measurements.settings import MeasurementSettings, column_of
+from expertaug.measurements.units import parse, told
+
+SURE, MATTERS = 0.9995, 0.02  # one-sided level at which a factor is not one, and the share by which it must not be
+GAP, SHORTEST = 2.5, 9  # usual steps that a stretch bridges in any case, and rows that it must have
+BLOCKS, FEWEST = 10, 4  # of windows that count as independent: wanted, and at least
+ROUNDS, FAR = 5, 4.685  # of Tukey's biweight, and where it ends in standard deviations
+LIKE, ALIKE = 0.9, 0.995  # squared correlation of integral and change, where names or units tell a rate, and where not
+LARGEST = 0.3  # logarithm of a sensor's scale: what is further off is another unit
+NEAR = 0.1  # of one, for a factor of columns that nothing says to be a rate and its integral
+# What a column of a rate is called, whole or as a part between other signs; with what it is the rate of.
+_SECOND = 1  # place of s among a unit's powers
+RATES = {"speed", "velocity", "vel", "omega", "rate", "dot", "gyro", "v", "w"}
+
+
+@dataclass(frozen=True)
+class Slope:
+    """What the integral of a column is of another's change.
+
+    Attributes:
+        factor: 1 where the one is the other's rate of change.
+        error: its standard error, by how blocks of windows scatter, with that of the integral between rows.
+        blocks: how many.
+        agreement: squared correlation of integral and change.
+    """
+
+    factor: float
+    error: float
+    blocks: int
+    agreement: float
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the factor is surely another than one, by a share that matters."""
+        beyond = abs(self.factor - 1)
+        return beyond > MATTERS and beyond > float(student.ppf(SURE, self.blocks - 1)) * self.error
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """Windows of one trajectory, in order of time: change, change between the rows next to its ends, integral and
+    duration, (n,) each."""
+
+    change: np.ndarray
+    instrument: np.ndarray
+    integral: np.ndarray
+    duration: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.change)
+
+
+def slope(series: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Slope | None:
+    """Compare the integral of a rate with the change of what it is the rate of.
+
+    Arguments:
+        series: of each trajectory times in s, what changes, and its rate, (n,) each, NaN where nothing was measured;
+            angles unwrapped.
+
+    Returns:
+        None where there are too few rows to tell.
+    """
+    period, rows = rows_of_a_period([of for _, of, _ in series]), sum(len(t) for t, _, _ in series)
+    longest = rows / (4 * BLOCKS)  # for as many blocks of a swing each as are wanted
+    lag = max(2, round(longest if period is None else min(period / 4, longest)))
+    fit = other = None
+    while (fit is None or other is None) and lag >= 2:  # shorter ones where few lie between gaps
+        fit, other = (_fit([_windows(*one, lag, every) for one in series], lag) for every in (1, 2))
+        lag //= 2
+    if fit is None or other is None:
+        return None
+    # The spline's error falls with the fourth power of the step.
+    error = float(np.hypot(fit.error, abs(other.factor - fit.factor) / 15))
+    return Slope(fit.factor, error, fit.blocks, fit.agreement)
+
+
+def _windows(t: np.ndarray, of: np.ndarray, rate: np.ndarray, lag: int, every: int) -> _Windows:
+    """Windows of a trajectory, none of them over a gap; the rate as every so many of its rows tell it."""
+    parts: list[np.ndarray] = []
+    known = np.flatnonzero(np.isfinite(rate) & np.isfinite(t))
+    steps = np.diff(t[known])
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    longest = max(GAP, lag / 3) * usual  # a cubic spline bridges a twelfth of a swing
+    for stretch in np.split(known, np.flatnonzero(steps > longest) + 1):
+        nodes = stretch[::every]
+        if len(stretch) < SHORTEST or len(nodes) < 4:
+            continue
+        rows = np.arange(nodes[0], nodes[-1] + 1)
+        rows = rows[np.isfinite(of[rows]) & np.isfinite(t[rows])]
+        if len(rows) < lag + 3:
+            continue
+        total = CubicSpline(t[nodes], rate[nodes]).antiderivative()(t[rows])
+        first = np.arange(1, len(rows) - lag - 1)
+        last, y, times = first + lag, of[rows], t[rows]
+        between = (y[last] - y[first], y[last + 1] - y[first - 1], total[last] - total[first])
+        parts.append(np.stack((*between, times[last] - times[first])))
+    return _Windows(*np.concatenate(parts, axis=1)) if parts else _Windows(*np.zeros((4, 0)))
+
+
+def _fit(each: Sequence[_Windows], lag: int) -> Slope | None:
+    """The factor over all windows, with a constant offset of the rate, and its error by leaving out blocks."""
+    each = [one for one in each if len(one)]
+    if not each:
+        return None
+    numbers, count = [], 0
+    for one in each:
+        # Windows that begin within a swing of each other say nearly the same.
+        parts = int(np.clip(len(one) / (4 * lag), 1, -(-BLOCKS // len(each))))
+        numbers.append(count + np.arange(len(one)) * parts // len(one))
+        count += parts
+    if count < FEWEST:
+        return None
+    block = np.concatenate(numbers)
+    change, instrument, integral, duration = (
+        np.concatenate([getattr(one, name) for one in each])
+        for name in ("change", "instrument", "integral", "duration")
+    )
+    x, z = np.stack((change, duration), 1), np.stack((instrument, duration), 1)
+    weights = np.ones(len(block))
+    for _ in range(ROUNDS):
+        beta = _solved(z.T @ (weights[:, None] * x), z.T @ (weights * integral))
+        left = np.abs(integral - x @ beta)
+        size = 1.4826 * float(np.median(left))
+        weights = np.square(np.clip(1 - np.square(left / (FAR * size)), 0, None)) if size > 0 else (left <= 0) * 1.0
+    squares = np.stack([z[block == k].T @ (weights[block == k, None] * x[block == k]) for k in range(count)])
+    products = np.stack([z[block == k].T @ (weights[block == k] * integral[block == k]) for k in range(count)])
+    without = [_solved(squares.sum(0) - a, products.sum(0) - b)[0] for a, b in zip(squares, products, strict=True)]
+    error = float(np.sqrt((count - 1) / count * np.square(without - np.mean(without)).sum()))
+    factor = float(_solved(squares.sum(0), products.sum(0))[0])
+    if not np.isfinite(factor + error):
+        return None
+    kept = weights > 0
+    moves = kept.any() and np.ptp(change[kept]) > 0 and np.ptp(integral[kept]) > 0
+    agreement = float(np.corrcoef(change[kept], integral[kept])[0, 1]) ** 2 if moves else 0.0
+    return Slope(factor, error, count, agreement)
+
+
+def _solved(square: np.ndarray, product: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(square, product, rcond=1e-12)[0]
+
+
+@dataclass(frozen=True)
+class Off:
+    """A column that is not the slope of another.
+
+    Attributes:
+        rate, of: components.
+        slope: how they compare.
+        likely: whether anything but the numbers says that the one is the other's rate.
+    """
+
+    rate: str
+    of: str
+    slope: Slope
+    likely: bool
+
+    @property
+    def may_be_scale(self) -> bool:
+        """Whether a sensor's scale, rather than another unit, may be it."""
+        return self.likely and abs(np.log(self.slope.factor)) < LARGEST
+
+    def says(self, settings: MeasurementSettings) -> str:
+        """One line."""
+
+        def called(component: str) -> str:
+            column = column_of(settings.columns[component]).name
+            return component if column == component else f"{component} ('{column}')"
+
+        condition = "" if self.likely else "if it is its rate, "
+        factor, error = f"{self.slope.factor:.3g}", f"{self.slope.error:.1g}"
+        told = f"{condition}{factor} (± {error}) of the slope of {called(self.of)}"
+        return f"{called(self.rate)}: {told}: a scale, or other units, of the sensor"
+
+
+def slopes_off(
+    settings: MeasurementSettings, state: Sequence[str], series: Sequence[Series], rates: Mapping[str, str]
+) -> list[Off]:
+    """The columns that are not the slope of the column whose rate they are said to be.
+
+    Arguments:
+        state: components, in the order of the series' columns.
+        series: trajectories.
+        rates: component → that whose rate it is, of a system; where none is known, names and units of columns say it,
+            and of others how closely they fit.
+    """
+    names, off = list(state), list[Off]()
+
+    def compared(rate: str, of: str) -> Slope | None:
+        k, j = names.index(of), names.index(rate)
+        return slope([_of_rows(one, k, j) for one in series])
+
+    if rates:
+        pairs = [(rate, of) for rate, of in rates.items() if rate in settings.columns and of in settings.columns]
+        each = [Off(rate, of, found, True) for rate, of in pairs if (found := compared(rate, of)) is not None]
+        return [one for one in each if one.slope.is_off]
+    for rate in settings.columns:
+        candidates = []
+        for of in settings.columns:
+            found = None if of == rate else compared(rate, of)
+            if found is not None and found.factor > 0:
+                likely = _is_likely(settings, rate, of)
+                close = found.agreement >= (LIKE if likely else ALIKE)
+                if close and (likely or abs(found.factor - 1) <= NEAR):
+                    candidates.append(Off(rate, of, found, likely))
+        # A rate of one column is none of another: what follows the same motion fits both.
+        if candidates and all(one.slope.is_off for one in candidates):
+            off.append(max(candidates, key=lambda one: (one.likely, one.slope.agreement)))
+    return off
+
+
+def _is_likely(settings: MeasurementSettings, rate: str, of: str) -> bool:
+    """Whether units, or, where they are not told, names say that a column is another's rate."""
+    units, words = [], []
+    for name in (rate, of):
+        column = column_of(settings.columns[name])
+        header = told(column.name)
+        units.append(parse(column.unit or header.unit) if column.unit or header.unit else None)
+        words.append(set(re.split(r"[\W_\d]+", header.name.lower())))
+    if units[0] is not None and units[1] is not None:
+        per_second = tuple(power - (k == _SECOND) for k, power in enumerate(units[1].dimension))
+        return any(units[1].dimension) and units[0].dimension == per_second
+    return bool(words[0] & RATES) and not words[1] & RATES
+
+
+def _of_rows(one: Series, of: int, rate: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, what changes and its rate at the points of a trajectory that have a row; interpolated ones are kept."""
+    known = np.isfinite(one.t)
+    return one.t[known], one.y[known, of], one.y[known, rate]
