@@ -248,8 +248,9 @@ def _shared(
                 yield from unknown_one(name, system.expert, here, "expert parameter")
             if name in block.shared and name in started:
                 yield InputError(here, "says how a window begins, and no two begin alike", "leave it out")
-        if system is not None and system.state is not None:
-            yield from unknown(block.sensors or {}, system.state, f"{at}.sensors", "component of the state")
+        for name in block.sensors or {}:
+            if system is not None and system.state is not None:
+                yield from unknown_one(name, system.state, f"{at}.sensors.{name}", "component of the state")
     for k, method in enumerate(experiment.methods):
         over = experiment.overrides.get(method)
         own = experiment if over is None else overridden(experiment, over)

@@ -27,6 +27,7 @@ ROUNDS, FAR = 5, 4.685  # of Tukey's biweight, and where it ends in standard dev
 LIKE, ALIKE = 0.9, 0.995  # squared correlation of integral and change, where names or units tell a rate, and where not
 LARGEST = 0.3  # logarithm of a sensor's scale: what is further off is another unit
 NEAR = 0.1  # of one, for a factor of columns that nothing says to be a rate and its integral
+ROWS, COLUMNS = 20_000, 12  # that are looked at, and of which any pair may be one
 # What a column of a rate is called, whole or as a part between other signs; with what it is the rate of.
 _SECOND = 1  # place of s among a unit's powers
 RATES = {"speed", "velocity", "vel", "omega", "rate", "dot", "gyro", "v", "w"}
@@ -202,11 +203,11 @@ def slopes_off(
         rates: component → that whose rate it is, of a system; where none is known, names and units of columns say it,
             and of others how closely they fit.
     """
-    names, off = list(state), list[Off]()
+    names, off, most = list(state), list[Off](), max(ROWS // max(len(series), 1), 10 * SHORTEST)
 
     def compared(rate: str, of: str) -> Slope | None:
         k, j = names.index(of), names.index(rate)
-        return slope([_of_rows(one, k, j) for one in series])
+        return slope([_of_rows(one, k, j, most) for one in series])
 
     if rates:
         pairs = [(rate, of) for rate, of in rates.items() if rate in settings.columns and of in settings.columns]
@@ -215,9 +216,10 @@ def slopes_off(
     for rate in settings.columns:
         candidates = []
         for of in settings.columns:
-            found = None if of == rate else compared(rate, of)
+            likely = _is_likely(settings, rate, of)
+            asked = of != rate and (likely or len(settings.columns) <= COLUMNS)
+            found = compared(rate, of) if asked else None
             if found is not None and found.factor > 0:
-                likely = _is_likely(settings, rate, of)
                 close = found.agreement >= (LIKE if likely else ALIKE)
                 if close and (likely or abs(found.factor - 1) <= NEAR):
                     candidates.append(Off(rate, of, found, likely))
@@ -241,7 +243,8 @@ def _is_likely(settings: MeasurementSettings, rate: str, of: str) -> bool:
     return bool(words[0] & RATES) and not words[1] & RATES
 
 
-def _of_rows(one: Series, of: int, rate: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, what changes and its rate at the points of a trajectory that have a row; interpolated ones are kept."""
-    known = np.isfinite(one.t)
+def _of_rows(one: Series, of: int, rate: int, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, what changes and its rate at the points of a trajectory that have a row, at most so many; interpolated
+    ones are kept."""
+    known = np.flatnonzero(np.isfinite(one.t))[:most]
     return one.t[known], one.y[known, of], one.y[known, rate]
