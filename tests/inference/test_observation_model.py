@@ -15,6 +15,7 @@ from expertaug.cli import main
 from expertaug.config import load as config
 from expertaug.config import shown_settings, stage_settings
 from expertaug.errors import InputError, InputErrors
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.models.sensors import Sensors
 from expertaug.models.settings import Constant, SensorConstants
 from expertaug.systems import Parameter, System
@@ -219,6 +220,8 @@ def test_a_run_estimates_them_and_its_table_of_estimates_begins_to_tell(tmp_path
     scores = ["--output", str(tmp_path / "metrics.csv"), "--forecasts", str(tmp_path / "forecasts.npz")]
     data = ["evaluate", "--model", str(tmp_path / "model.safetensors"), "--data", str(tmp_path)]
     assert main([*data, *scores, "--settings", json.dumps(told)]) == 0
+    kept = Forecasts.load(tmp_path / "forecasts.npz")
+    assert list(kept.sets) == ["validation"] and [one.name for one in kept.sensors] == ["scale of omega"]
     metrics = pd.read_csv(tmp_path / "metrics.csv").set_index(["metric", "set"]).value
     assert (metrics["log_mse_sum", "validation"] < -5).all()
     given = json.dumps(shown_settings.estimates(found, "swings"))

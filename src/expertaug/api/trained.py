@@ -195,7 +195,7 @@ class TrainedModel:
             None if value is None else arguments.like(value[0] if self.single else value, window)
             for value in (chi2, misfit, self._probability(chi2, windows), outside, trusted)
         ]
-        return Forecast(t, y, named, units, self.seeds, std, *each, doubts)
+        return Forecast(t, y, named, units, self.seeds, std, *each, doubts=doubts)
 
     def estimate(self, window: Array, t: Array | Sequence[float], *, u: Array | None = None) -> dict[str, Array]:
         """Estimates of the expert parameters, without a forecast.

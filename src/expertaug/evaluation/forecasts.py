@@ -21,7 +21,7 @@ REMEDY = "make it again with evaluate"
 OWN = "own"  # the set of windows that the version's models have made themselves
 TEXTS = ("state_names", "state_units", "parameter_names", "parameter_units")
 MORE_TEXTS = ("interaction_names", "estimated_names", "estimated_units")
-SENSOR = ("sensor_names", "sensor_units", "sensor_values", "sensor_errors", "sensor_groups")
+SENSOR = ("sensor_names", "sensor_units", "sensor_values", "sensor_std", "sensor_groups")
 ALWAYS = ("t", "observed", "seeds", *TEXTS)
 OF_A_SET = ("errors", "misfit", "truth", "z_e")  # a set is what has one of these
 
