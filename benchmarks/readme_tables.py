@@ -54,7 +54,8 @@ def of_paper(folder: Path, name: str) -> list[str]:
         for label in labels:
             cell = part[part["label"] == label].iloc[0]
             theirs = digits.format(cell["published_mean"], cell["published_std"]).replace("-", "−")
-            row.append(f"{Cell.of_row(metric_of(cell['metric']), cell).text()} ({theirs})")
+            ours = {key: cell[key] for key in (*CELL, "of")}
+            row.append(f"{Cell(metric_of(cell['metric']), **ours).text()} ({theirs})")
         rows.append(row)
     return grid([PAPER[name], "set", *labels], rows, 2)
 
@@ -104,7 +105,8 @@ def _cell(line: pd.Series, one_set: str, metric: str, gain: bool = False) -> Cel
     row = {key: line.get(f"{one_set}/{metric}/{keys.get(key, key)}", math.nan) for key in CELL}
     if math.isnan(row["mean"]):
         sys.exit(f"{line['label']}: no {'gain of ' if gain else ''}{metric} on the set {one_set!r}")
-    return Cell.of_row(metric_of(metric), row | {"of": len(str(line["seeds"]).split())})
+    counts = {"n": 0 if math.isnan(row["n"]) else int(row["n"]), "of": len(str(line["seeds"]).split())}
+    return Cell(metric_of(metric), **row | counts)
 
 
 def main() -> int:

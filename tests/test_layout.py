@@ -24,6 +24,7 @@ FLOORS = (
         "plotting",
         "presets",
         "registry",
+        "rows",
         "source_files",
     ),
     ("measurements",),

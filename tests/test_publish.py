@@ -10,8 +10,8 @@ import yaml
 from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.evaluation.products import STUDIES, kept
-from expertaug.evaluation.publish import publish
 from expertaug.evaluation.studies import KINDS
+from expertaug.runs.publish import publish
 
 ROOT = Path(__file__).parents[1]
 
@@ -44,7 +44,7 @@ def run(tmp_path, monkeypatch):
 
 
 def settings(root):
-    return config.validate(config.load([Path(__file__).parents[1] / "config/config.yaml", root / "my.yaml"])).dump()
+    return config.validate(config.load([Path(__file__).parents[1] / "config/config.yaml", root / "my.yaml"]))
 
 
 def test_a_table_that_a_link_brings_from_elsewhere_is_refused(run):

@@ -28,6 +28,7 @@ from expertaug.evaluation.settings import (
     WindowStudyJob,
 )
 from expertaug.evaluation.studies import study
+from expertaug.evaluation.summary import Mean
 from expertaug.inference.diagnostics.validity import Refit, Validity
 
 VALUES = {"zero": 0.0, "missing": np.nan, "infinite": np.inf}
@@ -70,9 +71,9 @@ def test_studies(metrics, tmp_path, name):
 
 
 def test_along_a_training(value):
-    keys = {"experiment": "swing", "preset": "paper", "method": "hybrid", "metric": "log_mse_sum"}
+    whose = {"experiment": "swing", "system": "pendulum", "preset": "paper", "method": "hybrid", "label": "Hybrid"}
     numbers = {"mean": value, "std": value, "n": int(np.isfinite(value)), "of": 2, "epoch": 1, "finetune_epochs": 0}
-    summary = pd.DataFrame([keys | numbers | {"set": name} for name in ("train", "validation", "test")])
+    summary = [Mean(**whose, set=s, metric="log_mse_sum", **numbers) for s in ("train", "validation", "test")]
     figure = studies.during_training(summary, StudyJob(study="during_training", labels=[("hybrid", "Hybrid")]))
     drawn(figure)
 
@@ -110,15 +111,14 @@ def test_single_windows(tmp_path, value):
 
 def test_grid(value):
     job = GridJob(experiment="e", label="A", keys=["training.epochs"], points=[("a@1", [1]), ("a@2", [2])])
-    table = pd.DataFrame({"point": ["a@1", "a@2"], "seed": [0, 0], "score": value, "epoch": 1, "minutes": 0.0})
-    drawn(grid._draw(table, grid.summarise(table, job), job))
+    scores = [grid.SeedScore(point, 0, value, 1, 0.0) for point in ("a@1", "a@2")]
+    drawn(grid._draw(scores, grid.summarise(scores, job), job))
 
 
 def test_dissipation(value):
-    table = pd.DataFrame({"expert": ["", ""], "set": ["train", "test"], "recording": "all", "method": "a"})
-    numbers = table.assign(measured=value, dissipated=value, label="A", seed=0, chunks=1)
+    losses = [dissipation.Loss("e", "a", "A", 0, "", name, "all", 1, value, 0.0, value) for name in ("train", "test")]
     job = DissipationJob.from_mapping({"experiment": "e", "versions": [["a", "A", None]], "device": "cpu"})
-    drawn(dissipation.draw(numbers, job))
+    drawn(dissipation.draw(losses, job))
 
 
 def test_validity(value):

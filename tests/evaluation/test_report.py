@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,10 +17,12 @@ from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation import run_record
 from expertaug.evaluation.costs import Cost
+from expertaug.evaluation.intervals import Interval
 from expertaug.evaluation.report import headline, tables
 from expertaug.evaluation.report.page import report
 from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.settings import ReportExperiment, ReportJob, TabulateJob
+from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.tabulate import tabulate
 
 CAPTIONS = Path(__file__).parents[2] / "workflow" / "report"
@@ -142,15 +145,17 @@ def test_a_caption_that_names_what_it_is_not_given_is_refused(tmp_path):
         Shown("figures/x.png", str(tmp_path / "c.rst"), {"experiment": "swing"}, "x").text("")
 
 
-def long_table(**validation: float) -> pd.DataFrame:
+def mean_of(method: str, name: str, score: float) -> TabledMean:
+    """The log-MSE of a version on a set."""
+    whose = {"experiment": "swing", "system": "pendulum", "preset": "corrected", "method": method, "label": method}
+    numbers = {"mean": score, "std": 0.1, "n": 2, "of": 2, "seeds": (0, 1), "low": score - 1, "high": 9.0}
+    return TabledMean(**whose, set=name, metric="log_mse_sum", **numbers)
+
+
+def long_table(**validation: float) -> list[TabledMean]:
     """A long table: the log-MSE of versions on the validation set; on the test set the order is reversed."""
-    rows = [
-        {"experiment": "swing", "method": method, "label": method, "set": name, "metric": "log_mse_sum"}
-        | {"mean": sign * score, "std": 0.1, "n": 2, "of": 2, "seeds": "0 1", "low": sign * score - 1, "high": 9.0}
-        for method, score in validation.items()
-        for name, sign in (("validation", 1), ("test", -1))
-    ]
-    return pd.DataFrame(rows)
+    signs = (("validation", 1), ("test", -1))
+    return [mean_of(method, name, sign * score) for method, score in validation.items() for name, sign in signs]
 
 
 def test_the_validation_set_alone_chooses_what_is_shown_first():
@@ -167,17 +172,18 @@ def test_the_validation_set_alone_chooses_what_is_shown_first():
         "least_squares": "least squares",
         "truth": "floor",
     }
-    other = long.assign(mean=long["mean"].where(long["set"] == "validation", 0.0))
+    other = [one if one.set == "validation" else replace(one, mean=0.0) for one in long]
     assert dict(headline.chosen(other, settings)) == rows
-    long.loc[(long["method"] == "a+~refined") & (long["set"] == "validation"), "n"] = 1
-    assert headline.chosen(long, settings)[0] == ("a+", "best by validation, best + by validation")
+    refined = ("a+~refined", "validation")
+    failed = [replace(one, n=1) if (one.method, one.set) == refined else one for one in long]
+    assert headline.chosen(failed, settings)[0] == ("a+", "best by validation, best + by validation")
 
 
 def test_a_gain_carries_a_star_where_it_is_told_apart():
-    cell = {"metric": "log_mse_sum", "gain": 0.5, "gain_low": 0.2, "gain_high": 0.8}
-    assert tables.gain(cell) == "0.50* [0.20, 0.80]"
-    assert tables.gain(cell | {"gain_low": -0.1}) == "0.50 [−0.10, 0.80]"
-    assert tables.gain(cell | {"gain": float("nan")}) == tables.gain(None) == ""
+    mean = mean_of("a+", "test", -3.0)
+    assert tables.gain(replace(mean, gain=Interval(0.5, 0.2, 0.8, 0.01))) == "0.50* [0.20, 0.80]"
+    assert tables.gain(replace(mean, gain=Interval(0.5, -0.1, 0.8, 0.2))) == "0.50 [−0.10, 0.80]"
+    assert tables.gain(mean) == tables.gain(None) == ""
 
 
 def test_the_main_table_is_that_of_the_csv_file(run):
@@ -186,12 +192,12 @@ def test_the_main_table_is_that_of_the_csv_file(run):
     found = tables.main(long, ReportExperiment(**settings["experiments"][0] | {"known_form": [method_of("ML only")]}))
     (_, rivals), (title, known) = found.html_parts
     assert title == "F_a of known form, which does not compete" and [row[0] for row in known] == ["ML only"]
-    one = long[(long["label"] == "Hybrid") & (long["set"] == "test") & (long["metric"] == "log_mse_sum")].iloc[0]
+    one = next(one for one in long if (one.label, one.set, one.metric) == ("Hybrid", "test", "log_mse_sum"))
     row = next(row for row in rivals if row[0] == "Hybrid")
     over = [""] * found.names + [title for title, width in found.spans for _ in range(width)]
     column = next(k for k, (above, name) in enumerate(zip(over, found.head, strict=True)) if "test" in above)
     assert found.head[column] == "log-MSE" and row[1] == "3"
-    assert row[column] == f"{one['mean']:.2f} ± {one['std']:.2f}".replace("-", "−")
+    assert row[column] == f"{one.mean:.2f} ± {one.std:.2f}".replace("-", "−")
 
 
 def test_costs_are_summed_by_stage_the_dearest_first():

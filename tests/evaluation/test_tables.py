@@ -11,7 +11,7 @@ from fake_runs import LABELS, pairs, write_metrics, write_samples
 
 from expertaug.errors import InputError
 from expertaug.evaluation.settings import TabulateJob
-from expertaug.evaluation.summary import read_metrics
+from expertaug.evaluation.summary import drawn_sets, read_metrics
 from expertaug.evaluation.tabulate import tabulate
 
 HEAD = "experiment,system,method,label,preset,seed,set,metric,value\n"
@@ -196,8 +196,14 @@ def test_dim_convention_and_own_titles(tmp_path):
     text = (tmp_path / "t.md").read_text()
     assert "averaged over the observed dimensions (convention: dim)" in text
     assert "middle energies: log-MSE" in text
-    mean = read_metrics(metrics).query("label == 'Hybrid' and set == 'test' and metric == 'log_mse_dim'")["value"]
-    assert f"{np.mean(mean):.2f}".replace("-", "−") in text
+    place = ("Hybrid", "test", "log_mse_dim")
+    values = [row.value for row in read_metrics(metrics) if (row.label, row.set, row.metric) == place]
+    assert f"{np.mean(values):.2f}".replace("-", "−") in text
+
+
+def test_validation_is_drawn_only_where_no_other_set_is_of_its_domain():
+    assert drawn_sets(iter(["test", "validation", "iid"])) == ["iid", "test"]
+    assert drawn_sets(iter(["test", "validation"])) == ["validation", "test"]
 
 
 SETS = ("train", "validation", "iid", "test")

@@ -37,7 +37,7 @@ def _rebuild_tracking(a: argparse.Namespace) -> None:
 
 def _publish(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
-    from expertaug.evaluation.publish import publish
+    from expertaug.runs.publish import publish
 
-    publish(config.validate(config.load(config.with_defaults(a.config))).dump(), a.to, a.command)
+    publish(config.validate(config.load(config.with_defaults(a.config))), a.to, a.command)
     logger.info("%s: published", a.to)

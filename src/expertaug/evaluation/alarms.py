@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from expertaug.errors import InputError
 from expertaug.evaluation.diagnostic_figures import draw_alarm
 from expertaug.evaluation.settings import Titles, WindowStudyJob
+from expertaug.evaluation.summary import mean_of
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
 from expertaug.inference.diagnostics.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
+from expertaug.rows import frame, grouped
 from expertaug.versions import REFINED, Version
 
 KNOWN, IID = "validation", "iid"
@@ -36,6 +37,23 @@ CAPTION = (
 )
 
 
+@dataclass(frozen=True)
+class Alarm:
+    """What the alarm by a score is worth on a set (:class:`expertaug.inference.diagnostics.alarm.Assessment`)."""
+
+    method: str
+    label: str
+    set: str
+    score: str
+    seed: int
+    failing: float
+    auroc: float
+    caught: float
+    false_alarms: float
+    risk_area: float
+    best_risk_area: float
+
+
 def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
     """Write the table of an experiment's alarms and draw the first version's on its test set.
 
@@ -48,47 +66,55 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJo
         InputError: a file is broken, or an output's suffix is unknown.
     """
     versions, labels = read_windows(forecasts), job.label_of
-    found = {v: _assessed(versions[v], versions.get(f"{v}~{REFINED}")) for v in labels if v in versions}
+    assessed = {v: _assessed(versions[v], versions.get(f"{v}~{REFINED}")) for v in labels if v in versions}
     rows = [
-        {"method": v, "label": labels[v], "set": name, "score": score, "seed": seed, **_numbers(one)}
-        for v, sets in found.items()
-        for (name, score, seed), one in sets.items()
+        Alarm(
+            *(v, labels[v], name, score, seed),
+            failing=float(worth.failing.mean()),
+            auroc=float(worth.area.value),
+            caught=worth.caught,
+            false_alarms=worth.false_alarms,
+            risk_area=float(worth.risk.area),
+            best_risk_area=float(worth.risk.best_area),
+        )
+        for v, sets in assessed.items()
+        for (name, score, seed), worth in sets.items()
     ]
     if not rows:
         raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
-    long = pd.DataFrame(rows)
-    title = f"{job.of_experiment(versions[next(iter(found))].experiment)}: alarms"
-    fewest = min(versions[v].sets[KNOWN].misfit.shape[1] for v in found)
+    title = f"{job.of_experiment(versions[next(iter(assessed))].experiment)}: alarms"
+    fewest = min(versions[v].sets[KNOWN].misfit.shape[1] for v in assessed)
     caption = CAPTION.format(share=f"{100 * attainable(fewest):.2g}")
-    Study(long, [_table(long, job, title, caption)], lambda: _draw(found, labels, job, title)).save(outputs)
+    table = _table(rows, job, title, caption)
+    Study(frame(Alarm, rows), [table], lambda: _draw(assessed, labels, job, title)).save(outputs)
 
 
-def _draw(found: Mapping[str, Mapping], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:
-    drawable = {v: sets for v, sets in found.items() if v != job.floor} or found
+def _draw(assessed: Mapping[str, Mapping], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:
+    drawable = {v: sets for v, sets in assessed.items() if v != job.floor} or assessed
     shown = _shown(drawable, job.traced)
-    seed, of_test = _of_first_seed(found[shown])
+    seed, of_test = _of_first_seed(assessed[shown])
     return draw_alarm(
         {SCORES[score]: one for score, one in of_test.items()}, f"{title} of {labels[shown]}, seed {seed}"
     )
 
 
-def _shown(found: Mapping[str, Mapping], traced: Collection[str]) -> str:
+def _shown(assessed: Mapping[str, Mapping], traced: Collection[str]) -> str:
     """The version that the figure shows: the first with most scores, of those where some forecasts fail, augmented
     models before others."""
-    named = {v: Version.parse(v) for v in found}
-    ranked = sorted(found, key=lambda v: (not named[v].is_augmented or bool(named[v].estimators), v not in traced))
+    named = {v: Version.parse(v) for v in assessed}
+    ranked = sorted(assessed, key=lambda v: (not named[v].is_augmented or bool(named[v].estimators), v not in traced))
     scores = {}
     for v in ranked:
-        of_test = _of_first_seed(found[v])[1]
+        of_test = _of_first_seed(assessed[v])[1]
         if "misfit" in of_test and 0 < of_test["misfit"].failing.mean() < 1:
             scores[v] = len(of_test)
-    return max(scores, key=scores.__getitem__) if scores else next(iter(found))
+    return max(scores, key=scores.__getitem__) if scores else next(iter(assessed))
 
 
-def _of_first_seed(found: Mapping[tuple[str, str, int], Assessment]) -> tuple[int, dict[str, Assessment]]:
+def _of_first_seed(assessed: Mapping[tuple[str, str, int], Assessment]) -> tuple[int, dict[str, Assessment]]:
     """A version's first seed, and its assessments on the test set by score."""
-    first = next(iter(found))[2]
-    return first, {score: one for (name, score, seed), one in found.items() if name == "test" and seed == first}
+    first = next(iter(assessed))[2]
+    return first, {score: one for (name, score, seed), one in assessed.items() if name == "test" and seed == first}
 
 
 def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[tuple[str, str, int], Assessment]:
@@ -98,7 +124,7 @@ def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[t
         moved = {name: one.moved for name, one in refined.sets.items() if one.moved is not None}
         sets = {name: replace(one, expected=moved.get(name, one.expected)) for name, one in sets.items()}
     known, iid = sets[KNOWN], sets.get(IID)
-    found = {}
+    assessed = {}
     for name, shifted in sets.items():
         if name in ("train", KNOWN):
             continue
@@ -108,8 +134,8 @@ def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[t
                 here, there = (_score(score, one, known, k) for one in (pool, known))
                 if here is not None and there is not None:
                     errors = [_no_nan(one.errors[k]) for one in (pool, known)]
-                    found[name, score, seed] = assess(here, errors[0], there, errors[1], attainable(len(there)))
-    return found
+                    assessed[name, score, seed] = assess(here, errors[0], there, errors[1], attainable(len(there)))
+    return assessed
 
 
 def _pooled(one: WindowSet, other: WindowSet) -> WindowSet:
@@ -152,29 +178,18 @@ def _no_nan(values: np.ndarray) -> np.ndarray:
     return np.nan_to_num(values.astype(float), nan=1e30, posinf=1e30, neginf=-1e30)
 
 
-def _numbers(one: Assessment) -> dict[str, float]:
-    return {
-        "failing": float(one.failing.mean()),
-        "auroc": float(one.area.value),
-        "caught": one.caught,
-        "false_alarms": one.false_alarms,
-        "risk_area": float(one.risk.area),
-        "best_risk_area": float(one.risk.best_area),
-    }
-
-
-def _table(long: pd.DataFrame, titles: Titles, title: str, caption: str) -> Table:
+def _table(alarms: Sequence[Alarm], titles: Titles, title: str, caption: str) -> Table:
     """A row for each version and set: share failing, AUROC of each score, caught and false alarms by misfit."""
-    mean = long.groupby(["label", "set", "score"], sort=False).mean(numeric_only=True)
     header = ["method", "set", "failing [%]", *(f"AUROC, {text}" for text in SCORES.values())]
     header += ["caught [%]", "false alarms [%]"]
     rows = []
-    for label, name in dict.fromkeys(zip(long["label"], long["set"], strict=True)):
-        each = mean.loc[label, name]
-        areas = [each["auroc"].get(score, np.nan) for score in SCORES]
-        of_misfit = [100 * each.loc["misfit", key] for key in ("caught", "false_alarms")]
-        cells = [_text(100 * each.loc["misfit", "failing"], 1), *(_text(a, 3) for a in areas)]
-        rows.append([label, titles.of_set(name), *cells, *(_text(v, 1) for v in of_misfit)])
+    for (label, name), part in grouped(alarms, lambda alarm: (alarm.label, alarm.set)).items():
+        of_score = grouped(part, lambda alarm: alarm.score)
+        areas = [mean_of(alarm.auroc for alarm in of_score.get(score, ())) for score in SCORES]
+        misfit = of_score["misfit"]
+        of_misfit = mean_of(alarm.caught for alarm in misfit), mean_of(alarm.false_alarms for alarm in misfit)
+        cells = [_text(100 * mean_of(alarm.failing for alarm in misfit), 1), *(_text(a, 3) for a in areas)]
+        rows.append([label, titles.of_set(name), *cells, *(_text(100 * v, 1) for v in of_misfit)])
     return Table(header, [("", rows)], 2, (), title, caption, "alarms")
 
 

@@ -4,10 +4,10 @@ version's own windows and on every set."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from expertaug import plotting
@@ -17,6 +17,7 @@ from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import Drawn, VersionWindows, read_windows
 from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, Calibration, area_to_curve, interval_coverage
+from expertaug.rows import frame
 from expertaug.versions import Version
 
 EMPTY = "No version has intervals of parameters that are known (those of forecasts: see the experiment's table)."
@@ -35,6 +36,35 @@ CAPTION = (
 )
 
 
+@dataclass(frozen=True)
+class Covered:
+    """How often intervals of a version hold on a set.
+
+    Attributes:
+        method, label, set: of which version and set; the set may be the model's own windows.
+        parameter: or forecasts.
+        pooled: whether the draws of all seeds are taken together.
+        coverage_50, coverage_90: shares in the central intervals of these levels.
+        atc: area between TARP's expected coverage and the diagonal; NaN of forecasts.
+        windows: their number.
+    """
+
+    method: str
+    label: str
+    set: str
+    parameter: str
+    pooled: bool
+    coverage_50: float
+    coverage_90: float
+    atc: float
+    windows: int
+
+    @property
+    def shares(self) -> list[float]:
+        """By level, as :data:`TABLE_LEVELS`."""
+        return [self.coverage_50, self.coverage_90]
+
+
 def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
     """Write the table of an experiment's coverage and draw the calibration of one version.
 
@@ -46,21 +76,10 @@ def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStud
         InputError: a file is broken, or an output's suffix is unknown.
     """
     versions, labels = read_windows(forecasts), job.label_of
-    known = [v for v in labels if v in versions and any(s.drawn for s in versions[v].sets.values())]
-    rows = [row for v in known for row in _rows(v, labels[v], versions[v])]
-    columns = [
-        "method",
-        "label",
-        "set",
-        "parameter",
-        "pooled",
-        *(f"coverage_{round(100 * x)}" for x in TABLE_LEVELS),
-        "atc",
-        "windows",
-    ]
-    long = pd.DataFrame(rows, columns=columns)
+    drawn = {v: versions[v] for v in labels if v in versions and any(s.drawn for s in versions[v].sets.values())}
+    rows = [row for v, version in drawn.items() for row in _rows(v, labels[v], version)]
     title = f"{job.of_experiment(next(iter(versions.values())).experiment)}: coverage of intervals"
-    Study(long, [_table(long, job, title)], lambda: _draw({v: versions[v] for v in known}, job, title)).save(outputs)
+    Study(frame(Covered, rows), [_table(rows, job, title)], lambda: _draw(drawn, job, title)).save(outputs)
 
 
 def _draw(versions: Mapping[str, VersionWindows], job: WindowStudyJob, title: str) -> Figure:
@@ -78,21 +97,20 @@ def _calibration(drawn: Drawn, seed: int) -> Calibration:
     return Calibration(drawn.count, drawn.ranks[seed], drawn.tarp[seed])
 
 
-def _rows(version: str, label: str, of: VersionWindows) -> list[dict]:
-    found = []
-    for name, one in {OWN: of.own, **{name: s.drawn for name, s in of.sets.items()}}.items():
-        if one is None or name == "train":
+def _rows(version: str, label: str, of: VersionWindows) -> list[Covered]:
+    rows = []
+    for name, drawn in {OWN: of.own, **{name: s.drawn for name, s in of.sets.items()}}.items():
+        if drawn is None or name == "train":
             continue
-        identity = {"method": version, "label": label, "set": name}
-        of_seeds = [_calibration(one, k) for k in range(len(of.seeds))]
-        found += [identity | row for row in _of_parameters(of.parameters, of_seeds)]
-        if name != OWN and (one.ranks != one.ranks[:1]).any():  # each seed's own windows are others
-            found += [identity | row | {"pooled": True} for row in _of_parameters(of.parameters, [_pooled(one)])]
-        if one.inside is not None:
-            shares = _shares(one.inside.mean((0, 1)))
-            row = {"parameter": FORECAST, "pooled": False, **shares, "atc": np.nan, "windows": one.inside.shape[1]}
-            found.append(identity | row)
-    return found
+        whose = (version, label, name)
+        of_seeds = [_calibration(drawn, k) for k in range(len(of.seeds))]
+        rows += _of_parameters(whose, of.parameters, of_seeds)
+        if name != OWN and (drawn.ranks != drawn.ranks[:1]).any():  # each seed's own windows are others
+            rows += _of_parameters(whose, of.parameters, [_pooled(drawn)], pooled=True)
+        if drawn.inside is not None:
+            shares = map(float, drawn.inside.mean((0, 1)))
+            rows.append(Covered(*whose, FORECAST, False, *shares, np.nan, drawn.inside.shape[1]))
+    return rows
 
 
 def _pooled(drawn: Drawn) -> Calibration:
@@ -100,24 +118,24 @@ def _pooled(drawn: Drawn) -> Calibration:
     return Calibration(drawn.count * len(drawn.ranks), drawn.ranks.sum(0), drawn.tarp.sum(0))
 
 
-def _of_parameters(names: Sequence[str], of_seeds: Sequence[Calibration]) -> list[dict]:
+def _of_parameters(
+    whose: tuple[str, str, str], names: Sequence[str], of_seeds: Sequence[Calibration], pooled: bool = False
+) -> list[Covered]:
+    """Means over seeds; ``whose``: method, label and set."""
     each = [interval_coverage(c.marginal, c.draws, TABLE_LEVELS).share for c in of_seeds]
     atc = float(np.mean([area_to_curve(c.tarp, c.draws) for c in of_seeds]))
-    rest = {"pooled": False, "atc": atc, "windows": len(of_seeds[0].tarp)}
-    return [{"parameter": p, **_shares(share), **rest} for p, share in zip(names, np.mean(each, axis=0).T, strict=True)]
+    shares = np.mean(each, axis=0).T.tolist()
+    windows = len(of_seeds[0].tarp)
+    return [Covered(*whose, name, pooled, *of_name, atc, windows) for name, of_name in zip(names, shares, strict=True)]
 
 
-def _shares(share: np.ndarray) -> dict[str, float]:
-    return {f"coverage_{round(100 * x)}": float(share[j]) for j, x in enumerate(TABLE_LEVELS)}
-
-
-def _table(long: pd.DataFrame, titles: Titles, title: str) -> Table:
+def _table(rows: Sequence[Covered], titles: Titles, title: str) -> Table:
     header = ["method", "set", "parameter", *(f"in {100 * x:.0f} % [%]" for x in TABLE_LEVELS), "ATC"]
-    rows = []
-    for _, row in long.iterrows():
-        shares = [f"{100 * row[f'coverage_{round(100 * x)}']:.1f}" for x in TABLE_LEVELS]
-        atc = f"{row['atc']:.3f}".replace("-", "−") if np.isfinite(row["atc"]) else DASH
-        name = OWN_TITLE if row["set"] == OWN else titles.of_set(row["set"])
-        parameter = f"{row['parameter']}, seeds pooled" if row["pooled"] else row["parameter"]
-        rows.append([row["label"], name, parameter, *shares, atc])
-    return Table(header, [("", rows)], 3, (), title, CAPTION, "coverage", empty=EMPTY)
+    printed = []
+    for row in rows:
+        shares = [f"{100 * share:.1f}" for share in row.shares]
+        atc = f"{row.atc:.3f}".replace("-", "−") if np.isfinite(row.atc) else DASH
+        name = OWN_TITLE if row.set == OWN else titles.of_set(row.set)
+        parameter = f"{row.parameter}, seeds pooled" if row.pooled else row.parameter
+        printed.append([row.label, name, parameter, *shares, atc])
+    return Table(header, [("", printed)], 3, (), title, CAPTION, "coverage", empty=EMPTY)

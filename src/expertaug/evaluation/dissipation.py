@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import torch
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,7 +17,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.metrics import Metric
 from expertaug.evaluation.score import spread
 from expertaug.evaluation.settings import DissipationJob
-from expertaug.evaluation.summary import order_sets
+from expertaug.evaluation.summary import mean_of, order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.models import store
@@ -25,6 +25,7 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates
 from expertaug.models.settings import Refinement
 from expertaug.models.store import device_of
+from expertaug.rows import frame, grouped
 from expertaug.systems import System
 from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import Trajectories
@@ -49,25 +50,25 @@ def measured_loss(system: System, t: Tensor, states: Tensor, z_e: Tensor) -> Ten
     return -((level[second] - level[first]) / span).nanmedian(0).values
 
 
-def dissipated_power(decoder: Decoder, states: Tensor, found: Estimates | None) -> Tensor:
+def dissipated_power(decoder: Decoder, states: Tensor, estimates: Estimates | None) -> Tensor:
     """−∇E · (F_e + F_a), the mean over given states, with the constants of the decoder's own expert.
 
     Arguments:
         decoder: of a system with an energy, stacked over S seeds, or without parameters.
         states: (T, S, B, *state); nothing is forecast; NaN where nothing was measured.
-        found: z_e and z_a (S, B, …) with which E, F_e and F_a are asked; not needed where there is no F_a and neither
-            E nor F_e asks for z_e.
+        estimates: z_e and z_a (S, B, …) with which E, F_e and F_a are asked; not needed where there is no F_a and
+            neither E nor F_e asks for z_e.
 
     Returns:
         (S, B) in E's unit per second.
     """
     system = decoder.system
-    z_e = states.new_zeros(*states.shape[1:3], len(system.expert_parameters)) if found is None else found.z_e
+    z_e = states.new_zeros(*states.shape[1:3], len(system.expert_parameters)) if estimates is None else estimates.z_e
     assert z_e is not None
     context = None
     if decoder.interaction is not None:
-        assert found is not None
-        context = decoder.interaction.context(found.z_a, z_e)
+        assert estimates is not None
+        context = decoder.interaction.context(estimates.z_a, z_e)
     powers = []
     for y in states:
         with torch.no_grad():
@@ -81,6 +82,30 @@ def dissipated_power(decoder: Decoder, states: Tensor, found: Estimates | None) 
 
 
 CHUNKS = 1000  # of each set, evenly spread
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Mean loss of energy of a recording's chunks in a set, as a model's expert has it.
+
+    Attributes:
+        experiment, method, label, seed, expert: of the model.
+        set, recording, chunks: of which chunks, and how many of them were measured.
+        measured, measured_se: −dE/dt, and its standard error over chunks.
+        dissipated: by the model; NaN of a seed that could not be trained.
+    """
+
+    experiment: str
+    method: str
+    label: str
+    seed: int
+    expert: str
+    set: str
+    recording: str
+    chunks: int
+    measured: float
+    measured_se: float
+    dissipated: float
 
 
 def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: DissipationJob) -> None:
@@ -98,15 +123,12 @@ def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], job
     device = device_of(job.device)
     chunks = {name: spread(Trajectories.load(Path(data) / f"{name}.npz"), CHUNKS) for name in MAIN_SETS}
     files = _by_method(models, job)
-    parts = []
+    losses: list[Loss] = []
     for version, label, refinement in job.versions:
         for path in files[str(Version.parse(version).trained)]:
             stored = store.load(path, device, job.classes or ())
-            rows = _losses(stored, refinement, chunks, device)
-            parts.append(rows.assign(experiment=job.experiment, method=version, label=label))
-    columns = ["experiment", "method", "label", "seed", "expert", "set", "recording", "chunks"]
-    table = pd.concat(parts, ignore_index=True)[[*columns, "measured", "measured_se", "dissipated"]]
-    Study(table, tables(table, job), lambda: draw(table, job), precision="%.7g").save(outputs)
+            losses += _losses(stored, refinement, chunks, device, (job.experiment, version, label))
+    Study(frame(Loss, losses), tables(losses, job), lambda: draw(losses, job), precision="%.7g").save(outputs)
 
 
 def _by_method(models: Sequence[Path], job: DissipationJob) -> dict[str, list[Path]]:
@@ -126,15 +148,18 @@ def _by_method(models: Sequence[Path], job: DissipationJob) -> dict[str, list[Pa
 
 
 def _losses(
-    stored: store.StoredModel, refinement: Refinement | None, sets: Mapping[str, Trajectories], device: torch.device
-) -> pd.DataFrame:
-    """Mean loss of energy, as a model's expert has it, of every seed on every set and recording: measured, its standard
-    error over chunks, and dissipated by the model, which is NaN of seeds that could not be trained."""
-    given = refinement_of(stored, refinement)
+    stored: store.StoredModel,
+    refinement: Refinement | None,
+    sets: Mapping[str, Trajectories],
+    device: torch.device,
+    whose: tuple[str, str, str],
+) -> list[Loss]:
+    """Of every seed on every set and recording; ``whose``: experiment, method and label."""
+    fitting = refinement_of(stored, refinement)
     decoder = getattr(stored.model, "decoder", stored.model)
     estimator = stored.model
-    if given is not None:
-        estimator = refined_by(stored, given)
+    if fitting is not None:
+        estimator = refined_by(stored, fitting)
     observed, rows = stored.card.observed, []
     # Where z_e is the start, neither E nor F_e asks for it.
     asks = decoder.interaction is not None or type(decoder.system).initial_state is System.initial_state
@@ -142,9 +167,9 @@ def _losses(
         windows = Windows.of(chunks, device).expand(len(stored.seeds))
         states = windows.y
         with torch.no_grad():
-            found = estimator.estimate(windows.until(observed)) if asks else None
-        power = dissipated_power(decoder, states, found).cpu().numpy()
-        z_e = states.new_zeros(len(stored.seeds), len(chunks), 1) if found is None else found.z_e
+            estimates = estimator.estimate(windows.until(observed)) if asks else None
+        power = dissipated_power(decoder, states, estimates).cpu().numpy()
+        z_e = states.new_zeros(len(stored.seeds), len(chunks), 1) if estimates is None else estimates.z_e
         assert z_e is not None
         measured = measured_loss(decoder.system, torch.from_numpy(chunks.t).to(device), states, z_e).cpu().numpy()
         own = recordings_of(chunks)
@@ -152,19 +177,11 @@ def _losses(
             inside = own == recording
             for seed, of_seed, lost in zip(stored.seeds, power[:, inside], measured[:, inside], strict=True):
                 known = np.isfinite(lost)
-                rows.append(
-                    {
-                        "seed": seed,
-                        "expert": stored.card.system.get("expert", ""),
-                        "set": name,
-                        "recording": recording,
-                        "chunks": int(known.sum()),
-                        "measured": lost[known].mean(),
-                        "measured_se": lost[known].std() / np.sqrt(known.sum()),
-                        "dissipated": np.nan if seed in stored.failed else of_seed[known].mean(),
-                    }
-                )
-    return pd.DataFrame(rows)
+                error = lost[known].std() / np.sqrt(known.sum())
+                power_of_seed = np.nan if seed in stored.failed else of_seed[known].mean()
+                numbers = int(known.sum()), float(lost[known].mean()), float(error), float(power_of_seed)
+                rows.append(Loss(*whose, seed, stored.card.system.get("expert", ""), name, str(recording), *numbers))
+    return rows
 
 
 def recordings_of(chunks: Trajectories) -> np.ndarray:
@@ -186,63 +203,58 @@ TITLE = "loss of energy"
 THREE_DIGITS = Metric("dissipated", "dissipated")
 
 
-def tables(table: pd.DataFrame, job: DissipationJob) -> list[Table]:
+def tables(losses: Sequence[Loss], job: DissipationJob) -> list[Table]:
     """A table of methods and one of recordings."""
-    (head, rows), (second, by_recording) = _of_methods(table, job), _of_recordings(table, job)
+    (head, rows), (second, by_recording) = _of_methods(losses, job), _of_recordings(losses, job)
     name = job.experiment
     label, title = f"{name}-dissipation".replace("_", "-"), f"{name}: {TITLE}"
     first = Table(head, [("", rows)], 2, (), title, CAPTION, label)
     return [first, Table(second, [("", by_recording)], 2, caption="By recording:")]
 
 
-def over_recordings(table: pd.DataFrame) -> pd.DataFrame:
-    """Mean over chunks of all recordings, and the correlation over recordings: a row for each version, set and seed."""
-    rows = []
-    for keys, part in table.groupby(["method", "label", "set", "seed"], sort=False):
-        weights = part["chunks"] / part["chunks"].sum()
-        known = part["dissipated"].notna().all() and len(part) > 2 and part["dissipated"].std() > 0
-        rows.append(
-            {
-                **dict(zip(("method", "label", "set", "seed"), keys, strict=True)),  # type: ignore[arg-type]
-                "measured": (weights * part["measured"]).sum(),
-                "dissipated": (weights * part["dissipated"]).sum(skipna=False),
-                "correlation": np.corrcoef(part["measured"], part["dissipated"])[0, 1] if known else np.nan,
-            }
-        )
-    return pd.DataFrame(rows)
+def over_recordings(losses: Sequence[Loss]) -> tuple[float, float, float]:
+    """Measured and dissipated loss of one seed on one set, means over chunks of all recordings; and their correlation
+    over recordings, NaN of fewer than three."""
+    chunks, measured, dissipated = np.array([(loss.chunks, loss.measured, loss.dissipated) for loss in losses]).T
+    weights = chunks / chunks.sum()
+    varied = len(losses) > 2 and np.isfinite(dissipated).all() and dissipated.std() > 0
+    correlation = float(np.corrcoef(measured, dissipated)[0, 1]) if varied else np.nan
+    return float(np.nansum(weights * measured)), float((weights * dissipated).sum()), correlation
 
 
-def _of_methods(table: pd.DataFrame, job: DissipationJob) -> tuple[list[str], list[list[str]]]:
+def _of_methods(losses: Sequence[Loss], job: DissipationJob) -> tuple[list[str], list[list[str]]]:
     """A row for each set and version."""
-    overall, rows = over_recordings(table), []
-    for name in order_sets(table["set"]):
+    rows = []
+    for name in order_sets(loss.set for loss in losses):
         for version, label, _ in job.versions:
-            part = overall[(overall["set"] == name) & (overall["method"] == version)]
-            cells = [_text(part["measured"].iloc[:1]), _text(part["dissipated"]), _text(part["correlation"])]
+            own = [loss for loss in losses if (loss.set, loss.method) == (name, version)]
+            means = map(over_recordings, grouped(own, lambda loss: loss.seed).values())
+            measured, dissipated, correlations = zip(*means, strict=True)
+            cells = [_text(measured[:1]), _text(dissipated), _text(correlations)]
             rows.append([job.of_set(name), label, *(cell.replace("-", "−") for cell in cells)])
     return ["set", "method", "measured", "dissipated", "correlation"], rows
 
 
-def _of_recordings(table: pd.DataFrame, job: DissipationJob) -> tuple[list[str], list[list[str]]]:
+def _of_recordings(losses: Sequence[Loss], job: DissipationJob) -> tuple[list[str], list[list[str]]]:
     """A row for each set and recording, a column for each expert's measured loss and each version."""
-    experts = list(dict.fromkeys(table["expert"]))
+    experts = list(dict.fromkeys(loss.expert for loss in losses))
     rows = []
-    for (name, recording), part in table.groupby(["set", "recording"], sort=False):
-        firsts = [part[part["expert"] == expert].iloc[0] for expert in experts]
-        measured = [_number(row["measured"], row["measured_se"]) for row in firsts]
-        each = [_text(part.loc[part["method"] == version, "dissipated"]) for version, *_ in job.versions]
+    for (name, recording), part in grouped(losses, lambda loss: (loss.set, loss.recording)).items():
+        firsts = [next(loss for loss in part if loss.expert == expert) for expert in experts]
+        measured = [_number(loss.measured, loss.measured_se) for loss in firsts]
+        each = [_text([loss.dissipated for loss in part if loss.method == version]) for version, *_ in job.versions]
         cells = [cell.replace("-", "−") for cell in (*measured, *each)]
-        rows.append([job.of_set(str(name)), str(recording), str(firsts[0]["chunks"]), *cells])
+        rows.append([job.of_set(name), recording, str(firsts[0].chunks), *cells])
     columns = ["measured"] if len(experts) == 1 else [f"measured, {expert}" for expert in experts]
     return ["set", "recording", "chunks", *columns, *(label for _, label, _ in job.versions)], rows
 
 
-def _text(values: pd.Series) -> str:
+def _text(values: Sequence[float]) -> str:
     """Mean ± standard deviation over the seeds that have a value."""
-    known = values.dropna()
+    known = np.array([value for value in values if not np.isnan(value)])
     if not len(known):
         return DASH
-    text = _number(known.mean(), known.std() if len(known) > 1 else None)
+    text = _number(known.mean(), known.std(ddof=1) if len(known) > 1 else None)
     return text + (f" ({len(known)}/{len(values)})" if len(known) < len(values) else "")
 
 
@@ -252,10 +264,10 @@ def _number(mean: float, spread: float | None) -> str:
     return text(mean) if spread is None else f"{text(mean)} ± {text(spread)}"
 
 
-def draw(table: pd.DataFrame, job: DissipationJob) -> Figure:
+def draw(losses: Sequence[Loss], job: DissipationJob) -> Figure:
     """Dissipated against measured loss: a panel for each expert and set, a point for each recording, a colour for each
     method."""
-    experts, sets = list(dict.fromkeys(table["expert"])), order_sets(table["set"])
+    experts, sets = list(dict.fromkeys(loss.expert for loss in losses)), order_sets(loss.set for loss in losses)
     labels = {version: label for version, label, _ in job.versions}
     colours = plotting.colours(list(labels), job.all_methods)
     looks = {v: _look(v, colours[v]) for v in labels}
@@ -264,13 +276,14 @@ def draw(table: pd.DataFrame, job: DissipationJob) -> Figure:
         panels = figure.subplots(len(experts), len(sets), squeeze=False)
         for row, expert in zip(panels, experts, strict=True):
             for axis, name in zip(row, sets, strict=True):
-                part = table[(table["expert"] == expert) & (table["set"] == name)]
-                ends = [min(0.0, part["measured"].min()), part["measured"].max()]
+                part = [loss for loss in losses if (loss.expert, loss.set) == (expert, name)]
+                measured = [loss.measured for loss in part if not np.isnan(loss.measured)]
+                ends = [min([0.0, *measured]), max(measured, default=np.nan)]
                 axis.plot(ends, ends, color="0.6", linewidth=0.8, zorder=1)
                 for version, look in looks.items():
-                    own = part[part["method"] == version].groupby("recording", sort=False)
-                    means = own[["measured", "dissipated"]].mean()
-                    axis.plot(means["measured"], means["dissipated"], **look)
+                    own = grouped((loss for loss in part if loss.method == version), lambda loss: loss.recording)
+                    x = [mean_of(loss.measured for loss in each) for each in own.values()]
+                    axis.plot(x, [mean_of(loss.dissipated for loss in each) for each in own.values()], **look)
                 title = job.of_set(name)
                 axis.set_title(title if len(experts) == 1 else f"{title}, expert {expert.replace('_', ' ')}")
                 axis.grid()

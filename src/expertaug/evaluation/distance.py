@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,6 +17,7 @@ from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
 from expertaug.inference.diagnostics.alarm import attainable, threshold
+from expertaug.rows import frame, grouped
 from expertaug.versions import compared
 
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
@@ -36,6 +37,31 @@ METRICS = {
 }
 
 
+@dataclass(frozen=True)
+class Bin:
+    """Windows of a version about as far from the training range.
+
+    Attributes:
+        distance: their median.
+        windows: how many.
+        log_mse, parameter_error, alarms: errors, in % of the parameters, and the share with an alarm in %; means over
+            seeds, NaN where there are none.
+        skill: NaN where nothing gives its scale.
+        of: in what they are away, z_e or z_a.
+        method, label: whose they are.
+    """
+
+    distance: float
+    windows: int
+    log_mse: float
+    parameter_error: float
+    alarms: float
+    skill: float
+    of: str
+    method: str
+    label: str
+
+
 def distance(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
     """Write the table of an experiment's curves and draw them.
 
@@ -50,21 +76,22 @@ def distance(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStud
         InputError: a file is broken, or an output's suffix is unknown.
     """
     versions, labels = read_windows(forecasts), job.label_of
-    known = [v for v in labels if v in versions]
-    if not known:
+    curved = [v for v in labels if v in versions]
+    if not curved:
         raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
     scale = (job.floor, job.mean)
-    ends = [_curves(versions[v], job) if v in versions else None for v in scale]
-    parts = []
-    for v in known:
-        curve = _curves(versions[v], job)
-        floor, mean = (None if end is None or len(end) != len(curve) else end["log_mse"] for end in ends)
-        if floor is not None and mean is not None:
-            curve["skill"] = (mean - curve["log_mse"]) / (mean - floor)
-        parts.append(curve.assign(method=v, label=labels[v]))
-    long = pd.concat(parts, ignore_index=True)
-    title = f"{job.of_experiment(versions[known[0]].experiment)}: distance from the training range"
-    Study(long, [_table(long, title)], lambda: _draw(long, job, title)).save(outputs)
+    floors, means = ([] if v not in versions else _curves(versions[v], v, "", job) for v in scale)
+    bins: list[Bin] = []
+    for v in curved:
+        curve = _curves(versions[v], v, labels[v], job)
+        if len(floors) == len(means) == len(curve):
+            floor, mean, own = (np.array([bin_.log_mse for bin_ in each]) for each in (floors, means, curve))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                skills = ((mean - own) / (mean - floor)).tolist()
+            curve = [replace(bin_, skill=skill) for bin_, skill in zip(curve, skills, strict=True)]
+        bins += curve
+    title = f"{job.of_experiment(versions[curved[0]].experiment)}: distance from the training range"
+    Study(frame(Bin, bins), [_table(bins, title)], lambda: _draw(bins, job, title)).save(outputs)
 
 
 def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequence[float]]) -> np.ndarray:
@@ -76,30 +103,31 @@ def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequ
     return np.max(each, axis=0)
 
 
-def _curves(version: VersionWindows, job: WindowStudyJob) -> pd.DataFrame:
-    """A row a bin of z_e's distance and, where windows are shifted in it, of z_a's: ``of`` (z_e or z_a), distance
-    (median), windows, log_mse, parameter_error, alarms."""
-    known = [name for name in version.sets if name not in ("train", "validation" if "iid" in version.sets else "")]
+def _curves(version: VersionWindows, method: str, label: str, job: WindowStudyJob) -> list[Bin]:
+    """The bins of z_e's distance and, where windows are shifted in it, of z_a's."""
+    shifted = [name for name in version.sets if name not in ("train", "validation" if "iid" in version.sets else "")]
     main = [version.sets[name] for name in version.judged]
     away = [beyond(s.z_e, version.parameters, job.training_range) for s in main]
-    parts = [_curve(version, main, away).assign(of="z_e")]
+    bins = _curve(version, ("z_e", method, label), main, away)
     ranges = job.interaction_range
-    sets = [version.sets[name] for name in known if version.sets[name].z_a is not None]
+    sets = [version.sets[name] for name in shifted if version.sets[name].z_a is not None]
     if set(version.interaction) == set(ranges) and ranges and sets:
         inside = [beyond(s.z_e, version.parameters, job.training_range) == 0 for s in sets]
         away = [beyond(s.z_a, version.interaction, ranges) for s in sets if s.z_a is not None]
-        if any((one[here] > 0).any() for one, here in zip(away, inside, strict=True)):
-            parts.append(_curve(version, sets, away, inside).assign(of="z_a"))
-    return pd.concat(parts, ignore_index=True)
+        if any((far[here] > 0).any() for far, here in zip(away, inside, strict=True)):
+            bins += _curve(version, ("z_a", method, label), sets, away, inside)
+    return bins
 
 
 def _curve(
     version: VersionWindows,
+    whose: tuple[str, str, str],
     sets: Sequence[WindowSet],
     distances: Sequence[np.ndarray],
     inside: Sequence[np.ndarray] | None = None,
-) -> pd.DataFrame:
-    """A row a bin of some sets' windows by their distances (N,), of those alone that are ``inside`` (N,)."""
+) -> list[Bin]:
+    """Bins of some sets' windows by their distances (N,), of those alone that are ``inside`` (N,); ``whose``: of what,
+    method and label."""
     taken = np.concatenate(inside) if inside is not None else np.full(sum(map(len, distances)), True)
     errors, misfit = (np.concatenate([getattr(s, key) for s in sets], axis=1)[:, taken] for key in ("errors", "misfit"))
     z_e, away = np.concatenate([s.z_e for s in sets])[taken], np.concatenate(distances)[taken]
@@ -107,67 +135,62 @@ def _curve(
     inner = np.quantile(outside, np.linspace(0, 1, BINS + 1))[1:-1] if len(outside) >= BINS else np.array([])
     edges = np.unique(np.concatenate(([0.0], inner)))
     place = np.where(away > 0, 1 + np.searchsorted(edges[1:], away, side="left"), 0)
-    known = version.sets[KNOWN].misfit
-    limits = np.array([threshold(np.nan_to_num(one, nan=1e30), attainable(len(one))) for one in known])[:, None]
+    usual = np.nan_to_num(version.sets[KNOWN].misfit, nan=1e30)
+    limits = np.array([threshold(of_seed, attainable(len(of_seed))) for of_seed in usual])[:, None]
     relative = None
     if all(s.z_e_hat is not None for s in sets):
         hat = np.concatenate([s.z_e_hat for s in sets], axis=1)[:, taken]  # type: ignore[misc]
         relative = 100 * np.abs((hat - z_e) / z_e).mean(2)
-    rows = []
+    bins = []
     for k in np.unique(place):
         here = place == k
-        rows.append(
-            {
-                "distance": float(np.median(away[here])),
-                "windows": int(here.sum()),
-                "log_mse": float(np.log(errors[:, here].mean(1)).mean()),
-                "parameter_error": np.nan if relative is None else float(relative[:, here].mean()),
-                "alarms": float(100 * (misfit[:, here] > limits).mean()),
-                "skill": np.nan,
-            }
-        )
-    return pd.DataFrame(rows)
+        log_mse = float(np.log(errors[:, here].mean(1)).mean())
+        parameter_error = np.nan if relative is None else float(relative[:, here].mean())
+        alarms = float(100 * (misfit[:, here] > limits).mean())
+        numbers = float(np.median(away[here])), int(here.sum()), log_mse, parameter_error, alarms, np.nan
+        bins.append(Bin(*numbers, *whose))
+    return bins
 
 
-def _table(long: pd.DataFrame, title: str) -> Table:
+def _table(bins: Sequence[Bin], title: str) -> Table:
     """A row for each version, distance and metric, a column for each bin; a row of the distances above each block."""
-    most = max(len(part) for _, part in long.groupby(["label", "of"]))
+    most = max(map(len, grouped(bins, lambda bin_: (bin_.label, bin_.of)).values()))
     header, rows = ["method", "", *(["within"] + [f"bin {k}" for k in range(1, most)])], []
-    for of, block in long.groupby("of", sort=False):
-        bins = list(dict.fromkeys(block["distance"]))
-        blank = [""] * (most - len(bins))
-        rows.append([f"distance of {of}", "", *("0" if d == 0 else f"{d:.2f}" for d in bins), *blank])
-        for label, part in block.groupby("label", sort=False):
-            cells = part.set_index("distance")
+    for of, block in grouped(bins, lambda bin_: bin_.of).items():
+        distances = list(dict.fromkeys(bin_.distance for bin_ in block))
+        blank = [""] * (most - len(distances))
+        rows.append([f"distance of {of}", "", *("0" if d == 0 else f"{d:.2f}" for d in distances), *blank])
+        for label, part in grouped(block, lambda bin_: bin_.label).items():
             for metric, quantity in METRICS.items():
-                values = [cells[metric].get(d, np.nan) for d in bins]
+                at = {bin_.distance: getattr(bin_, metric) for bin_ in part}
+                values = [at.get(d, np.nan) for d in distances]
                 if np.isfinite(values).any():
                     digits = 1 if metric in ("parameter_error", "alarms") else 2
                     texts = [f"{v:.{digits}f}" if np.isfinite(v) else DASH for v in values]
-                    rows.append([str(label), quantity, *texts, *blank])
+                    rows.append([label, quantity, *texts, *blank])
     return Table(header, [("", rows)], 2, (), title, CAPTION, "distance")
 
 
-def _draw(long: pd.DataFrame, job: WindowStudyJob, title: str) -> Figure:
+def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
     """A panel a metric, a line a version: those that people choose between."""
     floor = job.floor
-    named = list(dict.fromkeys(long["method"]))
+    named = list(dict.fromkeys(bin_.method for bin_ in bins))
     chosen = compared([v for v in named if v != floor], job.classical)
     colours = plotting.colours(chosen, job.all_methods)
     with plotting.styled():
-        shifted = list(dict.fromkeys(long["of"]))
+        shifted = list(dict.fromkeys(bin_.of for bin_ in bins))
         figure = plotting.new_figure(4.6 if len(shifted) == 1 else 7.6)
         # One distance: two rows of two panels; two distances: a column each, a row a metric.
         axes = figure.subplots(2, 2, sharex=True) if len(shifted) == 1 else figure.subplots(4, 2, sharex="col")
         panels = [axes.flat] if len(shifted) == 1 else list(axes.T)
         for of, column in zip(shifted, panels, strict=True):
-            block = long[long["of"] == of]
+            block = grouped((bin_ for bin_ in bins if bin_.of == of), lambda bin_: bin_.method)
             for axis, (metric, name) in zip(column, METRICS.items(), strict=True):
                 for v in chosen:
-                    _line(axis, block[block["method"] == v], metric, _look(v, colours))
+                    _line(axis, block.get(v, []), metric, _look(v, colours))
                 if floor in named and metric != "skill":
                     look = {"color": "0.55", "linestyle": ":", "linewidth": 1.2, "label": "True equation"}
-                    _line(axis, block[block["method"] == floor], metric, look)
+                    _line(axis, block.get(floor, []), metric, look)
                 axis.set_ylabel(name)
                 axis.grid(alpha=0.4)
                 if metric == "parameter_error":
@@ -195,7 +218,8 @@ def _look(version: str, colours: Mapping) -> dict:
     }
 
 
-def _line(axis: Axes, part: pd.DataFrame, metric: str, look: Mapping) -> None:
-    good = part[np.isfinite(part[metric])]
-    if len(good):
-        axis.plot(good["distance"], good[metric], **{"label": str(part["label"].iloc[0]), **look})
+def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: Mapping) -> None:
+    good = [bin_ for bin_ in curve if np.isfinite(getattr(bin_, metric))]
+    if good:
+        levels = [getattr(bin_, metric) for bin_ in good]
+        axis.plot([bin_.distance for bin_ in good], levels, **{"label": curve[0].label, **look})

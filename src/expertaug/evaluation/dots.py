@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,6 +16,8 @@ from expertaug.errors import InputError
 from expertaug.evaluation.metrics import RELATIVE_ERROR, RELATIVE_ERROR_OF, log_mse_of, metric_of
 from expertaug.evaluation.settings import OverviewExperiment, OverviewJob, PlotJob, Reading, Titles
 from expertaug.evaluation.summary import drawn_sets, in_domain, labels_of, order_sets, read_metrics, summarise
+from expertaug.rows import grouped
+from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.versions import SHOWN_SETS, base, ordered, paired
 
 ROW, LABELS = 0.165, 1.6  # inches: height of a row, width of the labels beside them
@@ -31,12 +32,12 @@ class Panel:
 
     Attributes:
         title: above it.
-        table: rows of metrics.csv, of one metric.
+        rows: of metrics.csv, of one metric.
         titles: how the sets are printed.
     """
 
     title: str
-    table: pd.DataFrame
+    rows: Sequence[MetricRow]
     titles: Titles
 
 
@@ -57,18 +58,18 @@ def draw_dots(
         logarithmic: whether the values, all positive, are on such an axis.
         floor: a version at whose value on the test set a line is drawn.
     """
-    everything = pd.concat([panel.table for panel in panels])
-    labels = labels_of(everything)
-    colours = plotting.colours(ordered(everything["method"], all_methods), all_methods)
+    rows = [row for panel in panels for row in panel.rows]
+    labels = labels_of(rows)
+    colours = plotting.colours(ordered(labels, all_methods), all_methods)
     columns = -(-len(panels) // -(-len(panels) // 3))  # as many in each line, but for the last
     beside = [panels[start : start + columns] for start in range(0, len(panels), columns)]
-    versions = [ordered(pd.concat([panel.table for panel in row])["method"], all_methods) for row in beside]
+    versions = [ordered((row.method for panel in line for row in panel.rows), all_methods) for line in beside]
     heights = [0.75 + ROW * len(methods) for methods in versions]
     with plotting.styled():
         figure = plotting.new_figure(0.75 + sum(heights), plotting.WIDTH if columns > 1 else 5.2)
         grid = figure.subplots(len(beside), columns, squeeze=False, sharey="row", height_ratios=heights)
-        for axes, row, methods in zip(grid, beside, versions, strict=True):
-            for axis, panel in zip(axes, row, strict=False):
+        for axes, line, methods in zip(grid, beside, versions, strict=True):
+            for axis, panel in zip(axes, line, strict=False):
                 _panel(axis, panel, methods, colours, floor)
                 axis.set_title(plotting.wrapped(panel.title, (figure.get_figwidth() - LABELS) / columns))
                 if logarithmic:
@@ -79,18 +80,24 @@ def draw_dots(
             axis.set_axis_off()
         lowest = [axis for axis in grid[-1] if axis.axison]
         lowest[len(lowest) // 2].set_xlabel(axis_label)  # in the axes' room: below it comes the legend
-        presets = ", ".join(dict.fromkeys(everything["preset"]))
-        seeds = everything.groupby(["experiment", "method"])["seed"].nunique()
-        number = "1 seed" if set(seeds) == {1} else f"{seeds.min()} seeds" if seeds.nunique() == 1 else "all seeds"
-        number = number if number == "1 seed" else f"mean ± std over {number}"
+        presets = ", ".join(dict.fromkeys(row.preset for row in rows))
+        number = _number_of_seeds(rows)
         plotting.heading(figure, f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}")
-        sets = order_sets(everything["set"])
+        sets = order_sets(row.set for row in rows)
         handles = [_mark(name, "0.3", panels[0].titles) for name in sets]
-        if floor in set(everything["method"]):
+        if floor in labels:
             text = f"{labels[floor]}, {panels[0].titles.of_set(sets[-1])}"
             handles.append(Line2D([], [], color="0.35", linewidth=0.9, linestyle=":", label=text))
         plotting.legend(figure, handles)
     return figure
+
+
+def _number_of_seeds(rows: Sequence[MetricRow]) -> str:
+    versions = grouped(rows, lambda row: (row.experiment, row.method))
+    counts = {len({row.seed for row in each}) for each in versions.values()}
+    if counts == {1}:
+        return "1 seed"
+    return f"mean ± std over {f'{counts.pop()} seeds' if len(counts) == 1 else 'all seeds'}"
 
 
 def _mark(name: str, colour: object, titles: Titles) -> Line2D:
@@ -101,28 +108,28 @@ def _mark(name: str, colour: object, titles: Titles) -> Line2D:
 
 
 def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, floor: str | None) -> None:
-    part, sets = panel.table, order_sets(panel.table["set"])
-    values = summarise(part).set_index(["method", "set"])
-    if floor is not None and (floor, sets[-1]) in values.index:
-        axis.axvline(float(np.mean(values.loc[(floor, sets[-1]), "mean"])), color="0.35", linewidth=0.9, linestyle=":")
+    sets, means = order_sets(row.set for row in panel.rows), summarise(panel.rows)
+    values = grouped(means, lambda mean: (mean.method, mean.set))
+    if floor is not None and (floor, sets[-1]) in values:
+        at_floor = float(np.mean([mean.mean for mean in values[floor, sets[-1]]]))
+        axis.axvline(at_floor, color="0.35", linewidth=0.9, linestyle=":")
     for row, method in enumerate(methods):
         if row and base(method) != base(methods[row - 1]):
             axis.axhline(row - 0.5, color="0.88", linewidth=0.6, zorder=0)
         for place, name in enumerate(sets):
-            if (method, name) not in values.index:
+            if (method, name) not in values:
                 continue
-            cell = values.loc[(method, name)]
-            cell = cell.iloc[0] if isinstance(cell, pd.DataFrame) else cell
+            mean = values[method, name][0]
             y = row + (place - (len(sets) - 1) / 2) * APART
-            if cell["n"] == 0:
+            if mean.n == 0:
                 at = {"xycoords": ("axes fraction", "data"), "va": "center", "fontsize": 5.5, "color": "0.3"}
                 axis.annotate("not finite", (0.01 + 0.14 * place, row), **at)
                 continue
             dark = tuple(0.75 * channel for channel in colours[method])
-            if cell["n"] > 1:
-                axis.errorbar(cell["mean"], y, xerr=cell["std"], color=dark, linewidth=0.9, capsize=1.5, zorder=3)
+            if mean.n > 1:
+                axis.errorbar(mean.mean, y, xerr=mean.std, color=dark, linewidth=0.9, capsize=1.5, zorder=3)
             mark = _mark(name, dark, panel.titles)
-            mark.set_data([cell["mean"]], [y])
+            mark.set_data([mean.mean], [y])
             mark.set_zorder(5)
             axis.add_line(mark)
     axis.autoscale_view(scaley=False)
@@ -141,30 +148,32 @@ def overview(metrics: Sequence[Path], output: Path, job: OverviewJob) -> None:
     Raises:
         InputError: a file is broken.
     """
-    table, folder = read_metrics(metrics), Path(output)
-    shown = [one for one in job.experiments if one.shown]
+    rows, folder = read_metrics(metrics), Path(output)
+    shown = [experiment for experiment in job.experiments if experiment.shown]
 
     def save(name: str, panels: Sequence[Panel], axis: str, note: str, logarithmic: bool = False) -> None:
         with plotting.styled():
             plotting.save(draw_dots(panels, job.all_methods, axis, note, logarithmic), folder / name)
 
     if shown:
-        panels = []
-        for one in shown:
-            how = one.convention_text.partition(" over")[0]
-            panels.append(Panel(f"{one.of_experiment(one.name)} ({how})", _shown(table, one, _log_mse(one)), one))
+        panels = [
+            _panel_of(
+                rows, experiment, _log_mse(experiment), note=f" ({experiment.convention_text.partition(' over')[0]})"
+            )
+            for experiment in shown
+        ]
         save("log_mse", panels, "log-MSE", "log-MSE, squared error summed or averaged over the observed dimensions")
-        panels = [Panel(one.of_experiment(one.name), _shown(table, one, RELATIVE_ERROR.name), one) for one in shown]
-        panels = [panel for panel in panels if len(panel.table)]
+        panels = [_panel_of(rows, experiment, RELATIVE_ERROR.name) for experiment in shown]
+        panels = [panel for panel in panels if panel.rows]
         if panels:
             note = "mean relative error of the expert parameters"
             save("parameter_errors", panels, "relative error [%]", note, True)
         else:
             plotting.save_note("no method estimates parameters", folder / "parameter_errors")
     panels = [
-        Panel(one.of_experiment(one.name), _shown(table, one, _log_mse(one), [one.shifted]), one)
-        for one in job.experiments
-        if one.shifted
+        _panel_of(rows, experiment, _log_mse(experiment), sets=[experiment.shifted])
+        for experiment in job.experiments
+        if experiment.shifted
     ]
     if panels:
         save("za_shifted", panels, "log-MSE", "log-MSE where the interaction's parameters are shifted as well")
@@ -174,16 +183,22 @@ def _log_mse(reading: Reading) -> str:
     return log_mse_of(reading.convention).name
 
 
-def _shown(table: pd.DataFrame, one: OverviewExperiment, metric: str, sets: Sequence[str] = ()) -> pd.DataFrame:
-    """Rows of the methods that have an augmented version, and of these versions, or of all where there is none; and of
-    the opponents that never have one.
+def _panel_of(
+    rows: Sequence[MetricRow], experiment: OverviewExperiment, metric: str, sets: Sequence[str] = (), note: str = ""
+) -> Panel:
+    """A panel of the methods that have an augmented version, and of these versions, or of all where there is none; and
+    of the opponents that never have one.
 
     Arguments:
         sets: by default the set of the training's domain and the test set.
+        note: behind the title.
     """
-    part = table[(table["experiment"] == one.name) & (table["metric"] == metric)]
-    part = part[part["set"].isin(sets or (in_domain(part["set"]), "test"))]
-    return part[part["method"].isin([*paired(part["method"]), *one.opponents])]
+    part = [row for row in rows if (row.experiment, row.metric) == (experiment.name, metric)]
+    sets = sets or (in_domain(row.set for row in part), "test")
+    part = [row for row in part if row.set in sets]
+    methods = {*paired(row.method for row in part), *experiment.opponents}
+    title = f"{experiment.of_experiment(experiment.name)}{note}"
+    return Panel(title, [row for row in part if row.method in methods], experiment)
 
 
 def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
@@ -196,8 +211,8 @@ def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJo
     Raises:
         InputError: a file is broken or has no such metric.
     """
-    table = _select(read_metrics(metrics), [_log_mse(job)])
-    panels = [Panel(job.of_experiment(name), part, job) for name, part in table.groupby("experiment", sort=False)]
+    parts = _select(read_metrics(metrics), [_log_mse(job)])
+    panels = [Panel(job.of_experiment(name), part, job) for (name, _), part in parts.items()]
     title = f"log-MSE, squared error {job.convention_text}"
     with plotting.styled():
         figure = draw_dots(panels, job.all_methods, "log-MSE (lower is better)", title, floor=job.floor)
@@ -209,15 +224,15 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], jo
 
     Where no method estimates parameters the figure says so.
     """
-    table = read_metrics(metrics)
-    known = list(dict.fromkeys(table["metric"]))
-    names = [name for name in known if metric_of(name).family is RELATIVE_ERROR_OF]
-    names = names or [name for name in (RELATIVE_ERROR.name,) if name in known]
+    rows = read_metrics(metrics)
+    evaluated = list(dict.fromkeys(row.metric for row in rows))
+    names = [name for name in evaluated if metric_of(name).family is RELATIVE_ERROR_OF]
+    names = names or [name for name in (RELATIVE_ERROR.name,) if name in evaluated]
     if not names:
         plotting.save_note("no method estimates parameters", outputs)
         return
     panels = []
-    for (experiment, metric), part in _select(table, names).groupby(["experiment", "metric"], sort=False):
+    for (experiment, metric), part in _select(rows, names).items():
         parameter, name = plotting.symbol(metric_of(metric).of), job.of_experiment(experiment)
         panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, job))
     title, axis = "relative error of the expert parameters", "relative error [%] (lower is better)"
@@ -225,11 +240,15 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], jo
         plotting.save(draw_dots(panels, job.all_methods, axis, title, logarithmic=True), outputs)
 
 
-def _select(table: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFrame:
-    """Rows of these metrics on the sets that figures show of each experiment."""
-    found = table[table["metric"].isin(metrics) & table["set"].isin(SHOWN_SETS)]
-    if not len(found):
-        known = ", ".join(dict.fromkeys(table["metric"]))
-        raise InputError("metrics", f"no {' or '.join(metrics)} on {', '.join(SHOWN_SETS)}", f"the files hold {known}")
-    parts = [part for _, part in found.groupby("experiment", sort=False)]
-    return pd.concat([part[part["set"].isin(drawn_sets(part["set"]))] for part in parts])
+def _select(rows: Sequence[MetricRow], metrics: Sequence[str]) -> dict[tuple[str, str], list[MetricRow]]:
+    """Rows of each experiment and of these metrics on the sets that figures show of the experiment."""
+    chosen = [row for row in rows if row.metric in metrics and row.set in SHOWN_SETS]
+    if not chosen:
+        evaluated = ", ".join(dict.fromkeys(row.metric for row in rows))
+        what = f"no {' or '.join(metrics)} on {', '.join(SHOWN_SETS)}"
+        raise InputError("metrics", what, f"the files hold {evaluated}")
+    drawn = []
+    for part in grouped(chosen, lambda row: row.experiment).values():
+        sets = drawn_sets(row.set for row in part)
+        drawn += [row for row in part if row.set in sets]
+    return grouped(drawn, lambda row: (row.experiment, row.metric))

@@ -12,8 +12,9 @@ from expertaug.learning import snapshots as states
 from expertaug.learning.during_training import BASE, stages
 from expertaug.learning.job import locked
 from expertaug.models.store import device_of
+from expertaug.rows import write_csv
 from expertaug.tracking.log import Run
-from expertaug.tracking.metrics_csv import MetricRow, write_rows
+from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.tracking.run_log import RunLog
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
@@ -69,7 +70,7 @@ def during_training(
                 ]
                 log.metrics(epoch, _named(name, finetuned, scored))
             log.flush()  # the next fine-tuning may take hours
-        write_rows(Path(output), rows)
+        write_csv(Path(output), MetricRow, rows)
         log.artifact(output)
 
 

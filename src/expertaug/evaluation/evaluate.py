@@ -17,8 +17,9 @@ from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.flow import StoredModel, load
 from expertaug.inference.least_squares import refined_by, refinement_of
 from expertaug.models.store import device_of
+from expertaug.rows import write_csv
 from expertaug.tracking.log import Run, read_log
-from expertaug.tracking.metrics_csv import MetricRow, write_rows
+from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.tracking.run_log import RunLog
 from expertaug.trajectories import Trajectories
 from expertaug.versions import SHOWN_SETS
@@ -98,7 +99,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         rank_draws=rank_draws,
         own=own,
     ).save(forecasts)
-    write_rows(Path(metrics), rows)
+    write_csv(Path(metrics), MetricRow, rows)
     write_log(Path(metrics), Path(model), stored, job)
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-
-import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.settings import OwnPriorsJob
 from expertaug.evaluation.table import Study, Table
+from expertaug.rows import frame
 
 CAPTION = (
     "Ranges of p⁺ that grew from those of the training windows' estimates, over the seeds of a group together. "
@@ -18,6 +18,24 @@ CAPTION = (
     "below their 99 % quantile) with expert parameters in these ranges; below a half the expert with its F_a does not "
     "fit there. The first rows, before training, are the expert alone's."
 )
+
+
+@dataclass(frozen=True)
+class OwnPrior:
+    """The range of a parameter that the p⁺ of a version and group of seeds has found
+    (:class:`expertaug.inference.adaptive_prior.AdaptivePrior`)."""
+
+    label: str
+    seeds: str
+    parameter: str
+    training_low: float
+    training_high: float
+    low: float
+    high: float
+    explained: float
+    rounds: int
+    windows: bool
+    says: str
 
 
 def own_priors(priors: Sequence[Path], outputs: Sequence[Path], job: OwnPriorsJob) -> None:
@@ -31,25 +49,35 @@ def own_priors(priors: Sequence[Path], outputs: Sequence[Path], job: OwnPriorsJo
         InputError: a file is broken, or an output's suffix is unknown.
     """
     rows = []
-    for path, (label, group) in zip(priors, job.priors, strict=True):
-        try:
-            ranges = json.loads(Path(path).read_text(encoding="utf-8"))
-            for name, (low, high) in ranges["ranges"].items():
-                first, last = ranges["training"][name]
-                one = {"parameter": name, "training_low": first, "training_high": last, "low": low, "high": high}
-                told = {key: ranges[key] for key in ("explained", "rounds", "windows")}
-                rows.append({"label": label, "seeds": group, **one, **told, "says": ranges["says"]})
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(path, f"holds no ranges of p⁺ ({error})", "make it again with own-prior") from error
+    for path, (label, seeds) in zip(priors, job.priors, strict=True):
+        rows += _rows(path, label, seeds)
     header = ["p⁺ of", "seeds", "parameter", "training windows", "found", "explained [%]"]
     cells = [
         [
-            *(str(row[key]) for key in ("label", "seeds", "parameter")),
-            f"[{row['training_low']:.3g}, {row['training_high']:.3g}]".replace("-", "−"),
-            f"[{row['low']:.3g}, {row['high']:.3g}]".replace("-", "−"),
-            f"{100 * row['explained']:.0f}",
+            row.label,
+            row.seeds,
+            row.parameter,
+            _range(row.training_low, row.training_high),
+            _range(row.low, row.high),
+            f"{100 * row.explained:.0f}",
         ]
         for row in rows
     ]
     title = f"{job.of_experiment(job.experiment)}: p⁺ that found its own ranges"
-    Study(pd.DataFrame(rows), [Table(header, [("", cells)], 5, (), title, CAPTION, "own-priors")]).save(outputs)
+    Study(frame(OwnPrior, rows), [Table(header, [("", cells)], 5, (), title, CAPTION, "own-priors")]).save(outputs)
+
+
+def _rows(path: Path, label: str, seeds: str) -> list[OwnPrior]:
+    try:
+        made = json.loads(Path(path).read_text(encoding="utf-8"))
+        explained, says = (made["explained"], made["rounds"], made["windows"]), made["says"]
+        return [
+            OwnPrior(label, seeds, name, *made["training"][name], low, high, *explained, says)
+            for name, (low, high) in made["ranges"].items()
+        ]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(path, f"holds no ranges of p⁺ ({error})", "make it again with own-prior") from error
+
+
+def _range(low: float, high: float) -> str:
+    return f"[{low:.3g}, {high:.3g}]".replace("-", "−")

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-import pandas as pd
-
 from expertaug.errors import InputError
-from expertaug.evaluation.forecasts import VersionKey, read_forecasts
+from expertaug.evaluation.forecasts import read_forecasts
 from expertaug.evaluation.intervals import Interval, Resampled, against, interval
 from expertaug.evaluation.metrics import metric_of
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.settings import CompareJob, Titles
-from expertaug.evaluation.summary import in_domain, read_metrics, summarise
+from expertaug.evaluation.summary import Mean, in_domain, read_metrics, summarise
 from expertaug.evaluation.table import DASH, Cell, Study, Table
+from expertaug.rows import frame, read_csv
 
 NUMBERS = Path(__file__).with_name("paper.csv")
 # The paper's tables (labels of its source), by metric.
@@ -50,26 +48,58 @@ class Published:
         return max(self.std, 0.5 * 10**-self.decimals)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Compared:
+    """A number of ours beside a published one.
+
+    Attributes:
+        table, label, metric: of the paper.
+        experiment, preset, set: of ours; no preset of an experiment that was not run.
+        published_mean, published_std, published_n: theirs.
+        mean, std, low, high: ours, with the ends of its 95 % interval; NaN where there is none.
+        p: of no difference.
+        n, of: number of seeds with a finite value, and of all.
+        at_or_below: whether ours is at or below the published mean and one standard deviation; None of no value.
+        verdict: see :func:`verdict`.
+    """
+
+    table: str
+    experiment: str
+    preset: str | None
+    set: str
+    label: str
+    metric: str
+    published_mean: float
+    published_std: float
+    published_n: int
+    mean: float
+    std: float
+    low: float
+    high: float
+    p: float
+    n: int
+    of: int
+    at_or_below: bool | None
+    verdict: str
+
+    def cell(self) -> Cell:
+        """Ours, as it is printed."""
+        return Cell(metric_of(self.metric), self.mean, self.std, self.n, self.of, self.low, self.high)
+
+    def published(self, digits: int) -> str:
+        """Theirs, as it is printed."""
+        return f"{self.published_mean:.{digits}f} ± {self.published_std:.{digits}f}".replace("-", "−")
+
+
 def published_numbers(path: Path = NUMBERS) -> list[Published]:
     """The numbers of the paper's tables synth_log_mse and param_acc."""
-    with Path(path).open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    return [
-        Published(
-            **{key: row[key] for key in ("table", "system", "label", "set", "metric")},
-            mean=float(row["mean"]),
-            std=float(row["std"]),
-            n=int(row["n"]),
-            decimals=len(row["mean"].partition(".")[2]),
-        )
-        for row in rows
-    ]
+    return read_csv(path, Published, "install the package again")
 
 
-def difference_of(published: Published, found: Resampled) -> Interval:
+def difference_of(published: Published, resampled: Resampled) -> Interval:
     """How far a mean of ours is above a published one, with the spread of both: of ours over seeds and samples, of
     theirs over runs, and of the digits that are not printed."""
-    return against(found, published.mean, published.spread, published.n, 10**-published.decimals)
+    return against(resampled, published.mean, published.spread, published.n, 10**-published.decimals)
 
 
 def verdict(mean: float, difference: Interval | None) -> str:
@@ -97,102 +127,95 @@ def compare(metrics: Sequence[Path], outputs: Sequence[Path], job: CompareJob, f
     Raises:
         InputError: a file is broken, a system is unknown, samples' errors are missing, or an output's suffix.
     """
-    table = comparison(summarise(read_metrics(metrics)), Samples(read_forecasts(forecasts)), job)
-    Study(table, _tables(table)).save(outputs)
+    rows = comparison(summarise(read_metrics(metrics)), Samples(read_forecasts(forecasts)), job)
+    Study(frame(Compared, rows), _tables(rows)).save(outputs)
 
 
-def comparison(summary: pd.DataFrame, samples: Samples, job: CompareJob) -> pd.DataFrame:
+def comparison(means: Sequence[Mean], samples: Samples, job: CompareJob) -> list[Compared]:
     """One row per published number and experiment that is compared with it, in the paper's order.
 
     Numbers of the paper's validation set, which is of the training's domain, are compared with those of the IID test
     set where there is one.
     """
     numbers = published_numbers()
-    ours = {(row["experiment"], row["label"], row["set"], row["metric"]): row for _, row in summary.iterrows()}
-    presets = dict(zip(summary["experiment"], summary["preset"], strict=True))
+    ours = {(mean.experiment, mean.label, mean.set, mean.metric): mean for mean in means}
+    presets = {mean.experiment: mean.preset for mean in means}
     rows = []
     for experiment, system in job.published:
-        found = [number for number in numbers if number.system == system]
-        if not found:
-            known = ", ".join(dict.fromkeys(number.system for number in numbers))
-            raise InputError(f"published numbers of {experiment}", f"no system '{system}'", f"known: {known}")
-        near = in_domain(summary.loc[summary["experiment"] == experiment, "set"])
-        for one in found:
-            name = near if one.set == "validation" else one.set
-            cell = ours.get((experiment, one.label, name, one.metric))
-            rows.append(
-                {
-                    "table": one.table,
-                    "experiment": experiment,
-                    "preset": presets.get(experiment),
-                    "set": name,
-                    "label": one.label,
-                    "metric": one.metric,
-                    "published_mean": one.mean,
-                    "published_std": one.std,
-                    "published_n": one.n,
-                    **_ours(one, cell, samples),
-                }
-            )
-    return pd.DataFrame(rows)
-
-
-def _ours(one: Published, cell: pd.Series | None, samples: Samples) -> dict[str, object]:
-    """Columns of our number: mean, std, n, of, low and high of its interval, p, whether it is at or below the published
-    mean and one standard deviation, and the verdict."""
-    if cell is None:
-        nothing = dict.fromkeys(("mean", "std", "low", "high", "p"), math.nan)
-        return nothing | {"n": 0, "of": 0, "at_or_below": None, "verdict": NO_VALUE}
-    mean, difference, ends = float(cell["mean"]), None, (math.nan, math.nan)
-    if cell["n"]:
-        found = samples.resampled(
-            VersionKey(cell["experiment"], cell["preset"], cell["method"]), cell["set"], cell["metric"]
-        )
-        if found is None:
-            what = f"{cell['label']} of {cell['experiment']}"
-            raise InputError(what, f"no errors of the samples of {cell['set']}", "give the forecasts.npz of every run")
-        own, difference = interval(found, metric_of(cell["metric"]).not_negative), difference_of(one, found)
-        ends = own.low, own.high
-    return {
-        "mean": mean,
-        "std": cell["std"],
-        "low": ends[0],
-        "high": ends[1],
-        "p": math.nan if difference is None else difference.p,
-        "n": int(cell["n"]),
-        "of": int(cell["of"]),
-        "at_or_below": mean <= one.mean + one.spread,
-        "verdict": verdict(mean, difference),
-    }
-
-
-def _parts(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
-    return [(metric, part) for metric in TITLES if len(part := table[table["metric"] == metric])]
-
-
-def _rows(part: pd.DataFrame) -> list[list[str]]:
-    """Printed cells; a number of ours has one digit more than the published one."""
-    rows, decimals = [], {(n.metric, n.system): n.decimals for n in published_numbers()}
-    digits = max(d for (metric, _), d in decimals.items() if metric == part["metric"].iloc[0])
-    for _, row in part.iterrows():
-        published = f"{row['published_mean']:.{digits}f} ± {row['published_std']:.{digits}f}".replace("-", "−")
-        ours = Cell.of_row(metric_of(row["metric"]), row).text()
-        p = DASH if math.isnan(row["p"]) else f"{row['p']:.3f}"
-        name = Titles().of_set(row["set"])
-        rows.append([row["experiment"], name, row["label"], published, ours, str(row["of"]), p, row["verdict"]])
+        of_system = [number for number in numbers if number.system == system]
+        if not of_system:
+            systems = ", ".join(dict.fromkeys(number.system for number in numbers))
+            raise InputError(f"published numbers of {experiment}", f"no system '{system}'", f"known: {systems}")
+        near = in_domain(mean.set for mean in means if mean.experiment == experiment)
+        for number in of_system:
+            name = near if number.set == "validation" else number.set
+            mean = ours.get((experiment, number.label, name, number.metric))
+            rows.append(_compared(number, mean, samples, experiment, presets.get(experiment), name))
     return rows
 
 
-def _counts(part: pd.DataFrame) -> str:
-    run = part[part["verdict"] != NO_VALUE]
-    found = [f"{int((run['verdict'] == name).sum())} {name}" for name in ("better", NOT_APART, "worse")]
-    good = f"At or below the published mean plus one standard deviation: {int(run['at_or_below'].sum())} of {len(run)}."
-    return f"Of {len(run)} cells {', '.join(found)}. {good}"
+def _compared(
+    number: Published, mean: Mean | None, samples: Samples, experiment: str, preset: str | None, name: str
+) -> Compared:
+    difference, low, high = None, math.nan, math.nan
+    if mean is not None and mean.n:
+        resampled = samples.resampled(mean.version, mean.set, mean.metric)
+        if resampled is None:
+            what = f"{mean.label} of {mean.experiment}"
+            raise InputError(what, f"no errors of the samples of {mean.set}", "give the forecasts.npz of every run")
+        own = interval(resampled, metric_of(mean.metric).not_negative)
+        low, high, difference = own.low, own.high, difference_of(number, resampled)
+    return Compared(
+        table=number.table,
+        experiment=experiment,
+        preset=preset,
+        set=name,
+        label=number.label,
+        metric=number.metric,
+        published_mean=number.mean,
+        published_std=number.std,
+        published_n=number.n,
+        mean=math.nan if mean is None else mean.mean,
+        std=math.nan if mean is None else mean.std,
+        low=low,
+        high=high,
+        p=math.nan if difference is None else difference.p,
+        n=0 if mean is None else mean.n,
+        of=0 if mean is None else mean.of,
+        at_or_below=None if mean is None else mean.mean <= number.mean + number.spread,
+        verdict=NO_VALUE if mean is None else verdict(mean.mean, difference),
+    )
 
 
-def _caption(part: pd.DataFrame) -> str:
-    presets = ", ".join(f"{e}: {p}" for e, p in dict(zip(part["experiment"], part["preset"], strict=True)).items())
-    runs = ", ".join(str(n) for n in sorted(set(part["published_n"])))
+def _rows(part: Sequence[Compared]) -> list[list[str]]:
+    """Printed cells; a number of ours has one digit more than the published one."""
+    digits = max(number.decimals for number in published_numbers() if number.metric == part[0].metric)
+    return [
+        [
+            row.experiment,
+            Titles().of_set(row.set),
+            row.label,
+            row.published(digits),
+            row.cell().text(),
+            str(row.of),
+            DASH if math.isnan(row.p) else f"{row.p:.3f}",
+            row.verdict,
+        ]
+        for row in part
+    ]
+
+
+def _counts(part: Sequence[Compared]) -> str:
+    run = [row for row in part if row.verdict != NO_VALUE]
+    counts = [f"{sum(row.verdict == name for row in run)} {name}" for name in ("better", NOT_APART, "worse")]
+    good = sum(bool(row.at_or_below) for row in run)
+    below = f"At or below the published mean plus one standard deviation: {good} of {len(run)}."
+    return f"Of {len(run)} cells {', '.join(counts)}. {below}"
+
+
+def _caption(part: Sequence[Compared]) -> str:
+    presets = ", ".join(f"{e}: {p}" for e, p in {row.experiment: row.preset for row in part}.items())
+    runs = ", ".join(str(n) for n in sorted({row.published_n for row in part}))
     return (
         f"Preset of {presets}. Published: mean ± standard deviation over {runs} runs, of validation and test. Ours: "
         "mean over seeds [95 % interval, for which seeds and samples both are resampled]. better (lower), worse: the "
@@ -201,10 +224,11 @@ def _caption(part: pd.DataFrame) -> str:
     )
 
 
-def _tables(table: pd.DataFrame) -> list[Table]:
+def _tables(rows: Sequence[Compared]) -> list[Table]:
     """One for each metric; in LaTeX a rule stands between experiments."""
     tables = []
-    for metric, part in _parts(table):
-        rows = [("", list(each)) for _, each in groupby(_rows(part), key=lambda row: row[0])]
-        tables.append(Table(HEADER, rows, 3, (), TITLES[metric], _caption(part), part["table"].iloc[0]))
+    for metric, title in TITLES.items():
+        if part := [row for row in rows if row.metric == metric]:
+            printed = [("", list(each)) for _, each in groupby(_rows(part), key=lambda row: row[0])]
+            tables.append(Table(HEADER, printed, 3, (), title, _caption(part), part[0].table))
     return tables

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,15 +17,19 @@ from expertaug.errors import InputError
 from expertaug.evaluation.metrics import DIVERGED, RELATIVE_ERROR, log_mse_of, metric_of
 from expertaug.evaluation.settings import StudyJob
 from expertaug.evaluation.summary import (
+    Mean,
     any_of,
+    cell_of,
     in_domain,
     read_metrics,
     shown_metrics,
     summarise,
     tabled_metrics,
 )
-from expertaug.evaluation.table import Cell, Table
 from expertaug.evaluation.table import Study as Made
+from expertaug.evaluation.table import Table
+from expertaug.rows import frame
+from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.versions import base, compared
 
 DURING_TRAINING_SETS = ("train", "validation", "test")
@@ -39,6 +42,7 @@ ALONG_LINES = (
     ("-.", "^", 4),
     ((0, (6, 1.5)), "v", 4),
 )
+Printed = tuple[list[str], list[list[str]], int]  # header, rows of text, number of columns that are text
 
 
 def ranges_text(ranges: Mapping[str, Sequence[float]]) -> str:
@@ -48,9 +52,9 @@ def ranges_text(ranges: Mapping[str, Sequence[float]]) -> str:
     return ", ".join(f"{name} ∈ [{low:g}, {high:g}]" for name, (low, high) in ranges.items()).replace("-", "−")
 
 
-def width_sets(summary: pd.DataFrame) -> tuple[str, str]:
+def width_sets(summary: Sequence[Mean]) -> tuple[str, str]:
     """Sets that the study of p⁺'s width shows."""
-    return in_domain(summary["set"]), "test"
+    return in_domain(mean.set for mean in summary), "test"
 
 
 def by_width(priors: Mapping[str, Mapping | None]) -> list[str]:
@@ -62,30 +66,29 @@ def by_width(priors: Mapping[str, Mapping | None]) -> list[str]:
     return sorted(priors, key=volume)
 
 
-def shifts(summary: pd.DataFrame, job: StudyJob) -> Figure:
+def shifts(summary: Sequence[Mean], job: StudyJob) -> Figure:
     """The log-MSE against the distance of the shift: a panel for each kind of shift, a line for each method."""
     return _by_set(summary, job, job.options.panels, "distance of the shift")
 
 
-def horizons(summary: pd.DataFrame, job: StudyJob) -> Figure:
+def horizons(summary: Sequence[Mean], job: StudyJob) -> Figure:
     """The log-MSE against the end of the forecast: a panel for each split, a line for each method."""
     panels = [(job.of_set(split), names) for split, names in job.options.panels]
     return _by_set(summary, job, panels, "end of the forecast")
 
 
-def _by_set(summary: pd.DataFrame, job: StudyJob, panels: Sequence[tuple[str, Sequence[str]]], xlabel: str) -> Figure:
-    metric = log_mse_of(job.convention).name
+def _by_set(summary: Sequence[Mean], job: StudyJob, panels: Sequence[tuple[str, Sequence[str]]], xlabel: str) -> Figure:
     labels = {version: job.label_of[version] for version in compared(list(job.label_of), job.classical)}
     colours = plotting.colours(list(labels), job.all_methods)
-    chosen = summary[summary["metric"] == metric].set_index(["method", "set"])
+    metric, means = log_mse_of(job.convention).name, by_place(summary)
     with plotting.styled():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(panels) > 1 else 4.6)
         grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for axis, (title, names) in zip(grid, panels, strict=True):
             for place, variant in enumerate(labels):
                 x = np.arange(len(names)) + _dodge(place, len(labels))
-                cells = [_cell(chosen, (variant, name)) for name in names]
-                _line(axis, x, cells, colours[variant], plotting.dash(variant), plotting.marker(variant))
+                each = [means.get((metric, name, variant)) for name in names]
+                _line(axis, x, each, colours[variant], plotting.dash(variant), plotting.marker(variant))
             places = zip(job.options.distances, names, strict=True)
             axis.set_xticks(range(len(names)), [_tick(distance, name, job) for distance, name in places])
             axis.set_xlim(-0.4, len(names) - 0.6)
@@ -99,13 +102,13 @@ def _by_set(summary: pd.DataFrame, job: StudyJob, panels: Sequence[tuple[str, Se
     return figure
 
 
-def widths(summary: pd.DataFrame, job: StudyJob) -> Figure:
+def widths(summary: Sequence[Mean], job: StudyJob) -> Figure:
     """Log-MSE and parameters' error against the prior, the narrowest first: a line for each method and set."""
     methods = list(dict.fromkeys(map(base, job.label_of)))
     ranges = job.priors[methods[0]]
     priors = by_width(ranges)
     colours = plotting.colours([f"{method}+" for method in methods], job.all_methods)
-    chosen = summary.set_index(["metric", "method", "set"])
+    means = by_place(summary)
     metrics, sets = shown_metrics(summary, job.convention), width_sets(summary)
     with plotting.styled():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(metrics) > 1 else 4.6)
@@ -114,9 +117,9 @@ def widths(summary: pd.DataFrame, job: StudyJob) -> Figure:
             for place, method in enumerate(methods):
                 for name, line in zip(sets, (plotting.DASHED, "-"), strict=True):
                     variants = [method, *(f"{method}+{prior}" for prior in priors)]
-                    cells = [_cell(chosen, (metric, variant, name)) for variant in variants]
+                    each = [means.get((metric, name, variant)) for variant in variants]
                     x = np.arange(len(variants)) + _dodge(place, len(methods))
-                    _line(axis, x, cells, colours[f"{method}+"], line, "o" if name == "test" else "s")
+                    _line(axis, x, each, colours[f"{method}+"], line, "o" if name == "test" else "s")
             alike = {name: all(job.priors[m][name] == ranges[name] for m in methods) for name in priors}
             extents = [_extent(ranges, name) if alike[name] else "" for name in priors]
             ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
@@ -137,21 +140,20 @@ def widths(summary: pd.DataFrame, job: StudyJob) -> Figure:
     return figure
 
 
-def during_training(summary: pd.DataFrame, job: StudyJob) -> Figure:
+def during_training(summary: Sequence[Mean], job: StudyJob) -> Figure:
     """The log-MSE along the training: a colour for each set, a line for each length of fine-tuning."""
-    chosen = summary[summary["metric"] == log_mse_of(job.convention).name]
-    chosen = chosen.set_index(["set", "finetune_epochs", "epoch"])
-    epochs = sorted({key[2] for key in chosen.index})
-    lengths = sorted({key[1] for key in chosen.index})
+    metric, means = log_mse_of(job.convention).name, by_passes(summary)
+    epochs = sorted({epoch for _, _, epoch, _ in means})
+    lengths = sorted({length for _, _, _, length in means})
     lines = {length: ALONG_LINES[k % len(ALONG_LINES)] for k, length in enumerate(lengths)}
     with plotting.styled():
         figure = plotting.new_figure(3.4, 5.6)
         axis = figure.subplots()
         for name in DURING_TRAINING_SETS:
             for place, (length, (dash, marker, size)) in enumerate(lines.items()):
-                cells = [_cell(chosen, (name, length, epoch)) for epoch in epochs]
+                each = [means.get((metric, name, epoch, length)) for epoch in epochs]
                 x = np.array(epochs) * (1 + 0.3 * _dodge(place, len(lines)))
-                _line(axis, x, cells, ALONG_COLOURS[name], dash, marker, size)
+                _line(axis, x, each, ALONG_COLOURS[name], dash, marker, size)
         axis.set_xscale("log")
         axis.set_xticks(epochs, map(str, epochs))
         axis.minorticks_off()
@@ -166,25 +168,22 @@ def during_training(summary: pd.DataFrame, job: StudyJob) -> Figure:
     return figure
 
 
-def _cell(table: pd.DataFrame, key: tuple) -> pd.Series | None:
-    return table.loc[key] if key in table.index else None
-
-
 def _line(
     axis: Axes,
     x: np.ndarray,
-    cells: Sequence[pd.Series | None],
+    means: Sequence[Mean | None],
     colour: object,
     dash: object,
     marker: str = "o",
     size: float = 3,
 ) -> None:
     """Means with their standard deviations as bars; what has no finite value is left out."""
-    good = [k for k, cell in enumerate(cells) if cell is not None and cell["n"] > 0]
-    means = [cells[k]["mean"] for k in good]
-    spread = [0.0 if math.isnan(cells[k]["std"]) else cells[k]["std"] for k in good]
+    good = [(place, mean) for place, mean in zip(x, means, strict=True) if mean is not None and mean.n > 0]
+    levels = [mean.mean for _, mean in good]
+    spread = [0.0 if math.isnan(mean.std) else mean.std for _, mean in good]
     bars = {"elinewidth": 0.8, "capsize": 1.6}
-    axis.errorbar(x[good], means, spread, color=colour, linestyle=dash, marker=marker, markersize=size, **bars)
+    places = [place for place, _ in good]
+    axis.errorbar(places, levels, spread, color=colour, linestyle=dash, marker=marker, markersize=size, **bars)
 
 
 def _dodge(place: int, count: int) -> float:
@@ -209,16 +208,13 @@ def _extent(priors: Mapping[str, Mapping | None], name: str) -> str:
     return f"volume × {this / own:.2g}" if own else ""
 
 
-def _subtitle(figure: Figure, summary: pd.DataFrame, job: StudyJob) -> None:
-    seeds = int(summary["of"].max())
+def _subtitle(figure: Figure, summary: Sequence[Mean], job: StudyJob) -> None:
+    seeds = max(mean.of for mean in summary)
     number = "1 seed" if seeds == 1 else f"mean ± std over {seeds} seeds"
-    name = job.of_experiment(str(summary["experiment"].iloc[0]))
+    name = job.of_experiment(summary[0].experiment)
     text = f"{name}; squared error {job.convention_text}"
     join = "; " if figure.get_figwidth() > 6 else "\n"
-    plotting.heading(figure, f"{text}{join}{number}; preset {summary['preset'].iloc[0]}")
-
-
-AROUND = ("epoch", "finetune_epochs")
+    plotting.heading(figure, f"{text}{join}{number}; preset {summary[0].preset}")
 
 
 @dataclass(frozen=True)
@@ -227,15 +223,15 @@ class Study:
 
     Attributes:
         title: of the table.
-        further: columns of its metrics beside the usual ones.
+        along: whether it is along a training, and its metrics have columns that say where.
         rows: summary and job → header, rows of text, number of columns that are text.
         draw: summary and job → the figure.
     """
 
     title: str
-    further: tuple[str, ...]
-    rows: Callable[[pd.DataFrame, StudyJob], tuple[list[str], list[list[str]], int]]
-    draw: Callable[[pd.DataFrame, StudyJob], Figure]
+    along: bool
+    rows: Callable[[Sequence[Mean], StudyJob], Printed]
+    draw: Callable[[Sequence[Mean], StudyJob], Figure]
 
 
 def study(metrics: Sequence[Path], outputs: Sequence[Path], job: StudyJob) -> None:
@@ -249,15 +245,15 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], job: StudyJob) -> No
         InputError: a file is broken or lacks what the study compares, or an output's suffix is unknown.
     """
     kind, labels = KINDS[job.study], job.label_of
-    table = read_metrics(metrics, kind.further)
-    summary = summarise(table[table["method"].isin(list(labels))], kind.further)
+    read = read_metrics(metrics, kind.along)
+    summary = summarise([row for row in read if row.method in labels])
     _require(summary, metrics, job)
-    name = str(summary["experiment"].iloc[0])
-    caption = _caption(table, job) + (f" {DIVERGED.note}" if any_of(DIVERGED, summary) else "")
+    name = summary[0].experiment
+    caption = _caption(read, job) + (f" {DIVERGED.note}" if any_of(DIVERGED, summary) else "")
     title, label = f"{name}: {kind.title}", f"{name}-{job.study}".replace("_", "-")
     head, rows, names = kind.rows(summary, job)
     printed = Table(head, [("", rows)], names, (), title, caption, label)
-    Made(summary, [printed], lambda: kind.draw(summary, job)).save(outputs)
+    Made(frame(Mean, summary), [printed], lambda: kind.draw(summary, job)).save(outputs)
 
 
 def z_a_of(job: StudyJob, name: str) -> Mapping[str, Sequence[float]]:
@@ -265,57 +261,63 @@ def z_a_of(job: StudyJob, name: str) -> Mapping[str, Sequence[float]]:
     return job.sets[name].z_a if name in job.sets else {}
 
 
-def cells_of(summary: pd.DataFrame, *keys: str) -> dict[tuple, pd.Series]:
-    """Rows of a summary by the values of some columns."""
-    return {tuple(row[key] for key in keys): row for _, row in summary.iterrows()}
+def by_place(summary: Sequence[Mean]) -> dict[tuple[str, str, str], Mean]:
+    """Means by metric, set and method."""
+    return {(mean.metric, mean.set, mean.method): mean for mean in summary}
 
 
-def _require(summary: pd.DataFrame, metrics: Sequence[Path], job: StudyJob) -> None:
+def by_passes(summary: Sequence[Mean]) -> dict[tuple[str, str, int, int], Mean]:
+    """Means by metric, set and numbers of passes, of training and of fine-tuning."""
+    return {(mean.metric, mean.set, mean.epoch or 0, mean.finetune_epochs or 0): mean for mean in summary}
+
+
+def _require(summary: Sequence[Mean], metrics: Sequence[Path], job: StudyJob) -> None:
     panels = job.options.panels
+    evaluated = {mean.set for mean in summary}
     for name in [name for _, names in panels for name in names]:
-        if name not in set(summary["set"]):
+        if name not in evaluated:
             raise InputError(metrics[0], f"no metrics of the set {name!r}", "evaluate again")
 
 
-def _caption(table: pd.DataFrame, job: StudyJob) -> str:
-    seeds = table["seed"].nunique()
+def _caption(rows: Sequence[MetricRow], job: StudyJob) -> str:
+    seeds, presets = len({row.seed for row in rows}), ", ".join(dict.fromkeys(row.preset for row in rows))
     start = job.from_s
     window = "the forecast window (t1, t2]" if start is None else f"times from {start:g} s on"
     return (
-        f"Preset: {', '.join(dict.fromkeys(table['preset']))}. Mean ± standard deviation (n − 1) over {seeds} "
+        f"Preset: {presets}. Mean ± standard deviation (n − 1) over {seeds} "
         f"seed{'s' if seeds > 1 else ''}. log-MSE: natural logarithm of the mean squared error over {window}, "
         f"{job.convention_text}; lower is better."
     )
 
 
-def _shift_rows(summary: pd.DataFrame, job: StudyJob) -> tuple[list[str], list[list[str]], int]:
+def _shift_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
     """A row for each metric, panel and distance, a column for each method."""
-    found = cells_of(summary, "metric", "set", "method")
+    means = by_place(summary)
     rows = []
     for metric in tabled_metrics(summary, job.convention):
         for title, names in job.options.panels:
             for distance, name in zip(job.options.distances, names, strict=True):
                 sampled = ranges_text(z_a_of(job, name))
-                values = [Cell.of_row(metric_of(metric), found.get((metric, name, v))).text() for v in job.label_of]
+                values = [cell_of(means, (metric, name, v), metric).text() for v in job.label_of]
                 rows.append([metric_of(metric).heading(), title, distance, sampled, *values])
     return ["metric", "shifted", "distance", "z_a of the set", *job.label_of.values()], rows, 4
 
 
-def _horizon_rows(summary: pd.DataFrame, job: StudyJob) -> tuple[list[str], list[list[str]], int]:
+def _horizon_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
     """A row for each metric, split and end of the forecast, a column for each method."""
-    found = cells_of(summary, "metric", "set", "method")
+    means = by_place(summary)
     rows = []
     for metric in tabled_metrics(summary, job.convention):
         for split, names in job.options.panels:
             for end, name in zip(job.options.distances, names, strict=True):
-                values = [Cell.of_row(metric_of(metric), found.get((metric, name, v))).text() for v in job.label_of]
+                values = [cell_of(means, (metric, name, v), metric).text() for v in job.label_of]
                 rows.append([metric_of(metric).heading(), job.of_set(split), end, *values])
     return ["metric", "set", "until", *job.label_of.values()], rows, 3
 
 
-def _width_rows(summary: pd.DataFrame, job: StudyJob) -> tuple[list[str], list[list[str]], int]:
+def _width_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
     """A row for each method and prior, a column for each metric and set."""
-    found = cells_of(summary, "metric", "set", "method")
+    means = by_place(summary)
     columns = [(m, s) for m in tabled_metrics(summary, job.convention) for s in width_sets(summary)]
     header = [f"{job.of_set(name)}: {metric_of(metric).heading()}" for metric, name in columns]
     rows = []
@@ -325,26 +327,26 @@ def _width_rows(summary: pd.DataFrame, job: StudyJob) -> tuple[list[str], list[l
         for name, ranges in {None: "not augmented", **ordered}.items():
             variant = method if name is None else f"{method}+{name}"
             if variant in job.label_of:
-                values = [Cell.of_row(metric_of(column[0]), found.get((*column, variant))).text() for column in columns]
+                values = [cell_of(means, (*column, variant), column[0]).text() for column in columns]
                 rows.append([job.label_of[variant], ranges, *values])
     return ["method", "p⁺", *header], rows, 2
 
 
-def _during_training_rows(summary: pd.DataFrame, job: StudyJob) -> tuple[list[str], list[list[str]], int]:
+def _during_training_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
     """A row for each snapshot and length of fine-tuning, a column for each metric and set."""
-    found = cells_of(summary, "metric", "set", *AROUND)
+    means = by_passes(summary)
     columns = [(m, s) for m in tabled_metrics(summary, job.convention) for s in DURING_TRAINING_SETS]
     header = [f"{job.of_set(name)}: {metric_of(metric).heading()}" for metric, name in columns]
     rows = []
-    for epoch, tuned in sorted({key[2:] for key in found}):
-        values = [Cell.of_row(metric_of(column[0]), found.get((*column, epoch, tuned))).text() for column in columns]
+    for epoch, tuned in sorted({key[2:] for key in means}):
+        values = [cell_of(means, (*column, epoch, tuned), column[0]).text() for column in columns]
         rows.append([str(epoch), str(tuned) if tuned else "–", *values])
     return ["training passes", "fine-tuning passes", *header], rows, 0
 
 
 KINDS = {
-    "out_of_expertise": Study("shifts out of the expertise", (), _shift_rows, shifts),
-    "horizons": Study("longer forecasts", (), _horizon_rows, horizons),
-    "prior_width": Study("width of the augmentation prior", (), _width_rows, widths),
-    "during_training": Study("augmentation along the training", AROUND, _during_training_rows, during_training),
+    "out_of_expertise": Study("shifts out of the expertise", False, _shift_rows, shifts),
+    "horizons": Study("longer forecasts", False, _horizon_rows, horizons),
+    "prior_width": Study("width of the augmentation prior", False, _width_rows, widths),
+    "during_training": Study("augmentation along the training", True, _during_training_rows, during_training),
 }

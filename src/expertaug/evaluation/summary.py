@@ -2,55 +2,154 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from operator import attrgetter
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.metrics import METRICS, Metric, Shown, first_metrics
-from expertaug.tracking.metrics_csv import COLUMNS, read_rows
+from expertaug.evaluation.forecasts import VersionKey
+from expertaug.evaluation.intervals import Interval
+from expertaug.evaluation.metrics import METRICS, Metric, Shown, first_metrics, metric_of
+from expertaug.evaluation.table import Cell
+from expertaug.tracking.metrics_csv import MetricRow, read_rows
 from expertaug.versions import SHOWN_SETS
 
+K = TypeVar("K", bound=Hashable)
 
-def read_metrics(paths: Sequence[str | Path], further: Sequence[str] = ()) -> pd.DataFrame:
-    """The rows of several metrics.csv in one table; columns as in the files, with ``further`` ones of whole numbers.
+
+@dataclass(frozen=True, kw_only=True)
+class Mean:
+    """A metric of a version on a set: mean and standard deviation over seeds.
+
+    Attributes:
+        experiment, system, preset, method, label: whose; ``method`` names the version, ``label`` is what is printed.
+        epoch, finetune_epochs: of a study during training: passes of training, and of fine-tuning.
+        mean, std: over the seeds with a finite value; divided by n − 1, NaN of one seed.
+        n, of: number of seeds with a finite value, and of all.
+    """
+
+    experiment: str
+    system: str
+    preset: str
+    method: str
+    label: str
+    set: str
+    metric: str
+    epoch: int | None = None
+    finetune_epochs: int | None = None
+    mean: float
+    std: float
+    n: int
+    of: int
+
+    @property
+    def version(self) -> VersionKey:
+        """Whose it is among samples' errors."""
+        return VersionKey(self.experiment, self.preset, self.method)
+
+    @property
+    def row(self) -> str:
+        """What tells the rows of a table apart: method and preset."""
+        return f"{self.method} {self.preset}"
+
+    def cell(self, marked: bool = False) -> Cell:
+        """As it is printed."""
+        return Cell(metric_of(self.metric), self.mean, self.std, self.n, self.of, marked=marked)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TabledMean(Mean):
+    """A mean in an experiment's table.
+
+    Attributes:
+        seeds: of the version.
+        low, high: ends of its 95 % interval, NaN where no samples' errors are kept.
+        gain, difference: how much better an augmented version is than its control, and than its base.
+    """
+
+    seeds: tuple[int, ...]
+    low: float
+    high: float
+    gain: Interval | None = None
+    difference: Interval | None = None
+
+    def cell(self, marked: bool = False) -> Cell:
+        """As it is printed, with its interval."""
+        return Cell(metric_of(self.metric), self.mean, self.std, self.n, self.of, self.low, self.high, marked)
+
+
+IDENTITY = tuple(field.name for field in fields(Mean) if field.name not in ("mean", "std", "n", "of"))
+
+
+class Spread(NamedTuple):
+    """Mean and standard deviation (divided by n − 1) of the n finite values of ``of``."""
+
+    mean: float
+    std: float
+    n: int
+    of: int
+
+
+def spread_of(groups: Sequence[K], values: Sequence[float]) -> dict[K, Spread]:
+    """Mean and spread of the values of each group, in order of appearance."""
+    numbers = {group: k for k, group in enumerate(dict.fromkeys(groups))}
+    series = pd.Series(np.asarray(values, dtype=float))
+    grouped = series.where(np.isfinite(series)).groupby([numbers[group] for group in groups], sort=False)
+    each = grouped.agg(["mean", "std", "count", "size"]).itertuples(index=False, name=None)
+    return {group: Spread(*of_group) for group, of_group in zip(numbers, each, strict=True)}
+
+
+def mean_of(values: Iterable[float]) -> float:
+    """Of those that are numbers; NaN where none is."""
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.mean(known)) if known else np.nan
+
+
+def read_metrics(paths: Sequence[str | Path], along: bool = False) -> list[MetricRow]:
+    """The rows of several metrics.csv.
+
+    Arguments:
+        along: whether they are of a study during training.
 
     Raises:
         InputError: a file is missing or broken, or two files hold the same value.
     """
     if not paths:
         raise InputError("metrics", "no file", "at least one metrics.csv")
-    parts = []
+    rows: dict[tuple, MetricRow] = {}
     for path in paths:
-        part = pd.DataFrame(read_rows(path, bool(further)))
-        parts.append(part[[*COLUMNS, *further]].assign(file=str(path)))
-    table = pd.concat(parts, ignore_index=True)
-    same = table.duplicated(["experiment", "method", "preset", "seed", "set", "metric", *further])
-    if same.any():
-        row = table[same].iloc[0]
-        what = f"{row['metric']} of {row['label']}, seed {row['seed']}, on {row['set']} is there twice"
-        raise InputError(row["file"], what, "give each group of seeds once")
-    return table.drop(columns="file")
+        for row in read_rows(path, along):
+            key = (row.experiment, row.method, row.preset, row.seed, row.set, row.metric)
+            if along:
+                key = (*key, row.epoch, row.finetune_epochs)
+            if key in rows:
+                what = f"{row.metric} of {row.label}, seed {row.seed}, on {row.set} is there twice"
+                raise InputError(path, what, "give each group of seeds once")
+            rows[key] = row
+    return list(rows.values())
 
 
-def summarise(table: pd.DataFrame, further: Sequence[str] = ()) -> pd.DataFrame:
-    """Mean and standard deviation (divided by n − 1) over the seeds with a finite value.
-
-    Returns:
-        one row per experiment, preset, method, set, metric (and ``further`` columns), with mean, std (NaN for one
-        seed), n (finite seeds) and of (all seeds).
-    """
-    finite = table.assign(value=table["value"].where(np.isfinite(table["value"])))
-    keys = ["experiment", "system", "preset", "method", "label", "set", "metric", *further]
-    groups = finite.groupby(keys, sort=False)["value"]
-    return groups.agg(mean="mean", std="std", n="count", of="size").reset_index()
+def summarise(rows: Sequence[MetricRow]) -> list[Mean]:
+    """Mean and standard deviation over the seeds with a finite value, of each experiment, preset, method, set and
+    metric (and, during training, of each number of passes), in order of appearance."""
+    of_row = attrgetter(*IDENTITY)
+    each = spread_of([of_row(row) for row in rows], [row.value for row in rows])
+    return [Mean(**dict(zip(IDENTITY, key, strict=True)), **spread._asdict()) for key, spread in each.items()]
 
 
-def labels_of(table: pd.DataFrame) -> dict[str, str]:
+def cell_of(means: Mapping[K, Mean], key: K, metric: str, marked: bool = False) -> Cell:
+    """A mean as it is printed; a dash where there is none."""
+    return means[key].cell(marked) if key in means else Cell(metric_of(metric))
+
+
+def labels_of(rows: Iterable[MetricRow | Mean]) -> dict[str, str]:
     """What is printed for each version of a method."""
-    return dict(zip(table["method"], table["label"], strict=True))
+    return {row.method: row.label for row in rows}
 
 
 def order_sets(sets: Iterable[str]) -> list[str]:
@@ -67,28 +166,30 @@ def in_domain(sets: Iterable[str]) -> str:
 
 def drawn_sets(sets: Iterable[str]) -> list[str]:
     """Sets that figures show, in order: validation only where there is no IID test set."""
-    return [name for name in order_sets(sets) if name != "validation" or in_domain(sets) == name]
+    known = order_sets(sets)
+    return [name for name in known if name != "validation" or in_domain(known) == name]
 
 
-def shown_metrics(table: pd.DataFrame, convention: str) -> list[str]:
+def shown_metrics(means: Iterable[Mean], convention: str) -> list[str]:
     """The log-MSE in a convention, and the parameters' error where a method estimates any."""
-    return first_metrics(table["metric"], convention)
+    return first_metrics((mean.metric for mean in means), convention)
 
 
-def tabled_metrics(table: pd.DataFrame, convention: str) -> list[str]:
+def tabled_metrics(means: Sequence[Mean], convention: str) -> list[str]:
     """Those that figures show, and the share of diverged forecasts where there is any."""
     return [
-        *shown_metrics(table, convention),
-        *(m.name for m in METRICS if m.shown is Shown.WHERE_ANY and any_of(m, table)),
+        *shown_metrics(means, convention),
+        *(m.name for m in METRICS if m.shown is Shown.WHERE_ANY and any_of(m, means)),
     ]
 
 
-def last_columns(table: pd.DataFrame) -> list[tuple[str, str]]:
+def last_columns(means: Sequence[Mean]) -> list[tuple[str, str]]:
     """Set and metric of the columns that say what an estimate costs: of the last set that is shown, if any has it."""
-    each = [(order_sets(table.loc[table["metric"] == m.name, "set"]), m.name) for m in METRICS if m.shown is Shown.LAST]
+    last = [metric.name for metric in METRICS if metric.shown is Shown.LAST]
+    each = [(order_sets(mean.set for mean in means if mean.metric == name), name) for name in last]
     return [(sets[-1], name) for sets, name in each if sets]
 
 
-def any_of(metric: Metric, table: pd.DataFrame) -> bool:
-    """Whether a metric is above 0 anywhere in a summary, as the share of forecasts that diverged."""
-    return bool((table.loc[table["metric"] == metric.name, "mean"] > 0).any())
+def any_of(metric: Metric, means: Iterable[Mean]) -> bool:
+    """Whether a metric is above 0 anywhere, as the share of forecasts that diverged."""
+    return any(mean.mean > 0 for mean in means if mean.metric == metric.name)

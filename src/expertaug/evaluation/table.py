@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,16 +41,6 @@ class Cell:
     low: float = math.nan
     high: float = math.nan
     marked: bool = False
-
-    @classmethod
-    def of_row(cls, metric: Metric, row: Mapping | pd.Series | None, marked: bool = False) -> Cell:
-        """From a row of :func:`expertaug.evaluation.summary.summarise`."""
-        if row is None:
-            return cls(metric)
-        ends = {key: float(row.get(key, math.nan)) for key in ("low", "high")}
-        counts = {key: 0 if math.isnan(row[key]) else int(row[key]) for key in ("n", "of")}
-        numbers = {key: float(row[key]) for key in ("mean", "std")} | counts
-        return cls(metric, **numbers, **ends, marked=marked)
 
     def text(self, star: bool = False) -> str:
         """Plain text; ``star`` marks the mean."""

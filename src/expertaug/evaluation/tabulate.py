@@ -6,19 +6,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecasts import Forecasts, read_forecasts
+from expertaug.evaluation.forecasts import Forecasts, VersionKey, read_forecasts
 from expertaug.evaluation.intervals import LEVEL, Interval, interval
 from expertaug.evaluation.metrics import COST, DIVERGED, RELATIVE_ERROR, Shown, metric_of
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.settings import TabulateJob
 from expertaug.evaluation.summary import (
+    IDENTITY,
+    Mean,
+    TabledMean,
     any_of,
+    cell_of,
     last_columns,
     order_sets,
     read_metrics,
@@ -27,6 +31,8 @@ from expertaug.evaluation.summary import (
     tabled_metrics,
 )
 from expertaug.evaluation.table import DASH, Cell, Row, Study, Table, spans
+from expertaug.rows import cells, frame, grouped
+from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.versions import CONTROL, SHOWN_SETS, Version, ordered
 
 Column = tuple[str, str]  # set and metric
@@ -36,9 +42,6 @@ BEST = "Bold: the best of each column, and those that are not told apart from it
 # Only the first is a gain of augmentation: an augmented version was also trained for longer than its base.
 OVER_CONTROL, FROM_BASE = "gain over control", "difference from base"
 KINDS = (OVER_CONTROL, FROM_BASE)
-NAMES = {OVER_CONTROL: "gain", FROM_BASE: "difference"}  # of columns
-ENDS = {"": "mean", "_low": "low", "_high": "high", "_p": "p"}  # of their names: what of an interval they hold
-COLUMNS = [f"{name}{end}" for name in NAMES.values() for end in ENDS]
 GAINS = (
     "Gain over control: how much lower the error is than that of the control, the same base model trained on for the "
     "same steps on the real data alone. Difference from base: how much lower it is than that of the base model, which "
@@ -69,33 +72,30 @@ def tabulate(
     """
     job, loaded = job or TabulateJob(labels=[]), read_forecasts(forecasts)
     units, samples = _units(loaded), Samples(loaded)
-    long = _prepare(read_metrics(metrics), job, samples)
+    long = _with_gains(_prepare(read_metrics(metrics), job, samples), samples)
     if not shown_metrics(long, job.convention):
-        known = ", ".join(dict.fromkeys(long["metric"]))
+        known = ", ".join(_metrics(long))
         raise InputError("metrics", "neither log-MSE nor parameter error is in the files", f"they hold {known}")
-    long = with_columns(long, gains(long, samples))
-    main = long[long["set"].isin(SHOWN_SETS)]
-    parts = [part for _, part in main.groupby("experiment", sort=False)]
-    tables = [table for part in parts for table in _tables(part, job, samples, units)]
-    Study(_wide(main), tables, long=long.drop(columns="row")).save(outputs)
+    main = [mean for mean in long if mean.set in SHOWN_SETS]
+    parts = grouped(main, lambda mean: mean.experiment)
+    tables = [table for part in parts.values() for table in _tables(part, job, samples, units)]
+    Study(_wide(main), tables, long=frame(TabledMean, long)).save(outputs)
 
 
-def _tables(part: pd.DataFrame, job: TabulateJob, samples: Samples, units: Mapping[str, str]) -> list[Table]:
+def _tables(part: Sequence[TabledMean], job: TabulateJob, samples: Samples, units: Mapping[str, str]) -> list[Table]:
     """The log-MSE and the parameters' error, what augmentation gains, and the other metrics, of one experiment."""
-    name, columns = str(part["experiment"].iloc[0]), columns_of(part, job)
+    name, columns = part[0].experiment, columns_of(part, job)
     best = _best(part, columns, samples, (*job.floors, *job.known_form))
     label, caption = name.replace("_", "-"), f"{_caption(part, job, samples)} {BEST}"
     tables = [main_table(part, job, best, name, caption, label)]
-    gained = gains_table(
-        part, job, lambda row, kind: row[f"{NAMES[kind]}_p"] < 1 - LEVEL, True, f"{name}, gains", f"{label}-gains"
-    )
-    known = [m.name for m in map(metric_of, dict.fromkeys(part["metric"])) if m.shown in (Shown.WHERE_ANY, Shown.LAST)]
+    gained = gains_table(part, job, lambda gain: gain.told_apart, True, f"{name}, gains", f"{label}-gains")
+    known = [m.name for m in map(metric_of, _metrics(part)) if m.shown in (Shown.WHERE_ANY, Shown.LAST)]
     more = further_table(part, job, (*tabled_metrics(part, job.convention), *known), units)
     return [*tables, *([gained] if gained else []), *([more] if more.size else [])]
 
 
 def main_table(
-    part: pd.DataFrame,
+    part: Sequence[TabledMean],
     job: TabulateJob,
     best: Collection[Place] = (),
     title: str = "",
@@ -105,36 +105,36 @@ def main_table(
     """An experiment's methods by sets and metrics, those that know the form of F_a in a part of their own.
 
     Arguments:
-        part: rows of the long table, of the sets that are shown.
+        part: of the sets that are shown.
         best: places of cells that are marked.
     """
     columns, values = columns_of(part, job), by_place(part)
     competing: list[Row] = []
     others: list[Row] = []
-    for (row, method), rows in part.groupby([_row_of(part), "method"], sort=False):
-        cells = [_cell(values, (str(row), *column), (str(row), *column) in best) for column in columns]
-        count = str(len(str(rows["seeds"].iloc[0]).split()))
-        (others if method in job.known_form else competing).append([rows["label"].iloc[0], count, *cells])
+    for row, first in _firsts(part).items():
+        shown = [_cell(values, (row, *column), (row, *column) in best) for column in columns]
+        rows = others if first.method in job.known_form else competing
+        rows.append([first.label, str(len(first.seeds)), *shown])
     parts = [("", competing), *([(KNOWN_FORM, others)] if others else [])]
     head = ["method", "seeds", *(metric_of(metric).heading() for _, metric in columns)]
     over = [("", 1), *spans(job.of_set(name) for name, _ in columns)]
     return Table(head, parts, 1, over, title, caption, label)
 
 
-def columns_of(part: pd.DataFrame, job: TabulateJob) -> list[Column]:
+def columns_of(part: Sequence[TabledMean], job: TabulateJob) -> list[Column]:
     """The columns (set, metric) of the first table that hold a value, set by set; shares of diverged forecasts where
     there are any, and last what an estimate costs."""
-    told = part[(part["metric"] != DIVERGED.name) | part["set"].map(lambda s: any_of(DIVERGED, part[part["set"] == s]))]
-    known = set(zip(told["set"], told["metric"], strict=True))
+    diverging = {mean.set for mean in part if mean.metric == DIVERGED.name and mean.mean > 0}
+    filled = {(mean.set, mean.metric) for mean in part if mean.metric != DIVERGED.name or mean.set in diverging}
     metrics = tabled_metrics(part, job.convention)
-    columns = [(name, metric) for name in order_sets(part["set"]) for metric in metrics if (name, metric) in known]
+    columns = [(name, metric) for name in _sets(part) for metric in metrics if (name, metric) in filled]
     return [*columns, *last_columns(part)]
 
 
 def gains_table(
-    part: pd.DataFrame,
+    part: Sequence[TabledMean],
     job: TabulateJob,
-    told_apart: Callable[[pd.Series, str], bool],
+    told_apart: Callable[[Interval], bool],
     all_kinds: bool,
     label_title: str = "",
     label: str = "",
@@ -143,73 +143,75 @@ def gains_table(
     neither.
 
     Arguments:
-        told_apart: row of the long table and kind → whether the difference is one from 0.
+        told_apart: whether a difference is one from 0.
         all_kinds: whether versions with one of the two have a row for the other too.
     """
     values = by_place(part)
 
     def cell(place: Place, kind: str) -> Cell | None:
-        row = values.get(place)
-        return None if row is None else gain_cell(row, kind, told_apart(row, kind) if NAMES[kind] in row else False)
+        return gain_cell(values.get(place), kind, told_apart)
 
-    if not {*NAMES.values()} & set(part):
-        return None
-    rows_of = dict(zip(_row_of(part), part["label"], strict=True))
-    columns = [c for c in columns_of(part, job) if any(cell((r, *c), kind) for r in rows_of for kind in KINDS)]
-    gained = part.loc[part[[name for name in NAMES.values() if name in part]].notna().any(axis=1)]
-    compared, rows = set(_row_of(gained)), []
-    for row, label_of_row in rows_of.items():
+    firsts = _firsts(part)
+    columns = [c for c in columns_of(part, job) if any(cell((row, *c), kind) for row in firsts for kind in KINDS)]
+    compared, rows = {mean.row for mean in part if mean.gain or mean.difference}, []
+    for row, first in firsts.items():
         for kind in KINDS:
-            cells = [cell((row, *column), kind) for column in columns]
-            if (all_kinds and row in compared) or any(cells):
-                rows.append([label_of_row, kind, *(DASH if one is None else one for one in cells)])
+            shown = [cell((row, *column), kind) for column in columns]
+            if (all_kinds and row in compared) or any(shown):
+                rows.append([first.label, kind, *(cell or DASH for cell in shown)])
     head = ["method", "", *(metric_of(metric).heading() for _, metric in columns)]
     over = spans(job.of_set(name) for name, _ in columns)
     return Table(head, [("", rows)], 2, over, "", GAINS, label, label_title) if rows else None
 
 
-def gain_cell(row: pd.Series | Mapping, kind: str, marked: bool) -> Cell | None:
-    """A difference of a row of the long table with its interval; None where there is none."""
-    name = NAMES[kind]
-    if name not in row or pd.isna(row[name]):
+def gain_cell(mean: TabledMean | None, kind: str, told_apart: Callable[[Interval], bool]) -> Cell | None:
+    """A difference with its interval, marked where it is told apart from 0; None where there is none."""
+    gain = None if mean is None else mean.gain if kind == OVER_CONTROL else mean.difference
+    if mean is None or gain is None:
         return None
-    ends = {"mean": float(row[name]), "low": float(row[f"{name}_low"]), "high": float(row[f"{name}_high"])}
-    return Cell(metric_of(row["metric"]), **ends, n=1, of=1, marked=marked)
+    return Cell(metric_of(mean.metric), gain.mean, math.nan, 1, 1, gain.low, gain.high, told_apart(gain))
 
 
 def further_table(
-    part: pd.DataFrame, job: TabulateJob, left_out: Collection[str], units: Mapping[str, str] | None = None
+    part: Sequence[TabledMean], job: TabulateJob, left_out: Collection[str], units: Mapping[str, str] | None = None
 ) -> Table:
     """All other metrics, a row for each and each method, a column for each set."""
-    sets, values, rows = order_sets(part["set"]), by_place(part), []
-    labels = dict(zip(_row_of(part), part["label"], strict=True))
-    for metric in map(metric_of, dict.fromkeys(part["metric"])):
+    sets, values, rows = _sets(part), by_place(part), []
+    for metric in map(metric_of, _metrics(part)):
         title = metric.heading(units) + (f" ({metric.name})" if metric.is_log else "")
-        for row, label in labels.items() if metric.name not in left_out else ():
+        for row, first in _firsts(part).items() if metric.name not in left_out else ():
             places = [(row, name, metric.name) for name in sets]
             if any(place in values for place in places):
-                rows.append([title, label, *(_cell(values, place) for place in places)])
+                rows.append([title, first.label, *(_cell(values, place) for place in places)])
     head = ["metric", "method", *(job.of_set(name) for name in sets)]
     return Table(head, [("", rows)], 2, caption="Further metrics:")
 
 
-def by_place(part: pd.DataFrame) -> dict[Place, pd.Series]:
-    """Rows of the long table by row (method and preset), set and metric."""
-    keys = zip(_row_of(part), part["set"], part["metric"], strict=True)
-    return dict(zip(keys, (row for _, row in part.iterrows()), strict=True))
+def by_place(part: Iterable[TabledMean]) -> dict[Place, TabledMean]:
+    """Means by row (method and preset), set and metric."""
+    return {(mean.row, mean.set, mean.metric): mean for mean in part}
 
 
-def _row_of(part: pd.DataFrame) -> pd.Series:
-    return (part["method"] + " " + part["preset"]).rename("row")
+def _firsts(part: Iterable[TabledMean]) -> dict[str, TabledMean]:
+    """The first mean of each row, which says whose it is."""
+    return {row: own[0] for row, own in grouped(part, lambda mean: mean.row).items()}
 
 
-def _cell(values: Mapping[Place, pd.Series], place: Place, marked: bool = False) -> Cell:
-    return Cell.of_row(metric_of(place[2]), values.get(place), marked)
+def _sets(part: Iterable[Mean]) -> list[str]:
+    return order_sets(mean.set for mean in part)
 
 
-def _caption(part: pd.DataFrame, job: TabulateJob, samples: Samples) -> str:
+def _metrics(part: Iterable[Mean]) -> list[str]:
+    return list(dict.fromkeys(mean.metric for mean in part))
+
+
+def _cell(values: Mapping[Place, TabledMean], place: Place, marked: bool = False) -> Cell:
+    return cell_of(values, place, place[2], marked)
+
+
+def _caption(part: Sequence[TabledMean], job: TabulateJob, samples: Samples) -> str:
     """What every table says of itself: preset, seeds, spread, convention, units."""
-    parts = [f"Preset: {', '.join(dict.fromkeys(part['preset']))}.", _spread(part, samples)]
+    parts = [f"Preset: {', '.join(dict.fromkeys(mean.preset for mean in part))}.", _spread(part, samples)]
     chosen = tabled_metrics(part, job.convention)
     if metric_of(chosen[0]).is_log:
         times = "the forecast window (t1, t2]" if job.from_s is None else f"times from {job.from_s} s on"
@@ -220,54 +222,50 @@ def _caption(part: pd.DataFrame, job: TabulateJob, samples: Samples) -> str:
         )
     if RELATIVE_ERROR.name in chosen:
         parts.append("Error: mean of |estimate − truth| / |truth| of the expert parameters, in %.")
-        if (part["of"] == 0).any():
+        if any(mean.of == 0 for mean in part):
             parts.append(f"{DASH} there: nobody knows the truth.")
-    if (part["n"] < part["of"]).any():
+    if any(mean.n < mean.of for mean in part):
         parts.append("(a/b): only a of b seeds have a finite value, and only those are averaged.")
     if any_of(DIVERGED, part):
         parts.append(DIVERGED.note)
-    if (part["metric"] == COST.name).any():
+    if COST.name in _metrics(part):
         parts.append(COST.note)
     return " ".join(parts)
 
 
-def _spread(part: pd.DataFrame, samples: Samples) -> str:
+def _spread(part: Sequence[TabledMean], samples: Samples) -> str:
     """What stands beside a mean."""
-    sizes = sorted({len(seeds.split()) for seeds in part["seeds"]})
+    sizes = sorted({len(mean.seeds) for mean in part})
     counted = "1 seed" if sizes == [1] else f"{' or '.join(map(str, sizes))} seeds"
     deviation = f"standard deviation (n − 1) over {counted} per method; {DASH}: no value, or none of one seed."
-    if not part["low"].notna().any():
+    if all(math.isnan(mean.low) for mean in part):
         return f"Mean ± {deviation}"
-    resampled = "whole recordings" if samples.by_recording(part["experiment"].iloc[0]) else "samples"
+    resampled = "whole recordings" if samples.by_recording(part[0].experiment) else "samples"
     both = f"{resampled} alone" if sizes == [1] else f"seeds and {resampled} both"
     ends = f"Mean and the ends of its 95 % interval, for which {both} are resampled."
     return f"{ends} Where samples' errors are not kept, mean ± {deviation}"
 
 
-def _best(part: pd.DataFrame, columns: Sequence[Column], samples: Samples, apart: Sequence[str]) -> set[Place]:
+def _best(
+    part: Sequence[TabledMean], columns: Sequence[Column], samples: Samples, apart: Collection[str]
+) -> set[Place]:
     """Of every column of errors with something to compare: the method with the best mean over all of its seeds, and
     those that a test on pairs of the same seed and samples does not tell apart from it."""
-    found: set[Place] = set()
+    marked: set[Place] = set()
+    # The equation that made the data is a floor, no competitor; a method that is told its form is none either.
+    competing = [mean for mean in part if mean.method not in apart and mean.n == mean.of > 0]
     for name, metric in columns:
-        # The equation that made the data is a floor, no competitor; a method that is told its form is none either.
-        column = part[
-            ~part["method"].isin(apart)
-            & (part["set"] == name)
-            & (part["metric"] == metric)
-            & (part["n"] == part["of"])
-            & (part["of"] > 0)
-        ]
+        column = [mean for mean in competing if (mean.set, mean.metric) == (name, metric)]
         better = metric_of(metric).better
         if len(column) < 2 or better is None:
             continue
-        best = column.loc[column["mean"].idxmin() if better == "lower" else column["mean"].idxmax()]
-        found.add((best["row"], name, metric))
-        for _, other in column.iterrows():
-            keys = [(row["experiment"], row["preset"], row["method"]) for row in (best, other)]
-            difference = samples.difference(*keys, name, metric)
+        best = (min if better == "lower" else max)(column, key=lambda mean: mean.mean)
+        marked.add((best.row, name, metric))
+        for other in column:
+            difference = samples.difference(best.version, other.version, name, metric)
             if difference is not None and difference.p >= 1 - LEVEL:
-                found.add((other["row"], name, metric))
-    return found
+                marked.add((other.row, name, metric))
+    return marked
 
 
 def references(version: str, known: Iterable[str]) -> dict[str, str]:
@@ -278,107 +276,82 @@ def references(version: str, known: Iterable[str]) -> dict[str, str]:
     return {kind: name for kind, name in wanted.items() if name in names}
 
 
-def gains(long: pd.DataFrame, samples: Samples) -> dict[tuple[str, str, str, str], Interval]:
-    """Differences of one experiment by row (method and preset), kind, set and metric; positive is better.
+def _with_gains(long: Sequence[TabledMean], samples: Samples) -> list[TabledMean]:
+    """The same with what augmented versions gain; positive is better."""
+    runs = grouped(long, lambda mean: (mean.experiment, mean.preset))
+    methods = {run: {mean.method for mean in part} for run, part in runs.items()}
 
-    Arguments:
-        long: rows of a table (:func:`tabulate`) with columns experiment, preset, method, row, set and
-            metric.
-    """
-    found = {}
-    for (experiment, preset), part in long.groupby(["experiment", "preset"], sort=False):
-        methods = list(dict.fromkeys(part["method"]))
-        compared = {method: references(method, methods) for method in methods if Version.parse(method).is_augmented}
-        for one in part[part["method"].isin(list(compared))].itertuples():
-            for kind, reference in compared[one.method].items():
-                keys = (experiment, preset, one.method), (experiment, preset, reference)
-                interval = samples.difference(*keys, one.set, one.metric)
-                if interval is not None:
-                    found[one.row, kind, one.set, one.metric] = interval
-    return found
+    def compared(mean: TabledMean) -> TabledMean:
+        if not Version.parse(mean.method).is_augmented:
+            return mean
+        differences = {
+            kind: samples.difference(mean.version, mean.version._replace(method=reference), mean.set, mean.metric)
+            for kind, reference in references(mean.method, methods[mean.experiment, mean.preset]).items()
+        }
+        return replace(mean, gain=differences.get(OVER_CONTROL), difference=differences.get(FROM_BASE))
 
-
-def with_columns(long: pd.DataFrame, found: Mapping[tuple[str, str, str, str], Interval]) -> pd.DataFrame:
-    """The rows with columns gain, gain_low, gain_high, gain_p and difference, difference_low, … where there are any."""
-    keys = list(zip(long["row"], long["set"], long["metric"], strict=True))
-    columns = {}
-    for kind, name in NAMES.items():
-        cells = [found.get((row, kind, *cell)) for row, *cell in keys]
-        if any(cells):
-            for end, key in ENDS.items():
-                columns[f"{name}{end}"] = [float("nan") if cell is None else getattr(cell, key) for cell in cells]
-    return long.assign(**columns)
+    return [compared(mean) for mean in long]
 
 
 def _units(forecasts: Sequence[Forecasts]) -> dict[str, str]:
     """Unit of each parameter by name."""
     return {
-        name: unit for one in forecasts for name, unit in zip(one.parameter_names, one.parameter_units, strict=True)
+        name: unit for run in forecasts for name, unit in zip(run.parameter_names, run.parameter_units, strict=True)
     }
 
 
-def _prepare(table: pd.DataFrame, job: TabulateJob, samples: Samples) -> pd.DataFrame:
-    """The summary, sorted as printed, with seeds, ends of intervals, and a ``row`` for each method and preset; where
-    one experiment has several presets, labels name theirs."""
-    for _, group in table.groupby("experiment"):
-        if group["preset"].nunique() > 1:
-            table.loc[group.index, "label"] = group["label"] + " (" + group["preset"] + ")"
-    keys = ["experiment", "preset", "method"]
-    seeds = table.groupby(keys, sort=False)["seed"].agg(lambda s: sorted(set(s)))
-    long = summarise(table)
-    long["seeds"] = [" ".join(map(str, seeds[tuple(key)])) for key in long[keys].values]
-    long["low"], long["high"] = zip(*(_ends(row, samples) for row in long.itertuples()), strict=True)
-    long = _with_unknown_errors(long, samples)
-    long["row"] = long["method"] + " " + long["preset"]
-    methods, presets = ordered(long["method"], job.label_of), list(dict.fromkeys(long["preset"]))
-    ranks = {
-        "row": [f"{method} {preset}" for method in methods for preset in presets],
-        "set": order_sets(long["set"]),
-        "metric": list(dict.fromkeys(long["metric"])),
-        "experiment": list(dict.fromkeys(long["experiment"])),
-    }
-    places = {key: {value: i for i, value in enumerate(values)} for key, values in ranks.items()}
-    return long.sort_values(
-        ["experiment", "row", "set", "metric"], key=lambda c: c.map(places[c.name]), ignore_index=True
-    )
+def _prepare(rows: Sequence[MetricRow], job: TabulateJob, samples: Samples) -> list[TabledMean]:
+    """The summary, sorted as printed, with seeds and ends of intervals; where one experiment has several presets,
+    labels name theirs."""
+    runs = grouped(rows, lambda row: row.experiment)
+    several = {experiment for experiment, part in runs.items() if len({row.preset for row in part}) > 1}
+    named = [replace(row, label=f"{row.label} ({row.preset})") if row.experiment in several else row for row in rows]
+    of_version = grouped(rows, lambda row: VersionKey(row.experiment, row.preset, row.method))
+    seeds = {version: tuple(sorted({row.seed for row in part})) for version, part in of_version.items()}
+    long = []
+    for mean in summarise(named):
+        low, high = _ends(mean, samples)
+        long.append(TabledMean(**vars(mean), seeds=seeds[mean.version], low=low, high=high))
+    long += _unknown_errors(long, samples)
+    methods, metrics = ordered([mean.method for mean in long], job.label_of), _metrics(long)
+    experiments, presets = (list(dict.fromkeys(map(attrgetter(name), long))) for name in ("experiment", "preset"))
+    ranks = (experiments, methods, presets, _sets(long), metrics)
+
+    def place(mean: TabledMean) -> list[int]:
+        values = (mean.experiment, mean.method, mean.preset, mean.set, mean.metric)
+        return [of.index(value) for of, value in zip(ranks, values, strict=True)]
+
+    return sorted(long, key=place)
 
 
-def _with_unknown_errors(long: pd.DataFrame, samples: Samples) -> pd.DataFrame:
-    """The summary with a row of no seeds, printed as –, for each error of parameters that nobody can know."""
-    keys = ["experiment", "preset", "method", "set"]
-    each = long.drop_duplicates(keys)
-    unknown = [
-        samples.estimates_unknown((row.experiment, row.preset, row.method), row.set) for row in each.itertuples()
+def _unknown_errors(long: Sequence[TabledMean], samples: Samples) -> list[TabledMean]:
+    """A mean of no seeds, printed as –, for each error of parameters that nobody can know."""
+    nothing = dict.fromkeys(("mean", "std", "low", "high"), math.nan)
+    return [
+        replace(part[0], metric=RELATIVE_ERROR.name, n=0, of=0, **nothing)
+        for key, part in grouped(long, lambda mean: (mean.version, mean.set)).items()
+        if RELATIVE_ERROR.name not in _metrics(part) and samples.estimates_unknown(*key)
     ]
-    told = long.loc[long["metric"] == RELATIVE_ERROR.name, keys].apply(tuple, axis=1)
-    rows = each[unknown]
-    rows = rows[~rows[keys].apply(tuple, axis=1).isin(set(told))]
-    nothing = {"metric": RELATIVE_ERROR.name, "n": 0, "of": 0} | dict.fromkeys(("mean", "std", "low", "high"), math.nan)
-    return pd.concat([long, rows.assign(**nothing)], ignore_index=True) if len(rows) else long
 
 
-def _ends(row: Any, samples: Samples) -> tuple[float, float]:
+def _ends(mean: Mean, samples: Samples) -> tuple[float, float]:
     """Ends of the interval round a mean; NaN where no samples are kept."""
-    found = samples.resampled((row.experiment, row.preset, row.method), row.set, row.metric)
-    if found is None:
+    resampled = samples.resampled(mean.version, mean.set, mean.metric)
+    if resampled is None:
         return math.nan, math.nan
-    not_negative = metric_of(row.metric).not_negative
-    one = interval(found, not_negative)
-    if not_negative:
-        return one.low, one.high
-    shift = row.mean - one.mean  # of a convention from the other
-    return one.low + shift, one.high + shift
+    not_negative = metric_of(mean.metric).not_negative
+    ends = interval(resampled, not_negative)
+    shift = 0.0 if not_negative else mean.mean - ends.mean  # of a convention from the other
+    return ends.low + shift, ends.high + shift
 
 
-def _wide(long: pd.DataFrame) -> pd.DataFrame:
+def _wide(means: Sequence[TabledMean]) -> pd.DataFrame:
     """One row per method; columns <set>/<metric>/mean, /std, /n, /low, /high and those of gains."""
-    rows = []
-    values = ["mean", "std", "n", "low", "high", *(c for c in long if c in COLUMNS)]
-    for _, part in long.groupby(["experiment", "row"], sort=False):
-        row = {key: part.iloc[0][key] for key in ("experiment", "preset", "method", "label", "seeds")}
-        for cell in part.itertuples():
-            row |= {f"{cell.set}/{cell.metric}/{name}": getattr(cell, name) for name in values}
-        rows.append(row)
-    table = pd.DataFrame(rows)
-    counts = [name for name in table if name.endswith("/n")]
-    return table.astype(dict.fromkeys(counts, "Int64"))
+    table, rows = cells(TabledMean, means), {}
+    values = [name for name in table if name not in (*IDENTITY, "of", "seeds")]
+    for place, mean in enumerate(means):
+        whose = {key: table[key][place] for key in ("experiment", "preset", "method", "label", "seeds")}
+        row = rows.setdefault((mean.experiment, mean.row), whose)
+        row |= {f"{mean.set}/{mean.metric}/{name}": table[name][place] for name in values}
+    wide = pd.DataFrame(list(rows.values()))
+    return wide.astype({name: "Int64" for name in wide if name.endswith("/n")})

@@ -1,19 +1,17 @@
-"""The long table of one evaluation's metrics, metrics.csv: one row, its writer and its reader."""
+"""The long table of one evaluation's metrics, metrics.csv: one row, and its reader."""
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from expertaug import files
 from expertaug.errors import InputError
+from expertaug.rows import read_csv
 from expertaug.tracking.log import End, Header, Log, Step
 
 REMEDY = "make it again with evaluate"
-COLUMNS = ("experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value")
 ALONG = ("epoch", "finetune_epochs")  # further columns of a study during training
 
 
@@ -40,17 +38,6 @@ class MetricRow:
     finetune_epochs: int | None = None
 
 
-def write_rows(path: Path, rows: Sequence[MetricRow]) -> None:
-    """Write a metrics.csv; nothing stands for a number that is none."""
-    columns = (*COLUMNS, *(name for name in ALONG if any(getattr(row, name) is not None for row in rows)))
-    with files.atomic(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(columns)
-        for row in rows:
-            cells = {name: getattr(row, name) for name in columns}
-            table.writerow((cells | ({"value": ""} if math.isnan(row.value) else {})).values())
-
-
 def read_rows(path: str | Path, along: bool = False) -> list[MetricRow]:
     """Rows of a metrics.csv, checked: every column is there, seed and value are numbers (an empty value is NaN).
 
@@ -60,28 +47,10 @@ def read_rows(path: str | Path, along: bool = False) -> list[MetricRow]:
     Raises:
         InputError: the file is missing, empty or broken.
     """
-    try:
-        with Path(path).open(encoding="utf-8", newline="") as stream:
-            table = csv.DictReader(stream)
-            lines = list(table)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"cannot be read ({error})", REMEDY) from error
-    if not lines:
-        raise InputError(path, "no rows", REMEDY)
-    if along and (missing := [name for name in ALONG if name not in lines[0]]):
+    rows = read_csv(path, MetricRow, REMEDY)
+    if along and (missing := [name for name in ALONG if any(getattr(row, name) is None for row in rows)]):
         raise InputError(path, f"no column {missing[0]!r}", "make it again with its stage")
-    return [_row(path, number, line, along) for number, line in enumerate(lines, 2)]
-
-
-def _row(path: str | Path, number: int, line: dict[str, str], along: bool) -> MetricRow:
-    if missing := [name for name in COLUMNS if line.get(name) is None]:
-        raise InputError(path, f"line {number} has no {missing[0]!r}", f"columns {', '.join(COLUMNS)}")
-    texts = {name: line[name] for name in COLUMNS if name not in ("seed", "value")}
-    try:
-        further = {name: int(line[name]) for name in ALONG} if along else {}
-        return MetricRow(**texts, seed=int(line["seed"]), value=float(line["value"] or "nan"), **further)
-    except ValueError as error:
-        raise InputError(path, f"line {number}: {error}", "seed and value are numbers") from error
+    return rows
 
 
 def metrics_by_seed(path: str | Path, seeds: Sequence[int]) -> dict[str, list[float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -13,28 +13,7 @@ from expertaug.measurements.paths import natural_key
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.settings import RENDERED
 
-# Columns of the table: key in a recording's summary → heading and format of the Markdown table.
-HEADINGS = {
-    "recording": ("recording", "{}"),
-    "frames": ("frames", "{}"),
-    "duration_s": ("duration [s]", "{:.1f}"),
-    "tracked_share": ("tracked [%]", "{:.2%}"),
-    "usable_share": ("usable [%]", "{:.2%}"),
-    "arm1": ("arm 1 [px]", "{}"),
-    "arm2": ("arm 2 [px]", "{}"),
-    "noise": ("angle noise [°]", "{}"),
-    "gaps": ("gaps", "{}"),
-    "longest_gap_frames": ("longest gap [frames]", "{}"),
-    "interpolated": ("interpolated [frames]", "{}"),
-    "rate_hz": ("rate [Hz]", "{:g}"),
-    "implied": ("implied rate [Hz]", "{}"),
-    "B1": ("B1", "{:.4f}"),
-    "G1": ("G1 [s⁻²]", "{:.2f}"),
-    "B2": ("B2", "{:.3f}"),
-    "G2": ("G2 [s⁻²]", "{:.2f}"),
-    "r2": ("R² (θ1, θ2)", "{}"),
-    "energy": ("energy start → end [s⁻²]", "{}"),
-}
+CONSTANTS = ("B1", "G1", "B2", "G2")
 
 
 def summarise(
@@ -52,53 +31,65 @@ def summarise(
     """
     if not summaries:
         raise InputError(csv, "no recordings to summarise", "run measure_angles")
-    rows = sorted((_row(Path(path)) for path in summaries), key=lambda row: natural_key(str(row["recording"])))
+    measured = sorted(map(RecordingSummary.load, summaries), key=lambda recording: natural_key(recording.recording))
+    left_out = refused or {}
     with atomic(csv) as temporary:
-        left_out = [{"recording": name, "refused": reason} for name, reason in (refused or {}).items()]
-        table = sorted([*rows, *left_out], key=lambda row: natural_key(str(row["recording"])))
+        cells = {recording.recording: _cells(recording) for recording in measured}
+        cells |= {name: {"recording": name, "refused": reason} for name, reason in left_out.items()}
+        table = [cells[name] for name in sorted(cells, key=natural_key)]
         pd.DataFrame(table).to_csv(temporary, index=False, float_format="%.8g")
-    lines = ["| " + " | ".join(heading for heading, _ in HEADINGS.values()) + " |", "|" + "---|" * len(HEADINGS)]
-    for row in rows:
-        cells = {
-            **row,
-            "arm1": f"{row['arm1_px']:.2f} ± {row['arm1_std_px']:.2f}",
-            "arm2": f"{row['arm2_px']:.2f} ± {row['arm2_std_px']:.2f}",
-            "noise": f"{row['noise1_deg']:.3f}, {row['noise2_deg']:.3f}",
-            "implied": _implied(row),
-            "r2": f"{row['r2_1']:.4f}, {row['r2_2']:.4f}",
-            "energy": f"{row['energy_start']:.0f} → {row['energy_end']:.1f}",
-        }
-        if row["pendulum"] == "single":
-            cells |= dict.fromkeys(("arm2", "B1", "B2", "G2"), "–")
-            cells |= {"noise": f"{row['noise1_deg']:.3f}", "r2": f"{row['r2_1']:.4f}"}
-        lines.append(
-            "| "
-            + " | ".join(
-                (cells[key] if cells[key] == "–" else form.format(cells[key])) for key, (_, form) in HEADINGS.items()
-            )
-            + " |"
-        )
-    if refused:
+    rows = [_printed(recording) for recording in measured]
+    lines = [_line(rows[0]), "|" + "---|" * len(rows[0]), *(_line(row.values()) for row in rows)]
+    if left_out:
         lines += ["", "Left out (recordings.on_bad_recording is skip):", ""]
-        lines += [f"- {name}: {refused[name]}" for name in sorted(refused, key=natural_key)]
-    warned = [f"- {row['recording']}: {row['warnings']}" for row in rows if row["warnings"]]
+        lines += [f"- {name}: {left_out[name]}" for name in sorted(left_out, key=natural_key)]
+    warned = [
+        f"- {recording.recording}: {'; '.join(recording.warnings)}" for recording in measured if recording.warnings
+    ]
     lines += ["", "Warnings:", "", *warned] if warned else []
-    sources = sorted({str(row["rate_provenance"]) for row in rows})
+    sources = sorted({recording.rate_provenance for recording in measured})
     lines += ["", f"Frame rate: {'; '.join(sources)}. The implied rate is the one at which G2/B2 = g/l1 holds.", ""]
     write_text(markdown, "\n".join(lines))
 
 
-def _implied(row: Mapping) -> str:
-    """What was rendered moves by the real recordings' constants in their nominal time: that is no finding."""
-    known = row["implied_rate_hz"] is not None and row["rate_provenance"] != RENDERED
-    return f"{row['implied_rate_hz']:.1f}" if known else "–"
+def _line(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
 
 
-def _row(path: Path) -> dict[str, object]:
-    found = RecordingSummary.load(path).model_dump()
-    apart = ("constants", "friction", "timing")
-    row = {key: value for key, value in found.items() if key not in apart} | found["constants"] | found["timing"]
-    row["error_deg"] = "; ".join(f"{value:.3g}" for value in found["timing"]["error_deg"] or ())
-    row["reasons"] = "; ".join(f"{reason} {count}" for reason, count in found["reasons"].items())
-    row["warnings"] = "; ".join(found["warnings"])
-    return row
+def _printed(recording: RecordingSummary) -> dict[str, str]:
+    """The Markdown table's row by heading; of a single pendulum what belongs to a second arm is left out."""
+    b1, g1, b2, g2 = (recording.constants[name] for name in CONSTANTS)
+    double = recording.pendulum == "double"
+    # What was rendered moves by the real recordings' constants in their nominal time: that is no finding.
+    implied = recording.implied_rate_hz is not None and recording.rate_provenance != RENDERED
+    return {
+        "recording": recording.recording,
+        "frames": str(recording.frames),
+        "duration [s]": f"{recording.duration_s:.1f}",
+        "tracked [%]": f"{recording.tracked_share:.2%}",
+        "usable [%]": f"{recording.usable_share:.2%}",
+        "arm 1 [px]": f"{recording.arm1_px:.2f} ± {recording.arm1_std_px:.2f}",
+        "arm 2 [px]": f"{recording.arm2_px:.2f} ± {recording.arm2_std_px:.2f}" if double else "–",
+        "angle noise [°]": f"{recording.noise1_deg:.3f}" + (f", {recording.noise2_deg:.3f}" if double else ""),
+        "gaps": str(recording.gaps),
+        "longest gap [frames]": str(recording.longest_gap_frames),
+        "interpolated [frames]": str(recording.interpolated),
+        "rate [Hz]": f"{recording.rate_hz:g}",
+        "implied rate [Hz]": f"{recording.implied_rate_hz:.1f}" if implied else "–",
+        "B1": f"{b1:.4f}" if double else "–",
+        "G1 [s⁻²]": f"{g1:.2f}",
+        "B2": f"{b2:.3f}" if double else "–",
+        "G2 [s⁻²]": f"{g2:.2f}" if double else "–",
+        "R² (θ1, θ2)": f"{recording.r2_1:.4f}" + (f", {recording.r2_2:.4f}" if double else ""),
+        "energy start → end [s⁻²]": f"{recording.energy_start:.0f} → {recording.energy_end:.1f}",
+    }
+
+
+def _cells(recording: RecordingSummary) -> dict[str, object]:
+    """The CSV's row by column: every value."""
+    apart = {"constants", "friction", "timing"}
+    error = "; ".join(f"{value:.3g}" for value in recording.timing.error_deg or ())
+    reasons = "; ".join(f"{reason} {count}" for reason, count in recording.reasons.items())
+    timing = recording.timing.model_dump() | {"error_deg": error}
+    texts = {"reasons": reasons, "warnings": "; ".join(recording.warnings)}
+    return recording.model_dump(exclude=apart) | texts | recording.constants | timing

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
-import pandas as pd
-
-from expertaug.evaluation.metrics import log_mse_of, metric_of
-from expertaug.evaluation.report.tables import by_cell, gain
+from expertaug.evaluation.metrics import log_mse_of
+from expertaug.evaluation.report.tables import gain
 from expertaug.evaluation.settings import ReportExperiment, Titles
-from expertaug.evaluation.summary import in_domain
-from expertaug.evaluation.table import DASH, STAR, Cell, Table
+from expertaug.evaluation.summary import TabledMean, cell_of, in_domain, labels_of
+from expertaug.evaluation.table import DASH, STAR, Table
 from expertaug.evaluation.tabulate import FROM_BASE, OVER_CONTROL, references
 from expertaug.versions import Version
 
@@ -34,79 +33,87 @@ class Row(NamedTuple):
     why: str
 
 
-def chosen(long: pd.DataFrame, job: ReportExperiment) -> list[Row]:
+def chosen(long: Sequence[TabledMean], job: ReportExperiment) -> list[Row]:
     """The rows of an experiment; nothing but the validation set's log-MSE decides.
 
     Arguments:
         long: the experiment's long table (:func:`expertaug.evaluation.report.tables.read_long`).
     """
-    part = long[(long["set"] == CHOSEN) & (long["metric"] == log_mse_of(job.convention).name)]
-    known, floors = list(dict.fromkeys(long["method"])), job.floors
+    metric, methods, floors = log_mse_of(job.convention).name, list(labels_of(long)), job.floors
     apart = {*floors, *job.known_form}
-    rivals = part[~part["method"].isin(apart) & (part["n"] == part["of"])]
-    found = [Row(method, "best by validation") for method in _best(rivals)]
-    plus = [Version.parse(method).is_augmented and not Version.parse(method).estimators for method in rivals["method"]]
-    augmented = _best(rivals[plus])
-    for method in augmented:
-        beside = references(method, known)
-        found.append(Row(method, "best + by validation"))
-        found += [Row(beside[kind], said) for kind, said in BESIDE.items() if kind in beside]
-    fitted = [method for method in job.least_squares if method in known and method not in apart]
-    found += [Row(method, "least squares") for method in fitted if not Version.parse(method).is_refined]
-    found += [Row(method, "floor") for method in floors if method in known]
+    scores = [mean for mean in long if (mean.set, mean.metric) == (CHOSEN, metric)]
+    rivals = [mean for mean in scores if mean.method not in apart and mean.n == mean.of]
+    rows = [Row(method, "best by validation") for method in _best(rivals)]
+    versions = {mean.method: Version.parse(mean.method) for mean in rivals}
+    for method in _best([mean for mean in rivals if _is_plus(versions[mean.method])]):
+        beside = references(method, methods)
+        rows.append(Row(method, "best + by validation"))
+        rows += [Row(beside[kind], why) for kind, why in BESIDE.items() if kind in beside]
+    fitted = [method for method in job.least_squares if method in methods and method not in apart]
+    rows += [Row(method, "least squares") for method in fitted if not Version.parse(method).is_refined]
+    rows += [Row(method, "floor") for method in floors if method in methods]
     reasons: dict[str, list[str]] = {}
-    for row in found:
+    for row in rows:
         reasons.setdefault(row.method, []).append(row.why)
     return [Row(method, ", ".join(whys)) for method, whys in reasons.items()]
 
 
-def table(experiments: list[tuple[pd.DataFrame, ReportExperiment]]) -> Table:
+def table(experiments: Sequence[tuple[Sequence[TabledMean], ReportExperiment]]) -> Table:
     """The rows of all experiments, each in a part of its own.
 
     Arguments:
         experiments: long table and settings of each.
     """
-    near = {name: in_domain(long["set"]) for long, one in experiments for name in [one.name]}
-    inner = "iid" in near.values()
+    inner = any(in_domain(mean.set for mean in long) == "iid" for long, _ in experiments)
+    sets = [CHOSEN, *["iid"] * inner, "test"]
     parts = []
-    for long, one in experiments:
-        metric, cells = log_mse_of(one.convention).name, by_cell(long.assign(label=long["method"]))
-        said = dict(zip(long["method"], long["label"], strict=True))
+    for long, job in experiments:
+        labels, scores = labels_of(long), _scores(long, job)
         rows = []
-        for row in chosen(long, one):
-            found = {name: cells.get((row.method, name, metric)) for name in (CHOSEN, "iid", "test")}
-            shown = [Cell.of_row(metric_of(metric), found[name]).text() for name in (CHOSEN, *["iid"] * inner, "test")]
-            rows.append([said[row.method], row.why, *shown, gain(found["test"]) or DASH])
-        parts.append((f"{one.of_experiment(one.name)} ({one.convention_text})", rows))
-    sets = [Titles().of_set(name) for name in (CHOSEN, *["iid"] * inner, "test")]
-    return Table(["method", "shown as", *sets, "gain over control, test"], parts, 2)
+        for row in chosen(long, job):
+            shown = [_text(scores, row.method, name, job) for name in sets]
+            rows.append([labels[row.method], row.why, *shown, gain(scores.get((row.method, "test"))) or DASH])
+        parts.append((f"{job.of_experiment(job.name)} ({job.convention_text})", rows))
+    return Table(["method", "shown as", *map(Titles().of_set, sets), "gain over control, test"], parts, 2)
 
 
-def sentence(long: pd.DataFrame, job: ReportExperiment) -> tuple[str, str]:
+def sentence(long: Sequence[TabledMean], job: ReportExperiment) -> tuple[str, str]:
     """The title of an experiment, and what its rows say."""
-    metric = log_mse_of(job.convention).name
-    cells, said = by_cell(long.assign(label=long["method"])), dict(zip(long["method"], long["label"], strict=True))
-    rows, title = chosen(long, job), job.of_experiment(job.name)
-
-    def test(method: str) -> str:
-        return Cell.of_row(metric_of(metric), cells.get((method, "test", metric))).text()
-
+    scores, labels, rows = _scores(long, job), labels_of(long), chosen(long, job)
+    title = job.of_experiment(job.name)
     best = next((row for row in rows if "best by validation" in row.why), None)
     if best is None:
         return title, "no method has a finite score of every seed on the validation set."
-    text = f"{said[best.method]} is best by validation, with a log-MSE of {test(best.method)} on the test set"
+    score = _text(scores, best.method, "test", job)
+    text = f"{labels[best.method]} is best by validation, with a log-MSE of {score} on the test set"
     fitted = [
-        f"{said[row.method]} {test(row.method)}" for row in rows if "least squares" in row.why and row is not best
+        f"{labels[row.method]} {_text(scores, row.method, 'test', job)}"
+        for row in rows
+        if "least squares" in row.why and row is not best
     ]
     text += f" ({'; '.join(fitted)})." if fitted else "."
     for row in rows:
-        gained = gain(cells.get((row.method, "test", metric))) if "best +" in row.why else ""
+        gained = gain(scores.get((row.method, "test"))) if "best +" in row.why else ""
         if gained:
             apart = "told apart from 0" if STAR in gained else "not told apart from 0"
-            text += f" {said[row.method]} gains {gained.replace(STAR, '')} over its control there, {apart}."
+            text += f" {labels[row.method]} gains {gained.replace(STAR, '')} over its control there, {apart}."
     return title, text
 
 
-def _best(rows: pd.DataFrame) -> list[str]:
+def _scores(long: Sequence[TabledMean], job: ReportExperiment) -> dict[tuple[str, str], TabledMean]:
+    """The log-MSE by method and set."""
+    metric = log_mse_of(job.convention).name
+    return {(mean.method, mean.set): mean for mean in long if mean.metric == metric}
+
+
+def _text(scores: dict[tuple[str, str], TabledMean], method: str, name: str, job: ReportExperiment) -> str:
+    return cell_of(scores, (method, name), log_mse_of(job.convention).name).text()
+
+
+def _is_plus(version: Version) -> bool:
+    return version.is_augmented and not version.estimators
+
+
+def _best(rivals: Sequence[TabledMean]) -> list[str]:
     """The method with the lowest mean, if there is any."""
-    return [rows.loc[rows["mean"].idxmin(), "method"]] if len(rows) else []
+    return [min(rivals, key=lambda mean: mean.mean).method] if rivals else []

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from expertaug.errors import InputError
+from expertaug.evaluation.intervals import Interval
 from expertaug.evaluation.metrics import COST, metric_of
+from expertaug.evaluation.published import Compared
 from expertaug.evaluation.settings import Reading, TabulateJob, Titles
-from expertaug.evaluation.summary import tabled_metrics
-from expertaug.evaluation.table import Cell, Table, plain
-from expertaug.evaluation.tabulate import NAMES, OVER_CONTROL, further_table, gain_cell, gains_table, main_table
+from expertaug.evaluation.summary import Mean, TabledMean, cell_of, tabled_metrics
+from expertaug.evaluation.table import Table, plain
+from expertaug.evaluation.tabulate import OVER_CONTROL, further_table, gain_cell, gains_table, main_table
+from expertaug.rows import columns, grouped, read_csv
+from expertaug.tracking.metrics_csv import ALONG
 from expertaug.versions import SHOWN_SETS
 
-SUMMARY = ("metric", "mean", "std", "n", "of")  # columns of a file of means over seeds
+AGAIN = "make it again: delete it and run the workflow"
 RECORDING = {
     "recording": "recording",
     "duration_s": "duration [s]",
@@ -40,26 +44,27 @@ def read(path: Path) -> pd.DataFrame:
         InputError: it is missing or broken.
     """
     try:
-        return pd.read_csv(path, dtype={"seeds": str, "refused": str})
-    except FileNotFoundError as error:
-        raise InputError(path, "no such file", "run the workflow to its end first") from error
+        return pd.read_csv(_there(path), dtype={"seeds": str, "refused": str})
     except (OSError, ValueError) as error:
-        raise InputError(path, f"is no table ({error})", "make it again: delete it and run the workflow") from error
+        raise InputError(path, f"is no table ({error})", AGAIN) from error
 
 
-def read_long(path: Path) -> pd.DataFrame:
+def read_long(path: Path) -> list[TabledMean]:
     """The long table of an experiment (:mod:`expertaug.evaluation.tabulate`).
 
     Raises:
         InputError: it is missing or broken.
     """
-    table = read(path)
-    if missing := [name for name in (*SUMMARY, "label", "set", "seeds", "low", "high") if name not in table]:
-        raise InputError(path, f"no column {missing[0]!r}", "make it again: delete it and run the workflow")
-    return table
+    return read_csv(_there(path), TabledMean, AGAIN)
 
 
-def main(long: pd.DataFrame, job: TabulateJob) -> Table:
+def _there(path: Path) -> Path:
+    if not path.exists():
+        raise InputError(path, "no such file", "run the workflow to its end first")
+    return path
+
+
+def main(long: Sequence[TabledMean], job: TabulateJob) -> Table:
     """An experiment's methods by sets and metrics, those that know the form of F_a in a part of their own.
 
     Arguments:
@@ -68,44 +73,49 @@ def main(long: pd.DataFrame, job: TabulateJob) -> Table:
     return main_table(_shown(long), job)
 
 
-def gains(long: pd.DataFrame, job: TabulateJob) -> Table | None:
+def gains(long: Sequence[TabledMean], job: TabulateJob) -> Table | None:
     """What augmented versions gain over their controls, and their difference from the base model; None of none."""
-    return gains_table(_shown(long), job, _told_apart, all_kinds=False)
+    return gains_table(_shown(long), job, _leaves_0_out, all_kinds=False)
 
 
-def gain(row: Mapping | None) -> str:
+def gain(mean: TabledMean | None) -> str:
     """A gain over the control with its interval, a star behind one that is told apart from 0; empty where there is
     none."""
-    cell = None if row is None else gain_cell(row, OVER_CONTROL, _told_apart(row, OVER_CONTROL))
+    cell = gain_cell(mean, OVER_CONTROL, _leaves_0_out)
     return "" if cell is None else cell.text(star=True)
 
 
-def further(long: pd.DataFrame, job: TabulateJob) -> Table:
+def further(long: Sequence[TabledMean], job: TabulateJob) -> Table:
     """All other metrics, a row for each and each method, a column for each set that is shown."""
     shown = _shown(long)
     return further_table(shown, job, (*tabled_metrics(shown, job.convention), COST.name))
 
 
-def _shown(long: pd.DataFrame) -> pd.DataFrame:
-    return long[long["set"].isin(SHOWN_SETS)]
+def _shown(long: Sequence[TabledMean]) -> list[TabledMean]:
+    return [mean for mean in long if mean.set in SHOWN_SETS]
 
 
-def _told_apart(row: Mapping | pd.Series, kind: str) -> bool:
-    """Whether the interval of a difference leaves 0 out."""
-    low, high = (row.get(f"{NAMES[kind]}_{end}", 0.0) for end in ("low", "high"))
-    return bool(low > 0 or high < 0)
+def _leaves_0_out(difference: Interval) -> bool:
+    return difference.low > 0 or difference.high < 0
 
 
-def by_label(summary: pd.DataFrame, reading: Reading) -> Table:
-    """A study's means: a row for each metric, set and what else its file tells apart, a column for each label."""
-    shown = summary[summary["metric"].isin(tabled_metrics(summary, reading.convention))]
-    keys = ["metric", "set", *(c for c in shown if c not in (*SUMMARY, *UNSAID, "label", "set"))]
-    names, rows = list(dict.fromkeys(shown["label"])), []
-    for key, part in shown.groupby(keys, sort=False):
-        values = {row["label"]: row for _, row in part.iterrows()}
-        first = [metric_of(str(key[0])).heading(), reading.of_set(str(key[1])), *map(plain, key[2:])]
-        rows.append([*first, *(Cell.of_row(metric_of(str(key[0])), values.get(name)).text() for name in names)])
-    return Table([*(key.replace("_", " ") for key in keys), *names], [("", rows)], len(keys))
+def by_label(means: Sequence[Mean], reading: Reading) -> Table:
+    """A study's means: a row for each metric, set and number of passes, where it has these, a column for each label."""
+    metrics = tabled_metrics(means, reading.convention)
+    shown = [mean for mean in means if mean.metric in metrics]
+    passes = [name for name in ALONG if any(getattr(mean, name) is not None for mean in shown)]
+    names, rows = list(dict.fromkeys(mean.label for mean in shown)), []
+    values = {(_place(mean), mean.label): mean for mean in shown}
+    for place in dict.fromkeys(map(_place, shown)):
+        metric, name, *numbers = place
+        first = [metric_of(metric).heading(), reading.of_set(name), *map(plain, numbers[: len(passes)])]
+        rows.append([*first, *(cell_of(values, (place, label), metric).text() for label in names)])
+    head = ["metric", "set", *(name.replace("_", " ") for name in passes)]
+    return Table([*head, *names], [("", rows)], len(head))
+
+
+def _place(mean: Mean) -> tuple[str, str, int | None, int | None]:
+    return mean.metric, mean.set, mean.epoch, mean.finetune_epochs
 
 
 def of_file(path: Path, reading: Reading) -> Table:
@@ -115,8 +125,8 @@ def of_file(path: Path, reading: Reading) -> Table:
         InputError: the file is missing or broken.
     """
     table = read(path)
-    if set(SUMMARY) <= set(table) and "label" in table:
-        return by_label(table, reading)
+    if {column.name for column in columns(Mean) if column.needed} <= set(table):
+        return by_label(read_csv(path, Mean, AGAIN), reading)
     kept = table.drop(columns=[c for c in UNSAID if c in table and "label" in table])
     kept = kept.dropna(axis="columns", how="all")
     if "seed" in kept:
@@ -124,10 +134,10 @@ def of_file(path: Path, reading: Reading) -> Table:
     if "set" in kept:
         kept["set"] = [reading.of_set(str(name)) for name in kept["set"]]
     texts = [name for name in kept if not pd.api.types.is_numeric_dtype(kept[name])]
-    columns = [*texts, *(name for name in kept if name not in texts)] if "label" in texts else list(kept)
+    in_order = [*texts, *(name for name in kept if name not in texts)] if "label" in texts else list(kept)
     names = len(texts) if "label" in texts else 1
-    head = [name.replace("label", "method").replace("_", " ") for name in columns]
-    rows = [[plain(value) for value in row] for row in kept[columns].itertuples(index=False)]
+    head = [name.replace("label", "method").replace("_", " ") for name in in_order]
+    rows = [[plain(value) for value in row] for row in kept[in_order].itertuples(index=False)]
     return Table(head, [("", rows)], names)
 
 
@@ -140,20 +150,20 @@ def published(path: Path, titles: Mapping[str, str]) -> Table:
     Raises:
         InputError: the file is missing or broken.
     """
-    table, parts = read(path), []
-    for (experiment, metric), part in table[table["of"] > 0].groupby(["experiment", "metric"], sort=False):
-        digits = int((part["published_mean"] % 1 != 0).any())  # as printed in the paper's table of this metric
+    run, parts = [row for row in read_csv(_there(path), Compared, AGAIN) if row.of > 0], []
+    for (experiment, metric), part in grouped(run, lambda row: (row.experiment, row.metric)).items():
+        digits = int(any(row.published_mean % 1 != 0 for row in part))  # as printed in the paper's table of this metric
         rows = [
             [
-                row["label"],
-                Titles().of_set(row["set"]),
-                f"{row['published_mean']:.{digits}f} ± {row['published_std']:.{digits}f}".replace("-", "−"),
-                Cell.of_row(metric_of(metric), row).text(),
-                str(row["of"]),
-                f"{row['p']:.3f}",
-                row["verdict"],
+                row.label,
+                Titles().of_set(row.set),
+                row.published(digits),
+                row.cell().text(),
+                str(row.of),
+                f"{row.p:.3f}",
+                row.verdict,
             ]
-            for _, row in part.iterrows()
+            for row in part
         ]
         parts.append((f"{titles.get(experiment, experiment)}: {metric_of(metric).heading()}", rows))
     return Table(["method", "set", "published", "ours", "seeds", "p", "verdict"], parts, 2)
@@ -170,11 +180,6 @@ def recordings(path: Path) -> Table:
     shown = [name for name in RECORDING if name in table]
     rows = [[plain(value) for value in row] for row in table[shown].itertuples(index=False)]
     return Table([RECORDING[name] for name in shown], [("", rows)])
-
-
-def by_cell(summary: pd.DataFrame) -> dict[tuple[str, str, str], pd.Series]:
-    """Rows of a summary by label, set and metric."""
-    return {(row["label"], row["set"], row["metric"]): row for _, row in summary.iterrows()}
 
 
 def _over_seeds(table: pd.DataFrame) -> pd.DataFrame:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 import yaml
 
+from expertaug.config.models import Configuration
 from expertaug.errors import InputError
 from expertaug.evaluation import costs, products, run_record
 from expertaug.files import check_inside, read_json, write_json, write_text
@@ -21,7 +22,7 @@ OF_DATA = ("data/splits.json", "data/calibration.json")  # of an experiment
 RECORDINGS = ("recordings/summary.csv", "recordings/summary.md")
 
 
-def publish(settings: Mapping, folder: Path, command: str) -> None:
+def publish(config: Configuration, folder: Path, command: str) -> None:
     """Replace ``folder`` by the tables and figures of the finished run of a configuration.
 
     Besides them it holds config.yaml (the completed configuration), costs.csv (seconds and peak memory of every job of
@@ -29,17 +30,16 @@ def publish(settings: Mapping, folder: Path, command: str) -> None:
     jobs' seconds in sum, peak memory, files).
 
     Arguments:
-        settings: the completed configuration of the run.
+        config: the completed configuration of the run.
         folder: the target, which does not exist, is empty or was published before.
         command: how the run was started, for the record.
 
     Raises:
         InputError: a figure or table of the run is missing, or the folder holds anything that was not published.
     """
-    settings = {**settings, "tracking": dict(settings["tracking"])}
-    results = Path(settings["results"])
+    results = Path(config.results)
     folder = Path(os.path.realpath(folder))  # a link stays, and what it leads to is replaced
-    for experiment in settings["run"]:
+    for experiment in config.run:
         for needed in (results / f"tables/{experiment}.md", results / f"figures/{experiment}_log_mse.png"):
             if not needed.exists():
                 raise InputError(needed, "no such file", "run the workflow to its end first")
@@ -47,7 +47,7 @@ def publish(settings: Mapping, folder: Path, command: str) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent, ignore_cleanup_errors=True) as name:
         new, old = Path(name) / "new", Path(name) / "old"
-        _fill(new, results, settings, command)
+        _fill(new, results, config, command)
         if folder.exists():
             folder.rename(old)
         try:
@@ -79,10 +79,10 @@ def _check_replaceable(folder: Path, results: Path) -> None:
         if any(folder.iterdir()):
             raise InputError(folder, f"has no {RECORD} of a published run, so it is somebody's own", remedy)
         return
-    found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()}
-    if any(".git" in Path(path).parts for path in found):
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()}
+    if any(".git" in Path(path).parts for path in files):
         raise InputError(folder, "is or contains a repository", remedy)
-    strangers = sorted(found - set(record["files"] if isinstance(record.get("files"), list) else _published(folder)))
+    strangers = sorted(files - set(record["files"] if isinstance(record.get("files"), list) else _published(folder)))
     if strangers:
         raise InputError(folder / strangers[0], "publish did not write this file and would delete it", "move it")
 
@@ -103,19 +103,19 @@ def _files(experiments: list[str]) -> list[str]:
     return [*products.kept(experiments), *of_data, *RECORDINGS]
 
 
-def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
+def _fill(new: Path, results: Path, config: Configuration, command: str) -> None:
     """Copy the kept files of a run to a new folder and write its record."""
-    filmed = any(settings["experiments"][name]["data"]["source"] == "recordings" for name in settings["run"])
-    for file in _files(settings["run"]):
+    filmed = bool(config.on_recordings)
+    for file in _files(config.run):
         if (results / file).exists() and (filmed or file not in RECORDINGS):
             (new / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(check_inside(results / file, results), new / file)
-    own = {*settings["run"], *([None] if filmed else [])}
+    own = {*config.run, *([None] if filmed else [])}
     every = costs.of_run(results / "benchmarks")
-    measured = {job: cost for job, cost in every.items() if _experiment(job, settings["experiments"]) in own}
+    measured = {job: cost for job, cost in every.items() if _experiment(job, config.experiments) in own}
     write_text(new / "costs.csv", costs.as_csv(measured))
-    settings["tracking"]["uri"] = None
-    write_text(new / "config.yaml", yaml.safe_dump(settings, sort_keys=False, allow_unicode=True))
+    anywhere = config.model_copy(update={"tracking": config.tracking.model_copy(update={"uri": None})})
+    write_text(new / "config.yaml", yaml.safe_dump(anywhere.dump(), sort_keys=False, allow_unicode=True))
     record = {
         "command": command,
         **run_record.of_run(results, measured),
@@ -127,4 +127,4 @@ def _fill(new: Path, results: Path, settings: dict, command: str) -> None:
 def _experiment(job: str, experiments: Iterable[str]) -> str | None:
     """The experiment that a job is of; None of one of a recording, or of several."""
     name = f"{job.partition('/')[2]}_"
-    return max((one for one in experiments if name.startswith(f"{one}_")), key=len, default=None)
+    return max((experiment for experiment in experiments if name.startswith(f"{experiment}_")), key=len, default=None)
