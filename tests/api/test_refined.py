@@ -37,7 +37,8 @@ def test_least_squares_forecasts_like_a_trained_model(clean, fitted):
     table = fitted.evaluate(clean).set_index("metric")["value"]
     assert table["log_mse_sum"] < -7 and table["relative_error"] < 2
     columns = found.table().columns
-    assert list(columns[-5:]) == ["z_e omega0 [rad/s]", "z_e omega0 std [rad/s]", "chi2", "p_chi2", "misfit"]
+    assert list(columns[-6:-1]) == ["z_e omega0 [rad/s]", "z_e omega0 std [rad/s]", "chi2", "p_chi2", "misfit"]
+    assert columns[-1] == "doubtful"
 
 
 def test_diffusion_is_not_taken_in_coarse_steps():

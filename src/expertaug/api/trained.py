@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,15 +22,17 @@ from expertaug.evaluation.estimates import COLUMNS, Stated, summarise
 from expertaug.evaluation.forecasts import sensor_estimates
 from expertaug.evaluation.score import score, spread
 from expertaug.evaluation.settings import Scoring
-from expertaug.inference.diagnostics.alarm import threshold
+from expertaug.inference.diagnostics.alarm import FALSE_ALARMS, attainable, threshold
 from expertaug.inference.diagnostics.goodness import find_unexplained
+from expertaug.inference.expected_error import expected_errors, record_misfits
 from expertaug.inference.flow import load as load_any
 from expertaug.inference.least_squares import LeastSquares, refined_by
-from expertaug.learning.residuals import record_residuals, window_residual
+from expertaug.learning.residuals import window_residual
 from expertaug.models import store
+from expertaug.models.card import MisfitRecord
 from expertaug.models.doubts import doubts_of
 from expertaug.models.observation_noise import is_some, noise_of
-from expertaug.models.posterior import Predictor
+from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel, device_of
@@ -42,9 +44,14 @@ from expertaug.windows import Windows
 
 STARTS = ("y0", "y_t1")
 FEWEST = 19  # validation windows of which one in twenty can be told
+RARE = 0.01  # share of false alarms by the misfit where the error to be expected is the alarm
 DOUBT = (
     "%d of %d windows are explained worse than 95 %% of the validation windows (trusted is False): the model may not "
     "hold there"
+)
+LARGE = (
+    "%d of %d windows are not to be trusted (trusted is False): the error to be expected of the forecast is larger "
+    "than that of 95 %% of the validation windows, or the window is explained worse than 99 %% of them"
 )
 OUTSIDE = (
     "%d of %d windows have a z_e or z_a outside the range of the training windows' (outside is True): nothing has "
@@ -69,14 +76,14 @@ class TrainedModel:
         single: whether this is one seed.
         refinement: settings, noise and prior of the least squares by which estimates are found on each window; None for
             the model's own estimates (:meth:`refined`).
-        misfits: of validation windows, a list a seed, where they are not the file's (:meth:`watched`).
+        misfits: of validation windows, where they are not the file's (:meth:`watched`).
     """
 
     stored: StoredModel
     history: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=["step", "seed", "metric", "value"]))
     single: bool = False
     refinement: Refinement | None = None
-    misfits: Sequence[Sequence[float]] | None = None
+    misfits: MisfitRecord | None = None
 
     @cached_property
     def predictor(self) -> Predictor:
@@ -133,7 +140,7 @@ class TrainedModel:
         card = self.stored.card.of_seeds(chosen)
         model = select(self.stored.model, chosen, len(self))
         history = self.history.loc[self.history["seed"].isin(card.seeds)]
-        misfits = None if self.misfits is None else [self.misfits[k] for k in chosen]
+        misfits = None if self.misfits is None else self.misfits.of_seeds(chosen)
         stored = StoredModel(model, card, self.stored.classes)
         return TrainedModel(stored, history, single, self.refinement, misfits)
 
@@ -186,7 +193,7 @@ class TrainedModel:
         if start == "y0":  # else the forecast begins with the window itself
             misfit = window_residual(self.system, states, windows.y)
         outside = outside_support(self.system, self._as_used.card, estimates)
-        trusted = None if misfit is None else self._trusted(misfit, outside)
+        trusted = None if misfit is None else self._trusted(misfit, outside, estimates, windows)
         _warn_of_most(outside, OUTSIDE)
         doubts = doubts_of(self.system, self._as_used.card, estimates)
         if doubts is not None:
@@ -312,8 +319,7 @@ class TrainedModel:
         seen = arguments.trajectories(validation, "validation").seen[:, : self.observed]
         windows, _ = self._windows(seen, validation.t, validation.u)
         with arguments.one_thread():
-            kept = record_residuals(self._as_used, windows.seed(slice(1)))
-        return replace(self, misfits=kept["validation"])
+            return replace(self, misfits=record_misfits(self._as_used, windows.seed(slice(1))))
 
     @property
     def _as_used(self) -> StoredModel:
@@ -336,14 +342,16 @@ class TrainedModel:
         _warn_of_most(torch.from_numpy(beyond), UNEXPLAINED)
         return torch.special.gammaincc(freedom / 2, freedom * chi2 / 2)
 
-    def _trusted(self, misfit: Tensor, outside: Tensor | None) -> Tensor | None:
-        """Whether each misfit (S, N) is one that the validation windows have too, and the window none outside; None
-        where theirs are not known."""
+    def _trusted(self, misfit: Tensor, outside: Tensor | None, estimates: Estimates, windows: Windows) -> Tensor | None:
+        """Whether each misfit (S, N) is one that the validation windows have too, the error that is expected likewise,
+        and the window none outside; None where theirs are not known."""
         kept = self.misfits
         if kept is None and self.refinement == self.stored.card.refinement:
-            record = self.stored.card.misfit
-            kept = None if record is None else record.validation
-        trusted = judge(misfit, kept)
+            kept = self.stored.card.misfit
+        expected = None
+        if kept is not None and kept.expected is not None:
+            expected = expected_errors(self._as_used, estimates, windows)
+        trusted = judge(misfit, kept, expected)
         return trusted if trusted is None or outside is None else trusted & ~outside.to(trusted.device)
 
     def save(self, path: str | Path) -> None:
@@ -412,17 +420,34 @@ def evaluate(model: TrainedModel | Mapping[str, TrainedModel], data: Trajectorie
     return pd.concat(each, names=["label"]).reset_index(level="label").reset_index(drop=True)
 
 
-def judge(misfit: Tensor, kept: Sequence[Sequence[float]] | None) -> Tensor | None:
-    """Whether misfits (S, N) are no larger than 95 % of the kept ones, a list a seed; None where these are not known.
+def judge(misfit: Tensor, kept: MisfitRecord | None, expected: tuple[Tensor, Tensor] | None = None) -> Tensor | None:
+    """Whether misfits (S, N) are no larger than 95 % of the kept ones; where an error is expected, it is to be that,
+    and the misfit no larger than 99 % of those.  None where too few are kept.
 
-    A window that at least half of the seeds do not explain is told in a warning.
+    A window that at least half of the seeds do not trust is told in a warning.
+
+    Arguments:
+        expected: by each seed (S, N), and the variance between seeds (N,)
+            (:func:`expertaug.inference.expected_error.expected_errors`).
     """
-    if kept is None or min(map(len, kept)) < FEWEST:
+    if kept is None or min(map(len, kept.validation)) < FEWEST:
         return None
-    limits = misfit.new_tensor([threshold(np.array(of_seed)) for of_seed in kept])
-    trusted = misfit <= limits.unsqueeze(1)
-    _warn_of_most(~trusted, DOUBT)
+    if expected is None or kept.expected is None or min(map(len, kept.expected)) < FEWEST:
+        trusted, text = _within(misfit, kept.validation), DOUBT
+    else:
+        by_seed, between = expected
+        record = np.array(kept.expected)
+        if kept.between is not None:
+            record, by_seed = record + np.array(kept.between), by_seed + between
+        trusted, text = _within(by_seed, record) & _within(misfit, kept.validation, RARE), LARGE
+    _warn_of_most(~trusted, text)
     return trusted
+
+
+def _within(values: Tensor, kept: Iterable[Sequence[float]], alarms: float = FALSE_ALARMS) -> Tensor:
+    """Which values (S, N) are no larger than those kept, a list a seed, but for a share of false alarms."""
+    limits = values.new_tensor([threshold(np.array(of_seed), attainable(len(of_seed), alarms)) for of_seed in kept])
+    return values <= limits.unsqueeze(1)
 
 
 def _warn_of_most(which: Tensor | None, text: str) -> None:

@@ -27,6 +27,7 @@ from torch import Tensor
 from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.inference.coordinates import LatentCoordinates
+from expertaug.inference.expected_error import record_misfits
 from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_by
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
@@ -35,7 +36,7 @@ from expertaug.learning.expert_share import expert_sizes, squares_beside_expert
 from expertaug.learning.job import Job
 from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.residuals import mean_squared_error, record_residuals
+from expertaug.learning.residuals import mean_squared_error
 from expertaug.learning.settings import one_cycle
 from expertaug.learning.train import Calibration, card_fields, describe_recipe
 from expertaug.learning.trainer import Progress, State, moments
@@ -387,7 +388,8 @@ class AlternatingTraining:
         model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
         stored = store.StoredModel(model, self.card.but(**record), self.classes)
         estimator = refined_by(stored, self.refinement)
-        record["misfit"] = record_residuals(replace(stored, model=estimator), self.checked)
+        used = replace(stored, model=estimator)
+        record["misfit"] = record_misfits(used, self.checked)
         # As windows will be fitted, with F_a as it is now: what training had at hand lags behind it.
         found = estimator.estimate(self.seen.expand(len(trainer.seeds)))
         record["support"] = support_of(found.z_e, found.z_a)

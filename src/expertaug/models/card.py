@@ -61,9 +61,19 @@ class SupportRecord(Settings):
 
 
 class MisfitRecord(Settings):
-    """Misfits of windows on which nothing was fitted, a list a seed."""
+    """Misfits of windows on which nothing was fitted, a list a seed, and what is expected of the forecasts' errors."""
 
     validation: list[list[float]] = key(..., "(S, N)")
+    expected: list[list[float]] = key(LEFT_OUT, "by each seed, (S, M)")
+    between: list[float] = key(LEFT_OUT, "variance of the forecasts between the seeds, (M,)")
+
+    def of_seeds(self, places: Sequence[int]) -> MisfitRecord:
+        """Of some of the seeds by their places, whose variance is another one than that of all."""
+        every = {"validation": self.validation, "expected": self.expected}
+        chosen: dict[str, Any] = {name: [of[k] for k in places] for name, of in every.items() if of is not None}
+        if self.between is not None and list(places) == list(range(len(self.validation))):
+            chosen["between"] = self.between
+        return MisfitRecord.of(**chosen)
 
 
 class RecipeRecord(Settings):
@@ -173,7 +183,9 @@ class ModelCard(RecipeRecord):
 
         if self.carried is not None:
             chosen["carried"] = theirs(self.carried)
-        for name in ("latent", "misfit", "support"):
+        if self.misfit is not None:
+            chosen["misfit"] = self.misfit.of_seeds(places)
+        for name in ("latent", "support"):
             if (record := getattr(self, name)) is not None:
                 chosen[name] = theirs(record.model_dump())
         return self.but(**chosen)
