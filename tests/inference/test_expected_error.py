@@ -1,4 +1,4 @@
-"""Which forecasts of fitted windows fail is told by the error that is to be expected of them, where a misfit is blind."""
+"""Which forecasts of fitted windows fail is told by the error to be expected of them, where a misfit is blind."""
 
 import numpy as np
 import pytest
