@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from scipy import stats
 
 from expertaug.evaluation.forecasts import Forecasts, SensorEstimate, read_forecasts
@@ -22,12 +21,12 @@ from expertaug.evaluation.settings import EstimatesJob
 from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.models.settings import TOLD
+from expertaug.rows import frame
 
 LEVEL = 0.90  # of the intervals
 BLOCKS, ENOUGH = 10, 5  # of a trajectory's windows, at most, and for an error by their scatter
 FEWEST = 6  # windows of which a correlation time can be estimated
 SHARED, ALL = "all windows (shared)", "all"
-COLUMNS = ("parameter", "unit", "of", "value", "error", "low", "high", "spread", "windows", "groups", "told")
 EMPTY = "No version states parameters that are constants of an apparatus."
 CAPTION = (
     "Estimates of the parameters with their standard error and 90 % interval. Shared: one value for all windows, "
@@ -67,6 +66,19 @@ class Estimate:
     windows: int
     groups: int
     told: bool | None
+
+
+@dataclass(frozen=True)
+class OfVersion:
+    """What a row of the table begins with: the version's name, and what is printed for it."""
+
+    method: str
+    label: str
+
+
+@dataclass(frozen=True)
+class TabledEstimate(Estimate, OfVersion):
+    """An estimate of a version."""
 
 
 @dataclass(frozen=True)
@@ -263,17 +275,20 @@ def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: Estimates
     of_version: dict[str, list[Forecasts]] = {}
     for one in read_forecasts(forecasts):
         of_version.setdefault(one.identified().method, []).append(one)
-    rows, experiment = [], ""
+    rows: list[TabledEstimate] = []
+    shared: set[tuple[str, str]] = set()  # the same in every set
+    experiment = ""
     for version, label in job.labels:
         parts = of_version.get(version, [])
         experiment = parts[0].identified().experiment if parts else experiment
         for of, stated in _stated(parts, job).items():
-            found = summarise(stated, job.priors.get(version, {}), job.starts, of)
-            rows += [{"method": version, "label": label, **vars(one)} for one in found]
-    long = pd.DataFrame(rows, columns=["method", "label", *COLUMNS])
-    again = (long["of"] == SHARED) & long.duplicated(["method", "parameter", "of"])  # the same in every set
-    long = long[~again].reset_index(drop=True)
-    Study(long, [_table(long, f"{job.of_experiment(experiment)}: estimates")]).save(outputs)
+            for estimate in summarise(stated, job.priors.get(version, {}), job.starts, of):
+                if estimate.of != SHARED or (version, estimate.parameter) not in shared:
+                    rows.append(TabledEstimate(method=version, label=label, **vars(estimate)))
+                if estimate.of == SHARED:
+                    shared.add((version, estimate.parameter))
+    title = f"{job.of_experiment(experiment)}: estimates"
+    Study(frame(TabledEstimate, rows), [_table(rows, title)]).save(outputs)
 
 
 def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
@@ -307,18 +322,16 @@ def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
     return {job.of_set(name): stated([name], None) for name in names if name != "train"}
 
 
-def _table(long: pd.DataFrame, title: str) -> Table:
+def _table(estimates: Sequence[TabledEstimate], title: str) -> Table:
     head = ["method", "parameter", "of", "estimate", "±", "90 % interval", "spread", "windows", "told"]
     rows = []
-    for _, row in long.iterrows():
-        shown = _rounded(row["error"])
-        quantity = f"{row['parameter']} [{row['unit']}]" if row["unit"] else row["parameter"]
-        ends = f"[{shown(row['low'])}, {shown(row['high'])}]" if np.isfinite(row["low"]) else DASH
-        told = DASH if row["told"] is None or pd.isna(row["told"]) else "yes" if row["told"] else "no"
-        numbers = [shown(row[key]) for key in ("value", "error")]
-        rows.append(
-            [row["label"], quantity, row["of"], *numbers, ends, shown(row["spread"]), str(row["windows"]), told]
-        )
+    for estimate in estimates:
+        shown = _rounded(estimate.error)
+        quantity = f"{estimate.parameter} [{estimate.unit}]" if estimate.unit else estimate.parameter
+        ends = f"[{shown(estimate.low)}, {shown(estimate.high)}]" if np.isfinite(estimate.low) else DASH
+        told = DASH if estimate.told is None else "yes" if estimate.told else "no"
+        numbers = [shown(estimate.value), shown(estimate.error), ends, shown(estimate.spread)]
+        rows.append([estimate.label, quantity, estimate.of, *numbers, str(estimate.windows), told])
     return Table(head, [("", rows)], 3, (), title, CAPTION, "estimates", empty=EMPTY)
 
 
