@@ -33,7 +33,8 @@ CAPTION = (
     "where there is one; else the spread of forecasts from draws), the spread of the estimates over seeds, and minus "
     "the log density of the estimates among those of the validation windows (a Gaussian). AUROC: of failing against "
     "other windows of the set together with the IID test set where there is one. Caught and false alarms: of the "
-    "misfit, at a threshold of {share} % on the validation set. Means over seeds; –: no window fails, or all do."
+    "error that is to be expected, where it is, else of the misfit, at a threshold of {share} % on the validation set. "
+    "Means over seeds; –: no window fails, or all do."
 )
 
 
@@ -179,17 +180,18 @@ def _no_nan(values: np.ndarray) -> np.ndarray:
 
 
 def _table(alarms: Sequence[Alarm], titles: Titles, title: str, caption: str) -> Table:
-    """A row for each version and set: share failing, AUROC of each score, caught and false alarms by misfit."""
+    """A row for each version and set: share failing, AUROC of each score, caught and false alarms by the best of them:
+    the expected error, else the misfit."""
     header = ["method", "set", "failing [%]", *(f"AUROC, {text}" for text in SCORES.values())]
     header += ["caught [%]", "false alarms [%]"]
     rows = []
     for (label, name), part in grouped(alarms, lambda alarm: (alarm.label, alarm.set)).items():
         of_score = grouped(part, lambda alarm: alarm.score)
         areas = [mean_of(alarm.auroc for alarm in of_score.get(score, ())) for score in SCORES]
-        misfit = of_score["misfit"]
-        of_misfit = mean_of(alarm.caught for alarm in misfit), mean_of(alarm.false_alarms for alarm in misfit)
-        cells = [_text(100 * mean_of(alarm.failing for alarm in misfit), 1), *(_text(a, 3) for a in areas)]
-        rows.append([label, titles.of_set(name), *cells, *(_text(100 * v, 1) for v in of_misfit)])
+        best = of_score.get("expected") or of_score["misfit"]
+        of_best = mean_of(alarm.caught for alarm in best), mean_of(alarm.false_alarms for alarm in best)
+        cells = [_text(100 * mean_of(alarm.failing for alarm in best), 1), *(_text(a, 3) for a in areas)]
+        rows.append([label, titles.of_set(name), *cells, *(_text(100 * v, 1) for v in of_best)])
     return Table(header, [("", rows)], 2, (), title, caption, "alarms")
 
 
