@@ -73,6 +73,15 @@ def test_forecasts_are_what_the_sensors_show_and_estimates_the_states():
     assert later < log_mse(blind, new) - 1.0  # from a single noisy state, which is corrected first
 
 
+def test_fits_of_each_window_by_itself_keep_the_sensors():
+    """Of the same model, refined or asked for a wider p⁺: a sensor is the data's, whatever is shared."""
+    train, new = swings(14), swings(20, seed=5)
+    model = fitted(train)
+    alone = model.refined(noise=NOISE, prior=PRIOR).forecast(new.seen[:, : model.observed], T)
+    assert np.ptp(alone.z_e["omega0"]) > 0 and np.median(alone.chi2) == pytest.approx(1.0, abs=0.25)
+    assert np.median(alone.z_e["omega0"]) == pytest.approx(1.7, rel=0.02)
+
+
 def test_draws_and_the_bands_made_of_them_are_what_the_sensors_show():
     train, new = swings(20), swings(60, seed=5)
     model = fitted(train)

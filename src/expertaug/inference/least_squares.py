@@ -421,13 +421,15 @@ def estimator_of(
         noise: standard deviation of the data's noise (:func:`expertaug.models.observation_noise.noise_of`).
         prior: range of each expert parameter in which starts lie; None: only the model's own estimates are starts.
         shared: constants of all windows.
-        sensors: constants of the sensors that show the state.
+        sensors: constants of the sensors that show the state; None: as the model file says.
 
     Raises:
         InputError: a model without a decoder.
     """
     options = RefinementSettings.from_mapping(settings)
     card, kind = stored.card, stored.kind
+    if sensors is None and card.refinement is not None:
+        sensors = card.refinement.sensors
     if not kind.has_expert:
         raise InputError("refinement", "a mean of the training set", "only models with an expert can be fitted")
     if missing := sorted(set(options.shared) - set(shared or {})):

@@ -88,7 +88,8 @@ def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories)
 
     Standard errors are those of clustered observations (Liang & Zeger 1986), by trajectory, or, of fewer than eight, by
     blocks of windows in their order: residuals of a model that is not quite right are correlated along a trajectory and
-    over windows that overlap, and the curvature alone gives errors that are several times too small.
+    over windows that overlap, and the curvature alone, which is their least, gives errors that are several times too
+    small.
 
     Arguments:
         stored: the expert alone.
@@ -121,8 +122,7 @@ def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories)
     if sought:
         _check_told(equations, places, [*shared, *(f"sensors.{component}.{name}" for component, name in sought)])
     groups = groups_of(train)
-    covariance = _covariance(equations, places, groups)
-    std = covariance.diagonal().clamp_min(0).sqrt()
+    std = _variances(equations, places, groups).sqrt()
     values = fit.parts(x[..., :own], fit.first(windows))[0][0, 0, places[: len(shared)]]
     errors = std[: len(shared)] * fit.expert.slope(x[0, 0, : len(names)])[places[: len(shared)]]
     changes: dict[str, object] = {}
@@ -328,17 +328,20 @@ def _check_told(equations: NormalEquations, places: Sequence[int], names: Sequen
         raise InputError(f"refinement.{first}", f"{told} in these windows", "leave it out")
 
 
-def _covariance(equations: NormalEquations, places: Sequence[int], groups: np.ndarray) -> Tensor:
-    """Of the shared coordinates, (M, M), from how the groups' slopes scatter, as leaving each group out once would tell
-    (Bell & McCaffrey 2002): errors are not too small where groups are few. Of one group by the curvature alone."""
+def _variances(equations: NormalEquations, places: Sequence[int], groups: np.ndarray) -> Tensor:
+    """Of the shared coordinates, (M,), from how the groups' slopes scatter, as leaving each group out once would tell
+    (Bell & McCaffrey 2002): errors are not too small where groups are few.  Where few of them tell a constant their
+    scatter is often too small by chance: never less than what the noise alone makes, by the curvature."""
     reduced, left, *_ = _eliminated(equations, places, 0.0)
     inverse = torch.linalg.pinv(reduced.sum(0))
     numbers = torch.from_numpy(np.unique(groups, return_inverse=True)[1])
     count, size = int(numbers.max()) + 1, len(places)
+    least = inverse.diagonal().clamp_min(0)
     if count == 1:
-        return inverse
+        return least
     slopes = torch.zeros(count, size, dtype=left.dtype).index_add_(0, numbers, left)
     curvatures = torch.zeros(count, size, size, dtype=left.dtype).index_add_(0, numbers, reduced)
     others = torch.eye(size, dtype=left.dtype) - curvatures @ inverse
     slopes = (torch.linalg.pinv(others) @ slopes.unsqueeze(-1)).squeeze(-1)
-    return (count - 1) / count * inverse @ (slopes.mT @ slopes) @ inverse
+    scatter = (count - 1) / count * inverse @ (slopes.mT @ slopes) @ inverse
+    return torch.maximum(scatter.diagonal(), least)
