@@ -8,13 +8,13 @@ from itertools import count
 from pathlib import Path
 
 import jinja2
-import pandas as pd
 
 from expertaug.evaluation import costs, run_record
 from expertaug.evaluation.report import headline, tables
 from expertaug.evaluation.report.graph import drawing
 from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.settings import Reading, ReportExperiment, ReportJob
+from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.table import STAR, Table
 from expertaug.evaluation.tabulate import GAINS
 from expertaug.files import check_inside, write_text
@@ -76,14 +76,14 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
     ]
     first = numbers.table("Headline numbers", headline.CAPTION, headline.table(experiments))
     sections = [(OVERALL, _blocks(numbers, [one for one in shown if _room(one) == OVERALL], results, job))]
-    for long, one in experiments:
-        own = [s for s in shown if s.experiment == one.name and s.stem != one.name]
-        caption = next((s.text(job.preset) for s in shown if s.stem == one.name), "")
-        blocks = _of_experiment(numbers, long, one, caption) + _blocks(numbers, own, results, job, one)
-        sections.append((one.of_experiment(one.name), blocks))
+    for long, experiment in experiments:
+        own = [s for s in shown if s.experiment == experiment.name and s.stem != experiment.name]
+        caption = next((s.text(job.preset) for s in shown if s.stem == experiment.name), "")
+        blocks = _of_experiment(numbers, long, experiment, caption) + _blocks(numbers, own, results, job, experiment)
+        sections.append((experiment.of_experiment(experiment.name), blocks))
     sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, job)))
     measured = costs.of_run(results / "benchmarks")
-    found = run_record.of_run(results, measured)
+    record = run_record.of_run(results, measured)
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         title=f"Results of {', '.join(one.of_experiment(one.name) for _, one in experiments)}",
@@ -91,19 +91,21 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
         headline=first,
         sections=[(title, blocks) for title, blocks in sections if blocks],
         costs=run_record.costs_table(measured) if measured else None,
-        record=found,
-        provenance=run_record.provenance_table(found, job, provenance.revision()),
+        record=record,
+        provenance=run_record.provenance_table(record, job, provenance.revision()),
         graph=drawing(job.rules),
     )
     write_text(output, page)
 
 
-def _of_experiment(numbers: Numbers, long: pd.DataFrame, one: ReportExperiment, caption: str) -> list[Block]:
+def _of_experiment(
+    numbers: Numbers, long: Sequence[TabledMean], experiment: ReportExperiment, caption: str
+) -> list[Block]:
     """Tables of an experiment: its metrics, the gains of augmented versions, and the other metrics."""
-    blocks = [numbers.table("Metrics", caption, tables.main(long, one))]
-    if gained := tables.gains(long, one):
+    blocks = [numbers.table("Metrics", caption, tables.main(long, experiment))]
+    if gained := tables.gains(long, experiment):
         blocks.append(numbers.table("Gains", f"{GAINS.partition(' bold')[0]} {STAR}: told apart from 0.", gained))
-    more = tables.further(long, one)
+    more = tables.further(long, experiment)
     if more.size:
         said = f"All other metrics, of the same runs as {blocks[0].name}."
         blocks.append(numbers.table("Further metrics", said, more, folded=True))

@@ -55,15 +55,15 @@ class Shown:
         Raises:
             InputError: its file is missing, or names what it is not given.
         """
-        told = SimpleNamespace(wildcards=SimpleNamespace(**self.wildcards), config={"preset": preset})
+        words = SimpleNamespace(wildcards=SimpleNamespace(**self.wildcards), config={"preset": preset})
         try:
             source = Path(self.caption).read_text(encoding="utf-8")
-            found = jinja2.Template(source, undefined=jinja2.StrictUndefined).render(snakemake=told)
+            content = jinja2.Template(source, undefined=jinja2.StrictUndefined).render(snakemake=words)
         except (OSError, jinja2.TemplateError) as error:
             raise InputError(
                 self.caption, f"no caption for {self.path} ({error})", "give the workflow's own"
             ) from error
-        return " ".join(found.split())
+        return " ".join(content.split())
 
     @property
     def csv(self) -> str:
@@ -79,8 +79,8 @@ class Shown:
         path = check_inside(Path(results) / self.path, results)
         if not path.is_file():
             raise InputError(path, "no such file", "run the workflow to its end first")
-        found = path.read_bytes()
-        if found[:8] != PNG or len(found) < 24:
+        content = path.read_bytes()
+        if content[:8] != PNG or len(content) < 24:
             raise InputError(path, "is no PNG file", "delete it and run the workflow")
-        size = (round(pixels * SCALE) for pixels in struct.unpack(">II", found[16:24]))
-        return (f"data:image/png;base64,{base64.b64encode(found).decode('ascii')}", *size)
+        size = (round(pixels * SCALE) for pixels in struct.unpack(">II", content[16:24]))
+        return (f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}", *size)
