@@ -33,6 +33,7 @@ FLOORS = (
     ("tracking",),
     ("learning",),
     ("inference",),
+    ("equation",),
     ("evaluation",),
     ("expertaug_recordings",),
     ("config",),

@@ -6,6 +6,8 @@ from expertaug.api import metrics as metrics
 from expertaug.api import plots as plots
 from expertaug.api.compare import Comparison as Comparison
 from expertaug.api.compare import compare as compare
+from expertaug.api.explain import Equation as Equation
+from expertaug.api.explain import explain as explain
 from expertaug.api.forecasts import Forecast as Forecast
 from expertaug.api.inference import alternate as alternate
 from expertaug.api.inference import least_squares as least_squares
@@ -38,8 +40,10 @@ from expertaug.models.encoders.window import WindowEncoder as WindowEncoder
 from expertaug.models.hybrid import HybridModel as HybridModel
 from expertaug.models.interactions.convolutional import ConvInteraction as ConvInteraction
 from expertaug.models.interactions.damping import DampingInteraction as DampingInteraction
+from expertaug.models.interactions.equation import EquationInteraction as EquationInteraction
 from expertaug.models.interactions.mlp import MLPInteraction as MLPInteraction
 from expertaug.models.interactions.polynomial import PolynomialInteraction as PolynomialInteraction
+from expertaug.models.terms import Term as Term
 from expertaug.systems.base import Parameter as Parameter
 from expertaug.systems.base import System as System
 from expertaug.systems.bouncing_ball import BouncingBall as BouncingBall
@@ -68,6 +72,8 @@ __all__ = [
     "DiagonalFlow",
     "DoublePendulum",
     "DrivenPendulum",
+    "Equation",
+    "EquationInteraction",
     "Forecast",
     "HybridModel",
     "HybridVAE",
@@ -83,6 +89,7 @@ __all__ = [
     "SolveError",
     "Solver",
     "System",
+    "Term",
     "TrainedModel",
     "Trajectories",
     "WindowEncoder",
@@ -93,6 +100,7 @@ __all__ = [
     "compare",
     "diagnostics",
     "evaluate",
+    "explain",
     "finetune",
     "fit",
     "fit_posterior",

@@ -18,7 +18,7 @@ from expertaug.api import arguments
 from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast
 from expertaug.errors import InputError
-from expertaug.evaluation.estimates import COLUMNS, Stated, summarise
+from expertaug.evaluation.estimates import Estimate, Stated, summarise
 from expertaug.evaluation.forecasts import sensor_estimates
 from expertaug.evaluation.score import score, spread
 from expertaug.evaluation.settings import Scoring
@@ -37,6 +37,7 @@ from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel, device_of
 from expertaug.models.support import outside_support
+from expertaug.rows import frame
 from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -248,7 +249,7 @@ class TrainedModel:
             sensors = sensor_estimates(fit, [(p.name, p.unit) for p in self.system.state])
             stated = Stated(values, std, names, units, data.id, shared, sensors)  # type: ignore[arg-type]
             rows = summarise(stated, ranges)
-        return pd.DataFrame([vars(one) for one in rows], columns=list(COLUMNS))
+        return frame(Estimate, rows)
 
     def evaluate(
         self,

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.inference.least_squares import MEMORY, WindowFit, estimator_of
+from expertaug.inference.least_squares import MEMORY, WindowFit, WindowProblem, estimator_of
 from expertaug.inference.levenberg_marquardt import DAMPING, LESS, LONGEST, MORE, TIGHTEST, linearised
 from expertaug.learning.settings import UntrainedJob
 from expertaug.learning.train import Calibration, describe_recipe, make_untrained
@@ -118,11 +118,18 @@ def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories)
         fit = estimator_of(of_part, each, refinement.noise, given_ranges(refinement.prior)).fit
         windows, own = whole.until(points).joined.double(), sum(fit.sizes)
         places = [*(names.index(name) for name in shared), *range(own, own + len(sought))]
-        x, equations = _minimise(SensedFit(fit, sensors), windows, places, x)
+        sensed = SensedFit(fit, sensors)
+        if x is None:
+            x = sensed.start(windows)
+            x[..., places] = x[..., places].median(dim=1, keepdim=True).values
+        x, equations, ended = minimise_together(sensed, windows, x, places)
+        if not ended:
+            text = "shared parameters: the fit has not ended after %d steps; narrow the prior or share less"
+            logger.warning(text, STEPS)
     if sought:
         _check_told(equations, places, [*shared, *(f"sensors.{component}.{name}" for component, name in sought)])
     groups = groups_of(train)
-    std = _variances(equations, places, groups).sqrt()
+    std = clustered_variances(equations, places, groups).sqrt()
     values = fit.parts(x[..., :own], fit.first(windows))[0][0, 0, places[: len(shared)]]
     errors = std[: len(shared)] * fit.expert.slope(x[0, 0, : len(names)])[places[: len(shared)]]
     changes: dict[str, object] = {}
@@ -238,32 +245,42 @@ class SensedFit:
 
 
 @torch.no_grad()
-def _minimise(
-    fit: SensedFit, windows: Tensor, places: Sequence[int], x: Tensor | None
-) -> tuple[Tensor, NormalEquations]:
-    """Coordinates (1, N, K) at the minimum, the shared ones being equal, and the equations there; from x, or from fits
-    of each window."""
-    if x is None:
-        x = fit.start(windows)
-        x[..., places] = x[..., places].median(dim=1, keepdim=True).values
-    now, damping, done = _equations(fit, windows, x), DAMPING, False
-    for _ in range(STEPS):
+def minimise_together(
+    fit: WindowProblem | SensedFit,
+    windows: Tensor,
+    x: Tensor,
+    places: Sequence[int],
+    tolerance: float = TOLERANCE,
+    steps: int = STEPS,
+) -> tuple[Tensor, NormalEquations, bool]:
+    """Coordinates (1, N, K) at the minimum of all windows' sum of squares, the equations there, and whether it is one.
+
+    Arguments:
+        fit: the windows' problems.
+        windows: (T, 1, N, *observed), float64.
+        x: where to start, (1, N, K), the same for all windows at the shared places.
+        places: of the shared coordinates, at least one.
+        tolerance: of the cost, within which the windows together are at their minimum.
+        steps: at most so many.
+    """
+    now, damping, done = normal_equations(fit, windows, x), DAMPING, False
+    for _ in range(steps):
         trial = x + _step(now, places, damping, fit.longest)
-        new = _equations(fit, windows, trial)
+        new = normal_equations(fit, windows, trial)
         gain = float(now.cost.sum() - new.cost.sum())
         if gain > 0:
             x, now, damping = trial, new, damping * LESS
         else:
             damping *= MORE
-        done = damping > TIGHTEST or 0 < gain <= TOLERANCE * float(now.cost.sum())
+        done = damping > TIGHTEST or 0 < gain <= tolerance * float(now.cost.sum())
         if done:
             break
-    if not done:
-        logger.warning("shared parameters: the fit has not ended after %d steps; narrow the prior or share less", STEPS)
-    return x, now
+    return x, now, done
 
 
-def _equations(fit: SensedFit, windows: Tensor, x: Tensor) -> NormalEquations:
+@torch.no_grad()
+def normal_equations(fit: WindowProblem | SensedFit, windows: Tensor, x: Tensor) -> NormalEquations:
+    """The equations of windows (T, 1, N, *observed) at coordinates (1, N, K)."""
     parts, size = [], max(1, MEMORY // (windows[:, :, :1].numel() * 8 * (x.shape[-1] + 1)))
     for first in range(0, x.shape[1], size):
         some = windows[:, :, first : first + size]
@@ -275,7 +292,7 @@ def _equations(fit: SensedFit, windows: Tensor, x: Tensor) -> NormalEquations:
     return NormalEquations(*(torch.cat([part[k][0] for part in parts]) for k in range(3)))
 
 
-def _eliminated(
+def eliminated(
     equations: NormalEquations, places: Sequence[int], damping: float
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, list[int]]:
     """What each window says of the shared coordinates once its own are eliminated: curvature (N, M, M) and slope
@@ -296,7 +313,7 @@ def _eliminated(
 
 def _step(equations: NormalEquations, places: Sequence[int], damping: float, longest: Tensor) -> Tensor:
     """The damped step (1, N, K)."""
-    reduced, left, follow, rest, own = _eliminated(equations, places, damping)
+    reduced, left, follow, rest, own = eliminated(equations, places, damping)
     total = reduced.sum(0)
     damped = total + torch.diag(damping * total.diagonal() + 1e-12 * total.diagonal().amax())
     limit = longest[list(places)]
@@ -313,7 +330,7 @@ def _check_told(equations: NormalEquations, places: Sequence[int], names: Sequen
     Raises:
         InputError: their names.
     """
-    total = _eliminated(equations, places, 0.0)[0].sum(0)
+    total = eliminated(equations, places, 0.0)[0].sum(0)
     own = total.diagonal().clamp_min(1e-300).sqrt()
     curvature, axes = torch.linalg.eigh(total / torch.outer(own, own))
     of_sensors = [k for k, name in enumerate(names) if name.startswith("sensors.")]
@@ -328,11 +345,11 @@ def _check_told(equations: NormalEquations, places: Sequence[int], names: Sequen
         raise InputError(f"refinement.{first}", f"{told} in these windows", "leave it out")
 
 
-def _variances(equations: NormalEquations, places: Sequence[int], groups: np.ndarray) -> Tensor:
+def clustered_variances(equations: NormalEquations, places: Sequence[int], groups: np.ndarray) -> Tensor:
     """Of the shared coordinates, (M,), from how the groups' slopes scatter, as leaving each group out once would tell
     (Bell & McCaffrey 2002): errors are not too small where groups are few.  Where few of them tell a constant their
     scatter is often too small by chance: never less than what the noise alone makes, by the curvature."""
-    reduced, left, *_ = _eliminated(equations, places, 0.0)
+    reduced, left, *_ = eliminated(equations, places, 0.0)
     inverse = torch.linalg.pinv(reduced.sum(0))
     numbers = torch.from_numpy(np.unique(groups, return_inverse=True)[1])
     count, size = int(numbers.max()) + 1, len(places)

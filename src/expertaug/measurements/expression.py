@@ -13,7 +13,8 @@ from expertaug.errors import InputError
 LONGEST = 500  # characters
 LARGEST = 1e300
 FUNCTIONS: Mapping[str, Callable] = {
-    name: getattr(np, name) for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "arctan2", "hypot", "sign")
+    name: getattr(np, name)
+    for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "arctan2", "hypot", "sign")
 } | {"minimum": np.minimum, "maximum": np.maximum}
 CONSTANTS = {"pi": np.pi}
 BINARY: Mapping[type, Callable] = {

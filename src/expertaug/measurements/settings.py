@@ -216,8 +216,8 @@ class SplitSettings(Settings):
     quantity: str = key(
         LEFT_OUT,
         "for quantity: an arithmetic expression in components of the state (in their units) and other columns, such "
-        "as omega**2 / 2 - 1.4 * cos(theta), with abs, sqrt, exp, log, sin, cos, tan, arctan2, hypot, sign, minimum, "
-        "maximum and pi",
+        "as omega**2 / 2 - 1.4 * cos(theta), with abs, sqrt, exp, log, sin, cos, tan, tanh, arctan2, hypot, sign, "
+        "minimum, maximum and pi",
     )
     statistic: Literal["mean", "max", "min", "range"] = key(
         "mean", "for quantity: which statistic of a piece's values counts"

@@ -269,6 +269,31 @@ class DampingSettings(InteractionSettings):
     components: Names | None = key(None, "components that are damped, each in proportion to itself; null = all")
 
 
+class EquationSettings(PartSettings):
+    """Terms that can be read."""
+
+    WHERE: ClassVar[str] = "model.interaction"
+    CLASS = "equation:EquationInteraction"
+
+    kind: Literal["equation"] = key("equation", "a sum of terms that are written as arithmetic")
+    terms: Annotated[tuple[str, ...], Field(strict=False, max_length=100)] = key(
+        ...,
+        "each as `rate: expression`, such as `omega: abs(omega) * omega`, with components of the state, known inputs "
+        "and expert parameters by name",
+    )
+    coefficients: Annotated[tuple[float | None, ...], Field(strict=False, max_length=100)] | None = key(
+        None, "one for each term: a number, or null where it is a component of z_a; null = all are"
+    )
+
+    @model_validator(mode="after")
+    def _one_coefficient_a_term(self) -> Self:
+        if self.coefficients is not None and len(self.coefficients) != len(self.terms):
+            raise disagree(
+                f"found {len(self.coefficients)}", f"give {len(self.terms)}, one for each term", "coefficients"
+            )
+        return self
+
+
 def _by_kind(*kinds: type[PartSettings]) -> dict[str, type[PartSettings]]:
     return {kind.model_fields["kind"].default: kind for kind in kinds}
 
@@ -282,7 +307,7 @@ ENCODERS: Mapping[str, type[PartSettings]] = _by_kind(
     WindowSettings, RecurrentSettings, TwoStepSettings, ConvSettings, ConvTwoStepSettings, MomentSettings
 )
 INTERACTIONS: Mapping[str, type[PartSettings]] = _by_kind(
-    MLPSettings, ConvInteractionSettings, PolynomialSettings, DampingSettings
+    MLPSettings, ConvInteractionSettings, PolynomialSettings, DampingSettings, EquationSettings
 )
 ENCODER = _part("encoder", ENCODERS, ("system", "times"))
 INTERACTION = _part("interaction", INTERACTIONS, ("system", "latent", "times"))

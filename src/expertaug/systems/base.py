@@ -93,6 +93,11 @@ class System(ABC):
         """The components of u: inputs, then covariates."""
         return (*self.inputs, *self.covariates)
 
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """Names of the state's components that are angles, of which an equation has sines and cosines: those in rad."""
+        return tuple(p.name for p in self.state if p.unit == "rad")
+
     # A subclass with known inputs has u (…, U) as last argument of the methods that have *u here; another has not.
     @abstractmethod
     def expert(self, t: Tensor, y: Tensor, z_e: Tensor, *u: Any, **none: Any) -> Tensor:

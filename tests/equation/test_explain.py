@@ -1,0 +1,275 @@
+"""From a learned term to an equation: known truths are found, and what is found can be used, written and read."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import expertaug as ea
+from expertaug.equation.library import library, rates_of
+from expertaug.errors import InputError
+from expertaug.models.card import LatentRecord
+from expertaug.models.hybrid import build_decoder
+from expertaug.models.store import StoredModel
+from expertaug.systems import Parameter, System
+
+T = np.arange(41) * 0.1
+NOISE, SEEN = 0.02, 2.0
+REAL = Path(__file__).parents[3] / "shared" / "measurements" / "real_pend_h_1.txt"
+
+
+def swings(name, n=12, seed=0, alpha=(0.1, 0.6)):
+    ranges = {"omega0": (1.5, 3.1)}, {"alpha": alpha}
+    return ea.simulate(ea.DampedPendulum(), *ranges, n=n, t=T, noise=NOISE, seed=seed, name=name)
+
+
+def fitted(train, system=None, **options):
+    how = {"prior": {"omega0": (1.0, 3.5)}} | options
+    return ea.least_squares(system or ea.DampedPendulum(), train, observed_s=SEEN, noise=NOISE, **how)
+
+
+@pytest.fixture(scope="module")
+def sets():
+    return swings("train"), swings("validation")
+
+
+@pytest.fixture(scope="module")
+def found(sets):
+    return ea.explain(fitted(sets[0]), *sets, by_hand=["omega: abs(omega)*omega"])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_friction_is_found_and_nothing_else(seed):
+    train, validation = swings("train", seed=seed), swings("validation", seed=seed)
+    found = ea.explain(fitted(train), train, validation)
+    (one,) = found.coefficients
+    assert str(one.term) == "omega: omega"
+    assert not one.shared  # each window has its own
+    assert one.value == pytest.approx(-train.z_a.mean(), abs=0.03)
+    assert one.spread == pytest.approx(train.z_a.std(), abs=0.05)
+    assert one.verdict == "law"
+
+
+def test_no_term_is_a_candidate():
+    train, validation = swings("train", alpha=(0.0, 0.0)), swings("validation", alpha=(0.0, 0.0))
+    found = ea.explain(fitted(train), train, validation)
+    assert found.terms == ()
+    assert found.latex == "" and found.text == "no term"
+    assert found.table.loc["equation", "log-MSE"] == found.table.loc["expert alone", "log-MSE"]
+
+
+class Spring(System):
+    """x'' = −k x; its true motion has a quadratic drag, too."""
+
+    state = (Parameter("x", "m"), Parameter("v", "m/s"))
+    expert_parameters = (Parameter("k", "1/s**2", scale=4.0),)
+    interaction_parameters = (Parameter("c", "1/m"),)
+
+    def expert(self, t, y, z_e):
+        return torch.stack((y[..., 1], -z_e[..., 0] * y[..., 0]), dim=-1)
+
+    def truth(self, t, y, z_e, z_a):
+        drag = z_a[..., 0] * y[..., 1].abs() * y[..., 1]
+        return self.expert(t, y, z_e) - torch.stack((torch.zeros_like(drag), drag), dim=-1)
+
+    def sample_initial_state(self, n, generator):
+        x = 1 + 2 * torch.rand(n, generator=generator, dtype=torch.float64)
+        return torch.stack((x, torch.zeros_like(x)), dim=-1)
+
+
+def test_the_drag_of_ones_own_system_is_found_with_its_error():
+    ranges = {"k": (4.0, 4.0)}, {"c": (0.12, 0.12)}
+    train, validation = (
+        ea.simulate(Spring(), *ranges, n=16, t=T, noise=NOISE, seed=3, name=name) for name in ("train", "validation")
+    )
+    model = fitted(train, Spring(), prior={"k": (2.0, 8.0)}, units={"k": "shared"})
+    found = ea.explain(model, train, validation, by_hand=["v: v"])
+    (one,) = found.coefficients
+    assert str(one.term) == "v: abs(v)*v" and one.shared
+    assert one.value == pytest.approx(-0.12, abs=4 * one.error) and one.error < 0.004
+    assert found.constants["k"][0] == pytest.approx(4.0, abs=4 * found.constants["k"][1])
+    assert found.table.loc["equation", "log-MSE"] < found.table.loc["by hand", "log-MSE"] - 0.1
+    assert (
+        found.latex == rf"\dot{{v}} = F_{{\mathrm{{e}},v}} - {abs(one.value):.{_digits(one)}f} \, \left|v\right| \, v"
+    )
+
+
+def _digits(one):
+    return 1 - int(np.floor(np.log10(one.error)))
+
+
+def test_the_resistance_of_a_circuit_is_a_constant_once_the_inductance_is_known():
+    ranges = {"L": (1.0, 3.0), "C": (0.5, 1.5)}, {"R": (2.0, 2.0)}
+    train, validation = (
+        ea.simulate(ea.RLC(), *ranges, n=16, t=T, noise=0.01, seed=1, name=name) for name in ("train", "validation")
+    )
+    prior = {"L": (0.5, 5.0), "C": (0.3, 2.5)}
+    model = ea.least_squares(ea.RLC(), train, observed_s=SEEN, prior=prior, noise=0.01)
+    found = ea.explain(model, train, validation, by_parameters=True)
+    (one,) = found.coefficients
+    assert str(one.term) == "I: I/L" and one.shared
+    assert one.value == pytest.approx(-2.0, abs=4 * one.error)
+
+
+def test_the_equation_is_a_model_like_any_other(sets, found, tmp_path):
+    train, validation = sets
+    window, t = validation.seen[:, : found.model.observed], validation.t
+    forecast = found.model.forecast(window, t)
+    scores = ea.evaluate({"expert": fitted(train), "equation": found.model}, validation)
+    of = scores.loc[scores["metric"] == "log_mse_sum"].set_index("label")["value"]
+    assert of["equation"] < of["expert"] - 1
+    assert of["equation"] == pytest.approx(found.table.loc["equation", "log-MSE"], abs=0.05)
+    found.model.save(tmp_path / "model.safetensors")
+    again = ea.load(tmp_path / "model.safetensors")
+    np.testing.assert_array_equal(again[0].forecast(window, t).y, forecast.y)
+
+
+def test_an_equation_that_is_written_as_a_class_is_the_same(sets, found, tmp_path, monkeypatch):
+    (tmp_path / "rubbed_pendulum.py").write_text(found.source("RubbedPendulum"))
+    monkeypatch.syspath_prepend(tmp_path)
+    import rubbed_pendulum
+
+    system = rubbed_pendulum.RubbedPendulum()
+    assert [p.name for p in system.expert_parameters] == ["omega0", "c0"]
+    y = torch.from_numpy(sets[0].y[:, 3]).double()
+    z_e, own = torch.full((len(y), 1), 2.0).double(), torch.full((len(y), 1), -0.3).double()
+    decoder = found.model.stored.model
+    context = decoder.interaction.context(own, z_e)
+    rate = decoder.system.expert(torch.tensor(0.0), y, z_e) + decoder.interaction(y, context)
+    torch.testing.assert_close(system.expert(torch.tensor(0.0), y, torch.cat((z_e, own), -1)), rate)
+    torch.testing.assert_close(system.energy(y, torch.cat((z_e, own), -1)), decoder.system.energy(y, z_e))
+    model = fitted(sets[0], system, prior={"omega0": (1.0, 3.5), "c0": (-0.7, 0.0)})
+    assert np.allclose(model.forecast(sets[0].seen[:, : model.observed], T).z_e["c0"], -sets[0].z_a[:, 0], atol=0.15)
+
+
+class Learned(torch.nn.Module):
+    """F_a that is a friction and hardly anything else."""
+
+    def __init__(self, rate=0.3):
+        super().__init__()
+        self.rate = torch.nn.Parameter(torch.tensor(rate))
+
+    def forward(self, y, z_a):
+        drag = self.rate * y[..., 1] + 0.003 * torch.cos(3 * y[..., 0])
+        return torch.stack((torch.zeros_like(drag), -drag), dim=-1)
+
+
+def with_network(model, seeds=(0, 1)):
+    """The same expert with a known F_a, as training would have left it."""
+    decoder = build_decoder(model.system, Learned, 0, seeds, T[: model.observed])
+    card = model.stored.card.but(kind="alternating", seeds=list(seeds), interaction=True, latent_size=0)
+    card = card.but(latent=LatentRecord(mean=[[]] * len(seeds), std=[[]] * len(seeds)))
+    return ea.TrainedModel(StoredModel(decoder, card), refinement=model.refinement)
+
+
+def test_a_networks_term_is_read_and_told_how_far():
+    train, validation = (swings(name, n=8, alpha=(0.3, 0.3)) for name in ("train", "validation"))
+    model = with_network(fitted(train, units={"omega0": "window"}, starts=4, tries=1))
+    found = ea.explain(model, train, validation, components=["omega"], most_terms=2)
+    (one,) = found.coefficients
+    assert str(one.term) == "omega: omega" and one.survival == 1
+    assert one.value == pytest.approx(-0.3, abs=0.02)
+    assert 0.99 < found.explained < 1
+    assert list(found.table.index) == ["expert alone", "network", "equation"]
+    assert found.table.loc["network", "log-MSE"] < found.table.loc["expert alone", "log-MSE"] - 1
+
+
+def test_a_term_may_be_a_function(sets, tmp_path):
+    drag = ea.Term("omega", "my drag", lambda values: -values["omega"])
+    found = ea.explain(fitted(sets[0]), *sets, only=["omega: cos(theta)"], extra=[drag])
+    assert found.terms == (drag,)
+    assert found.coefficients[0].value == pytest.approx(sets[0].z_a.mean(), abs=0.03)
+    with pytest.raises(InputError, match="cannot describe this"):
+        found.model.save(tmp_path / "model.safetensors")
+    with pytest.raises(InputError, match="is a function"):
+        found.source("Dragged")
+
+
+def test_a_constant_that_drifts_is_no_law():
+    # Slow and fast motion of the same cubic friction: a linear one fits either, with another constant.
+    class Cubic(Spring):
+        def truth(self, t, y, z_e, z_a):
+            drag = z_a[..., 0] * y[..., 1] ** 3
+            return self.expert(t, y, z_e) - torch.stack((torch.zeros_like(drag), drag), dim=-1)
+
+        def __init__(self, size=1.0):
+            self.size = size
+
+        def sample_initial_state(self, n, generator):
+            return self.size * super().sample_initial_state(n, generator)
+
+    ranges = {"k": (4.0, 4.0)}, {"c": (0.03, 0.03)}
+    train, validation = (
+        ea.simulate(Cubic(size), *ranges, n=16, t=T, noise=NOISE, name=name)
+        for size, name in ((0.6, "train"), (0.8, "validation"))
+    )
+    model = fitted(train, Spring(), prior={"k": (2.0, 8.0)}, units={"k": "shared"})
+    (wrong,) = ea.explain(model, train, validation, only=["v: v"]).coefficients
+    assert wrong.drift > 3 and wrong.verdict == "correction, not law"
+    (right,) = ea.explain(model, train, validation, only=["v: v", "v: v**3"]).coefficients
+    assert str(right.term) == "v: v**3" and right.verdict == "law"
+
+
+def test_kinematic_rates_are_left_alone_unless_asked_for():
+    assert rates_of(ea.DampedPendulum(), False) == ["omega"]
+    assert rates_of(ea.DampedPendulum(), True) == ["theta", "omega"]
+    assert rates_of(ea.RLC(), False) == ["U", "I"]
+    assert rates_of(ea.DrivenPendulum(), False) == ["omega"]
+
+
+def test_the_library_has_what_the_system_calls_for(sets):
+    texts = [term.text for term in library(ea.DampedPendulum(), sets[0], ["omega"])]
+    assert {"1", "omega", "sin(theta)", "abs(omega)*omega", "cos(theta)*omega"} <= set(texts)
+    assert any(text.startswith("tanh(omega/") for text in texts)
+    assert not any("abs(theta)" in text for text in texts)
+    assert len(set(texts)) == len(texts)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"by_hand": ["omega: speed"]}, "names 'speed'"),
+        ({"components": ["speed"]}, r"components: names 'speed'; known: theta, omega"),
+        ({"units": {"alpha": "shared"}}, "units.alpha"),
+        ({"by_hand": ["omega: log(-1 - omega**2)"]}, "zero everywhere or not finite"),
+    ],
+)
+def test_bad_input_is_told_in_a_line(sets, options, says):
+    with pytest.raises(InputError, match=says):
+        ea.explain(fitted(sets[0]), *sets, **options)
+
+
+def test_windows_must_go_on_after_what_is_observed(sets):
+    model = ea.least_squares(ea.DampedPendulum(), sets[0], observed_s=4.0, prior={"omega0": (1.0, 3.5)}, noise=NOISE)
+    with pytest.raises(InputError, match="0 points after the observed window"):
+        ea.explain(model, *sets)
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="the real pendulum's measurements are not here")
+@pytest.mark.parametrize(("reverse", "limit"), [(True, -7.4), (False, -8.3)])
+def test_the_real_pendulums_speed_column_is_found_to_be_off(reverse, limit):
+    sets = ea.split_measurements(
+        REAL,
+        ea.DampedPendulum(),
+        split={"by": "time", "reverse": reverse, "train_share": 0.5, "validation_share": 0.2, "test_share": 0.3},
+        names=["trial", "time", "angle", "speed"],
+        time="time",
+        trajectory="trial",
+        columns={"theta": "angle", "omega": "speed"},
+        length=61,
+        stride=2,
+        evaluation_stride=4,
+        min_chunks=8,
+    )
+    prior, units = {"omega0": (0.9, 1.5)}, {"omega0": "shared"}
+    model = ea.least_squares(
+        ea.DampedPendulum(), sets["train"], observed_s=4.0, prior=prior, noise="estimated", units=units
+    )
+    rates = {"theta": ["omega", "cos(theta)*omega", "theta"], "omega": ["1", "omega", "abs(omega)*omega", "omega**2"]}
+    only = [f"{rate}: {text}" for rate, texts in rates.items() for text in texts]
+    found = ea.explain(model, sets["train"], sets["validation"], only=only)
+    of = {str(one.term): one.value for one in found.coefficients}
+    assert of["theta: omega"] == pytest.approx(0.051, abs=0.006)
+    scores = found.model.evaluate(sets["test"]).set_index("metric")["value"]
+    assert scores["log_mse_sum"] < limit
