@@ -125,6 +125,18 @@ def checked(config: Configuration, experiment: str) -> list[str]:
     return [] if config.experiments[experiment].validity is None else with_interaction(config, experiment)
 
 
+def explained(config: Configuration, experiment: str) -> list[str]:
+    """Methods of an experiment of which it asks what their expert lacks: a fit of the expert alone, by which windows
+    themselves say it, and those that learn an interaction model."""
+    settings = config.experiments[experiment]
+    if settings.equation is None:
+        return []
+    builds = {method: config.build_of(experiment, method) for method in settings.methods}
+    fitted = [m for m, build in builds.items() if build.estimator.is_classical() and not build.truth]
+    shared = [m for m in fitted if builds[m].estimator.shares] or fitted  # of one apparatus, where that is known
+    return [*shared[:1], *with_interaction(config, experiment)]
+
+
 def studies(config: Configuration, experiment: str) -> list[str]:
     """Names of an experiment's studies."""
     named = config.experiments[experiment].studies.names

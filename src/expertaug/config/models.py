@@ -15,6 +15,7 @@ from pydantic import Field, field_serializer
 from pydantic_core import PydanticCustomError
 
 from expertaug.config.layers import overridden
+from expertaug.equation.settings import EquationSettings
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, ValiditySettings
 from expertaug.learning.settings import Build, MethodKeys, TrainSettings
@@ -379,6 +380,11 @@ class Experiment(Settings):
         ValiditySettings,
         "the check whether F_a still holds where z_e has moved, for every trained interaction model; null = no such "
         "check",
+    )
+    equation: EquationSettings | None = key(
+        None,
+        "the search for the terms that the expert lacks: from the windows alone, and from every trained interaction "
+        "model; null = no such search",
     )
 
     @property

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from expertaug.config import options
-from expertaug.config.jobs import checked, dissipating, foreign, label, seed_groups, snapshots
+from expertaug.config.jobs import checked, dissipating, explained, foreign, label, seed_groups, snapshots
 from expertaug.config.models import Augmentation, Configuration, Experiment
 from expertaug.config.shown_settings import READING, all_methods, prior_of, reading
 from expertaug.inference.settings import FlowJob
@@ -187,6 +187,26 @@ def validity(config: Configuration, experiment: str) -> dict[str, Any]:
         "experiment": experiment,
         "versions": versions,
         "validity": settings.validity.dump(),
+        "device": config.device,
+        "all_methods": all_methods(config),
+        **reading(config, experiment),
+        **_classes(config, experiment, methods),
+    }
+
+
+def equation(config: Configuration, experiment: str) -> dict[str, Any]:
+    """Of which methods it is asked what their expert lacks, and how the windows of each are fitted."""
+    settings, methods = config.experiments[experiment], explained(config, experiment)
+    assert settings.equation is not None
+    versions = []
+    for method in methods:
+        own = config.experiment_of(experiment, method)
+        fit = {"settings": own.refinement.dump(), "noise": _noise(own), "prior": prior_of(own.augmentation)}
+        versions.append([method, label(config, method), fit])
+    return {
+        "experiment": experiment,
+        "versions": versions,
+        "equation": settings.equation.dump(),
         "device": config.device,
         "all_methods": all_methods(config),
         **reading(config, experiment),

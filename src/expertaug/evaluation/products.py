@@ -54,6 +54,7 @@ PRODUCTS = [
     *WINDOW_STUDIES,
     *(Product(name, name, table=True, figure=True) for name in ("grid", "validity", "dissipation")),
     Product("estimates", "estimates", table=True),
+    Product("equation", "equation", table=True),
     Product("own_priors", "own_priors", table=True),
     Product("published", "compare", table=True),
     Product("published", "compare", table=True, of_all=True),

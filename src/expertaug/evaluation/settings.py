@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
+from expertaug.equation.settings import EquationSettings
 from expertaug.inference.settings import OwnWindows, ValiditySettings
 from expertaug.learning.settings import AugmentJob, FinetuneJob, LabelledJob, ModelFileJob
 from expertaug.models.settings import Refinement
@@ -257,6 +258,12 @@ class ValidityJob(ModelsJob):
     """The check whether F_a holds where z_e has moved."""
 
     validity: ValiditySettings = key(..., "how it is checked")
+
+
+class EquationJob(ModelsJob):
+    """The search for what the expert lacks."""
+
+    equation: EquationSettings = key(..., "how it is sought")
 
 
 class GridJob(Settings):

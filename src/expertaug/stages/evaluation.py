@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         CompareJob,
         DissipationJob,
         DuringTrainingJob,
+        EquationJob,
         EstimatesJob,
         EvaluateJob,
         GridJob,
@@ -312,6 +313,45 @@ class Validity(StudyStage):
 
         inside = "iid" if "iid" in files.config.experiments[experiment].data.set_names else "validation"
         return files.sets(experiment, ["train", inside, "test"])
+
+
+class Equation(StudyStage):
+    """find the terms that the expert lacks"""
+
+    name = "equation"
+    code = "expertaug.evaluation.equations"
+    job = "expertaug.evaluation.settings:EquationJob"
+    slice = "expertaug.config.stage_settings:equation"
+    reads = (*SETS, *TRAINED)
+    runs_methods = True
+    runs_models = True
+    memory_mb = 4000
+    log = "equation/{experiment}"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        text = "model files, one of each version with an expert"
+        parser.add_argument("models", type=Path, nargs="+", help=text)
+        add_paths(parser, data="folder of the sets")
+        add_outputs(parser, TABLE)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: EquationJob) -> None:
+        from expertaug.evaluation.equations import equations
+
+        equations(a.models, a.data, a.output, job)
+
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
+
+        first = f"/{files.seed_groups(experiment)[0]}/"
+        models = files.of_versions(experiment, jobs.explained(files.config, experiment), "model.safetensors")
+        return [path for path in models if first in path]
+
+    @classmethod
+    def sets(cls, files: Files, experiment: str) -> list[str]:
+        return files.sets(experiment, ["train", "validation"])
 
 
 class OwnPriors(StudyStage):

@@ -1,0 +1,128 @@
+"""The stage equation: which terms does the expert lack?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from expertaug.equation.result import Coefficient, Found
+from expertaug.equation.search import Options, Search
+from expertaug.errors import InputError
+from expertaug.evaluation.score import spread
+from expertaug.evaluation.settings import EquationJob
+from expertaug.evaluation.table import DASH, Study, Table, escape
+from expertaug.inference.flow import load
+from expertaug.inference.least_squares import refined_by
+from expertaug.models.store import StoredModel, device_of
+from expertaug.models.terms import Term, rounded
+from expertaug.rows import frame
+from expertaug.trajectories import Trajectories
+
+CAPTION = (
+    "Terms that the expert lacks: proposed by the windows' normal equations at the expert and, of a method with an "
+    "F_a, by its values; refitted through the solver with the expert's constants; chosen by forecasts of the "
+    "validation windows, the shortest formula within one standard error of the best. ±: standard error. Spread: of "
+    "coefficients that each window has its own. Validation: the same coefficient refitted to the validation windows; "
+    "one that moves by more than three standard errors is a correction, not a law."
+)
+SCORES = "Forecasts of the validation windows after the observed one: log-MSE, the lower the better."
+EMPTY = "No term: the expert alone forecasts the validation windows as well."
+
+
+def equations(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: EquationJob) -> None:
+    """Write the table of the terms that an experiment's expert lacks.
+
+    Arguments:
+        models: files of models with an expert, one of each version.
+        data: folder of the sets, of which training and validation are used.
+        outputs: any of .csv, .md and .tex.
+        job: its versions are in the files' order.
+
+    Raises:
+        InputError: a file is no such model, or windows end where forecasts begin.
+    """
+    sets = [spread(Trajectories.load(Path(data) / f"{n}.npz"), job.equation.samples) for n in ("train", "validation")]
+    found = {}
+    for path, version in zip(models, job.versions, strict=True):
+        stored = load(path, device_of(job.device), job.classes or ())
+        how = stored.card.refinement or version.refinement  # what fits windows says it in its file
+        if how is None:
+            raise InputError(path, "nothing says how its windows are fitted", "give settings, noise and prior")
+        predictor = refined_by(stored, how) if stored.kind.fits_windows else stored.model
+        found[version.version] = Search(stored, predictor, how, *sets).run(_options(job, stored))
+    labels = {version.version: version.label for version in job.versions}
+    rows = [row for version, one in found.items() for row in _rows(version, labels[version], one)]
+    title = f"{job.of_experiment(job.experiment)}: what does the expert lack?"
+    head = ["method", "term", "coefficient", "±", "spread", "validation", "verdict"]
+    terms = [[labels[v], str(c.term), *_numbers(c)] for v, one in found.items() for c in one.coefficients]
+    scores = [
+        [labels[v], row.name, row.terms, f"{row.log_mse:.2f}".replace("-", "−")]
+        for v, one in found.items()
+        for row in one.rows
+    ]
+    notes = [f"- {escape(line)}" for version, one in found.items() for line in _notes(labels[version], one)]
+    tables = [
+        Table(head, [("", terms)], 2, (), title, CAPTION, "equation", notes=notes, empty=EMPTY),
+        Table(["method", "forecast by", "terms", "log-MSE"], [("", scores)], 3, (), "", SCORES),
+    ]
+    Study(frame(EquationRow, rows), tables).save(outputs)
+
+
+def _options(job: EquationJob, stored: StoredModel) -> Options:
+    how = job.equation
+    extra, hand = (tuple(Term.of(text) for text in texts) for texts in (how.extra, how.by_hand))
+    components = None if how.components is None else tuple(how.components)
+    return Options(extra, None, hand, components, how.kinematics, how.by_parameters, how.most_terms)
+
+
+@dataclass(frozen=True)
+class EquationRow:
+    """A row of the CSV.
+
+    Attributes:
+        method, label: of the version.
+        what: ``coefficient`` of a term, ``constant`` that all windows share, or whose forecasts are scored.
+        formula: the term, the constant's name, or the terms that forecast.
+        log_mse: of validation forecasts.
+        value, error, spread, validation, validation_error, verdict, survival: as of a
+            :class:`~expertaug.equation.result.Coefficient`.
+    """
+
+    method: str
+    label: str
+    what: str
+    formula: str
+    log_mse: float = np.nan
+    value: float = np.nan
+    error: float = np.nan
+    spread: float = np.nan
+    validation: float = np.nan
+    validation_error: float = np.nan
+    verdict: str = ""
+    survival: float = np.nan
+
+
+def _rows(version: str, label: str, one: Found) -> Iterator[EquationRow]:
+    for row in one.rows:
+        yield EquationRow(version, label, row.name, row.terms, row.log_mse)
+    for c in one.coefficients:
+        numbers = (c.value, c.error, c.spread, c.validation, c.validation_error, c.verdict, c.survival)
+        yield EquationRow(version, label, "coefficient", str(c.term), np.nan, *numbers)
+    for name, (value, error) in one.constants.items():
+        yield EquationRow(version, label, "constant", name, value=value, error=error)
+
+
+def _numbers(c: Coefficient) -> list[str]:
+    each = [(c.value, c.error), (c.error, c.error), (c.spread, c.error), (c.validation, c.validation_error)]
+    texts = [rounded(value, error).replace("-", "−") if np.isfinite(value) else DASH for value, error in each]
+    return [*texts, c.verdict]
+
+
+def _notes(label: str, one: Found) -> Iterator[str]:
+    if np.isfinite(one.explained):
+        yield f"{label}: the terms explain {100 * one.explained:.0f} % of F_a's square at the training windows' states."
+    if one.ties:
+        yield f"{label}: as good within one standard error: {'; '.join(one.ties)}."
