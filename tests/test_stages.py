@@ -63,7 +63,9 @@ def configured(file: str) -> Configuration:
         }
         found = config.merge(found, {"experiments": {"pendulum": more}})
     if file == "measurements":
-        for name in [name for name in found["run"] if "data" in found["experiments"][name]]:  # others inherit them
+        for name in [
+            name for name in found["run"] if "files" in found["experiments"][name].get("data", {})
+        ]:  # others inherit them
             block = found["experiments"][name]["data"]["files"]
             block["paths"], block["horizons_s"] = [table(len(block.get("names", "....")))], [12.0]
     return completed(found, STAGES)
