@@ -60,12 +60,12 @@ def configured(file: str) -> Configuration:
             "augmentation": {"prior": None},
             "augmentations": {"narrow": None, "wide": None},
             "studies": {"grid": grid},
+            "equation": {},
         }
         found = config.merge(found, {"experiments": {"pendulum": more}})
     if file == "measurements":
-        for name in [
-            name for name in found["run"] if "files" in found["experiments"][name].get("data", {})
-        ]:  # others inherit them
+        own = {name: found["experiments"][name].get("data", {}) for name in found["run"]}
+        for name in [name for name, data in own.items() if "files" in data]:  # others inherit them
             block = found["experiments"][name]["data"]["files"]
             block["paths"], block["horizons_s"] = [table(len(block.get("names", "....")))], [12.0]
     return completed(found, STAGES)
