@@ -46,7 +46,7 @@ def test_friction_is_found_and_nothing_else(seed):
     (one,) = found.coefficients
     assert str(one.term) == "omega: omega"
     assert not one.shared  # each window has its own
-    assert one.value == pytest.approx(-train.z_a.mean(), abs=0.03)
+    assert one.value == pytest.approx(-train.z_a.mean(), abs=2 * one.error) and one.error < 0.05
     assert one.spread == pytest.approx(train.z_a.std(), abs=0.05)
     assert one.verdict == "law"
 
@@ -266,7 +266,7 @@ def test_the_real_pendulums_speed_column_is_found_to_be_off(reverse, limit):
     model = ea.least_squares(
         ea.DampedPendulum(), sets["train"], observed_s=4.0, prior=prior, noise="estimated", units=units
     )
-    rates = {"theta": ["omega", "cos(theta)*omega", "theta"], "omega": ["1", "omega", "abs(omega)*omega", "omega**2"]}
+    rates = {"theta": ["omega", "cos(theta)*omega"], "omega": ["1", "omega", "abs(omega)*omega"]}
     only = [f"{rate}: {text}" for rate, texts in rates.items() for text in texts]
     found = ea.explain(model, sets["train"], sets["validation"], only=only)
     of = {str(one.term): one.value for one in found.coefficients}

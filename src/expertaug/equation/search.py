@@ -165,7 +165,10 @@ class Search:
         def judge(fit: Fit, source: str = DIRECT) -> Tried:
             key = frozenset(zip(fit.formula.terms, fit.formula.shared, strict=True))
             if key not in done:
-                done[key] = Tried(fit, self.shooting.errors(fit, second, validation), source)
+                known = self.shooting.values(fit, train.groups)
+                each = [abs(one.value) / max(one.error, 1e-300) for one in known if math.isnan(one.spread)]
+                errors = self.shooting.errors(fit, second, validation)
+                done[key] = Tried(fit, errors, source, min(each, default=math.inf))
             return done[key]
 
         def attempt(formula: Formula, guess: Guess, source: str = DIRECT) -> Tried:

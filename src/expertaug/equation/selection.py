@@ -25,6 +25,7 @@ BEAM = 3  # of the most promising further terms that are tried through the solve
 PATIENCE = 3  # terms that make validation forecasts no better, after which none is added
 ROUNDS = 3  # of exchanges
 SAME = 1e-4  # of a term's curvature that is left once others are fitted: below it they say the same
+SIGNIFICANT = 3.0  # standard errors of a coefficient, below which the training windows do not call for its term
 TINY = 1e-9  # of F_a's square: what is left then is rounding
 
 
@@ -36,11 +37,13 @@ class Tried:
         fit: to the training windows.
         errors: squared error of each validation window, (N,).
         source: whence it was proposed.
+        significance: of the weakest coefficient that all windows share, in its standard errors; infinite without one.
     """
 
     fit: Fit
     errors: np.ndarray
     source: str
+    significance: float
 
     @property
     def formula(self) -> Formula:
@@ -282,13 +285,15 @@ class Choice:
 
 
 def choose(tried: Sequence[Tried], groups: np.ndarray, tolerance: float) -> Choice:
-    """By the one-standard-error rule; windows of a group count as one.
+    """By the one-standard-error rule among formulas without a coefficient that may be zero; windows of a group count as
+    one.
 
     Arguments:
         tried: formulas on the same validation windows.
         groups: of these windows, (N,).
         tolerance: squared error that is as good as none.
     """
+    tried = [one for one in tried if one.significance >= SIGNIFICANT]
     best = min(tried, key=lambda one: one.score)
     near = [one for one in tried if within(one.errors, best.errors, groups, tolerance)]
     chosen = min(near, key=lambda one: (one.formula.freedom(2), one.formula.length, one.score))
