@@ -54,7 +54,7 @@ def without_effect(package: Path, module: str) -> list[str]:
 
 
 AT_REQUEST = ("review_recording", "review", "export_recording")
-# Of other sources, of a p⁺ without given ranges, or of constants that windows share.
+# Of other sources, of a p⁺ without given ranges, of constants that windows share, or where an equation is asked for.
 ELSEWHERE = (
     "unpack_markers",
     "import_markers",
@@ -63,6 +63,7 @@ ELSEWHERE = (
     "own_prior",
     "own_priors",
     "share",
+    "equation",
 )
 
 
