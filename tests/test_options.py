@@ -19,7 +19,7 @@ from expertaug.settings import is_left_out
 from expertaug.systems.settings import SYSTEMS
 
 KINDS = {"encoder": ENCODERS, "interaction": INTERACTIONS, "objective": OBJECTIVES}
-GIVEN = {"system", "times", "latent", "seeds", "choices", "prior"}
+GIVEN = {"system", "times", "latent", "seeds", "choices", "prior", "functions"}  # not by a configuration
 ALONE = {"experiments": {"pendulum": {"augmented": [], "augmentations": {"narrow": None, "wide": None}}}}
 PENDULUM = "experiments: {{pendulum: {{{0}}}}}"
 
