@@ -34,9 +34,9 @@ class Forecast:
         outside: whether the window's z_e or z_a lies outside the range of the training windows', where nothing has
             tested the model, (N,), bool; None where that is not known.
         trusted: whether the misfit is no larger than that of 95 % of the validation windows, and the window not
-            outside, (N,), bool; where windows are fitted, whether the error to be expected of the forecast is no larger
-            (:mod:`expertaug.inference.expected_error`), and the misfit than that of 99 %.  None where these are not
-            known.
+            outside, (N,), bool; where windows are fitted (of systems without known inputs), whether the error to be
+            expected of the forecast is no larger (:mod:`expertaug.inference.expected_error`), and the misfit than that
+            of 99 %.  None where these are not known.
         doubts: what is doubtful about the fits of the windows (:class:`expertaug.models.doubts.FitDoubts`, with the
             axis of seeds in any case); None where windows are not fitted.
     """
