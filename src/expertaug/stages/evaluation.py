@@ -304,9 +304,8 @@ class Validity(StudyStage):
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
         from expertaug.config import jobs
 
-        first = f"/{files.seed_groups(experiment)[0]}/"
-        models = files.of_versions(experiment, jobs.checked(files.config, experiment), "model.safetensors")
-        return [path for path in models if first in path]
+        first = files.seed_groups(experiment)[0]
+        return [files.model(experiment, version, first) for version in jobs.checked(files.config, experiment)]
 
     @classmethod
     def sets(cls, files: Files, experiment: str) -> list[str]:
@@ -345,9 +344,8 @@ class Equation(StudyStage):
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
         from expertaug.config import jobs
 
-        first = f"/{files.seed_groups(experiment)[0]}/"
-        models = files.of_versions(experiment, jobs.explained(files.config, experiment), "model.safetensors")
-        return [path for path in models if first in path]
+        first = files.seed_groups(experiment)[0]
+        return [files.model(experiment, version, first) for version in jobs.explained(files.config, experiment)]
 
     @classmethod
     def sets(cls, files: Files, experiment: str) -> list[str]:
