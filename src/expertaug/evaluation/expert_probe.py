@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from expertaug.evaluation.forecasting import Drawing, Forecast
-from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
+from expertaug.learning.divergence import BoundedSolver, clamp_to_bound, solve_with_sample_fallback
 from expertaug.learning.expert_share import expert_share
 from expertaug.learning.residuals import squared_errors
 from expertaug.models.posterior import Estimates, Predictor
@@ -60,9 +60,13 @@ class ExpertProbe:
         if z_e.isnan().any() or self.drawing.start != "y0":
             return
         limit = bound if bound is None or bound.dim() == 1 else bound[some]
-        states = forecast_or_fallback(
-            self.decoder, found.y0, z_e.expand_as(found.z_e), found.z_a, self.drawing.t, self.drawing.solver, part.u
-        )
+        known, t, decoder = replace(found, z_e=z_e.expand_as(found.z_e)), self.drawing.t, self.decoder
+
+        def solved(which: slice, solver: BoundedSolver) -> Tensor:
+            of, u = known.part(which), None if part.u is None else part.u[:, :, which]
+            return decoder.forecast(of.y0, of.z_e, of.z_a, t, solver, u)
+
+        states, _ = solve_with_sample_fallback(solved, len(here), self.drawing.solver, limit)
         begin, system = self.drawing.begin, self.decoder.system
         each = (clamp_to_bound(states, limit), made.states[:, :, some])
         self.worse.append(torch.stack([squared_errors(system, y[begin:], part.y[begin:]).cpu() for y in each]))
