@@ -2,8 +2,8 @@
 
 Modules made of this package's layers compute stacked parameters as they are, and say so by ``stackable = True`` in
 their own class body (a subclass may do other things, so it does not inherit that).  Any other module is called through
-:class:`SeedWise`, which gives it one seed's tensors at a time: by torch.vmap, or, where a layer has no rule for that
-(torch.nn.GRU, spectral_norm), one seed after the other.
+:class:`SeedWise`, which gives it one seed's tensors at a time: by torch.vmap, or, for one seed and where a layer has no
+rule for that (torch.nn.GRU, spectral_norm), one seed after the other.
 """
 
 from __future__ import annotations
@@ -146,7 +146,8 @@ class SeedWise(nn.Module):
             return finish(found), after
 
         found, way = None, (method, training)
-        if way not in self._vectorised and not fitting:
+        alone = fitting or self.seeds == 1  # vmap costs twice a plain call
+        if way not in self._vectorised and not alone:
             kept = {k: v.clone() for k, v in buffers.items()}
             try:
                 found = self._at_once(one, parameters, buffers, arguments, axes)
@@ -159,7 +160,7 @@ class SeedWise(nn.Module):
                 self._vectorised[way] = False
                 for name, value in kept.items():
                     buffers[name].copy_(value)
-        elif self._vectorised.get(way):
+        elif self._vectorised.get(way) and not alone:
             found = self._at_once(one, parameters, buffers, arguments, axes)
         result, after = found or self._in_turn(one, parameters, buffers, arguments, axes)
         if training:
