@@ -30,6 +30,12 @@ LITTLE = {
         }
     },
 }
+QUICK = {
+    "training": {"epochs": 3},
+    "finetuning": {"epochs": 2},
+    "validity": {"samples": 4, "steps": 2},
+    "refinement": {"starts": 8, "tries": 1, "steps": 5},
+}
 
 
 @pytest.mark.slow
@@ -54,7 +60,8 @@ def test_a_single_pendulum_from_inspect_to_tables(tmp_path):
     clip(project / "my" / "swing.mp4", ("red", "green"))
     (project / "my.yaml").write_text(inspect(project / "my" / "swing.mp4", project / "contact.png"))
     (project / "swing.yaml").write_text(yaml.safe_dump(SWING | {"results": "results/mine", "seeds": [0]}))
-    files = ["--configfile", "my.yaml", "swing.yaml"]
+    (project / "quick.yaml").write_text(yaml.safe_dump({"experiments": {"swing": QUICK}}))
+    files = ["--configfile", "my.yaml", "swing.yaml", "quick.yaml"]
     done = snakemake(project, *files)
     assert done.returncode == 0, done.stdout + done.stderr
     made = project / "results" / "mine"
