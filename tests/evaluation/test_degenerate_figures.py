@@ -14,12 +14,13 @@ from fake_runs import method_of, pairs, write_forecasts, write_logs, write_metri
 from test_windows import CURVES, fake
 
 from expertaug import plotting
-from expertaug.evaluation import dissipation, dots, grid, parameters, studies, traces, validity
+from expertaug.evaluation import dissipation, dots, estimates, grid, parameters, studies, traces, validity
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.coverage import coverage
 from expertaug.evaluation.distance import distance
 from expertaug.evaluation.settings import (
     DissipationJob,
+    EstimatesJob,
     GridJob,
     OverviewJob,
     PlotJob,
@@ -51,6 +52,13 @@ def metrics(tmp_path, value):
     for path in paths:
         pd.read_csv(path).assign(value=value).to_csv(path, index=False)
     return paths
+
+
+def test_estimates(value):
+    numbers = dict.fromkeys(("value", "error", "low", "high", "spread"), value)
+    one = estimates.TabledEstimate("a", "A", "omega0", "rad/s", "all", **numbers, windows=3, groups=3, told=None)
+    with plotting.styled():
+        estimates.draw([one], EstimatesJob(labels=[("a", "A")]), "swings").savefig(io.BytesIO())
 
 
 def test_dots(metrics, tmp_path):

@@ -13,7 +13,9 @@ from expertaug.evaluation.estimates import (
     ALL,
     SHARED,
     Stated,
+    TabledEstimate,
     correlation_time,
+    draw,
     estimates,
     interval,
     of_trajectory,
@@ -152,7 +154,7 @@ def test_the_table_of_measured_trajectories_and_of_simulated_windows(tmp_path):
     for name, known, rows in (("measured", identity, 2 * 4 + 1 + 4), ("simulated", None, 2 + 1 + 1)):
         files = [write(tmp_path / f"{name}_a.npz", "own", stated(known))]
         files.append(write(tmp_path / f"{name}_b.npz", "together", stated(known, {"omega0": 9})))
-        outputs = [tmp_path / f"{name}_estimates.{end}" for end in ("csv", "md", "tex")]
+        outputs = [tmp_path / f"{name}_estimates.{end}" for end in ("csv", "md", "tex", "png")]
         estimates(files, outputs, job)
         table = pd.read_csv(outputs[0])
         assert len(table) == rows, table
@@ -164,7 +166,8 @@ def test_the_table_of_measured_trajectories_and_of_simulated_windows(tmp_path):
 
 def test_where_nothing_is_stated_the_table_says_so(tmp_path):
     path = write(tmp_path / "a.npz", "own", stated())
-    estimates([path], [tmp_path / "e.md"], EstimatesJob(labels=[("other", "Other")]))
+    estimates([path], [tmp_path / "e.md", tmp_path / "e.png"], EstimatesJob(labels=[("other", "Other")]))
+    assert (tmp_path / "e.png").is_file()
     assert "No version states parameters" in (tmp_path / "e.md").read_text()
 
 
@@ -173,3 +176,12 @@ def test_initial_speeds_are_no_constants_and_what_has_no_expert_states_nothing()
     assert jobs.estimating(found, "double_pendulum") == []
     versions = jobs.estimating(found, "pendulum")
     assert {"least_squares", "truth", "aphynity+"} <= set(versions) and not {"mean", "ml_only"} & set(versions)
+
+
+@pytest.mark.parametrize(("trajectories", "lines"), [(3, ["all", "run0", "run1", "run2"]), (40, ["all"])])
+def test_of_many_trajectories_the_figure_shows_all_together(trajectories, lines):
+    identity = np.array([f"run{k % trajectories}/{k}" for k in range(40)])
+    rows = [TabledEstimate("own", "Own", **vars(one)) for one in summarise(stated(identity), {})]
+    figure = draw(rows, EstimatesJob(labels=[("own", "Own")]), "swings")
+    names = [[tick.get_text() for tick in axes.get_yticklabels()] for axes in figure.axes]
+    assert names == [[f"Own, {line}" for line in lines]] * 2

@@ -61,11 +61,22 @@ def run(tmp_path):
     tabulate(write_metrics(tmp_path), outputs, TabulateJob.from_mapping(settings))
     alarms = pd.DataFrame({"method": ["mean"] * 2, "label": ["Mean"] * 2, "set": ["iid"] * 2, "seed": [0, 1]})
     alarms.assign(auroc=[0.5, 0.7]).to_csv(tmp_path / "tables" / "swing_alarm.csv", index=False)
+    numbers = {"value": 2.0, "error": 0.031, "low": 1.95, "high": 2.05, "spread": None, "windows": 9, "groups": 3}
+    row = {
+        "method": "mean",
+        "label": "Mean",
+        "parameter": "omega0",
+        "unit": "rad/s",
+        "of": "all",
+        **numbers,
+        "told": True,
+    }
+    pd.DataFrame([row]).to_csv(tmp_path / "tables" / "swing_estimates.csv", index=False)
     shown = [_shown("tables/swing.md", "table", "swing")]
-    for name in (*FIGURES, "alarm"):
+    for name in (*FIGURES, "alarm", "estimates"):
         plotting.save(Figure(figsize=(1, 1)), tmp_path / f"figures/swing_{name}.png")
         shown.append(_shown(f"figures/swing_{name}.png", name, name.replace("_", " ")))
-    shown.append(_shown("tables/swing_alarm.md", "alarm", "alarm"))
+    shown += [_shown(f"tables/swing_{name}.md", name, name) for name in ("alarm", "estimates")]
     (tmp_path / "benchmarks" / "train").mkdir(parents=True)
     (tmp_path / "benchmarks" / "train" / "swing.tsv").write_text("s\tmax_rss\n61.2\t300\n")
     experiment = {"name": "swing", **settings, "floors": [], "known_form": [], "least_squares": []}
@@ -94,11 +105,11 @@ def test_the_page_has_every_figure_and_table_under_its_caption(run):
     report(results, results / "report.html", ReportJob.from_mapping(settings))
     text = (results / "report.html").read_text()
     page = Page(text)
-    assert page.open == [] and len(page.of("table")) == len(page.of("thead")) == 6  # with costs and provenance
+    assert page.open == [] and len(page.of("table")) == len(page.of("thead")) == 7  # with costs and provenance
     identities = [one["id"] for _, one in page.tags if "id" in one]
     assert len(set(identities)) == len(identities)
     pictures = page.of("img")
-    assert len(pictures) == len(FIGURES) + 1
+    assert len(pictures) == len(FIGURES) + 2
     assert all(one["alt"] and one["aria-describedby"] in identities for one in pictures)
     assert all(one["src"].startswith("data:image/png;base64,") and int(one["width"]) > 9 for one in pictures)
     assert all("scope" in one for one in page.of("th"))
@@ -108,6 +119,16 @@ def test_the_page_has_every_figure_and_table_under_its_caption(run):
         assert caption in " ".join(unescape(text).split())
     for said in ("Hybrid+ is best by validation", "my.yaml", "1 min 01 s", "0.6</td>"):  # the mean of two seeds
         assert said in text
+
+
+def test_what_a_laboratory_asks_comes_first(run):
+    """The estimates, to two digits of their errors, and which forecasts to trust, before the scores of methods."""
+    results, settings = run
+    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    text = (results / "report.html").read_text()
+    titles = re.findall(r"<b>(?:Figure|Table) \d+\. ([^<]*)\.</b>", text)
+    assert titles[:6] == ["Headline numbers", "Estimates", "Estimates", "Alarm", "Alarm", "Metrics"]
+    assert "<td>2.000</td><td>0.031</td><td>[1.950, 2.050]</td>" in text
 
 
 def test_names_are_escaped(run):

@@ -196,13 +196,14 @@ def windows(config: Configuration, experiment: str) -> dict[str, Any]:
 
 
 def estimates(config: Configuration, experiment: str) -> dict[str, Any]:
-    """What the table of estimates says: versions, the ranges in which their fits start, and what is no constant."""
+    """What estimates are shown: versions, the ranges in which their fits start, and what is no constant."""
     shown = estimating(config, experiment)
     priors = {v: prior_of(config.experiment_of(experiment, base(v)).augmentation) for v in shown}
     return {
         "labels": _labels(config, shown),
         "priors": {v: ranges for v, ranges in priors.items() if ranges is not None},
         "starts": starts(config.experiments[experiment]),
+        "all_methods": all_methods(config),
         **reading(config, experiment),
     }
 

@@ -14,8 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from scipy import stats
 
+from expertaug import plotting
 from expertaug.evaluation.forecasts import Forecasts, SensorEstimate, read_forecasts
 from expertaug.evaluation.settings import EstimatesJob
 from expertaug.evaluation.summary import order_sets
@@ -28,6 +31,8 @@ LEVEL = 0.90  # of the intervals
 BLOCKS, ENOUGH = 10, 5  # of a trajectory's windows, at most, and for an error by their scatter
 FEWEST = 6  # windows of which a correlation time can be estimated
 SHARED, ALL = "all windows (shared)", "all"
+MOST = 24  # lines of a parameter's panel; of more, those of single trajectories are left out
+LINE = 0.17  # inches
 EMPTY = "No version states parameters that are constants of an apparatus."
 CAPTION = (
     "Estimates of the parameters with their standard error and 90 % interval. Shared: one value for all windows, "
@@ -218,11 +223,11 @@ def summarise(
 
 
 def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: EstimatesJob) -> None:
-    """Write the table of an experiment's estimates.
+    """Write the table of an experiment's estimates and draw them.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds.
-        outputs: any of .csv, .md and .tex; where no version states a parameter they say so.
+        outputs: any of .csv, .md, .tex, .png and .pdf; where no version states a parameter they say so.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
@@ -243,7 +248,7 @@ def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: Estimates
                 if estimate.of == SHARED:
                     shared.add((version, estimate.parameter))
     title = f"{job.of_experiment(experiment)}: estimates"
-    Study(frame(TabledEstimate, rows), [_table(rows, title)]).save(outputs)
+    Study(frame(TabledEstimate, rows), [table(rows, title)], lambda: draw(rows, job, title)).save(outputs)
 
 
 def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
@@ -277,7 +282,8 @@ def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
     return {job.of_set(name): stated([name], None) for name in names if name != "train"}
 
 
-def _table(estimates: Sequence[TabledEstimate], title: str) -> Table:
+def table(estimates: Sequence[TabledEstimate], title: str = "") -> Table:
+    """Estimates as they are printed: to two digits of their errors."""
     head = ["method", "parameter", "of", "estimate", "±", "90 % interval", "spread", "windows", "told"]
     rows = []
     for estimate in estimates:
@@ -288,6 +294,52 @@ def _table(estimates: Sequence[TabledEstimate], title: str) -> Table:
         numbers = [shown(estimate.value), shown(estimate.error), ends, shown(estimate.spread)]
         rows.append([estimate.label, quantity, estimate.of, *numbers, str(estimate.windows), told])
     return Table(head, [("", rows)], 3, (), title, CAPTION, "estimates", empty=EMPTY)
+
+
+def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> Figure:
+    """A panel for each parameter and a line for each estimate: 90 % interval, and paler the spread."""
+    shown: dict[tuple[str, str], list[TabledEstimate]] = {}
+    for one in estimates:
+        if np.isfinite(one.value):
+            shown.setdefault((one.parameter, one.unit), []).append(one)
+    if not shown:
+        return plotting.note(EMPTY)
+    panels = {quantity: _few(rows) for quantity, rows in shown.items()}
+    colours = plotting.colours([version for version, _ in job.labels], job.all_methods)
+    heights = [len(rows) + 2.5 for rows in panels.values()]
+    figure = plotting.new_figure(LINE * sum(heights) + 0.6)
+    every = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, (quantity, rows) in zip(every, panels.items(), strict=True):
+        for place, one in enumerate(rows):
+            look = {"color": colours[one.method], "marker": plotting.marker(one.method), "markersize": 4}
+            if np.isfinite(one.spread) and one.spread > 0:
+                ends = one.value - one.spread, one.value + one.spread
+                axes.plot(ends, (place, place), color=colours[one.method], alpha=0.25, linewidth=5)
+            if np.isfinite(one.high - one.low):
+                axes.plot((one.low, one.high), (place, place), color=colours[one.method], linewidth=1.3)
+            axes.plot(one.value, place, linestyle="none", **look)
+        names = [f"{plotting.text(one.label)}, {plotting.text(one.of)}" for one in rows]
+        axes.set_yticks(range(len(rows)), names)
+        axes.set(ylim=(len(rows) - 0.4, -0.6), xlabel=plotting.quantity(*quantity), xlim=_limits(rows, axes))
+        axes.grid(axis="x")
+    plotting.heading(figure, plotting.text(f"{title}. Line: 90 % interval; paler band: spread"))
+    return figure
+
+
+def _few(rows: list[TabledEstimate]) -> list[TabledEstimate]:
+    """A parameter's estimates; without those of single trajectories where there are too many."""
+    together = {one.method for one in rows if one.of == ALL}
+    return rows if len(rows) <= MOST else [one for one in rows if one.method not in together or one.of == ALL]
+
+
+def _limits(rows: Sequence[TabledEstimate], axes: Axes) -> tuple[float, float]:
+    """Of an axis: all values and the intervals that data tell, so that one that says nothing does not hide the others;
+    as drawn where none is."""
+    told = [end for one in rows if one.told is not False for end in (one.low, one.high) if np.isfinite(end)]
+    ends = [*told, *(one.value for one in rows)]
+    low, high = min(ends), max(ends)
+    margin = 0.06 * (high - low)
+    return (low - margin, high + margin) if margin > 0 else axes.get_xlim()
 
 
 def _rounded(error: float) -> Callable[[float], str]:

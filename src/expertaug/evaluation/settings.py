@@ -224,8 +224,8 @@ class WindowStudyJob(FigureReading):
     traced: list[str] = key(list, "versions that figures show before others")
 
 
-class EstimatesJob(LabelledReading):
-    """The table of an experiment's estimates."""
+class EstimatesJob(FigureReading):
+    """The table and the figure of an experiment's estimates."""
 
     priors: dict[str, Ranges] = key(dict, "p⁺ of each version, where it is given")
     starts: list[str] = key(list, "expert parameters that say how a window begins: they are no constants")

@@ -247,7 +247,7 @@ class Distance(_WindowStudy):
 
 
 class Estimates(StudyStage):
-    """make the table of the parameters that each version states, with intervals"""
+    """make the table and the figure of the parameters that each version states"""
 
     name = "estimates"
     code = "expertaug.evaluation.estimates"
@@ -258,7 +258,7 @@ class Estimates(StudyStage):
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("forecasts", type=Path, nargs="+", help=OF_ALL)
-        add_outputs(parser, TABLE)
+        add_outputs(parser, STUDY)
 
     @staticmethod
     def run(a: argparse.Namespace, job: EstimatesJob) -> None:

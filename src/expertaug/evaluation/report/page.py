@@ -22,6 +22,8 @@ from expertaug.tracking import provenance
 
 TEMPLATE = Path(__file__).with_name("page.html")
 RECORDINGS, OVERALL = "Recordings", "All experiments"
+ESTIMATES = "estimates"
+FIRST = (ESTIMATES, "alarm")  # of an experiment: what a laboratory asks, before the scores of methods
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,10 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
     for long, experiment in experiments:
         own = [s for s in shown if s.experiment == experiment.name and s.stem != experiment.name]
         caption = next((s.text(job.preset) for s in shown if s.stem == experiment.name), "")
-        blocks = _of_experiment(numbers, long, experiment, caption) + _blocks(numbers, own, results, job, experiment)
+        asked = [s for name in FIRST for s in own if s.stem == f"{experiment.name}_{name}"]
+        blocks = _blocks(numbers, asked, results, job, experiment, folded=False)
+        blocks += _of_experiment(numbers, long, experiment, caption)
+        blocks += _blocks(numbers, [s for s in own if s not in asked], results, job, experiment)
         sections.append((experiment.of_experiment(experiment.name), blocks))
     sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, job)))
     measured = costs.of_run(results / "benchmarks")
@@ -113,9 +118,14 @@ def _of_experiment(
 
 
 def _blocks(
-    numbers: Numbers, shown: Sequence[Shown], results: Path, job: ReportJob, experiment: ReportExperiment | None = None
+    numbers: Numbers,
+    shown: Sequence[Shown],
+    results: Path,
+    job: ReportJob,
+    experiment: ReportExperiment | None = None,
+    folded: bool = True,
 ) -> list[Block]:
-    """Figures, each with its table folded below it, and then tables that have no figure."""
+    """Figures, each with its table below it, folded or not, and then tables that have no figure."""
     blocks: list[Block] = []
     of_figures = {one.stem: one for one in shown if not one.is_figure}
     for one in sorted(shown, key=lambda one: not one.is_figure):
@@ -124,7 +134,7 @@ def _blocks(
             blocks.append(figure)
             if one.stem in of_figures:
                 said = f"The numbers of {figure.name}, means over seeds; every digit is in {of_figures[one.stem].csv}."
-                blocks.append(_table(numbers, of_figures[one.stem], results, job, said, experiment, folded=True))
+                blocks.append(_table(numbers, of_figures[one.stem], results, job, said, experiment, folded))
         elif one.stem not in {block.stem for block in shown if block.is_figure}:
             blocks.append(_table(numbers, one, results, job, one.text(job.preset), experiment))
     return blocks
@@ -145,6 +155,8 @@ def _table(
         caption += " Methods that were not run are left out."
     elif _room(one) == RECORDINGS:
         table = tables.recordings(path)
+    elif experiment is not None and one.stem == f"{experiment.name}_{ESTIMATES}":
+        table = tables.stated(path)
     else:
         table = tables.of_file(path, experiment or Reading())
     return numbers.table(one.title, caption, table, folded)

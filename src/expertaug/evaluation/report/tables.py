@@ -8,6 +8,8 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
+from expertaug.evaluation import estimates
+from expertaug.evaluation.estimates import TabledEstimate
 from expertaug.evaluation.intervals import Interval
 from expertaug.evaluation.metrics import COST, metric_of
 from expertaug.evaluation.published import Compared
@@ -139,6 +141,15 @@ def of_file(path: Path, reading: Reading) -> Table:
     head = [name.replace("label", "method").replace("_", " ") for name in in_order]
     rows = [[plain(value) for value in row] for row in kept[in_order].itertuples(index=False)]
     return Table(head, [("", rows)], names)
+
+
+def stated(path: Path) -> Table:
+    """The estimates of an experiment's versions.
+
+    Raises:
+        InputError: the file is missing or broken.
+    """
+    return estimates.table(read_csv(_there(path), TabledEstimate, AGAIN))
 
 
 def published(path: Path, titles: Mapping[str, str]) -> Table:
