@@ -72,3 +72,14 @@ def test_what_does_not_exist_is_one_line(capsys, monkeypatch):
     assert "EXPERIMENT: 'pendulm' is no experiment; did you mean 'pendulum'?" in capsys.readouterr().err
     with pytest.raises(InputError, match="METHOD: 'aphinity' is no method of this experiment"):
         list(show(config.load(config.with_defaults([])), "pendulum", "aphinity"))
+
+
+def test_words_choose_what_is_shown(capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    assert cli.main(["config", "show", "pendulum", "aphynity+", "learning_rate", "flow"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    jobs = [line for line in lines if not line.startswith(" ")]
+    assert {line.split()[0] for line in jobs} == {"train", "finetune", "flow", "evaluate"}  # of the flow the last
+    assert all("learning_rate" in line for line in lines[1 : lines.index(jobs[1])])
+    assert cli.main(["config", "show", "pendulum", "aphynity", "learnin_rate"]) == 2
+    assert "WORD: learnin_rate: in no job and no key" in capsys.readouterr().err

@@ -23,12 +23,15 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
 
     examples = """
     expertaug config show pendulum aphynity+
+    expertaug config show pendulum aphynity+ learning_rate epochs
     expertaug config show swings least_squares --configfile mine.yaml
     """
     p = add("config", _config, "show what each job of a method gets, and where it comes from", "inspect", examples)
     p.add_argument("action", choices=("show",))
     p.add_argument("experiment", help="name of the experiment")
     p.add_argument("method", help="name of its method")
+    text = "show only settings whose job or key has one of these in its name"
+    p.add_argument("words", nargs="*", metavar="WORD", help=text)
     p.add_argument("--configfile", type=Path, nargs="+", default=[], metavar="YAML", help="files as in the workflow")
 
     text = "say what a run asks of a cluster, by published costs"
@@ -58,7 +61,7 @@ def _config(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
     from expertaug.config.show import show
 
-    for line in show(config.load(config.with_defaults(a.configfile)), a.experiment, a.method):
+    for line in show(config.load(config.with_defaults(a.configfile)), a.experiment, a.method, a.words):
         print(line)
 
 

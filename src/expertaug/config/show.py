@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from expertaug.config import jobs, recording_settings, stage_settings
@@ -10,7 +10,7 @@ from expertaug.config.layers import layers, origin_of
 from expertaug.config.load import validate
 from expertaug.config.models import Configuration
 from expertaug.config.yaml_file import Located
-from expertaug.errors import InputErrors
+from expertaug.errors import InputError, InputErrors
 from expertaug.versions import AUGMENTED, FLOW, Version
 from expertaug.wording import show as written
 from expertaug.wording import unknown_one
@@ -21,14 +21,16 @@ ELSEWHERE = {"prior": ("augmentation", "prior"), "t1_s": ("data", "t1_s"), "nois
 NAMES = ("experiment", "method", "sets")
 
 
-def show(config: Located, experiment: str, method: str) -> Iterator[str]:
+def show(config: Located, experiment: str, method: str, words: Sequence[str] = ()) -> Iterator[str]:
     """Lines of text: the jobs of an experiment's method, and below each its settings.
 
     Arguments:
         config: files merged, not completed.
+        words: of which one is in the job or in the key of each setting shown; empty: all are shown.
 
     Raises:
         InputErrors: the configuration is wrong, or has no such experiment or method.
+        InputError: no job and no key has one of the words.
     """
     complete = validate({**config, "run": [experiment]} if experiment in config.get("experiments", {}) else config)
     errors = list(unknown_one(experiment, complete.experiments, "EXPERIMENT", "experiment"))
@@ -38,12 +40,18 @@ def show(config: Located, experiment: str, method: str) -> Iterator[str]:
     if errors:
         raise InputErrors(errors)
     origins = _Origins(config, complete.preset, experiment, method.rstrip("+"))
+    empty = True
     for title, settings, own in _jobs(complete, experiment, method.rstrip("+")):
-        yield title
+        lines = []
         for path, value in _leaves(settings):
-            if path[0] not in NAMES:
-                text = f"  {'.'.join(path)}: {written(value)}"
-                yield f"{text:<{WIDTH}} # {origins.of(path, own)}"
+            key = ".".join(path)
+            if path[0] not in NAMES and (not words or any(word in title or word in key for word in words)):
+                lines.append(f"{f'  {key}: {written(value)}':<{WIDTH}} # {origins.of(path, own)}")
+        if lines:
+            yield from (title, *lines)
+            empty = False
+    if empty:
+        raise InputError("WORD", f"{', '.join(words)}: in no job and no key", "leave the words out to see all")
 
 
 def _jobs(
