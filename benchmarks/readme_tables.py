@@ -7,6 +7,7 @@ They come from results/published.  A comment names the source of what stands beh
   experiment (log-MSE of every method and set).
 - ``<!-- beside the paper: FOLDER EXPERIMENT VERSIONS -->``: log-MSE of versions on the test sets, with the paper's
   number beside each and a mark where each window is fitted.
+- ``<!-- seeds: FOLDER EXPERIMENT VERSIONS SET -->``: the log-MSE of each seed on a set, the worst bold.
 - ``<!-- value: FOLDER TABLE VERSION SET METRIC [gain] -->…<!-- -->``, in a line: a cell, or its gain over the control.
 - ``<!-- count: FOLDER WHAT -->…<!-- -->``: how many cells of the paper's tables are at_or_below, better or worse.
 - ``<!-- alarm: FOLDER EXPERIMENT VERSION SCORE -->…<!-- -->``: a score's AUROC on the shifted test, mean over seeds.
@@ -27,14 +28,17 @@ import yaml
 
 from expertaug.evaluation.metrics import metric_of
 from expertaug.evaluation.settings import Titles
+from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.table import Cell, grid
 from expertaug.files import write_text
+from expertaug.rows import read_csv
 from expertaug.versions import Version, base
 
 CELL = ("mean", "std", "n", "low", "high")
 PAPER = {"synth_log_mse": "log-MSE", "param_acc": "parameter error [%]"}
 MARK = re.compile(r"(<!-- table: (\S+) (\S+)(?: (\S+))? -->\n)((?:\|.*\n)*)")
 BESIDE = re.compile(r"(<!-- beside the paper: (\S+) (\S+) (\S+) -->\n)((?:\|.*\n)*)")
+SEEDS = re.compile(r"(<!-- seeds: (\S+) (\S+) (\S+) (\S+) -->\n)((?:\|.*\n)*)")
 VALUE = re.compile(r"(<!-- value: (\S+) (\S+) (\S+) (\S+) (\S+)( gain)? -->)[^<]*(<!-- -->)")
 COUNT = re.compile(r"(<!-- count: (\S+) (\S+) -->)[^<]*(<!-- -->)")
 ALARM = re.compile(r"(<!-- alarm: (\S+) (\S+) (\S+) (\S+) -->)[^<]*(<!-- -->)")
@@ -99,6 +103,21 @@ def beside_paper(folder: Path, name: str, versions: str) -> list[str]:
     return grid(["method", "fits each window", "IID test", "paper", "shifted test", "paper"], rows, 2)
 
 
+def of_seeds(folder: Path, name: str, versions: str, one_set: str) -> list[str]:
+    """A column for each seed; the worst of a version is bold."""
+    config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
+    metric = f"log_mse_{config['experiments'][name]['evaluation'].get('convention', 'sum')}"
+    long = read_csv(folder / "tables" / f"{name}_long.csv", TabledMean, "publish the run anew")
+    found = {mean.method: mean for mean in long if (mean.set, mean.metric) == (one_set, metric)}
+    rows = []
+    for version in versions.split(","):
+        each = found[version].values or sys.exit(f"{folder}: no values of seeds; publish the run anew")
+        texts = [f"{value:.2f}".replace("-", "−") for value in each]
+        worst = each.index(max(each))
+        rows.append([found[version].label, *(f"**{t}**" if k == worst else t for k, t in enumerate(texts))])
+    return grid(["method, seed", *map(str, found[versions.split(",")[0]].seeds)], rows, 1)
+
+
 def _cell(line: pd.Series, one_set: str, metric: str, gain: bool = False) -> Cell:
     """A cell of an experiment's table, or the gain of a version over its control."""
     keys = {key: f"gain_{key}" if key != "mean" else "gain" for key in ("mean", "low", "high")} if gain else {}
@@ -125,6 +144,10 @@ def main() -> int:
         folder = options.root / "results" / "published" / match[2]
         return match[1] + "\n".join(beside_paper(folder, match[3], match[4])) + "\n"
 
+    def seeds(match: re.Match) -> str:
+        folder = options.root / "results" / "published" / match[2]
+        return match[1] + "\n".join(of_seeds(folder, match[3], match[4], match[5])) + "\n"
+
     def value(match: re.Match) -> str:
         table = pd.read_csv(options.root / "results" / "published" / match[2] / "tables" / f"{match[3]}.csv")
         line = table.set_index("method").loc[match[4]]
@@ -145,7 +168,7 @@ def main() -> int:
     for page in (options.root / "README.md", *sorted((options.root / "docs").glob("*.md"))):
         text = page.read_text(encoding="utf-8")
         new = VALUE.sub(value, BESIDE.sub(beside, MARK.sub(filled, text)))
-        new = ALARM.sub(alarm, COUNT.sub(count, new))
+        new = SEEDS.sub(seeds, ALARM.sub(alarm, COUNT.sub(count, new)))
         if new == text:
             continue
         stale = 1

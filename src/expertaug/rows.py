@@ -1,6 +1,6 @@
 """Rows of tables as frozen dataclasses: the columns of a file follow from the fields, here and nowhere else.
 
-A field is a text, a whole number, a number, whether something holds, or whole numbers apart by blanks; or it is a
+A field is a text, a whole number, a number, whether something holds, or numbers apart by blanks; or it is a
 dataclass of these, which has a column for each: the first is called as the field, others ``field_name``.  An empty cell
 is None where that may be, else of numbers NaN.  A field that is None unless it is given has columns only where a row
 has it.
@@ -14,7 +14,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
 from expertaug import files
 from expertaug.errors import InputError
@@ -24,12 +24,13 @@ if TYPE_CHECKING:
 
 Row = TypeVar("Row")
 Key = TypeVar("Key", bound=Hashable)
-READ: Mapping[type, Callable[[str], Any]] = {
+READ: Mapping[Any, Callable[[str], Any]] = {
     str: str,
     int: int,
     float: lambda text: float(text or "nan"),
     bool: {"True": True, "False": False}.__getitem__,
-    tuple: lambda text: tuple(map(int, text.split())),
+    tuple[int, ...]: lambda text: tuple(map(int, text.split())),
+    tuple[float, ...]: lambda text: tuple(map(float, text.split())),
 }
 
 
@@ -86,7 +87,7 @@ def columns(kind: type) -> tuple[Column, ...]:
             parts = zip(names, columns(plain), strict=True)
             made += [Column(name, field.name, c.kind, c.empty, needed, c.field, plain) for name, c in parts]
         else:
-            made.append(Column(field.name, field.name, get_origin(plain) or plain, empty, needed))
+            made.append(Column(field.name, field.name, plain, empty, needed))
     return tuple(made)
 
 

@@ -105,7 +105,7 @@ def test_the_page_has_every_figure_and_table_under_its_caption(run):
     report(results, results / "report.html", ReportJob.from_mapping(settings))
     text = (results / "report.html").read_text()
     page = Page(text)
-    assert page.open == [] and len(page.of("table")) == len(page.of("thead")) == 7  # with costs and provenance
+    assert page.open == [] and len(page.of("table")) == len(page.of("thead")) == 8  # with costs and provenance
     identities = [one["id"] for _, one in page.tags if "id" in one]
     assert len(set(identities)) == len(identities)
     pictures = page.of("img")

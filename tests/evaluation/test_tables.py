@@ -11,8 +11,9 @@ from fake_runs import LABELS, pairs, write_metrics, write_samples
 
 from expertaug.errors import InputError
 from expertaug.evaluation.settings import TabulateJob
-from expertaug.evaluation.summary import drawn_sets, read_metrics
+from expertaug.evaluation.summary import TabledMean, drawn_sets, read_metrics
 from expertaug.evaluation.tabulate import tabulate
+from expertaug.rows import read_csv
 
 HEAD = "experiment,system,method,label,preset,seed,set,metric,value\n"
 
@@ -106,6 +107,17 @@ def test_seed_that_is_not_finite_is_counted_out(tmp_path):
     path = write(tmp_path / "metrics.csv", rows)
     tabulate([path], [tmp_path / "t.md"])
     assert "−2.00 ± 1.41 (2/3)" in (tmp_path / "t.md").read_text()
+
+
+def test_each_seed_is_kept_and_the_worst_is_told(tmp_path):
+    rows = [("a", "A", f"paper,{seed},test,log_mse_sum,{value}") for seed, value in enumerate((-4.5, -3.4, "inf", -4))]
+    rows += [("b", "B", f"paper,{seed},test,log_mse_sum,{value}") for seed, value in enumerate((-4.5, -3.4, -3.6, -4))]
+    rows += [("c", "C", "paper,0,test,log_mse_sum,-9")]
+    tabulate([write(tmp_path / "metrics.csv", rows)], [tmp_path / "t.md", tmp_path / "t_long.csv"])
+    text = (tmp_path / "t.md").read_text()
+    assert "| A | 4 | not finite (2) |" in text and "| B | 4 | −3.40 (1) |" in text and "| C | 1 | −9.00 (" not in text
+    (long,) = [mean for mean in read_csv(tmp_path / "t_long.csv", TabledMean, "") if mean.method == "b"]
+    assert long.seeds == (0, 1, 2, 3) and long.values == (-4.5, -3.4, -3.6, -4.0) and long.behind(1.0) == 1
 
 
 def test_two_presets_do_not_mix(tmp_path):

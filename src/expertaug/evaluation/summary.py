@@ -70,6 +70,7 @@ class TabledMean(Mean):
         seeds: of the version.
         low, high: ends of its 95 % interval, NaN where no samples' errors are kept.
         gain, difference: how much better an augmented version is than its control, and than its base.
+        values: of each seed, NaN of one without; None in files from before they were kept.
     """
 
     seeds: tuple[int, ...]
@@ -77,6 +78,13 @@ class TabledMean(Mean):
     high: float
     gain: Interval | None = None
     difference: Interval | None = None
+    values: tuple[float, ...] | None = None
+
+    def behind(self, by: float) -> int:
+        """How many seeds are worse than the best by more than so much, or have no finite value; of a metric of which
+        less is better."""
+        known = [value for value in self.values or () if np.isfinite(value)]
+        return len(self.values or ()) - sum(value <= min(known) + by for value in known)
 
     def cell(self, marked: bool = False) -> Cell:
         """As it is printed, with its interval."""

@@ -38,6 +38,10 @@ from expertaug.versions import CONTROL, SHOWN_SETS, Version, ordered
 Column = tuple[str, str]  # set and metric
 Place = tuple[str, str, str]  # row, set and metric
 KNOWN_FORM = "F_a of known form, which does not compete"  # a title over rows
+BEHIND = 1.0  # nats
+WORST = (
+    "Log-MSE of the worst seed; in brackets, how many seeds are more than a nat behind the best of the same version."
+)
 BEST = "Bold: the best of each column, and those that are not told apart from it."
 # Only the first is a gain of augmentation: an augmented version was also trained for longer than its base.
 OVER_CONTROL, FROM_BASE = "gain over control", "difference from base"
@@ -91,7 +95,7 @@ def _tables(part: Sequence[TabledMean], job: TabulateJob, samples: Samples, unit
     gained = gains_table(part, job, lambda gain: gain.told_apart, True, f"{name}, gains", f"{label}-gains")
     known = [m.name for m in map(metric_of, _metrics(part)) if m.shown in (Shown.WHERE_ANY, Shown.LAST)]
     more = further_table(part, job, (*tabled_metrics(part, job.convention), *known), units)
-    return [*tables, *([gained] if gained else []), *([more] if more.size else [])]
+    return [*tables, *(table for table in (gained, seeds_table(part, job), more) if table and table.size)]
 
 
 def main_table(
@@ -162,6 +166,28 @@ def gains_table(
     head = ["method", "", *(metric_of(metric).heading() for _, metric in columns)]
     over = spans(job.of_set(name) for name, _ in columns)
     return Table(head, [("", rows)], 2, over, "", GAINS, label, label_title) if rows else None
+
+
+def seeds_table(part: Sequence[TabledMean], job: TabulateJob) -> Table | None:
+    """The worst seed of each version; None where no version has several, or no log-MSE."""
+    metric, values = tabled_metrics(part, job.convention)[0], by_place(part)
+    if not metric_of(metric).is_log:
+        return None
+    rows: list[Row] = []
+    for row, first in _firsts(part).items():
+        own = [values.get((row, name, metric)) for name in _sets(part)]
+        if any(mean is not None and len(mean.values or ()) > 1 and mean.std > 0 for mean in own):
+            rows.append([first.label, str(len(first.seeds)), *map(_worst, own)])
+    head = ["method", "seeds", *(job.of_set(name) for name in _sets(part))]
+    return Table(head, [("", rows)], 1, caption=WORST) if rows else None
+
+
+def _worst(mean: TabledMean | None) -> str:
+    known = [] if mean is None else [value for value in mean.values or () if math.isfinite(value)]
+    if mean is None or not mean.values:
+        return DASH
+    worst = f"{max(known):.2f}".replace("-", "−") if len(known) == len(mean.values) else "not finite"
+    return f"{worst} ({mean.behind(BEHIND)})"
 
 
 def gain_cell(mean: TabledMean | None, kind: str, told_apart: Callable[[Interval], bool]) -> Cell | None:
@@ -308,10 +334,13 @@ def _prepare(rows: Sequence[MetricRow], job: TabulateJob, samples: Samples) -> l
     named = [replace(row, label=f"{row.label} ({row.preset})") if row.experiment in several else row for row in rows]
     of_version = grouped(rows, lambda row: VersionKey(row.experiment, row.preset, row.method))
     seeds = {version: tuple(sorted({row.seed for row in part})) for version, part in of_version.items()}
+    scores = {(VersionKey(r.experiment, r.preset, r.method), r.set, r.metric, r.seed): r.value for r in rows}
     long = []
     for mean in summarise(named):
         low, high = _ends(mean, samples)
-        long.append(TabledMean(**vars(mean), seeds=seeds[mean.version], low=low, high=high))
+        own = seeds[mean.version]
+        each = tuple(scores.get((mean.version, mean.set, mean.metric, seed), math.nan) for seed in own)
+        long.append(TabledMean(**vars(mean), seeds=own, low=low, high=high, values=each))
     long += _unknown_errors(long, samples)
     methods, metrics = ordered([mean.method for mean in long], job.label_of), _metrics(long)
     experiments, presets = (list(dict.fromkeys(map(attrgetter(name), long))) for name in ("experiment", "preset"))
@@ -328,7 +357,7 @@ def _unknown_errors(long: Sequence[TabledMean], samples: Samples) -> list[Tabled
     """A mean of no seeds, printed as –, for each error of parameters that nobody can know."""
     nothing = dict.fromkeys(("mean", "std", "low", "high"), math.nan)
     return [
-        replace(part[0], metric=RELATIVE_ERROR.name, n=0, of=0, **nothing)
+        replace(part[0], metric=RELATIVE_ERROR.name, n=0, of=0, values=None, **nothing)
         for key, part in grouped(long, lambda mean: (mean.version, mean.set)).items()
         if RELATIVE_ERROR.name not in _metrics(part) and samples.estimates_unknown(*key)
     ]
@@ -348,7 +377,7 @@ def _ends(mean: Mean, samples: Samples) -> tuple[float, float]:
 def _wide(means: Sequence[TabledMean]) -> pd.DataFrame:
     """One row per method; columns <set>/<metric>/mean, /std, /n, /low, /high and those of gains."""
     table, rows = cells(TabledMean, means), {}
-    values = [name for name in table if name not in (*IDENTITY, "of", "seeds")]
+    values = [name for name in table if name not in (*IDENTITY, "of", "seeds", "values")]
     for place, mean in enumerate(means):
         whose = {key: table[key][place] for key in ("experiment", "preset", "method", "label", "seeds")}
         row = rows.setdefault((mean.experiment, mean.row), whose)

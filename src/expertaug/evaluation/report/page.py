@@ -16,7 +16,7 @@ from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.settings import Reading, ReportExperiment, ReportJob
 from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.table import STAR, Table
-from expertaug.evaluation.tabulate import GAINS
+from expertaug.evaluation.tabulate import GAINS, WORST
 from expertaug.files import check_inside, write_text
 from expertaug.tracking import provenance
 
@@ -110,6 +110,8 @@ def _of_experiment(
     blocks = [numbers.table("Metrics", caption, tables.main(long, experiment))]
     if gained := tables.gains(long, experiment):
         blocks.append(numbers.table("Gains", f"{GAINS.partition(' bold')[0]} {STAR}: told apart from 0.", gained))
+    if worst := tables.worst_seeds(long, experiment):
+        blocks.append(numbers.table("Worst seeds", WORST, worst))
     more = tables.further(long, experiment)
     if more.size:
         said = f"All other metrics, of the same runs as {blocks[0].name}."
