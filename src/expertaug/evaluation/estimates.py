@@ -333,10 +333,12 @@ def _few(rows: list[TabledEstimate]) -> list[TabledEstimate]:
 
 
 def _limits(rows: Sequence[TabledEstimate], axes: Axes) -> tuple[float, float]:
-    """Of an axis: all values and the intervals that data tell, so that one that says nothing does not hide the others;
-    as drawn where none is."""
-    told = [end for one in rows if one.told is not False for end in (one.low, one.high) if np.isfinite(end)]
-    ends = [*told, *(one.value for one in rows)]
+    """Of an axis: all values, and the intervals and spreads of what data tell, so that one that says nothing does not
+    hide the others; as drawn where none is."""
+    told = [one for one in rows if one.told is not False]
+    ends = [one.value for one in rows]
+    ends += [end for one in told for end in (one.low, one.high, one.value - one.spread, one.value + one.spread)]
+    ends = [end for end in ends if np.isfinite(end)]
     low, high = min(ends), max(ends)
     margin = 0.06 * (high - low)
     return (low - margin, high + margin) if margin > 0 else axes.get_xlim()
