@@ -4,9 +4,12 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
+from expertaug import plotting
 from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.evaluation.products import STUDIES, kept
@@ -179,3 +182,19 @@ def test_a_failure_while_replacing_brings_the_old_back(run, monkeypatch):
         publish(settings(run), run / "kept", "snakemake again")
     assert everything(run / "kept") == before
     assert {path.name for path in run.iterdir()} == {"kept", "my.yaml", "out"}
+
+
+def test_pictures_are_kept_small_and_look_the_same(run):
+    figure = run / "out" / "figures" / "pendulum_log_mse.png"
+    with plotting.styled():
+        drawn = plotting.new_figure(3)
+        axes = drawn.subplots()
+        for k in range(12):
+            axes.plot(np.sin(np.arange(200) / (k + 3)))
+        plotting.save(drawn, figure)
+    publish(settings(run), run / "kept", "snakemake")
+    kept = run / "kept" / "figures" / "pendulum_log_mse.png"
+    assert kept.stat().st_size < 0.5 * figure.stat().st_size
+    with Image.open(figure) as before, Image.open(kept) as after:
+        off = np.abs(np.asarray(before.convert("RGB"), float) - np.asarray(after.convert("RGB"), float))
+    assert off.max() < 64 and off.mean() < 0.5
