@@ -23,7 +23,10 @@ def test_tables_are_as_published(tmp_path):
     pages = {page.relative_to(ROOT): page.read_text(encoding="utf-8") for page in ROOT.glob("docs/*.md")}
     pages |= {Path("README.md"): (ROOT / "README.md").read_text(encoding="utf-8")}
     assert (
-        sum(len(re.findall("<!-- (?:table|seeds|beside the paper|value|count|alarm): ", text)) for text in pages.values())
+        sum(
+            len(re.findall("<!-- (?:table|seeds|beside the paper|value|count|alarm): ", text))
+            for text in pages.values()
+        )
         == 41
     )
     (tmp_path / "docs").mkdir()

@@ -90,9 +90,9 @@ def _tables(part: Sequence[TabledMean], job: TabulateJob, samples: Samples, unit
     """The log-MSE and the parameters' error, what augmentation gains, and the other metrics, of one experiment."""
     name, columns = part[0].experiment, columns_of(part, job)
     best = _best(part, columns, samples, (*job.floors, *job.known_form))
-    label, caption = name.replace("_", "-"), f"{_caption(part, job, samples)} {BEST}"
-    tables = [main_table(part, job, best, name, caption, label)]
-    gained = gains_table(part, job, lambda gain: gain.told_apart, True, f"{name}, gains", f"{label}-gains")
+    label, title, caption = name.replace("_", "-"), job.of_experiment(name), f"{_caption(part, job, samples)} {BEST}"
+    tables = [main_table(part, job, best, title, caption, label)]
+    gained = gains_table(part, job, lambda gain: gain.told_apart, True, f"{title}, gains", f"{label}-gains")
     known = [m.name for m in map(metric_of, _metrics(part)) if m.shown in (Shown.WHERE_ANY, Shown.LAST)]
     more = further_table(part, job, (*tabled_metrics(part, job.convention), *known), units)
     return [*tables, *(table for table in (gained, seeds_table(part, job), more) if table and table.size)]
