@@ -188,7 +188,7 @@ class TrackKeys(Settings):
 
     WHERE: ClassVar[str] = "track_markers settings"
 
-    markers: AppearanceKeys = key(AppearanceKeys, "how the markers look; expertaug inspect VIDEO proposes this")
+    markers: AppearanceKeys = key(AppearanceKeys, "how the markers look; expertaug inspect-video VIDEO proposes this")
     masks: list[Polygon] = key(
         list,
         "parts of the image in which no markers are searched for (hands, text), given by the x and y of their "
@@ -302,7 +302,7 @@ class RectifyKeys(Settings):
     ellipse: bool = key(
         False,
         "whether the view is found from the arms themselves, which are equally long in every direction; expertaug "
-        "inspect proposes it where it helps",
+        "inspect-video proposes it where it helps",
     )
     checkerboard: str | None = key(
         None,
@@ -587,7 +587,7 @@ class RecordingKeys(Settings):
     tracking: TrackKeys = key(TrackKeys, "settings of the marker tracker; lengths in px")
     angles: AngleKeys = key(AngleKeys, "how arm angles are measured from marker positions")
     by_recording: dict[str, OwnKeys] = key(
-        dict, "settings that differ between recordings, by the recording's name; expertaug inspect proposes them"
+        dict, "settings that differ between recordings, by the recording's name; expertaug inspect-video proposes them"
     )
     overlay: OverlayKeys = key(
         OverlayKeys,

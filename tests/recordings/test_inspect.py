@@ -105,18 +105,18 @@ def test_the_command_prints_yaml_and_refuses_in_one_line(tmp_path, monkeypatch, 
     monkeypatch.chdir(tmp_path)
     frames = draw(markers_of(swinging(60)[:, :2], PIVOT, ARMS), SIZE, [PAINT[n] for n in ("red", "green", "blue")])
     write_video(frames, tmp_path / "clip.mp4", 100)
-    assert cli.main(["inspect", "clip.mp4"]) == 0
+    assert cli.main(["inspect-video", "clip.mp4"]) == 0
     block = yaml.safe_load(capsys.readouterr().out)
     assert block["recordings"]["videos"] == {"path": "clip.mp4"} and "experiments" not in block
     assert Path("contact.png").exists()
-    assert cli.main(["inspect", "clip.mp4", "--rate", "500"]) == 0
+    assert cli.main(["inspect-video", "clip.mp4", "--rate", "500"]) == 0
     assert yaml.safe_load(capsys.readouterr().out)["recordings"]["videos"]["rate_hz"] == 500
-    assert cli.main(["inspect", "clip.mp4", "--from", "0.1", "--to", "0.5"]) == 0
+    assert cli.main(["inspect-video", "clip.mp4", "--from", "0.1", "--to", "0.5"]) == 0
     text = capsys.readouterr().out
     assert yaml.safe_load(text)["recordings"]["videos"] == {"path": "clip.mp4", "from_s": 0.1, "to_s": 0.5}
     assert "41 frames" in text
-    assert cli.main(["inspect", "none.mp4"]) == 2
-    assert capsys.readouterr().err == "expertaug inspect: none.mp4: no such file; give a video file\n"
+    assert cli.main(["inspect-video", "none.mp4"]) == 2
+    assert capsys.readouterr().err == "expertaug inspect-video: none.mp4: no such file; give a video file\n"
 
 
 @pytest.mark.slow

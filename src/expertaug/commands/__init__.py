@@ -42,11 +42,16 @@ def _parser() -> tuple[argparse.ArgumentParser, list[str]]:
     groups: dict[str, list[str]] = {group: [] for group in TITLES}
 
     def add(
-        name: str, run: Callable[[argparse.Namespace], None], text: str, group: str = "stages", examples: str = ""
+        name: str,
+        run: Callable[[argparse.Namespace], None],
+        text: str,
+        group: str = "stages",
+        examples: str = "",
+        former: Sequence[str] = (),
     ) -> argparse.ArgumentParser:
         epilog = f"examples:\n{textwrap.indent(textwrap.dedent(examples).strip(), '  ')}" if examples else None
         description = f"{text[0].upper()}{text[1:]}."
-        made = subparsers.add_parser(name, description=description, epilog=epilog, formatter_class=raw)
+        made = subparsers.add_parser(name, aliases=former, description=description, epilog=epilog, formatter_class=raw)
         made.set_defaults(run=run)
         made.add_argument("--log", type=Path, metavar="FILE", help="also write progress and errors to this file")
         groups[group].append(_line(name, text))

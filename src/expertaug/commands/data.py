@@ -16,10 +16,11 @@ logger = logging.getLogger(__name__)
 def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
     examples = """
-    expertaug inspect my/*.mp4 --output contact.png > my.yaml
-    expertaug inspect my/series --times names --time-unit 0.001
+    expertaug inspect-video my/*.mp4 --output contact.png > my.yaml
+    expertaug inspect-video my/series --times names --time-unit 0.001
     """
-    p = add("inspect", _inspect, "show what videos show and propose their configuration", "use", examples)
+    text = "show what videos show and propose their configuration"
+    p = add("inspect-video", _inspect, text, "use", examples, ["inspect"])
     p.add_argument("videos", type=Path, nargs="+", metavar="VIDEO", help="video file, or folder of pictures")
     text = "contact sheet, .png or .jpg"
     p.add_argument("--output", type=Path, default=Path("contact.png"), metavar="PATH", help=text)

@@ -124,7 +124,9 @@ def _no_markers(store: str | Path, found: str, settings: TrackMarkersJob) -> Inp
     size = "" if settings.marker_diameter_px is None else f" of {settings.marker_diameter_px:g} px (marker_diameter_px)"
     colours = " and ".join(filter(None, (", ".join(appearance.seen[:-1]), appearance.seen[-1])))
     kind = "quadrant disks" if appearance.style == "quadrant" else "disks"
-    remedy = f"show {colours} {kind}{size}, or say how yours look (recordings.tracking.markers; expertaug inspect)"
+    remedy = (
+        f"show {colours} {kind}{size}, or say how yours look (recordings.tracking.markers; expertaug inspect-video)"
+    )
     return InputError(store, f"no markers: {found}", remedy)
 
 
