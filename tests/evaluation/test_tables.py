@@ -113,9 +113,11 @@ def test_each_seed_is_kept_and_the_worst_is_told(tmp_path):
     rows = [("a", "A", f"paper,{seed},test,log_mse_sum,{value}") for seed, value in enumerate((-4.5, -3.4, "inf", -4))]
     rows += [("b", "B", f"paper,{seed},test,log_mse_sum,{value}") for seed, value in enumerate((-4.5, -3.4, -3.6, -4))]
     rows += [("c", "C", "paper,0,test,log_mse_sum,-9")]
+    rows += [("d", "D", f"paper,{seed},test,log_mse_sum,{value}") for seed, value in enumerate((-4, "nan"))]
     tabulate([write(tmp_path / "metrics.csv", rows)], [tmp_path / "t.md", tmp_path / "t_long.csv"])
     text = (tmp_path / "t.md").read_text()
     assert "| A | 4 | not finite (2) |" in text and "| B | 4 | −3.40 (1) |" in text and "| C | 1 | −9.00 (" not in text
+    assert "| D | 2 | not finite (1) |" in text
     (long,) = [mean for mean in read_csv(tmp_path / "t_long.csv", TabledMean, "") if mean.method == "b"]
     assert long.seeds == (0, 1, 2, 3) and long.values == (-4.5, -3.4, -3.6, -4.0) and long.behind(1.0) == 1
 

@@ -40,7 +40,8 @@ Place = tuple[str, str, str]  # row, set and metric
 KNOWN_FORM = "F_a of known form, which does not compete"  # a title over rows
 BEHIND = 1.0  # nats
 WORST = (
-    "Log-MSE of the worst seed; in brackets, how many seeds are more than a nat behind the best of the same version."
+    "Log-MSE of the worst seed; in brackets, how many seeds are more than a nat behind the best of the same version, "
+    "or have no finite value."
 )
 BEST = "Bold: the best of each column, and those that are not told apart from it."
 # Only the first is a gain of augmentation: an augmented version was also trained for longer than its base.
@@ -176,7 +177,7 @@ def seeds_table(part: Sequence[TabledMean], job: TabulateJob) -> Table | None:
     rows: list[Row] = []
     for row, first in _firsts(part).items():
         own = [values.get((row, name, metric)) for name in _sets(part)]
-        if any(mean is not None and len(mean.values or ()) > 1 and mean.std > 0 for mean in own):
+        if any(mean is not None and len(mean.values or ()) > 1 and mean.std != 0 for mean in own):
             rows.append([first.label, str(len(first.seeds)), *map(_worst, own)])
     head = ["method", "seeds", *(job.of_set(name) for name in _sets(part))]
     return Table(head, [("", rows)], 1, caption=WORST) if rows else None

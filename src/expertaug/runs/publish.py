@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import yaml
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from expertaug.config.models import Configuration
 from expertaug.errors import InputError
@@ -131,7 +131,7 @@ def _copy(source: Path, target: Path) -> None:
         with Image.open(source, formats=["PNG"]) as picture:
             flat = Image.new("RGB", picture.size, "white")
             flat.paste(picture, mask=picture.getchannel("A") if picture.mode == "RGBA" else None)
-    except UnidentifiedImageError:
+    except (OSError, Image.DecompressionBombError):  # no picture, a broken or an absurd one: as it is
         shutil.copyfile(source, target)
     else:
         flat.quantize(256, dither=Image.Dither.NONE).save(target, "PNG", optimize=True)
