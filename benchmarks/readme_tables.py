@@ -21,6 +21,7 @@ import argparse
 import math
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -67,8 +68,7 @@ def of_paper(folder: Path, name: str) -> list[str]:
 def of_experiment(folder: Path, name: str, versions: str | None) -> list[str]:
     """Log-MSE of every method on training, validation, IID (where there is one) and test set, in the experiment's
     convention; intervals where the run has them."""
-    experiments = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["experiments"]
-    metric = f"log_mse_{experiments[name]['evaluation'].get('convention', 'sum')}"
+    metric = _log_mse(yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8")), name)
     table = pd.read_csv(folder / "tables" / f"{name}.csv")
     if versions is not None:
         table = table.set_index("method", drop=False).loc[versions.split(",")]
@@ -85,7 +85,7 @@ def beside_paper(folder: Path, name: str, versions: str) -> list[str]:
     from expertaug.models.estimators import estimator  # loads torch, which other tables do not need
 
     config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
-    metric = f"log_mse_{config['experiments'][name]['evaluation'].get('convention', 'sum')}"
+    metric = _log_mse(config, name)
     ours = pd.read_csv(folder / "tables" / f"{name}.csv").set_index("method")
     paper = pd.read_csv(folder / "tables" / f"{name}_published.csv").query("table == 'synth_log_mse'")
     paper = paper.set_index(["label", "set"])
@@ -105,8 +105,7 @@ def beside_paper(folder: Path, name: str, versions: str) -> list[str]:
 
 def of_seeds(folder: Path, name: str, versions: str, one_set: str) -> list[str]:
     """A column for each seed; the worst of a version is bold."""
-    config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
-    metric = f"log_mse_{config['experiments'][name]['evaluation'].get('convention', 'sum')}"
+    metric = _log_mse(yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8")), name)
     long = read_csv(folder / "tables" / f"{name}_long.csv", TabledMean, "publish the run anew")
     found = {mean.method: mean for mean in long if (mean.set, mean.metric) == (one_set, metric)}
     rows = []
@@ -116,6 +115,11 @@ def of_seeds(folder: Path, name: str, versions: str, one_set: str) -> list[str]:
         worst = each.index(max(each))
         rows.append([found[version].label, *(f"**{t}**" if k == worst else t for k, t in enumerate(texts))])
     return grid(["method, seed", *map(str, found[versions.split(",")[0]].seeds)], rows, 1)
+
+
+def _log_mse(config: Mapping, name: str) -> str:
+    """The log-MSE in an experiment's convention."""
+    return f"log_mse_{config['experiments'][name]['evaluation'].get('convention', 'sum')}"
 
 
 def _cell(line: pd.Series, one_set: str, metric: str, gain: bool = False) -> Cell:

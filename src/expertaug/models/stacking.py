@@ -146,8 +146,9 @@ class SeedWise(nn.Module):
             return finish(found), after
 
         found, way = None, (method, training)
-        alone = fitting or self.seeds == 1  # vmap costs twice a plain call
-        if way not in self._vectorised and not alone:
+        if fitting or self.seeds == 1:  # of one seed, vmap costs twice a plain call
+            self._vectorised[way] = False
+        if way not in self._vectorised:
             kept = {k: v.clone() for k, v in buffers.items()}
             try:
                 found = self._at_once(one, parameters, buffers, arguments, axes)
@@ -160,7 +161,7 @@ class SeedWise(nn.Module):
                 self._vectorised[way] = False
                 for name, value in kept.items():
                     buffers[name].copy_(value)
-        elif self._vectorised.get(way) and not alone:
+        elif self._vectorised[way]:
             found = self._at_once(one, parameters, buffers, arguments, axes)
         result, after = found or self._in_turn(one, parameters, buffers, arguments, axes)
         if training:
