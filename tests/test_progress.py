@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from expertaug import cli
 from expertaug.evaluation import costs
 from expertaug.runs import eta
 from expertaug.runs.progress import Watch, cancel_timers, logger
@@ -53,14 +54,29 @@ def test_durations_are_said_as_people_say_them(seconds, said):
     assert eta.text(seconds) == said
 
 
-def test_costs_are_read_from_published_runs_and_benchmarks(tmp_path):
+def test_costs_are_read_from_published_runs_and_logs(tmp_path):
     (tmp_path / "long").mkdir()
     (tmp_path / "long" / "costs.csv").write_text("job,seconds,peak_memory_mb\ntrain/a,600.5,300\nalong/b,9,1\n")
-    (tmp_path / "benchmarks" / "train").mkdir(parents=True)
-    (tmp_path / "benchmarks" / "train" / "a.tsv").write_text("s\th:m:s\tmax_rss\n61.25\t0:01:01\t300\n")
-    (tmp_path / "benchmarks" / "train" / "half.tsv").write_text("s\th:m:s\n")
+    (tmp_path / "logs" / "train").mkdir(parents=True)
+    write_cost(tmp_path, "train/a", seconds=61.25, cpu_seconds=60.0, peak_memory_mb=300)
+    (tmp_path / "logs" / "train" / "half.cost.json").write_text('{"seconds": 1')
     assert costs.published(tmp_path) == {"long": {"train/a": 600.5, "during_training/b": 9.0}}, "named as today"
-    assert costs.of_run(tmp_path / "benchmarks") == {"train/a": (61.25, 300)}
+    assert costs.of_run(tmp_path / "logs") == {"train/a": costs.Cost(61.25, 60.0, 300)}
+    assert costs.as_csv(costs.of_run(tmp_path / "logs")).splitlines()[1] == "train/a,61.2,60.0,300"
+
+
+def write_cost(folder, job: str, **values: float) -> None:
+    (folder / "logs" / f"{job}.cost.json").write_text(json.dumps(values))
+
+
+def test_the_command_line_writes_what_a_job_took(tmp_path):
+    show = ["config", "--log", str(tmp_path / "logs" / "show.log"), "show", "pendulum"]
+    assert cli.main([*show, "aphynity"]) == 0
+    cost = costs.of_run(tmp_path / "logs")["show"]
+    assert cost.cpu_seconds > 0 and 0 < cost.seconds < 600 and cost.peak_memory_mb > 1
+    (tmp_path / "logs" / "show.cost.json").unlink()
+    assert cli.main([*show, "aphinity"]) == 2
+    assert not costs.of_run(tmp_path / "logs"), "what failed tells no cost"
 
 
 def test_the_published_run_with_most_of_the_jobs_is_taken():
@@ -70,14 +86,14 @@ def test_the_published_run_with_most_of_the_jobs_is_taken():
 
 
 class Dag:
-    """Jobs as Snakemake's graph of jobs shows them: None is a target's, an empty name one's that is not measured."""
+    """Jobs as Snakemake's graph of jobs shows them: None is a target's."""
 
     def __init__(self, folder, *names):
         self.all = [
             SimpleNamespace(
                 jobid=k,
                 rule=SimpleNamespace(name="rule", norun=name is None),
-                benchmark=str(folder / "benchmarks" / f"{name}.tsv") if name else None,
+                log=[str(folder / "logs" / f"{name}.log")] if name else [],
             )
             for k, name in enumerate(names)
         ]
@@ -110,20 +126,10 @@ def test_a_run_says_what_it_does_stage_by_stage(watch, tmp_path, caplog):
     watch.start(Dag(tmp_path / "results", "train/a", "train/b", "validity/a", "during_training/a", None), 1)
     assert caplog.messages[:-1] == [
         "What is to be done:",
-        "  train              2 jobs  about 20 minutes",
-        "  validity            1 job  cost not known",
-        "  during training     1 job  cost not known",
+        "  train     2 jobs  about 20 minutes",
+        "  others    2 jobs  cost not known: during training, validity",
     ]
     assert caplog.messages[-1].startswith("At least 20 minutes for 4 jobs on 1 core")
-
-
-def test_jobs_that_nobody_measures_come_last(watch, tmp_path, caplog):
-    (tmp_path / "published" / "long" / "costs.csv").write_text("job,seconds,peak_memory_mb\ntrain/a,2,1\n")
-    watch.start(Dag(tmp_path / "results", "train/a", ""), 2)
-    assert caplog.messages[1:3] == [
-        "  train                          1 job  about 10 seconds",
-        "  tables, figures and others     1 job  not measured, 5 seconds each",
-    ]
 
 
 def test_nothing_is_estimated_from_nothing(watch, tmp_path, caplog):

@@ -32,11 +32,11 @@ def run(tmp_path, monkeypatch):
         "figures/pendulum_log_mse.pdf": "heavy",
         "figures/pendulum_old_log_mse.png": "of an experiment that is no longer run",
         "pendulum/data/train.npz": "data",
-        "benchmarks/train/pendulum_aphynity_seeds_0.tsv": "s\th:m:s\tmax_rss\n12.5\t0:00:12\t300.5\n",
-        "benchmarks/validity/pendulum.tsv": "s\th:m:s\tmax_rss\n2.5\t0:00:02\tNA\n",
+        "logs/train/pendulum_aphynity_seeds_0.cost.json": '{"seconds": 12.5, "peak_memory_mb": 300.5}',
+        "logs/validity/pendulum.cost.json": '{"seconds": 2.5, "peak_memory_mb": 0}',
         # Of a larger run in the same folder.
-        "benchmarks/train/pendulum_shift_aphynity_seeds_0.tsv": "s\th:m:s\tmax_rss\n7\t0:00:07\t900\n",
-        "benchmarks/track_markers/rendered_00.tsv": "s\th:m:s\tmax_rss\n7\t0:00:07\t900\n",
+        "logs/train/pendulum_shift_aphynity_seeds_0.cost.json": '{"seconds": 7, "peak_memory_mb": 900}',
+        "logs/track_markers/rendered_00.cost.json": '{"seconds": 7, "peak_memory_mb": 900}',
         "recordings/summary.md": "of recordings",
     }
     for name, text in files.items():

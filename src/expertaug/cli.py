@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import json
 import logging
 import os
+import resource
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,6 +28,7 @@ logger = logging.getLogger("expertaug")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a stage; 0 when it went well, 2 for bad input, 3 for a failed solve, 1 for a bug."""
+    began = time.monotonic()
     arguments = commands.parse(argv)
     stage = arguments.stage
     keep_freed_memory()
@@ -32,6 +36,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         _log_to(arguments.log)
         arguments.run(arguments)
         sys.stdout.flush()
+        if arguments.log is not None:
+            _write_cost(arguments.log.with_suffix(".cost.json"), time.monotonic() - began)
     except BrokenPipeError:  # whoever read the output, as head does, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -66,6 +72,17 @@ def keep_freed_memory() -> bool:
     except (AttributeError, OSError, TypeError):  # another C library
         return False
     return bool(mallopt(MMAP_THRESHOLD, KEPT)) & bool(mallopt(TRIM_THRESHOLD, KEPT))
+
+
+def _write_cost(path: Path, seconds: float) -> None:
+    """What the job took, for expertaug.evaluation.costs: Snakemake cannot measure one that starts warm."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    cost = {
+        "seconds": round(seconds, 2),
+        "cpu_seconds": round(sum(one.ru_utime + one.ru_stime for one in used), 2),
+        "peak_memory_mb": round(max(one.ru_maxrss for one in used) / 1024, 1),  # of KiB on Linux
+    }
+    path.write_text(json.dumps(cost) + "\n", encoding="utf-8")
 
 
 def _bug(stage: str) -> int:

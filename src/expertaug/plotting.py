@@ -221,3 +221,4 @@ def save(figure: Figure, outputs: str | Path | Iterable[str | Path], dpi: float 
             metadata = {"CreationDate": None} if path.suffix == ".pdf" else {"Software": None}
             with atomic(path) as temporary:
                 figure.savefig(temporary, dpi=dpi or mpl.rcParams["savefig.dpi"], metadata=metadata)
+            figure.set_layout_engine("none")  # the places are found: a third of the time of a further file

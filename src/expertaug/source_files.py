@@ -11,6 +11,7 @@ import importlib.util
 from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
 from pathlib import Path
 
 from expertaug.errors import InputError
@@ -66,6 +67,15 @@ def versions(modules: Iterable[str]) -> list[str]:
     """Installed versions of the numeric packages that these modules and all that they import use: ``numpy 2.4.6``."""
     used = {name.partition(".")[0] for module, path in _all(modules) for name in _imported(path, module)}
     return [_installed(name) for name in NUMERIC if name in used]
+
+
+def libraries() -> list[str]:
+    """What any module of this package imports from elsewhere, wherever it does, sorted."""
+    names: set[str] = set()
+    for path in chain.from_iterable((PACKAGE.parent / package).rglob("*.py") for package in PACKAGES):
+        module = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+        names.update(_imported(path, module.removesuffix(".__init__")))
+    return sorted(name for name in names if name.partition(".")[0] not in PACKAGES)
 
 
 def find(where: str, name: str) -> Path:

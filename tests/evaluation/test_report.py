@@ -77,8 +77,8 @@ def run(tmp_path):
         plotting.save(Figure(figsize=(1, 1)), tmp_path / f"figures/swing_{name}.png")
         shown.append(_shown(f"figures/swing_{name}.png", name, name.replace("_", " ")))
     shown += [_shown(f"tables/swing_{name}.md", name, name) for name in ("alarm", "estimates")]
-    (tmp_path / "benchmarks" / "train").mkdir(parents=True)
-    (tmp_path / "benchmarks" / "train" / "swing.tsv").write_text("s\tmax_rss\n61.2\t300\n")
+    (tmp_path / "logs" / "train").mkdir(parents=True)
+    (tmp_path / "logs" / "train" / "swing.cost.json").write_text('{"seconds": 61.2, "peak_memory_mb": 300}')
     experiment = {"name": "swing", **settings, "floors": [], "known_form": [], "least_squares": []}
     told = {"preset": "corrected", "seeds": [0, 1, 2], "device": "cpu", "files": ["my.yaml"]}
     told["rules"] = [["simulate_set", "train_seed_group"], ["train_seed_group", "evaluate_seed_group"]]
@@ -222,7 +222,7 @@ def test_the_main_table_is_that_of_the_csv_file(run):
 
 
 def test_costs_are_summed_by_stage_the_dearest_first():
-    costs = {"evaluate/a": Cost(30, 100), "train/a": Cost(3600, 900), "train/b": Cost(60, 0)}
+    costs = {"evaluate/a": Cost(30, 20, 100), "train/a": Cost(3600, 3500, 900), "train/b": Cost(60)}
     ((_, rows),) = run_record.costs_table(costs).parts
     assert rows == [
         ["train", "2", "1 h 01 min", "1 h 00 min", "900"],

@@ -35,7 +35,7 @@ def test_smoke_run_makes_tables_figures_and_logs(project):
     assert followed == {("pendulum", "aphynity")}
     assert {"recordings/summary.md", "double_pendulum/data/calibration.json", "mlflow/mlflow.db"} <= found
     assert "logs/train/pendulum_aphynity_seeds_0_1.log" in found
-    assert "benchmarks/train/pendulum_aphynity_seeds_0_1.tsv" in found
+    assert "logs/train/pendulum_aphynity_seeds_0_1.cost.json" in found
     table = (results / "tables" / "pendulum.md").read_text()
     assert all(label in table for label in ("Mean", "Expert only", "ML only", "APHYNITY", "APHYNITY+", "corrected"))
 

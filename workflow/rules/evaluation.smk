@@ -12,8 +12,6 @@ rule evaluate_seed_group:
         forecasts=results("{experiment}/{variant}/{seed_group}/forecasts.npz"),
     log:
         results("logs/evaluate/{experiment}_{variant}_{seed_group}.log"),
-    benchmark:
-        results("benchmarks/evaluate/{experiment}_{variant}_{seed_group}.tsv")
     conda:
         "../envs/expertaug.yaml"
     resources:
@@ -39,8 +37,6 @@ rule log_evaluations_of_experiment:
         results("{experiment}/evaluations.json"),
     log:
         results("logs/log_evaluations/{experiment}.log"),
-    benchmark:
-        results("benchmarks/log_evaluations/{experiment}.tsv")
     conda:
         "../envs/expertaug.yaml"
     resources:

@@ -33,8 +33,6 @@ rule train_seed_group:
         snapshots=touch(results("{experiment}/{method}/{seed_group}/snapshots.safetensors")),
     log:
         results("logs/train/{experiment}_{method}_{seed_group}.log"),
-    benchmark:
-        results("benchmarks/train/{experiment}_{method}_{seed_group}.tsv")
     conda:
         "../envs/expertaug.yaml"
     resources:
@@ -65,8 +63,6 @@ rule during_training_seed_group:
         results("{experiment}/{method}/{seed_group}/during_training.csv"),
     log:
         results("logs/during_training/{experiment}_{method}_{seed_group}.log"),
-    benchmark:
-        results("benchmarks/during_training/{experiment}_{method}_{seed_group}.tsv")
     conda:
         "../envs/expertaug.yaml"
     resources:
@@ -117,8 +113,6 @@ rule own_prior_seed_group:
         results("{experiment}/{variant}/{seed_group}/prior.json"),
     log:
         results("logs/own_prior/{experiment}_{variant}_{seed_group}.log"),
-    benchmark:
-        results("benchmarks/own_prior/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
         variant=one_of([v for e in RUN for v in FILES.found_priors(e)]),
     conda:
@@ -146,8 +140,6 @@ rule augment_seed_group:
         results("{experiment}/{variant}/{seed_group}/augmented.safetensors"),
     log:
         results("logs/augment/{experiment}_{variant}_{seed_group}.log"),
-    benchmark:
-        results("benchmarks/augment/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
         variant=one_of([v for e in RUN for v in FILES.augmented(e)]),
     conda:
@@ -178,8 +170,6 @@ rule finetune_seed_group:
         results("{experiment}/{variant}/{seed_group}/model.safetensors"),
     log:
         results("logs/finetune/{experiment}_{variant}_{seed_group}.log"),
-    benchmark:
-        results("benchmarks/finetune/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
         variant=one_of([v for e in RUN for v in FILES.finetuned(e)]),
     conda:
@@ -212,8 +202,6 @@ rule flow_seed_group:
         results("{experiment}/{variant}/{seed_group}/model.safetensors"),
     log:
         results("logs/flow/{experiment}_{variant}_{seed_group}.log"),
-    benchmark:
-        results("benchmarks/flow/{experiment}_{variant}_{seed_group}.tsv")
     wildcard_constraints:
         variant=one_of([v for e in RUN for v in FILES.flows(e)]),
     conda:

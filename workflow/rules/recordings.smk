@@ -9,8 +9,6 @@ rule render_video_of_recording:
         truth=results("recordings/{recording}/truth.csv"),
     log:
         results("logs/render_video/{recording}.log"),
-    benchmark:
-        results("benchmarks/render_video/{recording}.tsv")
     conda:
         "../envs/expertaug.yaml"
     resources:
@@ -33,8 +31,6 @@ rule extract_frames_of_recording:
         temp(results("recordings/{recording}/frames.b2frame")),
     log:
         results("logs/extract_frames/{recording}.log"),
-    benchmark:
-        results("benchmarks/extract_frames/{recording}.tsv")
     conda:
         "../envs/expertaug.yaml"
     resources:
@@ -64,8 +60,6 @@ if SOURCE != "markers":
             results("recordings/{recording}/markers.csv"),
         log:
             results("logs/track_markers/{recording}.log"),
-        benchmark:
-            results("benchmarks/track_markers/{recording}.tsv")
         conda:
             "../envs/expertaug.yaml"
         resources:
@@ -139,8 +133,6 @@ rule measure_angles_of_recording:
         summary=results("recordings/{recording}/angles.json"),
     log:
         results("logs/measure_angles/{recording}.log"),
-    benchmark:
-        results("benchmarks/measure_angles/{recording}.tsv")
     conda:
         "../envs/expertaug.yaml"
     resources:
@@ -212,8 +204,6 @@ rule overlay_video:
         results("recordings/{recording}/overlay.mp4"),
     log:
         results("logs/overlay/{recording}.log"),
-    benchmark:
-        results("benchmarks/overlay/{recording}.tsv")
     conda:
         "../envs/expertaug.yaml"
     resources:

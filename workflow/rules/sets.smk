@@ -8,8 +8,6 @@ rule simulate_set:
         results("{experiment}/data/{set}.npz"),
     log:
         results("logs/simulate/{experiment}_{set}.log"),
-    benchmark:
-        results("benchmarks/simulate/{experiment}_{set}.tsv")
     wildcard_constraints:
         experiment=one_of(SIMULATED),
     conda:
@@ -34,8 +32,6 @@ rule split_chunks_of_experiment:
         splits=results("{experiment}/data/splits.json"),
     log:
         results("logs/split_chunks/{experiment}.log"),
-    benchmark:
-        results("benchmarks/split_chunks/{experiment}.tsv")
     wildcard_constraints:
         experiment=one_of(RECORDED),
     conda:
@@ -87,8 +83,6 @@ rule cut_measurements_of_experiment:
         splits=results("{experiment}/data/splits.json"),
     log:
         results("logs/cut_measurements/{experiment}.log"),
-    benchmark:
-        results("benchmarks/cut_measurements/{experiment}.tsv")
     wildcard_constraints:
         experiment=one_of(MEASURED),
     conda:
@@ -138,8 +132,6 @@ rule calibrate_experiment:
         results("{experiment}/data/calibration.json"),
     log:
         results("logs/calibrate/{experiment}.log"),
-    benchmark:
-        results("benchmarks/calibrate/{experiment}.tsv")
     wildcard_constraints:
         experiment=one_of(RECORDED + list(MEASURED)),
     conda:

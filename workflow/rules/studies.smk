@@ -41,8 +41,6 @@ for study in [name for name in STUDIES if STUDIES[name].runs_models]:
             study_outputs(study),
         log:
             results(f"logs/{study_log(study)}.log"),
-        benchmark:
-            results(f"benchmarks/{study_log(study)}.tsv")
         wildcard_constraints:
             experiment=with_study(study),
         conda:

@@ -22,7 +22,7 @@ from expertaug.wording import is_multiple, number_in, other_parameters, suggest,
 from expertaug_recordings.settings import RecordingKeys
 
 # Folders beside those of the experiments in the results folder.
-RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs", "benchmarks")
+RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs")
 TARGETS = ("export", "recordings", "studies", "report", "all", "everything")  # beside the stages
 # Tables of an experiment are called after it and one of these.
 ENDINGS = ("long", *(one.name for one in PRODUCTS if one.table and one.name))

@@ -1,37 +1,46 @@
-"""What jobs cost: Snakemake's benchmark files of a run, and the costs.csv of a published one."""
+"""What jobs cost: the files beside the logs of a run, and the costs.csv of a published one."""
 
 from __future__ import annotations
 
 import csv
+import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from expertaug.files import find
 
+COST = ".cost.json"  # in place of a log's ending, as expertaug.cli writes it
 RENAMED = {"along": "during_training"}  # stages that runs published before were called otherwise
 
 
-class Cost(NamedTuple):
-    """What one job took."""
+@dataclass(frozen=True)
+class Cost:
+    """What one job took.
+
+    Attributes:
+        seconds: of the clock, once Python runs.
+        cpu_seconds: of the job and what it started; 0 where nobody measured them.
+        peak_memory_mb: resident; 0 where nobody measured it.
+    """
 
     seconds: float
-    peak_memory_mb: float  # resident; 0 where it was not measured
+    cpu_seconds: float = 0.0
+    peak_memory_mb: float = 0.0
 
 
-def of_run(benchmarks: Path) -> dict[str, Cost]:
-    """What each job of a results folder took (``train/pendulum_aphynity_seeds_0_1_2``), as Snakemake measured it.
+def of_run(logs: Path) -> dict[str, Cost]:
+    """What each job of a results folder took (``train/pendulum_aphynity_seeds_0_1_2``), as the command line wrote it.
 
     Arguments:
-        benchmarks: folder of its benchmark files; one that a job is just writing is left out.
+        logs: folder of its logs; a cost that cannot be read, as one that is just being written, is left out.
     """
     found = {}
-    for path in find(benchmarks, "*.tsv"):
-        with path.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream, delimiter="\t"))
-        if rows:
-            memory = rows[-1].get("max_rss") or "NA"
-            job = path.relative_to(benchmarks).with_suffix("").as_posix()
-            found[job] = Cost(float(rows[-1]["s"]), 0.0 if memory in ("NA", "-") else float(memory))
+    for path in find(logs, f"*{COST}"):
+        try:
+            cost = Cost(**json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):
+            continue
+        found[path.relative_to(logs).as_posix().removesuffix(COST)] = cost
     return found
 
 
@@ -45,13 +54,13 @@ def read(path: Path) -> dict[str, Cost]:
     """What each job took, by a costs.csv; stages are called as they are today."""
     with Path(path).open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
-    return {_today(row["job"]): Cost(float(row["seconds"]), float(row["peak_memory_mb"])) for row in rows}
+    return {_today(row.pop("job")): Cost(**{name: float(value) for name, value in row.items()}) for row in rows}
 
 
 def as_csv(costs: dict[str, Cost]) -> str:
     """The text of a costs.csv."""
-    lines = [f"{job},{cost.seconds:.1f},{cost.peak_memory_mb:.0f}" for job, cost in costs.items()]
-    return "\n".join(["job,seconds,peak_memory_mb", *lines]) + "\n"
+    lines = [f"{job},{c.seconds:.1f},{c.cpu_seconds:.1f},{c.peak_memory_mb:.0f}" for job, c in costs.items()]
+    return "\n".join(["job,seconds,cpu_seconds,peak_memory_mb", *lines]) + "\n"
 
 
 def _today(job: str) -> str:

@@ -18,7 +18,7 @@ from expertaug.systems.inputs import further
 
 # F_a is measured at so many windows' points, each so many points from the next, for z_a of so many windows.
 STATES, EVERY, LATENTS = 64, 4, 16
-NUMBERS = 2**24  # rates that are compared at a time
+NUMBERS = 2**22  # rates that are compared at a time
 STEP = 1e-4  # of an expert parameter, in its scale, for a derivative in double precision
 RIDGE = 1e-6
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 
-UNMEASURED_S = 5.0  # a job that nobody has measured: a table, a figure
+UNMEASURED_S = 5.0  # a job of a stage that nobody has measured
 TRUST_S = 60.0  # of published seconds: a few short jobs, mostly start-up, say little of how fast this host is
 _POINT = re.compile(r"@\d+")
 _SEEDS = re.compile(r"_seeds_[\d_]+$")

@@ -15,7 +15,7 @@ from expertaug.files import is_inside, read_json
 from expertaug.runs import eta
 
 logger = logging.getLogger("snakemake.logging")  # what is said here is on the terminal and in Snakemake's own log
-OTHERS = "tables, figures and others"  # jobs that nobody measures: a few seconds each
+OTHERS = "others"  # jobs of stages that nobody has measured
 _ERROR = " ERROR "  # as expertaug.cli writes it
 
 
@@ -29,7 +29,7 @@ class Watch(logging.Handler):
 
     def __init__(self, results: Path, published: Path) -> None:
         super().__init__()
-        self.benchmarks = Path(results) / "benchmarks"
+        self.logs = Path(results) / "logs"
         self.published = Path(published)
         self.began: dict[int, float] = {}
         self.ended: set[int] = set()
@@ -63,21 +63,26 @@ class Watch(logging.Handler):
         if name is None and not self.measured():
             return f"{count(jobs)} on {cores}; how long they take is told when some have ended."
         source = f" (by the costs of the published run '{name}')" if name else ""
-        unknown = eta.stages(jobs) - {OTHERS} - self.known()
+        unknown = eta.stages(jobs) - self.known()
         about = "At least" if unknown else "About"
         return f"{about} {self.left(jobs)} for {count(jobs)} on {cores}{source}."
 
     def plan(self) -> list[str]:
         """How many jobs each stage has and how long they will take, the longest first; nothing where there is one."""
         jobs = self.jobs()
-        by_stage, measured, seconds = eta.by_stage(jobs), self.known(), eta.estimator(self.costs, self.measured())
-        times = {stage: eta.remaining(jobs_of, seconds, self.cores) for stage, jobs_of in by_stage.items()}
-        ranked = sorted(by_stage, key=lambda stage: (stage == OTHERS, stage not in measured, -times[stage]))
-        width, lines = max(map(len, by_stage), default=0), []
-        for stage in ranked:
-            said = f"about {eta.text(times[stage])}" if stage in measured else "cost not known"
-            said = f"not measured, {eta.UNMEASURED_S:.0f} seconds each" if stage == OTHERS else said
-            lines.append(f"  {stage.replace('_', ' '):{width}}  {count(by_stage[stage]):>8}  {said}")
+        seconds, known, by_stage = eta.estimator(self.costs, self.measured()), self.known(), eta.by_stage(jobs)
+        times = {stage: eta.remaining(by_stage[stage], seconds, self.cores) for stage in by_stage if stage in known}
+        rows = [
+            (stage.replace("_", " "), count(by_stage[stage]), f"about {eta.text(times[stage])}")
+            for stage in sorted(times, key=times.__getitem__, reverse=True)
+        ]
+        if others := [stage for stage in by_stage if stage not in known]:
+            names = ", ".join(sorted(stage.replace("_", " ") for stage in others))
+            rows.append(
+                (OTHERS, count([job for stage in others for job in by_stage[stage]]), f"cost not known: {names}")
+            )
+        width = max((len(name) for name, _, _ in rows), default=0)
+        lines = [f"  {name:{width}}  {jobs_of:>8}  {said}" for name, jobs_of, said in rows]
         return ["What is to be done:", *lines] if len(by_stage) > 1 else []
 
     def jobs(self) -> dict[str, float]:
@@ -90,7 +95,7 @@ class Watch(logging.Handler):
 
     def measured(self) -> dict[str, float]:
         """Seconds by job of what has been run in this results folder."""
-        return {job: cost.seconds for job, cost in costs.of_run(self.benchmarks).items()}
+        return {job: cost.seconds for job, cost in costs.of_run(self.logs).items()}
 
     def known(self) -> set[str]:
         """Stages of which a job has been measured, here or in the published run."""
@@ -120,7 +125,7 @@ class Watch(logging.Handler):
 
     def where_to_look(self) -> list[str]:
         """Where the results of a run that went well are, and how the dashboard is opened; a line each."""
-        results = self.benchmarks.parent
+        results = self.logs.parent
         places = {"Report": "report.html", "Tables": "tables", "Figures": "figures"}
         said = [f"{name}: {results / place}" for name, place in places.items() if (results / place).exists()]
         marker = results / "mlflow" / "tracking.json"
@@ -145,9 +150,7 @@ class Watch(logging.Handler):
 
     def called(self, job) -> str:
         """A job as costs.csv calls it."""
-        if job.benchmark is None:
-            return f"{OTHERS}/{job.jobid}"
-        return Path(str(job.benchmark)).relative_to(self.benchmarks).with_suffix("").as_posix()
+        return Path(str(job.log[0])).relative_to(self.logs).with_suffix("").as_posix()
 
 
 def cancel_timers() -> None:

@@ -112,7 +112,7 @@ def _fill(new: Path, results: Path, config: Configuration, command: str) -> None
             (new / file).parent.mkdir(parents=True, exist_ok=True)
             _copy(check_inside(results / file, results), new / file)
     own = {*config.run, *([None] if filmed else [])}
-    every = costs.of_run(results / "benchmarks")
+    every = costs.of_run(results / "logs")
     measured = {job: cost for job, cost in every.items() if _experiment(job, config.experiments) in own}
     write_text(new / "costs.csv", costs.as_csv(measured))
     anywhere = config.model_copy(update={"tracking": config.tracking.model_copy(update={"uri": None})})

@@ -87,7 +87,7 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
         blocks += _blocks(numbers, [s for s in own if s not in asked], results, job, experiment)
         sections.append((experiment.of_experiment(experiment.name), blocks))
     sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, job)))
-    measured = costs.of_run(results / "benchmarks")
+    measured = costs.of_run(results / "logs")
     record = run_record.of_run(results, measured)
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(

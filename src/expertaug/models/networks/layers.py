@@ -74,9 +74,10 @@ class MLP(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(…, B, inputs) → (…, B, outputs)."""
-        for layer in self.layers[:-1]:
+        *hidden, last = self.layers  # a slice would make a module at every step of a solver
+        for layer in hidden:
             x = self.activation(layer(x))
-        return self.layers[-1](x)
+        return last(x)
 
 
 class Standardise(nn.Module):
