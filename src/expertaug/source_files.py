@@ -7,6 +7,7 @@ whenever it starts, and a checkpoint's fingerprint asks the same.
 from __future__ import annotations
 
 import ast
+import hashlib
 import importlib.util
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -15,6 +16,7 @@ from itertools import chain
 from pathlib import Path
 
 from expertaug.errors import InputError
+from expertaug.files import sha256
 
 PACKAGE = Path(__file__).resolve().parent
 PACKAGES = ("expertaug", "expertaug_recordings")  # beside each other
@@ -61,6 +63,15 @@ def files(modules: Iterable[str]) -> list[Path]:
         InputError: a module does not exist.
     """
     return sorted(path for _, path in _all(modules))
+
+
+def digest(modules: Iterable[str]) -> str:
+    """A digest of what these modules and all that they import of this package and of their own say.
+
+    Arguments:
+        modules: as of :func:`files`.
+    """
+    return _digest_of(tuple(sorted((module, _content(path)) for module, path in _all(modules))))
 
 
 def versions(modules: Iterable[str]) -> list[str]:
@@ -140,6 +151,16 @@ def _reachable(name: str, ignored: frozenset[str]) -> frozenset[tuple[str, Path]
     if name not in found:
         raise InputError(name, "no such module of expertaug", "correct the name")
     return frozenset(found.items())
+
+
+@cache
+def _content(path: Path) -> str:
+    return sha256(path)
+
+
+@cache
+def _digest_of(parts: tuple[tuple[str, str], ...]) -> str:
+    return hashlib.sha256("\n".join(map(" ".join, parts)).encode()).hexdigest()
 
 
 @cache

@@ -57,16 +57,6 @@ def modules_of(stage, wildcards):
     return jobs.modules(CONFIG, wildcards.experiment, method)
 
 
-def code(stage):
-    """An input: the files of the package, and of the configuration's own classes, that a stage runs."""
-
-    def files(wildcards):
-        found = stage_of(stage, wildcards)
-        return found.sources(modules_of(found, wildcards))
-
-    return files
-
-
 def settings(stage, *names):
     """A parameter: a stage's slice of the configuration as JSON; what names the job are wildcards, or functions."""
 
@@ -77,19 +67,20 @@ def settings(stage, *names):
     return text
 
 
-def versions(stage):
-    """A parameter: installed versions of the packages that compute a stage's numbers."""
+def software(stage):
+    """A parameter: what computes a stage's numbers, that of the package and of the configuration's own classes, and of
+    installed packages."""
 
-    def names(wildcards):
-        found = stage_of(stage, wildcards)
-        return found.versions(modules_of(found, wildcards))
+    def told(wildcards):
+        of = stage_of(stage, wildcards)
+        return of.software(modules_of(of, wildcards))
 
-    return names
+    return told
 
 
 def stage_params(stage, *names):
-    """Parameters of a stage's jobs, of which each change redoes them: ``versions`` and ``settings``."""
-    return {"versions": versions(stage), "settings": settings(stage, *names)}
+    """Parameters of a stage's jobs, of which each change redoes them: ``software`` and ``settings``."""
+    return {"software": software(stage), "settings": settings(stage, *names)}
 
 
 def folder(path):

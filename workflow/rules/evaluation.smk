@@ -6,7 +6,6 @@ rule evaluate_seed_group:
         model=trained_model,
         sets=lambda w: sets(w.experiment, CONFIG.experiments[w.experiment].data.set_names),
         prior=prior,
-        code=code("evaluate"),
     output:
         metrics=results("{experiment}/{variant}/{seed_group}/metrics.csv"),
         forecasts=results("{experiment}/{variant}/{seed_group}/forecasts.npz"),
@@ -32,7 +31,6 @@ rule log_evaluations_of_experiment:
     input:
         forecasts=of_versions("forecasts.npz", FILES.variants),
         tracking=ancient(results("mlflow/tracking.json")),
-        code=code("log_evaluations"),
     output:
         results("{experiment}/evaluations.json"),
     log:
@@ -42,7 +40,7 @@ rule log_evaluations_of_experiment:
     resources:
         mem_mb=2000,
     params:
-        versions=versions("log_evaluations"),
+        software=software("log_evaluations"),
     message:
         "draw and store each evaluation of {wildcards.experiment}"
     shell:
@@ -53,7 +51,6 @@ rule tabulate_experiment:
     input:
         metrics=of_versions("metrics.csv"),
         forecasts=of_versions("forecasts.npz"),
-        code=code("tabulate"),
     output:
         results("tables/{experiment}_long.csv"),
         table("{experiment}", "table", "{experiment}", "Tables", experiment="{experiment}"),
@@ -77,7 +74,6 @@ rule plot_experiment:
         metrics=of_versions("metrics.csv"),
         forecasts=of_versions("forecasts.npz"),
         models=of_versions("model.safetensors", FILES.logged),
-        code=code("plot"),
     output:
         [figure_of_experiment(name, title) for name, title in FIGURES.items()],
     log:
@@ -106,7 +102,6 @@ rule compare_experiment:
         metrics=of_versions("metrics.csv"),
         forecasts=of_versions("forecasts.npz"),
         published=os.path.relpath(PUBLISHED),
-        code=code("compare"),
     output:
         expand(results("tables/{{experiment}}_published.{end}"), end=products.TABLE_ENDS),
     log:
@@ -134,7 +129,6 @@ if COMPARED:
             metrics=[FILES.of_versions(e, FILES.compared(e), "metrics.csv") for e in COMPARED],
             forecasts=[FILES.of_versions(e, FILES.compared(e), "forecasts.npz") for e in COMPARED],
             published=os.path.relpath(PUBLISHED),
-            code=code("compare"),
         output:
             table("published", "published", "published numbers", "Tables", content="published numbers"),
         log:
@@ -150,7 +144,6 @@ if OVERVIEWS:
     rule plot_overview:
         input:
             metrics=[FILES.of_versions(e["name"], FILES.compared(e["name"]), "metrics.csv") for e in OVERVIEW],
-            code=code("overview"),
         output:
             [overview_figure(name, title) for name, title in OVERVIEWS.items()],
         log:

@@ -2,8 +2,6 @@
 
 
 rule init_tracking:
-    input:
-        code=code("init_tracking"),
     output:
         results("mlflow/tracking.json"),
     log:
@@ -26,7 +24,6 @@ rule train_seed_group:
         calibration=calibration,
         tracking=ancient(results("mlflow/tracking.json")),
         prior=lambda w: FILES.prior_to_train(w.experiment, w.method),
-        code=code(training_of),
     output:
         model=results("{experiment}/{method}/{seed_group}/model.safetensors"),
         # States at several of its stages, for the study during_training; an empty file where no study follows it.
@@ -58,7 +55,6 @@ rule during_training_seed_group:
         sets=lambda w: sets(w.experiment, MAIN_SETS),
         tracking=ancient(results("mlflow/tracking.json")),
         prior=lambda w: FILES.prior(w.experiment, f"{w.method}+", w.seed_group),
-        code=code("during_training"),
     output:
         results("{experiment}/{method}/{seed_group}/during_training.csv"),
     log:
@@ -84,7 +80,6 @@ rule own_prior_of_experiment:
     input:
         sets=lambda w: FILES.sets_to_cover(w.experiment),
         calibration=calibration,
-        code=code("own_prior"),
     output:
         results("{experiment}/data/prior.json"),
     log:
@@ -108,7 +103,6 @@ rule own_prior_seed_group:
     input:
         model=base_model,
         sets=lambda w: FILES.sets_to_cover(w.experiment, w.variant),
-        code=code("own_prior"),
     output:
         results("{experiment}/{variant}/{seed_group}/prior.json"),
     log:
@@ -135,7 +129,6 @@ rule augment_seed_group:
         model=base_model,
         sets=lambda w: sets(w.experiment, LEARNING_SETS),
         prior=prior,
-        code=code("augment"),
     output:
         results("{experiment}/{variant}/{seed_group}/augmented.safetensors"),
     log:
@@ -165,7 +158,6 @@ rule finetune_seed_group:
         sets=lambda w: sets(w.experiment, LEARNING_SETS),
         tracking=ancient(results("mlflow/tracking.json")),
         prior=prior,
-        code=code("finetune"),
     output:
         results("{experiment}/{variant}/{seed_group}/model.safetensors"),
     log:
@@ -197,7 +189,6 @@ rule flow_seed_group:
         sets=lambda w: sets(w.experiment, LEARNING_SETS),
         tracking=ancient(results("mlflow/tracking.json")),
         prior=prior,
-        code=code("flow"),
     output:
         results("{experiment}/{variant}/{seed_group}/model.safetensors"),
     log:

@@ -64,7 +64,7 @@ def study_params(study):
     def settings(wildcards):
         return stage.settings_of(CONFIG, *stage.names(wildcards.experiment, study))
 
-    return {"stage": stage.name, "versions": versions(stage.key()), "settings": settings}
+    return {"stage": stage.name, "software": software(stage.key()), "settings": settings}
 
 
 def study_log(study):

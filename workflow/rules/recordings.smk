@@ -2,8 +2,6 @@
 
 
 rule render_video_of_recording:
-    input:
-        code=code("render_video"),
     output:
         video=results("recordings/{recording}/video.mp4"),
         truth=results("recordings/{recording}/truth.csv"),
@@ -26,7 +24,6 @@ rule render_video_of_recording:
 rule extract_frames_of_recording:
     input:
         video=video,
-        code=code("extract_frames"),
     output:
         temp(results("recordings/{recording}/frames.b2frame")),
     log:
@@ -54,8 +51,6 @@ if SOURCE != "markers":
             # Stores are temporary: what they are made from says whether they would be different.
             frames=ancient(results("recordings/{recording}/frames.b2frame")),
             video=video,
-            extraction=code("extract_frames"),
-            code=code("track_markers"),
         output:
             results("recordings/{recording}/markers.csv"),
         log:
@@ -67,7 +62,11 @@ if SOURCE != "markers":
             on_bad_recording=ON_BAD_RECORDING,
         params:
             **stage_params("track_markers", "recording"),
-            extraction=lambda w: [settings("extract_frames", "recording")(w), checksum(w)],
+            extraction=lambda w: [
+                *software("extract_frames")(w),
+                settings("extract_frames", "recording")(w),
+                checksum(w),
+            ],
             retry=to_retry("markers.csv"),
         message:
             "track the markers of {wildcards.recording}"
@@ -82,7 +81,6 @@ else:
         checkpoint unpack_markers:
             input:
                 archive=CONFIG.recordings.markers.path,
-                code=code("unpack_markers"),
             output:
                 folder=directory(results("recordings/archive")),
             log:
@@ -102,7 +100,6 @@ else:
     rule import_markers_of_recording:
         input:
             csv=marker_csv,
-            code=code("import_markers"),
         output:
             results("recordings/{recording}/markers.csv"),
         log:
@@ -127,7 +124,6 @@ rule measure_angles_of_recording:
     input:
         markers=results("recordings/{recording}/markers.csv"),
         board=board,
-        code=code("measure_angles"),
     output:
         angles=results("recordings/{recording}/angles.csv"),
         summary=results("recordings/{recording}/angles.json"),
@@ -151,7 +147,6 @@ rule measure_angles_of_recording:
 rule summarise_recordings:
     input:
         summaries=lambda w: of_recordings("angles.json"),
-        code=code("summarise_recordings"),
     output:
         csv=results("recordings/summary.csv"),
         markdown=shown(results("recordings/summary.md"), "recordings", "table of recordings", "Recordings"),
@@ -162,7 +157,7 @@ rule summarise_recordings:
     resources:
         mem_mb=1000,
     params:
-        versions=versions("summarise_recordings"),
+        software=software("summarise_recordings"),
     message:
         "summarise the recordings"
     shell:
@@ -175,7 +170,6 @@ rule plot_page_of_recording:
         markers=results("recordings/{recording}/markers.csv"),
         angles=results("recordings/{recording}/angles.csv"),
         summary=results("recordings/{recording}/angles.json"),
-        code=code("plot_recording"),
     output:
         shown(results("recordings/{recording}/page.png"), "recording", "recording {recording}", "Recordings"),
     log:
@@ -185,7 +179,7 @@ rule plot_page_of_recording:
     resources:
         mem_mb=1000,
     params:
-        versions=versions("plot_recording"),
+        software=software("plot_recording"),
     message:
         "draw the page of {wildcards.recording}"
     shell:
@@ -199,7 +193,6 @@ rule overlay_video:
         markers=results("recordings/{recording}/markers.csv"),
         angles=results("recordings/{recording}/angles.csv"),
         summary=results("recordings/{recording}/angles.json"),
-        code=code("overlay"),
     output:
         results("recordings/{recording}/overlay.mp4"),
     log:
@@ -227,7 +220,6 @@ rule review_frames_of_recording:
         markers=results("recordings/{recording}/markers.csv"),
         angles=results("recordings/{recording}/angles.csv"),
         summary=results("recordings/{recording}/angles.json"),
-        code=code("review_recording"),
     output:
         sheet=results("recordings/{recording}/review.jpg"),
         rows=results("recordings/{recording}/review.csv"),
@@ -252,7 +244,6 @@ rule review_all_recordings:
         summaries=lambda w: of_recordings("angles.json"),
         sheets=lambda w: of_recordings("review.jpg"),
         rows=lambda w: of_recordings("review.csv"),
-        code=code("review"),
     output:
         results("recordings/review.html"),
     log:
@@ -262,7 +253,7 @@ rule review_all_recordings:
     resources:
         mem_mb=1000,
     params:
-        versions=versions("review"),
+        software=software("review"),
     message:
         "put the worst frames of all recordings on a page"
     shell:
@@ -273,7 +264,6 @@ rule export_recording:
     input:
         markers=results("recordings/{recording}/markers.csv"),
         angles=results("recordings/{recording}/angles.csv"),
-        code=code("export_recording"),
     output:
         expand(results("recordings/{{recording}}/export/{name}"), name=["units.csv", "tracker.csv", "deeplabcut.csv"]),
     log:
@@ -283,7 +273,7 @@ rule export_recording:
     resources:
         mem_mb=1000,
     params:
-        versions=versions("export_recording"),
+        software=software("export_recording"),
         folder=folder("recordings/{recording}/export"),
     message:
         "export {wildcards.recording}"

@@ -6,7 +6,6 @@ rule write_report:
         made=read_by_report,
         captions=lambda w: sorted({one["caption"] for one in shown_in_report()}),
         template=os.path.relpath(PACKAGE / "evaluation" / "report" / "page.html"),
-        code=code("report"),
     output:
         results("report.html"),
     log:
@@ -16,7 +15,7 @@ rule write_report:
     resources:
         mem_mb=1000,
     params:
-        versions=versions("report"),
+        software=software("report"),
         settings=report_settings,
         results=lambda w, output: os.path.dirname(output[0]),
     message:

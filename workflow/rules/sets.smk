@@ -2,8 +2,6 @@
 
 
 rule simulate_set:
-    input:
-        code=code("simulate"),
     output:
         results("{experiment}/data/{set}.npz"),
     log:
@@ -25,7 +23,6 @@ rule simulate_set:
 rule split_chunks_of_experiment:
     input:
         angles=lambda w: of_recordings("angles.csv"),
-        code=code("split_chunks"),
     output:
         sets("{experiment}", MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
@@ -52,7 +49,6 @@ rule plot_splits_of_experiment:
         sets=sets("{experiment}", MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
         splits=results("{experiment}/data/splits.json"),
-        code=code("plot_splits"),
     output:
         figure("{experiment}_splits", "splits", "splits of {experiment}", "Recordings"),
     log:
@@ -64,7 +60,7 @@ rule plot_splits_of_experiment:
     resources:
         mem_mb=2000,
     params:
-        versions=versions("plot_splits"),
+        software=software("plot_splits"),
         folder=folder("{experiment}/data"),
     message:
         "draw the splits of {wildcards.experiment}"
@@ -76,7 +72,6 @@ rule cut_measurements_of_experiment:
     input:
         files=lambda w: MEASURED[w.experiment],
         checksums=checksums,
-        code=code("cut_measurements"),
     output:
         sets("{experiment}", MAIN_SETS),
         chunks=results("{experiment}/data/chunks.csv"),
@@ -103,7 +98,6 @@ rule cut_horizon_of_experiment:
     input:
         files=lambda w: MEASURED[w.experiment] if w.experiment in MEASURED else of_recordings("angles.csv"),
         checksums=checksums,
-        code=code(horizon_stage),
     output:
         results("{experiment}/data/{set}.npz"),
     log:
@@ -127,7 +121,6 @@ rule cut_horizon_of_experiment:
 rule calibrate_experiment:
     input:
         train=results("{experiment}/data/train.npz"),
-        code=code("calibrate"),
     output:
         results("{experiment}/data/calibration.json"),
     log:

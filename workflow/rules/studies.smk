@@ -8,7 +8,6 @@ for study in [name for name in STUDIES if not STUDIES[name].runs_models]:
             f"{study}_of_experiment"
         input:
             files=study_inputs(study),
-            code=code(STUDIES[study].key()),
         output:
             study_outputs(study),
         log:
@@ -36,7 +35,6 @@ for study in [name for name in STUDIES if STUDIES[name].runs_models]:
         input:
             models=study_inputs(study),
             sets=study_sets(study),
-            code=code(STUDIES[study].key()),
         output:
             study_outputs(study),
         log:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
-import os
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from expertaug.stages.options import read_settings
@@ -119,8 +119,8 @@ class Stage:
         return to_json(_named(cls.slice)(config, *names))
 
     @classmethod
-    def sources(cls, extra: Iterable[str] = ()) -> list[str]:
-        """Its source files, relative to the working directory, so that the workflow redoes it when one changes.
+    def sources(cls, extra: Iterable[str] = ()) -> list[Path]:
+        """Its source files.
 
         Arguments:
             extra: modules that the configuration names: ``package.module`` or ``package.module:Class``.
@@ -130,11 +130,17 @@ class Stage:
         """
         from expertaug import source_files
 
-        return [os.path.relpath(file) for file in source_files.files([cls.code, *extra])]
+        return source_files.files([cls.code, *extra])
 
     @classmethod
-    def versions(cls, extra: Iterable[str] = ()) -> list[str]:
-        """Installed versions of the packages that compute its numbers."""
+    def software(cls, extra: Iterable[str] = ()) -> list[str]:
+        """What computes its numbers: a digest of its source files, and installed versions of packages. The workflow
+        redoes the stage when that changes.
+
+        Arguments:
+            extra: as of :meth:`sources`.
+        """
         from expertaug import source_files
 
-        return source_files.versions([cls.code, *extra])
+        modules = [cls.code, *extra]
+        return [source_files.digest(modules), *source_files.versions(modules)]

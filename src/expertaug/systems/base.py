@@ -32,9 +32,7 @@ class Parameter:
     scale: float = 1.0
 
 
-def constant_like(
-    like: Tensor, values: Sequence[float] | Sequence[bool] | Sequence[int], dtype: torch.dtype
-) -> Tensor:
+def constant_like(like: Tensor, values: Sequence[float] | Sequence[bool] | Sequence[int], dtype: torch.dtype) -> Tensor:
     """Constants (K,) of a type, where the tensor ``like`` lies, made once and not to be changed; sent to a card without
     waiting for it, which ``Tensor.new_tensor`` would."""
     return _constants(tuple(values), dtype, like.device)
