@@ -1,19 +1,25 @@
-"""Snakemake's log as Snakemake writes it, but for configuration files that it cannot read: those get one clear line.
+"""Snakemake's log as Snakemake writes it, but for configuration files that it cannot read and targets that are none:
+those get one clear line.
 
 Snakemake reads ``--configfile`` before any line of a workflow runs, and ends on a file that is missing or not YAML with
 a traceback, or with a message that does not name the file.  A logger plugin is what it offers to word its errors
-otherwise; ``logger: expertaug`` in a profile turns this one on.
+otherwise; ``logger: expertaug`` in a profile turns this one on.  The Snakefile says which targets there are
+(:data:`targets`).
 """
 
 from __future__ import annotations
 
+import difflib
 import logging
+import re
 import sys
 from collections.abc import Sequence
 
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
+targets: list[str] = []  # names that the workflow makes, from its Snakefile
+_NO_RULE = re.compile(r"No rule to produce (?P<name>.+?) \(if you use input functions")
 _OPTIONS = ("--configfile", "--configfiles")
 
 
@@ -32,7 +38,9 @@ class LogHandler(LogHandlerBase):
         self.terminal.setFormatter(fmt)
 
     def emit(self, record: logging.LogRecord) -> None:
-        if getattr(record, "event", None) == LogEvent.ERROR and (said := refusals(sys.argv[1:])):
+        if getattr(record, "event", None) == LogEvent.ERROR and (
+            said := refusals(sys.argv[1:]) or no_target(record.getMessage())
+        ):
             record = logging.makeLogRecord({"levelno": record.levelno, "levelname": record.levelname, "msg": said})
         self.terminal.emit(record)
 
@@ -82,3 +90,14 @@ def refusals(arguments: Sequence[str]) -> str:
         except InputError as error:
             said.append(f"configuration: {error}")
     return "\n".join(said)
+
+
+def no_target(message: str) -> str:
+    """One line for a target that is none, by Snakemake's message; empty where that is about something else."""
+    found = _NO_RULE.search(message)
+    if found is None or not targets:
+        return ""
+    name = found["name"]
+    near = difflib.get_close_matches(name, targets, n=1)
+    meant = f"did you mean {near[0]}?" if near else f"targets are {', '.join(targets)}"
+    return f"target: nothing makes {name!r}; {meant}"

@@ -1,4 +1,4 @@
-"""Configuration files that Snakemake cannot read end in one line each, not in its traceback."""
+"""Configuration files that Snakemake cannot read, and targets that are none, end in one line each."""
 
 import subprocess
 
@@ -39,3 +39,20 @@ def test_each_file_that_cannot_be_read_gets_its_line(tmp_path):
         "configuration: missing.yaml: cannot be read (No such file or directory); give a configuration file",
         f"configuration: {broken}:2:2: not YAML (expected ',' or ']', but got ':'); correct that line",
     ]
+
+
+@pytest.mark.parametrize(
+    ("target", "said"),
+    [
+        ("pendulm", "target: nothing makes 'pendulm'; did you mean pendulum?"),
+        ("evalute", "target: nothing makes 'evalute'; did you mean evaluate?"),
+        ("zzz", "target: nothing makes 'zzz'; targets are all, everything, render_video,"),
+    ],
+)
+def test_a_misspelt_target_gets_a_suggestion(target, said, tmp_path):
+    command = [warm_python.interpreter(), "-m", "snakemake", "-n", "--cores", "1", "--directory", str(tmp_path)]
+    command += ["--snakefile", str(ROOT / "Snakefile"), "--workflow-profile", str(ROOT / "profiles/default"), target]
+    run = subprocess.run(command, text=True, check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    assert run.returncode != 0
+    lines = run.stdout.splitlines()
+    assert [line for line in lines if line.startswith(said)] and "MissingRuleException" not in run.stdout, run.stdout
