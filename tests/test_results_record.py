@@ -60,3 +60,12 @@ def test_a_folder_without_tables_or_record_is_free(finished):
         if text is not None:
             Path("results", record.NAME).write_text(text)
         record.refuse_another(other, ["my.yaml"])
+
+
+def test_a_run_says_at_which_revisions_it_filled_the_folder(finished, monkeypatch):
+    one = changed(finished, {"results": "one"})
+    for revision in ("a", "b", "a", None):
+        monkeypatch.setattr(record, "revision", lambda revision=revision: revision)
+        record.remember(one, [])
+    assert record.revisions(Path("one")) == ["a", "b", "unknown"]
+    assert record.revisions(Path("elsewhere")) == []

@@ -15,7 +15,7 @@ from expertaug.learning.residuals import squared_errors
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.windows import Windows
 
-PROBED = 64  # samples of a set, evenly spread
+PROBED, FIELDS = 64, 16  # samples of a set, evenly spread; of fields, each of which has a thousand points
 
 
 class ExpertProbe:
@@ -32,7 +32,8 @@ class ExpertProbe:
         decoder = getattr(model, "decoder", None)
         told = model.knows_z_e and decoder.expert and decoder.interaction is not None
         self.decoder = decoder if told and decoder.system.expert_parameters else None
-        self.places = np.linspace(0, count - 1, min(PROBED, count)).astype(int)
+        few = FIELDS if told and len(decoder.system.state_shape) > 1 else PROBED
+        self.places = np.linspace(0, count - 1, min(few, count)).astype(int)
         self.states: list[Tensor] = []
         self.windows: list[Windows] = []
         self.estimates: list[Estimates] = []

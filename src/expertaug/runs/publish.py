@@ -15,6 +15,7 @@ from expertaug.config.models import Configuration
 from expertaug.errors import InputError
 from expertaug.evaluation import costs, products, run_record
 from expertaug.files import check_inside, read_json, write_json, write_text
+from expertaug.runs.record import revisions
 
 REPOSITORY = Path(__file__).parents[3]
 RECORD = "provenance.json"
@@ -27,8 +28,8 @@ def publish(config: Configuration, folder: Path, command: str) -> None:
     """Replace ``folder`` by the tables and figures of the finished run of a configuration.
 
     Besides them it holds config.yaml (the completed configuration), costs.csv (seconds and peak memory of every job of
-    these experiments and their recordings) and provenance.json (command, git revisions, package versions, machine,
-    jobs' seconds in sum, peak memory, files).
+    these experiments and their recordings) and provenance.json (command, git revisions of the code that trained and
+    of the code that was run, package versions, machine, jobs' seconds in sum, peak memory, files).
 
     Arguments:
         config: the completed configuration of the run.
@@ -120,6 +121,7 @@ def _fill(new: Path, results: Path, config: Configuration, command: str) -> None
     record = {
         "command": command,
         **run_record.of_run(results, measured),
+        "run_revisions": revisions(results),
         "files": sorted([RECORD, *(str(path.relative_to(new)) for path in new.rglob("*") if path.is_file())]),
     }
     write_json(new / RECORD, record)

@@ -15,6 +15,7 @@ from pathlib import Path
 from expertaug.config.models import Configuration
 from expertaug.errors import InputError
 from expertaug.files import read_json, write_json
+from expertaug.tracking.provenance import revision
 
 NAME = ".configuration.json"
 # Keys that change no table of an experiment.
@@ -42,12 +43,19 @@ def refuse_another(config: Configuration, files: Iterable[str | Path]) -> None:
 
 
 def remember(config: Configuration, files: Iterable[str | Path]) -> None:
-    """Write into the results folder by which files it is configured."""
-    folder, names = Path(config.results), _names(files)
-    run = {"files": names, "digest": _digest(config)}
-    runs = [one for one in _runs(folder) if one["files"] != names]
-    if [*runs, run] != _runs(folder):
-        write_json(folder / NAME, {"runs": [*runs, run]})
+    """Write into the results folder by which files it is configured, and at which revision of the code it is run."""
+    folder, names, known = Path(config.results), _names(files), _runs(Path(config.results))
+    before = next((one["revisions"] for one in known if one["files"] == names), [])
+    revisions = [*before, *({revision() or "unknown"} - set(before))]
+    run = {"files": names, "digest": _digest(config), "revisions": revisions}
+    runs = [*(one for one in known if one["files"] != names), run]
+    if runs != known:
+        write_json(folder / NAME, {"runs": runs})
+
+
+def revisions(results: Path) -> list[str]:
+    """The revisions of the code at which runs filled a results folder, sorted."""
+    return sorted({revision for run in _runs(results) for revision in run["revisions"]})
 
 
 def _runs(folder: Path) -> list[dict]:
@@ -56,7 +64,12 @@ def _runs(folder: Path) -> list[dict]:
     found = read_json(folder / NAME)
     runs = found.get("runs", []) if isinstance(found, dict) else []
     known = [run for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
-    return [{"files": run.get("files"), "digest": run.get("digest")} for run in known]
+    return [{"files": run.get("files"), "digest": run.get("digest"), "revisions": _texts(run)} for run in known]
+
+
+def _texts(run: dict) -> list[str]:
+    found = run.get("revisions", [])
+    return [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
 
 
 def _names(files: Iterable[str | Path]) -> list[str]:
