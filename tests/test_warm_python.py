@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import time
 import pytest
 
 import warm_python
+from expertaug.runs import warm
 
 CODES = {
     "standard streams": "import sys; print(sys.stdin.read(), end=''); print('said', file=sys.stderr)",
@@ -71,3 +73,44 @@ def test_what_is_killed_does_not_go_on(tmp_path):
         while time.monotonic() < until:
             os.kill(pid, 0)
             time.sleep(0.02)
+
+
+def test_where_nothing_forks_any_more_the_ordinary_program_runs(tmp_path):
+    started = warm.serve({warm.PYTHON: "", "platform": "mine"}, [])
+    if started is None:
+        pytest.skip("this system has no such forks")
+    (tmp_path / "mine.py").write_text("import sys\ndef main(): print(sys.argv[1:]); return 5\n")
+    env = os.environ | {"PYTHONPATH": str(tmp_path)}
+
+    def said(program: str, *words: str) -> tuple:
+        done = subprocess.run([started.folder / program, *words], env=env, capture_output=True, text=True)
+        return done.returncode, done.stdout, done.stderr
+
+    before = said("platform", "a", "b c"), said(warm.PYTHON, "-c", "print(1)")
+    assert before == ((5, "['a', 'b c']\n", ""), (0, "1\n", ""))
+    started.process.kill()
+    started.process.wait()
+    assert (said("platform", "a", "b c"), said(warm.PYTHON, "-c", "print(1)")) == before
+    shutil.rmtree(started.folder)
+
+
+def test_a_run_that_ends_takes_its_jobs_with_it_and_leaves_nothing(tmp_path):
+    started = warm.serve({warm.PYTHON: ""}, [])
+    if started is None:
+        pytest.skip("this system has no such forks")
+    code = "import time; print('there', flush=True); time.sleep(60)"
+    running = subprocess.Popen([started.folder / warm.PYTHON, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert running.stdout.readline() == "there\n"
+    started.close()
+    assert running.wait(30) == -signal.SIGKILL and not started.folder.exists()
+    running.stdout.close()
+
+
+def test_a_hangup_that_is_ignored_stays_ignored(tmp_path):
+    code = "import time; print('there', flush=True); time.sleep(1)"
+    words = ["nohup", warm_python.interpreter(), "-c", code]
+    running = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+    assert running.stdout.readline() == "there\n"
+    running.send_signal(signal.SIGHUP)
+    assert running.wait(30) == 0
+    running.stdout.close()

@@ -51,23 +51,27 @@ _PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 _CLIENT = """
 import os, signal, socket, sys, json, array
 name, main, *rest = sys.argv[1:]
+mask = os.umask(0)
+os.umask(mask)
 fork = socket.socket(socket.AF_UNIX)
 try:
+    given = json.dumps([[name, main, *rest], os.getcwd(), dict(os.environ), mask]).encode("utf-8", "surrogateescape")
+    streams = array.array("i", [0, 1, 2])
     fork.connect({address!r})
+    fork.sendmsg([len(given).to_bytes(8, "big")], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, streams)])
+    fork.sendall(given)
+    pid = int.from_bytes(fork.recv(8, socket.MSG_WAITALL), "big")
 except OSError:
+    pid = 0
+if not pid:  # nothing was forked
     start = f"import sys; sys.path[0] = {bin!r}; sys.argv[0] = {{name!r}}; from {{main}} import main; sys.exit(main())"
     os.execv(sys.executable, [sys.executable, *(["-c", start] if main else []), *rest])
-mask = os.umask(0)
-given = json.dumps([[name, main, *rest], os.getcwd(), dict(os.environ), mask]).encode("utf-8", "surrogateescape")
-streams = array.array("i", [0, 1, 2])
-fork.sendmsg([len(given).to_bytes(8, "big")], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, streams)])
-fork.sendall(given)
-pid = int.from_bytes(fork.recv(8, socket.MSG_WAITALL), "big")
 def stop(number, frame):
     os.kill(pid, signal.SIGSTOP)
     os.kill(os.getpid(), signal.SIGSTOP)
 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCONT):
-    signal.signal(number, lambda number, frame: os.kill(pid, number))
+    if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup has it
+        signal.signal(number, lambda number, frame: os.kill(pid, number))
 signal.signal(signal.SIGTSTP, stop)
 ended = fork.recv(8, socket.MSG_WAITALL)
 status = int.from_bytes(ended, "big", signed=True) if ended else -signal.SIGKILL
@@ -107,7 +111,9 @@ def serve(programs: Mapping[str, str], modules: Iterable[str]) -> Warm | None:
         programs: by name, the module whose ``main()`` each runs; ``PYTHON`` takes the interpreter's arguments.
         modules: to be imported beforehand; one that cannot be is left out.
     """
-    if not hasattr(os, "pidfd_open"):
+    try:
+        os.close(os.pidfd_open(os.getpid()))
+    except (AttributeError, OSError):
         return None
     made = Path(tempfile.mkdtemp(prefix="warm-"))
     address = str(made / "socket")
@@ -124,9 +130,9 @@ def serve(programs: Mapping[str, str], modules: Iterable[str]) -> Warm | None:
             words = map(quote, (sys.executable, "-IS", str(client)))
             (made / name).write_text(f'#!/bin/sh\nexec {" ".join(words)} "$0" {quote(main)} "$@"\n', encoding="utf-8")
             (made / name).chmod(0o755)
-        command = [sys.executable, "-I", str(Path(__file__).resolve()), str(made), str(listener.fileno()), *modules]
+        command = [sys.executable, "-P", str(Path(__file__).resolve()), str(made), str(listener.fileno()), *modules]
         environment = os.environ | dict.fromkeys(THREADS, "1")  # a library reads them when it is loaded
-        options = {"pass_fds": [listener.fileno()], "cwd": "/", "env": environment, "start_new_session": True}
+        options = {"pass_fds": [listener.fileno()], "env": environment, "start_new_session": True}
         return Warm(made, subprocess.Popen(command, stdin=subprocess.PIPE, **options))
 
 
@@ -167,6 +173,8 @@ def _fork_for_each(made: str, listener: socket.socket, modules: Iterable[str]) -
     for name in modules:
         with contextlib.suppress(Exception):
             importlib.import_module(name)
+    told = _python_path()
+    sys.path[:] = [entry for entry in sys.path if entry not in told]  # each fork has its own
     gc.collect()
     gc.freeze()
     waiting = selectors.DefaultSelector()
@@ -187,7 +195,11 @@ def _fork_for_each(made: str, listener: socket.socket, modules: Iterable[str]) -
                 except (OSError, ValueError):  # a program that was killed while it asked
                     client.close()
                     continue
-                if not (pid := os.fork()):
+                try:
+                    pid = os.fork()
+                except OSError:  # short of memory: the program starts by itself, or says so
+                    pid = -1
+                if not pid:
                     for other in list(waiting.get_map().values()):
                         if other.fd:
                             os.close(other.fd)
@@ -195,6 +207,9 @@ def _fork_for_each(made: str, listener: socket.socket, modules: Iterable[str]) -
                     _become(call)
                 for stream in call.streams:
                     os.close(stream)
+                if pid < 0:
+                    client.close()
+                    continue
                 running = os.pidfd_open(pid)
                 waiting.register(running, selectors.EVENT_READ, (pid, client, running))
                 waiting.register(client, selectors.EVENT_READ, (pid, client, running))
@@ -224,7 +239,6 @@ def _become(call: _Call) -> NoReturn:
     os.umask(call.mask)
     os.environ.clear()
     os.environ.update(call.environment)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     if "numpy" in sys.modules:
         sys.modules["numpy"].random.seed()  # as a new process has it
     status = 1
@@ -275,13 +289,19 @@ def _start(argv: list[str]) -> None:
 
 def _set_path(first: str) -> None:
     """Python's path as a new process has it, and what it does first."""
-    told = [entry for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
-    sys.path[:0] = [first, *(str(Path(entry).absolute()) for entry in told)]
+    told = _python_path()
+    sys.path[:0] = [first, *told]
     sys.path_importer_cache.clear()
     importlib.invalidate_caches()
     if told:
         with contextlib.suppress(ImportError):
             importlib.import_module("sitecustomize")
+
+
+def _python_path() -> list[str]:
+    """What ``PYTHONPATH`` names, as Python has it in its path."""
+    told = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    return [str(Path(entry).absolute()) for entry in told if entry]
 
 
 def _status_of(end: SystemExit) -> int:
