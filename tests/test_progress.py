@@ -59,7 +59,8 @@ def test_costs_are_read_from_published_runs_and_logs(tmp_path):
     (tmp_path / "long" / "costs.csv").write_text("job,seconds,peak_memory_mb\ntrain/a,600.5,300\nalong/b,9,1\n")
     (tmp_path / "logs" / "train").mkdir(parents=True)
     write_cost(tmp_path, "train/a", seconds=61.25, cpu_seconds=60.0, peak_memory_mb=300)
-    (tmp_path / "logs" / "train" / "half.cost.json").write_text('{"seconds": 1')
+    for k, text in enumerate(('{"seconds": 1', "[1]", '{"seconds": "many"}', '{"seconds": null}', '{"minutes": 1}')):
+        (tmp_path / "logs" / "train" / f"broken_{k}.cost.json").write_text(text)
     assert costs.published(tmp_path) == {"long": {"train/a": 600.5, "during_training/b": 9.0}}, "named as today"
     assert costs.of_run(tmp_path / "logs") == {"train/a": costs.Cost(61.25, 60.0, 300)}
     assert costs.as_csv(costs.of_run(tmp_path / "logs")).splitlines()[1] == "train/a,61.2,60.0,300"

@@ -37,8 +37,9 @@ def of_run(logs: Path) -> dict[str, Cost]:
     found = {}
     for path in find(logs, f"*{COST}"):
         try:
-            cost = Cost(**json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
+            told = json.loads(path.read_text(encoding="utf-8"))
+            cost = Cost(**{name: float(value) for name, value in told.items()})
+        except (OSError, ValueError, TypeError, AttributeError):
             continue
         found[path.relative_to(logs).as_posix().removesuffix(COST)] = cost
     return found
