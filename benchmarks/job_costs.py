@@ -16,7 +16,7 @@ from pathlib import Path
 from expertaug.config import load as config
 from expertaug.config.load import completed
 from expertaug.evaluation import costs
-from expertaug.runs.warm import WORTH_IT, serve_jobs
+from expertaug.runs.warm import WORTH_IT, warm_jobs
 from expertaug.stages import STAGES
 
 RUNS = 3
@@ -38,10 +38,9 @@ def seconds(folder: Path, *arguments: object) -> float:
 
 def warm_seconds(folder: Path, *arguments: object) -> float:
     """The same of a job that starts warm, without the process that forks it; 0 where the system has no such forks."""
-    path = serve_jobs(WORTH_IT, "expertaug.cli")
-    if path == os.environ["PATH"]:
+    if not warm_jobs(WORTH_IT, "expertaug.cli"):
         return 0.0
-    environment, log = os.environ | {"OMP_NUM_THREADS": "1", "PATH": path}, folder / "logs" / "job.log"
+    environment, log = os.environ | {"OMP_NUM_THREADS": "1"}, folder / "logs" / "job.log"
     command = ["expertaug", *map(str, arguments), "--log", str(log)]
     found = []
     for _ in range(RUNS):

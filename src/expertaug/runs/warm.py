@@ -137,8 +137,9 @@ def serve(programs: Mapping[str, str], modules: Iterable[str]) -> Warm | None:
 
 
 @functools.cache
-def serve_jobs(count: int, main: str) -> str:
-    """``PATH`` for a run of so many jobs of this package, with a warm ``expertaug`` where that is worth its start.
+def warm_jobs(count: int, main: str) -> bool:
+    """Have a run of so many jobs of this package find a warm ``expertaug`` on ``PATH``, where that is worth its start;
+    whether it does.
 
     Arguments:
         main: the module whose ``main()`` a job runs.
@@ -147,7 +148,9 @@ def serve_jobs(count: int, main: str) -> str:
 
     modules = [*source_files.libraries(), *LATER]
     started = serve({"expertaug": main}, modules) if count >= WORTH_IT else None
-    return started.path() if started else os.environ.get("PATH", os.defpath)
+    if started:
+        os.environ["PATH"] = started.path()
+    return started is not None
 
 
 @dataclass(frozen=True)
