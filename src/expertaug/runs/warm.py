@@ -168,7 +168,8 @@ class _Call:
         head, streams, _, _ = socket.recv_fds(client, 8, 3)
         size = int.from_bytes(head, "big")
         text = client.recv(size, socket.MSG_WAITALL)
-        return cls(*json.loads(text), streams)
+        argv, folder, environment, mask = json.loads(text)
+        return cls(argv, folder, environment, mask, streams)
 
 
 def _fork_for_each(made: str, listener: socket.socket, modules: Iterable[str]) -> None:
