@@ -129,4 +129,4 @@ def test_no_validity_is_checked_where_it_is_null(tmp_path):
         assert ("validity_of_experiment" in said) == checked
     done = plan(tmp_path, text, "--", "results/mine/tables/pendulum_validity.csv")
     said = done.stdout + done.stderr
-    assert done.returncode != 0 and "No rule to produce results/mine/tables/pendulum_validity.csv" in said
+    assert done.returncode != 0 and "nothing makes 'results/mine/tables/pendulum_validity.csv'" in said
