@@ -76,11 +76,12 @@ def keep_freed_memory() -> bool:
 
 def _write_cost(path: Path, seconds: float) -> None:
     """What the job took, for expertaug.evaluation.costs: Snakemake cannot measure one that starts warm."""
+    unit = 2**20 if sys.platform == "darwin" else 2**10  # getrusage tells bytes there, KiB on Linux
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     cost = {
         "seconds": round(seconds, 2),
         "cpu_seconds": round(sum(one.ru_utime + one.ru_stime for one in used), 2),
-        "peak_memory_mb": round(max(one.ru_maxrss for one in used) / 1024, 1),  # of KiB on Linux
+        "peak_memory_mb": round(max(one.ru_maxrss for one in used) / unit, 1),
     }
     path.write_text(json.dumps(cost) + "\n", encoding="utf-8")
 

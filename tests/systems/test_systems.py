@@ -13,6 +13,7 @@ import torch
 from expertaug import systems
 from expertaug.cli import main
 from expertaug.errors import InputError, SolveError
+from expertaug.systems.base import constant_like
 from expertaug.systems.double_pendulum import Constants, accelerations, energy, point_masses
 from expertaug.systems.settings import SYSTEMS, PendulumSettings, SimulatedData, SimulateJob
 from expertaug.systems.simulate import sample, simulate, trajectories
@@ -234,3 +235,18 @@ def test_torchdiffeq_comes_without_scipys_integrators_and_still_finds_them():
     """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert float(done.stdout) == pytest.approx(math.exp(-1), rel=1e-4)
+
+
+def test_a_constant_made_within_a_transform_is_good_outside():
+    x = torch.ones(2)
+
+    def scaled(x: torch.Tensor) -> torch.Tensor:
+        return (constant_like(x, [1.5, 2.5], x.dtype) * x).sum()
+
+    torch.func.jvp(scaled, (x,), (x,))
+    with torch.inference_mode():
+        scaled(x)
+    y = torch.ones(2, requires_grad=True)
+    scaled(y).backward()
+    assert y.grad.tolist() == [1.5, 2.5]
+    assert not torch._C._functorch.is_functorch_wrapped_tensor(constant_like(x, [1.5, 2.5], x.dtype))

@@ -20,7 +20,7 @@ class Cost:
     Attributes:
         seconds: of the clock, once Python runs.
         cpu_seconds: of the job and what it started; 0 where nobody measured them.
-        peak_memory_mb: resident; 0 where nobody measured it.
+        peak_memory_mb: resident, of a job that starts warm with all libraries; 0 where nobody measured it.
     """
 
     seconds: float

@@ -137,9 +137,9 @@ def serve(programs: Mapping[str, str], modules: Iterable[str]) -> Warm | None:
 
 
 @functools.cache
-def warm_jobs(count: int, main: str) -> bool:
+def warm_jobs(count: int, main: str) -> Warm | None:
     """Have a run of so many jobs of this package find a warm ``expertaug`` on ``PATH``, where that is worth its start;
-    whether it does.
+    kept until this process ends.
 
     Arguments:
         main: the module whose ``main()`` a job runs.
@@ -150,7 +150,7 @@ def warm_jobs(count: int, main: str) -> bool:
     started = serve({"expertaug": main}, modules) if count >= WORTH_IT else None
     if started:
         os.environ["PATH"] = started.path()
-    return started is not None
+    return started
 
 
 @dataclass(frozen=True)
@@ -243,6 +243,7 @@ def _become(call: _Call) -> NoReturn:
     os.umask(call.mask)
     os.environ.clear()
     os.environ.update(call.environment)
+    tempfile.tempdir = None  # a library may have asked for it already
     if "numpy" in sys.modules:
         sys.modules["numpy"].random.seed()  # as a new process has it
     status = 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, wraps
+from functools import wraps
 from math import prod
 from typing import Any, Literal
 
@@ -33,14 +33,10 @@ class Parameter:
 
 
 def constant_like(like: Tensor, values: Sequence[float] | Sequence[bool] | Sequence[int], dtype: torch.dtype) -> Tensor:
-    """Constants (K,) of a type, where the tensor ``like`` lies, made once and not to be changed; sent to a card without
-    waiting for it, which ``Tensor.new_tensor`` would."""
-    return _constants(tuple(values), dtype, like.device)
-
-
-@lru_cache(maxsize=256)
-def _constants(values: tuple, dtype: torch.dtype, device: torch.device) -> Tensor:
-    return torch.tensor(values, dtype=dtype).to(device, non_blocking=True)
+    """Constants (K,) of a type, where the tensor ``like`` lies; sent to a card without waiting for it, which
+    ``Tensor.new_tensor`` would."""
+    # Not kept for the next call: one made within torch.func or inference mode cannot be used outside.
+    return torch.tensor(values, dtype=dtype).to(like.device, non_blocking=True)
 
 
 class System(ABC):
