@@ -16,7 +16,6 @@ from pathlib import Path
 import torch
 
 from expertaug.cli import keep_freed_memory
-from expertaug.evaluation.score import spread
 from expertaug.inference.flow import load
 from expertaug.learning.divergence import BoundedSolver, bound_of_card
 from expertaug.models.store import device_of
@@ -39,7 +38,7 @@ def main() -> None:
     keep_freed_memory()
     device = device_of("cpu")
     stored = load(options.folder / options.version / options.seed_group / "model.safetensors", device, ())
-    data = spread(Trajectories.load(options.folder / "data/validation.npz"), options.windows)
+    data = Trajectories.load(options.folder / "data/validation.npz").spread(options.windows)
     whole, observed = Windows.of(data), stored.card.observed
     windows = whole.observed(observed).expand(len(stored.seeds))
     found = stored.model.estimate(windows)

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 import expertaug as ea
-from expertaug.evaluation.score import spread
 from expertaug.inference.diagnostics.calibration import TABLE_LEVELS
 from expertaug.trajectories import Trajectories
 
@@ -32,7 +31,7 @@ def main() -> None:
     model = ea.load(options.folder / options.version / options.seed_group / "model.safetensors")
     t, seeds = model.t[: model.observed], len(model)
     for name in ("validation", "iid", "test"):
-        data = spread(Trajectories.load(options.folder / f"data/{name}.npz"), options.windows)
+        data = Trajectories.load(options.folder / f"data/{name}.npz").spread(options.windows)
         found = ea.predictive(model, data.seen[:, : len(t)], t, draws=DRAWS, pooled=False)
         for k, (parameter, draws) in enumerate(found.z_e.items()):
             below = [ea.diagnostics.ranks(draws[:, seed], data.z_e[:, k]) for seed in range(seeds)]

@@ -24,7 +24,7 @@ from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import stage_settings
 from expertaug.config.load import completed
-from expertaug.evaluation.score import score, spread
+from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.flow import load
 from expertaug.inference.least_squares import refined_by
@@ -50,7 +50,7 @@ def main() -> None:
     job = EvaluateJob.from_mapping(stage_settings.evaluate(config, options.experiment, version, model.parent.name))
     assert job.refinement is not None
     stored = load(model, device)
-    windows = spread(Trajectories.load(folder / "data" / f"{options.set}.npz"), options.windows)
+    windows = Trajectories.load(folder / "data" / f"{options.set}.npz").spread(options.windows)
     for text in options.settings:
         names = ("starts", "tries", "steps", "sufficient", "agreement")
         given = [float(value) if "." in value else int(value) for value in text.split(",")]

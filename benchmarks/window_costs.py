@@ -19,7 +19,7 @@ from expertaug.cli import keep_freed_memory
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as configuration
 from expertaug.config.load import completed
-from expertaug.evaluation.score import score, spread
+from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.flow import load
 from expertaug.inference.least_squares import refined_by, refinement_of
@@ -37,7 +37,7 @@ def main() -> None:
     torch.set_num_threads(1)
     config = completed(configuration.load(options.files))
     device, folder = torch.device("cpu"), Path(config.results) / options.experiment
-    windows = spread(Trajectories.load(folder / "data" / "validation.npz"), options.windows)
+    windows = Trajectories.load(folder / "data" / "validation.npz").spread(options.windows)
     print("| method | estimate [ms] | log-MSE (validation) |\n|---|---:|---:|")
     for variant in jobs.variants(config, options.experiment):
         model = next(iter(sorted((folder / variant.replace("~refined", "")).glob("*/model.safetensors"))), None)
@@ -48,7 +48,7 @@ def main() -> None:
         refinement = refinement_of(stored, job.refinement)
         if refinement is not None:
             stored = replace(stored, model=refined_by(stored, refinement))
-        for data in (spread(windows, 2), windows):
+        for data in (windows.spread(2), windows):
             values = score(stored, data, job.evaluation.without_draws, job.choices.forecast_start, device).values
         cost = f"{values['estimate_ms'].mean():.3g}" if "estimate_ms" in values else "–"
         print(f"| {job.label} | {cost} | {values['log_mse_sum'].mean():.2f} |", flush=True)

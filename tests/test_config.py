@@ -689,11 +689,11 @@ class TestCards:
 
 
 def test_what_windows_share_is_told_only_to_what_shares_it(base):
-    methods = "methods: [mean, least_squares, least_squares_shared, truth, aphynity, alternating]"
+    methods = "methods: [mean, least_squares, least_squares_shared, truth, aphynity, alternating, alternating_shared]"
     none = "augmented: [], augmentations: {narrow: null, wide: null}, controls: [], flows: [], refined: [aphynity]"
     text = f"{{run: [pendulum], experiments: {{pendulum: {{UNITS {methods}, {none}}}}}}}"
     shared = text.replace("UNITS", "refinement: {units: {omega0: shared}},")
-    each = text.replace("UNITS", "").replace("least_squares_shared, ", "")
+    each = text.replace("UNITS", "").replace("least_squares_shared, ", "").replace(", alternating_shared", "")
     with_units, without = (config.validate(config.merge(base, yaml.safe_load(one))) for one in (shared, each))
     jobs_of = {}
     for name, found in (("with", with_units), ("without", without)):
@@ -702,8 +702,10 @@ def test_what_windows_share_is_told_only_to_what_shares_it(base):
             for stage, names in planned.planned(found)
             if stage in ("train", "alternate", "share", "evaluate", "validity", "dissipation")
         }
-    own = {key: one for key, one in jobs_of["with"].items() if "least_squares_shared" not in key}
+    sharing = {"least_squares_shared", "alternating_shared"}
+    own = {key: one for key, one in jobs_of["with"].items() if not sharing & {*key}}
     changed = {key[0] for key, one in own.items() if one != jobs_of["without"][key]}
     assert not changed
     told = {key for key, one in jobs_of["with"].items() if '"omega0": "shared"' in one}
-    assert told == {("share", "pendulum", "least_squares_shared", "seeds_0_1_2")}
+    stages = {"share": "least_squares_shared", "alternate": "alternating_shared"}
+    assert told == {(stage, "pendulum", method, "seeds_0_1_2") for stage, method in stages.items()}

@@ -109,6 +109,23 @@ class Trajectories:
         several = {name: None if (v := getattr(self, name)) is None else v[index] for name in ("id", "u", "mask")}
         return replace(self, y=self.y[index], z_e=self.z_e[index], z_a=self.z_a[index], **several)
 
+    def spread(self, count: int | None) -> Trajectories:
+        """At most ``count`` samples, evenly spread; None = all."""
+        if count is None or count >= len(self):
+            return self
+        return self.subset(np.linspace(0, len(self) - 1, count).astype(int))
+
+    def with_parameters(self, z_e: Sequence[str], z_a: Sequence[str], wanted: Sequence[str]) -> Trajectories:
+        """The same with other expert parameters: of another expert, which knows more or less of what made the data.
+
+        Arguments:
+            z_e, z_a: names of this set's parameters.
+            wanted: names of the expert parameters; what is neither in z_e nor in z_a is not known (NaN).
+        """
+        known = dict(zip((*z_e, *z_a), (*self.z_e.T, *self.z_a.T), strict=False))
+        unknown = np.full(len(self), np.nan)
+        return replace(self, z_e=np.stack([known.get(name, unknown) for name in wanted], axis=1))
+
     def window(self, start: int, stop: int) -> Trajectories:
         """The points ``start`` to ``stop`` (not included) along time."""
         several = {name: None if (v := getattr(self, name)) is None else v[:, start:stop] for name in ("u", "mask")}

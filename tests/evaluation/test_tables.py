@@ -119,7 +119,7 @@ def test_each_seed_is_kept_and_the_worst_is_told(tmp_path):
     assert "| A | 4 | not finite (2) |" in text and "| B | 4 | −3.40 (1) |" in text and "| C | 1 | −9.00 (" not in text
     assert "| D | 2 | not finite (1) |" in text
     (long,) = [mean for mean in read_csv(tmp_path / "t_long.csv", TabledMean, "") if mean.method == "b"]
-    assert long.seeds == (0, 1, 2, 3) and long.values == (-4.5, -3.4, -3.6, -4.0) and long.behind(1.0) == 1
+    assert long.seeds == (0, 1, 2, 3) and long.values == (-4.5, -3.4, -3.6, -4.0) and long.seeds_behind(1.0) == 1
 
 
 def test_two_presets_do_not_mix(tmp_path):
@@ -373,3 +373,38 @@ def test_bad_requests(tmp_path, three_seeds):
         TabulateJob.from_mapping({"labels": [], "convention": "mean"})
     with pytest.raises(InputError, match="at least one"):
         tabulate([], [tmp_path / "t.md"])
+
+
+class TestChoice:
+    """Of versions by validation: the simplest within one standard error of the best."""
+
+    def table(self, tmp_path, scores, candidates):
+        rng, files, metrics = np.random.default_rng(0), [], []
+        common = np.exp(0.3 * rng.normal(size=(1, 200)))
+        for method, level in scores.items():
+            errors = {n: common * np.exp(level + 0.02 * rng.normal(size=(2, 200))) for n in ("validation", "test")}
+            files.append(write_samples(tmp_path / f"{method}.npz", method, (0, 1), errors))
+            rows = [
+                (method, method.upper(), f"corrected,{seed},{name},log_mse_sum,{float(np.log(each.mean()))!r}")
+                for name, one in errors.items() for seed, each in enumerate(one)
+            ]  # fmt: skip
+            (tmp_path / method).mkdir()
+            metrics.append(write(tmp_path / method / "metrics.csv", rows))
+        job = TabulateJob(labels=[], candidates=candidates)
+        tabulate(metrics, [tmp_path / "t.md", tmp_path / "t_long.csv"], job, files)
+        lines = (tmp_path / "t.md").read_text().partition("| behind |")[2].partition("\n\n")[0].splitlines()
+        rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("|")][1:]
+        assert read_csv(tmp_path / "t_long.csv", TabledMean, "again")  # the report makes the table of it
+        return {row[0]: row[1:] for row in rows}
+
+    def test_a_simpler_one_as_good_is_chosen(self, tmp_path):
+        found = self.table(tmp_path, {"network": -3.0, "two": -3.0, "simple": -2.9999, "poor": -1.0}, [
+            "poor", "simple", "two", "network",
+        ])  # fmt: skip
+        assert [name for name, row in found.items() if row[3] == "chosen"] == ["SIMPLE"]
+        assert found["POOR"][1] == "2.00"
+
+    def test_a_better_network_is_chosen_and_what_does_not_compete_is_not_there(self, tmp_path):
+        found = self.table(tmp_path, {"floor": -9.0, "network": -3.0, "simple": -2.5}, ["simple", "network"])
+        assert [name for name, row in found.items() if row[3] == "chosen"] == ["NETWORK"]
+        assert "FLOOR" not in found

@@ -88,10 +88,10 @@ def test_losses_of_energy_are_compared_where_all_was_measured(tmp_path):
     ("one", "method", "score"),
     [
         ("real_pendulum", "least_squares_shared", -5.81),
-        ("real_pendulum_friction", "least_squares_shared", -6.45),
-        ("real_pendulum_small_friction", "least_squares_shared", -6.65),
-        ("real_pendulum_sensors", "least_squares_shared", -7.92),
-        ("real_pendulum_small_sensors", "least_squares_shared", -8.81),
+        ("real_pendulum", "friction_shared", -6.45),
+        ("real_pendulum_small", "friction_shared", -6.65),
+        ("real_pendulum", "friction_sensors", -7.92),
+        ("real_pendulum_small", "friction_sensors", -8.81),
     ],
 )
 def test_constants_that_windows_share_explain_the_real_pendulum(tmp_path, one, method, score):

@@ -13,7 +13,6 @@ from expertaug.api.arguments import Noise
 from expertaug.api.trained import TrainedModel
 from expertaug.equation.result import Found
 from expertaug.equation.search import Options, Search
-from expertaug.evaluation.score import spread
 from expertaug.models.terms import Term
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -100,7 +99,7 @@ def explain(
         InputError: an argument that cannot be used, a model without an expert, or windows without points to forecast.
     """
     train, validation = (
-        spread(arguments.trajectories(data, name), max_samples)
+        arguments.trajectories(data, name).spread(max_samples)
         for data, name in ((train, "train"), (validation, "validation"))
     )
     arguments.check_sets(model.system, train, validation)

@@ -20,7 +20,7 @@ from expertaug.api.forecasts import Forecast
 from expertaug.errors import InputError
 from expertaug.evaluation.estimates import Estimate, Stated, summarise
 from expertaug.evaluation.forecasts import sensor_estimates
-from expertaug.evaluation.score import score, spread
+from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.diagnostics.alarm import FALSE_ALARMS, attainable, threshold
 from expertaug.inference.diagnostics.goodness import find_unexplained
@@ -143,7 +143,8 @@ class TrainedModel:
         history = self.history.loc[self.history["seed"].isin(card.seeds)]
         misfits = None if self.misfits is None else self.misfits.of_seeds(chosen)
         stored = StoredModel(model, card, self.stored.classes)
-        return TrainedModel(stored, history, single, self.refinement, misfits)
+        refinement = None if self.refinement is None else self.refinement.of_seeds(chosen)
+        return TrainedModel(stored, history, single, refinement, misfits)
 
     def __iter__(self) -> Iterator[TrainedModel]:
         return (self[k] for k in range(len(self)))
@@ -274,7 +275,7 @@ class TrainedModel:
         Raises:
             InputError: the set is of another system or of other times.
         """
-        data = spread(arguments.trajectories(data, "data"), max_samples)
+        data = arguments.trajectories(data, "data").spread(max_samples)
         windows, _ = self._windows(data.seen[:, : self.observed], data.t, data.u)
         if data.z_e.shape[1] != len(self.system.expert_parameters):
             names = ", ".join(p.name for p in self.system.expert_parameters)

@@ -237,20 +237,22 @@ def _shared(
     """What windows share: parameters and components that there are, no first values, and something at least where a
     method shares."""
     started = jobs.starts(experiment)
-    blocks = {f"{where}.refinement": experiment.refinement}
+    blocks = [(f"{where}.refinement", experiment.refinement, system)]
     for method, over in experiment.overrides.items():
         if over.refinement is not None:
-            blocks[f"{where}.overrides.{method}.refinement"] = over.refinement
-    for at, block in blocks.items():
+            merged = overridden(experiment, over)
+            seen = system if over.system is None else options.describe_system(merged.system, where)[0]
+            blocks.append((f"{where}.overrides.{method}.refinement", over.refinement, seen))
+    for at, block, seen in blocks:
         for name in block.units or {}:
             here = f"{at}.units.{name}"
-            if system is not None and system.expert is not None:
-                yield from unknown_one(name, system.expert, here, "expert parameter")
+            if seen is not None and seen.expert is not None:
+                yield from unknown_one(name, seen.expert, here, "expert parameter")
             if name in block.shared and name in started:
                 yield InputError(here, "says how a window begins, and no two begin alike", "leave it out")
         for name in block.sensors or {}:
-            if system is not None and system.state is not None:
-                yield from unknown_one(name, system.state, f"{at}.sensors.{name}", "component of the state")
+            if seen is not None and seen.state is not None:
+                yield from unknown_one(name, seen.state, f"{at}.sensors.{name}", "component of the state")
     for k, method in enumerate(experiment.methods):
         over = experiment.overrides.get(method)
         own = experiment if over is None else overridden(experiment, over)

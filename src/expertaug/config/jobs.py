@@ -122,7 +122,10 @@ def with_interaction(config: Configuration, experiment: str) -> list[str]:
 
 def checked(config: Configuration, experiment: str) -> list[str]:
     """Methods of which an experiment checks whether F_a holds where z_e has moved."""
-    return [] if config.experiments[experiment].validity is None else with_interaction(config, experiment)
+    if config.experiments[experiment].validity is None:
+        return []
+    # What windows share does not move.
+    return [m for m in with_interaction(config, experiment) if not config.methods[m].estimator.shares]
 
 
 def explained(config: Configuration, experiment: str) -> list[str]:
@@ -134,7 +137,10 @@ def explained(config: Configuration, experiment: str) -> list[str]:
     builds = {method: config.build_of(experiment, method) for method in settings.methods}
     fitted = [m for m, build in builds.items() if build.estimator.is_classical() and not build.truth]
     shared = [m for m in fitted if builds[m].estimator.shares] or fitted  # of one apparatus, where that is known
-    return [*shared[:1], *with_interaction(config, experiment)]
+    learned = with_interaction(config, experiment)
+    sensed = [m for m in (*shared, *learned) if config.experiment_of(experiment, m).refinement.of_sensors]
+    sensed = [m for m in sensed if builds[m].estimator.shares]  # terms and sensors are not sought together
+    return [m for m in (*shared[:1], *learned) if m not in sensed]
 
 
 def studies(config: Configuration, experiment: str) -> list[str]:

@@ -5,7 +5,7 @@ Every function returns the ``settings`` of the stage of its name (``windows``: o
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from expertaug.config.jobs import estimating, found_priors, label, seed_groups, starts, studied, variants
@@ -112,8 +112,21 @@ def tabulate(config: Configuration, experiment: str) -> dict[str, Any]:
         "labels": _labels(config, named),
         "floors": floors,
         "known_form": of_known_form,
+        "candidates": _candidates(config, [v for v in named if v not in (*floors, *of_known_form)]),
         **reading(config, experiment),
     }
+
+
+def _candidates(config: Configuration, named: Sequence[str]) -> list[str]:
+    """Versions of which validation chooses one, from the simplest on; controls are none, they are there to compare."""
+
+    def complexity(variant: str) -> tuple[int, ...]:
+        build, version = config.methods[base(variant)], Version.parse(variant)
+        kind = build.estimator
+        learned = len([part for part in kind.parts if getattr(build, part, None) is not False])
+        return learned, kind.has_expert, not kind.shares, len(version.estimators), version.is_augmented
+
+    return sorted((v for v in named if not Version.parse(v).is_control), key=complexity)
 
 
 def _traced(config: Configuration, experiment: str) -> list[str]:

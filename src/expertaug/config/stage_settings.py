@@ -128,6 +128,7 @@ def evaluate(config: Configuration, experiment: str, variant: str, group: str) -
         "evaluation": config.experiments[experiment].evaluation.dump(exclude=SHOWING),
         **(_estimator(config, experiment, variant) if Version.parse(variant).is_refined else {}),
         **_drawn(config, experiment, variant),
+        **_known(config, experiment, variant),
         "sets": config.experiments[experiment].data.set_names,
         "choices": _choices(config.experiments[experiment], OF_EVALUATION),
         "seeds": seed_groups(config, experiment)[group],
@@ -239,11 +240,24 @@ def _fit(experiment: Experiment, shares: bool = False) -> dict[str, Any]:
     return experiment.refinement.dump(exclude=() if shares else ("units", "sensors"))
 
 
+def _known(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
+    """Names of the parameters that an experiment's sets have, of a version whose expert has others."""
+    settings, own = config.experiments[experiment], config.experiment_of(experiment, Version.parse(variant).method)
+    if own.system == settings.system:
+        return {}
+    theirs, ours = (options.describe_system(one.system, "system")[0] for one in (settings, own))
+    if theirs is None or ours is None or theirs.expert is None or theirs.expert == ours.expert:
+        return {}
+    return {"known": {"z_e": list(theirs.expert), "z_a": list(theirs.interaction or ())}}
+
+
 def _drawn(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
-    """The data's noise, and what a version's own windows are made with, where the experiment has p⁺."""
+    """The data's noise, and what a version's own windows are made with, where the experiment has p⁺ and windows do not
+    share what it would draw."""
     version = Version.parse(variant)
     settings = config.experiment_of(experiment, version.method)
-    if not config.methods[version.method].estimator.has_expert:
+    kind = config.methods[version.method].estimator
+    if not kind.has_expert or kind.shares:
         return {"noise": _noise(settings)}
     anew = settings.choices.augmented_x == "resampled"
     if FLOW in version.estimators and settings.flow.resample_x is not None:

@@ -15,7 +15,6 @@ from torch import Tensor
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import Metric
-from expertaug.evaluation.score import spread
 from expertaug.evaluation.settings import DissipationJob
 from expertaug.evaluation.summary import mean_of, order_sets
 from expertaug.evaluation.table import DASH, Study, Table
@@ -121,7 +120,7 @@ def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], job
             unknown.
     """
     device = device_of(job.device)
-    chunks = {name: spread(Trajectories.load(Path(data) / f"{name}.npz"), CHUNKS) for name in MAIN_SETS}
+    chunks = {name: Trajectories.load(Path(data) / f"{name}.npz").spread(CHUNKS) for name in MAIN_SETS}
     files = _by_method(models, job)
     losses: list[Loss] = []
     for version, label, refinement in job.versions:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from torch import Tensor
 
-from expertaug.evaluation.score import Scored, score, spread
+from expertaug.evaluation.score import Scored, score
 from expertaug.evaluation.settings import DuringTrainingJob, Scoring
 from expertaug.learning import snapshots as states
 from expertaug.learning.during_training import BASE, stages
@@ -39,7 +39,7 @@ def during_training(
     """
     device, scoring = device_of(job.device), Scoring.of_forecasts(job.evaluation)
     sets = {name: Trajectories.load(Path(data) / f"{name}.npz") for name in MAIN_SETS}
-    sets = {name: spread(whole, scoring.max_samples) for name, whole in sets.items()}
+    sets = {name: whole.spread(scoring.max_samples) for name, whole in sets.items()}
     card, epochs = states.read_card(snapshots), states.passes(snapshots)
     identity = (job.experiment, card.system_name, job.method, job.label, job.preset)
     told = job.to_json()

@@ -11,7 +11,6 @@ import numpy as np
 from expertaug.equation.result import Coefficient, Found
 from expertaug.equation.search import Options, Search
 from expertaug.errors import InputError
-from expertaug.evaluation.score import spread
 from expertaug.evaluation.settings import EquationJob
 from expertaug.evaluation.table import DASH, Study, Table, escape
 from expertaug.inference.flow import load
@@ -44,7 +43,7 @@ def equations(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: 
     Raises:
         InputError: a file is no such model, or windows end where forecasts begin.
     """
-    sets = [spread(Trajectories.load(Path(data) / f"{n}.npz"), job.equation.samples) for n in ("train", "validation")]
+    sets = [Trajectories.load(Path(data) / f"{n}.npz").spread(job.equation.samples) for n in ("train", "validation")]
     found = {}
     for path, version in zip(models, job.versions, strict=True):
         stored = load(path, device_of(job.device), job.classes or ())

@@ -196,14 +196,13 @@ def summarise(
             numbers = (one.value, one.error, low, high, one.spread, windows, one.groups)
             return Estimate(name, unit, of, *numbers, None if told is None else bool(told))
 
-        windows = values.shape[1]
-        if name in stated.shared:
-            error = np.nan if errors is None else float(errors[0, 0])
-            found.append(row(Pooled(float(values[0, 0]), error, np.nan, stated.shared[name]), SHARED, windows))
-            continue
-        seeds, mean = values.mean(1), values.mean(0)
-        typical = None if errors is None else errors.mean(0)
+        windows, seeds = values.shape[1], values.mean(1)
         between = seeds.std(ddof=1) / np.sqrt(len(seeds)) if len(seeds) > 1 else 0.0
+        if name in stated.shared:
+            error = np.nan if errors is None else float(np.hypot(errors[:, 0].mean(), between))
+            found.append(row(Pooled(float(seeds.mean()), error, np.nan, stated.shared[name]), SHARED, windows))
+            continue
+        mean, typical = values.mean(0), None if errors is None else errors.mean(0)
         each = {}
         for trajectory, places in places_of(identity, windows).items():
             one = of_trajectory(mean[places], None if typical is None else typical[places])

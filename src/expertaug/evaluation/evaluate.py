@@ -12,7 +12,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.forecasting import drawing_of, of_own_windows, scored_draws
 from expertaug.evaluation.forecasts import Forecasts, KeptForecasts, SetForecasts, VersionKey, sensor_estimates
 from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
-from expertaug.evaluation.score import Scored, score, spread
+from expertaug.evaluation.score import Scored, score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.flow import StoredModel, load
 from expertaug.inference.least_squares import refined_by, refinement_of
@@ -51,9 +51,12 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
     sets: dict[str, SetForecasts] = {}
     t, rank_draws, distributed = np.array([]), None, False
     for name in job.sets:
-        truth = spread(Trajectories.load(folder / f"{name}.npz"), scoring.max_samples)
+        truth = Trajectories.load(folder / f"{name}.npz").spread(scoring.max_samples)
         if name == "train":
-            truth = spread(truth, scoring.train_samples)
+            truth = truth.spread(scoring.train_samples)
+        if job.known is not None:
+            wanted = [p.name for p in stored.model.system.expert_parameters]
+            truth = truth.with_parameters(job.known.z_e, job.known.z_a, wanted)
         shown = name in SHOWN_SETS[1:]
         how = scoring if shown else scoring.without_draws
         scored = score(stored, truth, how, start, device, scoring.samples if shown else 0, job.noise)

@@ -20,6 +20,7 @@ import numpy as np
 SEED = 20
 RESAMPLES = 2000
 LEVEL = 0.95  # of every interval; a difference is told apart where p < 1 − LEVEL
+ONE_DEVIATION = 0.6827  # of a normal distribution, within one standard deviation
 FEWEST_RECORDINGS = 5  # of fewer, stretches are resampled
 STRETCHES = 10  # of all recordings together, where they are fewer
 VALUES = 2**22  # held at a time by :func:`log_median`
@@ -142,6 +143,13 @@ def interval(found: Resampled, not_negative: bool = False) -> Interval:
         return replace(plain, low=float(np.maximum(plain.low, 0.0)), p=np.nan)
     ends = _interval(float(np.log(mean)), far, seeds)
     return Interval(mean, float(np.exp(ends.low)), float(np.exp(ends.high)), np.nan)
+
+
+def standard_error(found: Resampled) -> float:
+    """Of the mean over seeds: what two thirds of the deviations stay below, since with few seeds their square has no
+    mean; NaN of a single unit."""
+    far = np.abs(deviations(found))
+    return float(np.quantile(far, ONE_DEVIATION)) if np.isfinite(far).all() else np.nan
 
 
 def against(found: Resampled, mean: float, std: float, runs: int, rounded: float = 0.0) -> Interval:

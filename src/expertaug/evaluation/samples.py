@@ -10,7 +10,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasts import Forecasts, VersionKey
-from expertaug.evaluation.intervals import Interval, Resampled, interval, units_of
+from expertaug.evaluation.intervals import Interval, Resampled, interval, standard_error, units_of
 from expertaug.evaluation.metrics import SampleErrors, metric_of
 
 
@@ -64,6 +64,16 @@ class Samples:
     def difference(self, key: VersionKey, reference: VersionKey, name: str, metric: str) -> Interval | None:
         """How much lower a version's metric is than another's, of the seeds that both have, sample by sample; None
         where one of them is not there, or no seed is common."""
+        pairs = self._pairs(key, reference, name, metric)
+        return None if pairs is None else interval(pairs)
+
+    def behind(self, key: VersionKey, reference: VersionKey, name: str, metric: str) -> tuple[float, float] | None:
+        """How much higher a version's metric is than another's, and the standard error of that; as
+        :meth:`difference`."""
+        pairs = self._pairs(reference, key, name, metric)
+        return None if pairs is None else (float(pairs.value.mean()), standard_error(pairs))
+
+    def _pairs(self, key: VersionKey, reference: VersionKey, name: str, metric: str) -> Resampled | None:
         own, other = self._of(key, name, metric), self._of(reference, name, metric)
         if own is None or other is None or own[1].units != other[1].units:
             return None
@@ -71,7 +81,7 @@ class Samples:
         if not len(common):
             return None
         mine, theirs = (one.of([int(np.flatnonzero(seeds == s)[0]) for s in common]) for seeds, one in (own, other))
-        return interval(theirs - mine)
+        return theirs - mine
 
     def _of(self, key: VersionKey, name: str, metric: str) -> tuple[np.ndarray, Resampled] | None:
         metric = metric_of(metric).like or metric

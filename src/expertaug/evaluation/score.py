@@ -69,13 +69,6 @@ class Scored:
             yield from ((metric, seed, float(value[k])) for k, seed in enumerate(seeds))
 
 
-def spread(data: Trajectories, count: int | None) -> Trajectories:
-    """At most ``count`` samples, evenly spread; None = all."""
-    if count is None or count >= len(data):
-        return data
-    return data.subset(np.linspace(0, len(data) - 1, count).astype(int))
-
-
 @torch.no_grad()
 def score(
     stored: StoredModel,

@@ -80,6 +80,13 @@ class Scoring(ForecastScoring):
         return self.model_copy(update={"draws": 0})
 
 
+class KnownParameters(Settings):
+    """Names of the parameters that sets have."""
+
+    z_e: list[str] = key(..., "of the experiment's expert")
+    z_a: list[str] = key(..., "of what it lacks, where the data were simulated")
+
+
 class EvaluateJob(LabelledJob, ModelFileJob):
     """An evaluation."""
 
@@ -89,6 +96,7 @@ class EvaluateJob(LabelledJob, ModelFileJob):
     refinement: Refinement = key(LEFT_OUT, "least squares on each window, where the estimates come from it")
     sets: list[str] = key(lambda: list(MAIN_SETS), "names of the sets")
     noise: Noise = key(0.0, "standard deviation of the data's noise")
+    known: KnownParameters = key(LEFT_OUT, "parameters of the sets, where the model's expert has others")
     own: OwnWindows = key(LEFT_OUT, "windows of the model's own making, on which draws are ranked and scored")
 
 
@@ -151,6 +159,7 @@ class TabulateJob(LabelledReading):
 
     floors: list[str] = key(list, "versions of the true equation")
     known_form: list[str] = key(list, "versions whose F_a is of known form")
+    candidates: list[str] = key(list, "versions of which validation chooses one, from the simplest on")
 
 
 class FigureColours(Settings):

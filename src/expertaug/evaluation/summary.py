@@ -71,6 +71,8 @@ class TabledMean(Mean):
         low, high: ends of its 95 % interval, NaN where no samples' errors are kept.
         gain, difference: how much better an augmented version is than its control, and than its base.
         values: of each seed, NaN of one without; None in files from before they were kept.
+        behind: of a version that may be chosen, its log-MSE on the validation set: how far behind the best one it is.
+        behind_error: the standard error of that.
     """
 
     seeds: tuple[int, ...]
@@ -79,8 +81,15 @@ class TabledMean(Mean):
     gain: Interval | None = None
     difference: Interval | None = None
     values: tuple[float, ...] | None = None
+    behind: float | None = None
+    behind_error: float | None = None
 
-    def behind(self, by: float) -> int:
+    @property
+    def as_good(self) -> bool:
+        """Whether this is the best that may be chosen, or within one standard error of it."""
+        return self.behind is not None and not self.behind > (self.behind_error or 0.0)
+
+    def seeds_behind(self, by: float) -> int:
         """How many seeds are worse than the best by more than so much, or have no finite value; of a metric of which
         less is better."""
         known = [value for value in self.values or () if np.isfinite(value)]

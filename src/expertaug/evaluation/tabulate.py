@@ -39,6 +39,7 @@ Column = tuple[str, str]  # set and metric
 Place = tuple[str, str, str]  # row, set and metric
 KNOWN_FORM = "F_a of known form, which does not compete"  # a title over rows
 BEHIND = 1.0  # nats
+VALIDATION = "validation"
 WORST = (
     "Log-MSE of the worst seed; in brackets, how many seeds are more than a nat behind the best of the same version, "
     "or have no finite value."
@@ -46,6 +47,13 @@ WORST = (
 BEST = "Bold: the best of each column, and those that are not told apart from it."
 # Only the first is a gain of augmentation: an augmented version was also trained for longer than its base.
 OVER_CONTROL, FROM_BASE = "gain over control", "difference from base"
+CHOICE = (
+    "Choice by validation: the simplest version whose log-MSE there is within one standard error of the best one's "
+    "(both of the difference between pairs of the same seed and samples). Simpler: without a network before with one, "
+    "what all windows share before what each has, without an encoder before with one. Validation windows are like the "
+    "training's: of a shift that they do not have the choice knows nothing."
+)
+CHOSEN = "chosen"
 KINDS = (OVER_CONTROL, FROM_BASE)
 GAINS = (
     "Gain over control: how much lower the error is than that of the control, the same base model trained on for the "
@@ -77,7 +85,7 @@ def tabulate(
     """
     job, loaded = job or TabulateJob(labels=[]), read_forecasts(forecasts)
     units, samples = _units(loaded), Samples(loaded)
-    long = _with_gains(_prepare(read_metrics(metrics), job, samples), samples)
+    long = _with_choice(_with_gains(_prepare(read_metrics(metrics), job, samples), samples), job, samples)
     if not shown_metrics(long, job.convention):
         known = ", ".join(_metrics(long))
         raise InputError("metrics", "neither log-MSE nor parameter error is in the files", f"they hold {known}")
@@ -96,7 +104,8 @@ def _tables(part: Sequence[TabledMean], job: TabulateJob, samples: Samples, unit
     gained = gains_table(part, job, lambda gain: gain.told_apart, True, f"{title}, gains", f"{label}-gains")
     known = [m.name for m in map(metric_of, _metrics(part)) if m.shown in (Shown.WHERE_ANY, Shown.LAST)]
     more = further_table(part, job, (*tabled_metrics(part, job.convention), *known), units)
-    return [*tables, *(table for table in (gained, seeds_table(part, job), more) if table and table.size)]
+    others = (choice_table(part, job), gained, seeds_table(part, job), more)
+    return [*tables, *(table for table in others if table and table.size)]
 
 
 def main_table(
@@ -183,12 +192,54 @@ def seeds_table(part: Sequence[TabledMean], job: TabulateJob) -> Table | None:
     return Table(head, [("", rows)], 1, caption=WORST) if rows else None
 
 
+def choice_table(part: Sequence[TabledMean], job: TabulateJob) -> Table | None:
+    """The versions that may be chosen, the best first, with the chosen one marked; None where there is no choice."""
+    metric, values = tabled_metrics(part, job.convention)[0], by_place(part)
+    able = sorted((mean for mean in part if mean.behind is not None), key=attrgetter("mean"))
+    if len(able) < 2:
+        return None
+    chosen = chosen_of(able, job)
+    sets = [name for name in _sets(part) if name not in ("train", VALIDATION)]
+    rows: list[Row] = []
+    for mean in able:
+        numbers = [f"{x:.2f}".replace("-", "−") for x in (mean.behind or 0.0, mean.behind_error or 0.0)]
+        further = [_cell(values, (mean.row, name, metric)) for name in sets]
+        rows.append([mean.label, mean.cell(), *numbers, CHOSEN if mean is chosen else "", *further])
+    head = ["method", job.of_set(VALIDATION), "behind", "standard error", "", *map(job.of_set, sets)]
+    return Table(head, [("", rows)], 1, caption=CHOICE)
+
+
+def chosen_of(able: Iterable[TabledMean], job: TabulateJob) -> TabledMean:
+    """The simplest of those that are as good as the best; of two that are as simple the better one."""
+    good = [mean for mean in able if mean.as_good]
+    return min(good, key=lambda mean: (job.candidates.index(mean.method), mean.mean))
+
+
+def _with_choice(long: Sequence[TabledMean], job: TabulateJob, samples: Samples) -> list[TabledMean]:
+    """The same with how far each version that may be chosen is behind the best on the validation set."""
+    if not (metrics := tabled_metrics(long, job.convention)) or not metric_of(metrics[0]).is_log:
+        return list(long)
+    metric, behind = metrics[0], {}
+    able = [
+        mean for mean in long
+        if (mean.set, mean.metric) == (VALIDATION, metric) and mean.method in job.candidates and mean.n == mean.of > 0
+    ]  # fmt: skip
+    for part in grouped(able, lambda mean: (mean.experiment, mean.preset)).values():
+        best = min(part, key=attrgetter("mean"))
+        found = {id(mean): samples.behind(mean.version, best.version, VALIDATION, metric) for mean in part}
+        behind |= {key: one for key, one in found.items() if one is not None}
+    return [
+        replace(mean, behind=behind[id(mean)][0], behind_error=behind[id(mean)][1]) if id(mean) in behind else mean
+        for mean in long
+    ]
+
+
 def _worst(mean: TabledMean | None) -> str:
     known = [] if mean is None else [value for value in mean.values or () if math.isfinite(value)]
     if mean is None or not mean.values:
         return DASH
     worst = f"{max(known):.2f}".replace("-", "−") if len(known) == len(mean.values) else "not finite"
-    return f"{worst} ({mean.behind(BEHIND)})"
+    return f"{worst} ({mean.seeds_behind(BEHIND)})"
 
 
 def gain_cell(mean: TabledMean | None, kind: str, told_apart: Callable[[Interval], bool]) -> Cell | None:
@@ -378,7 +429,7 @@ def _ends(mean: Mean, samples: Samples) -> tuple[float, float]:
 def _wide(means: Sequence[TabledMean]) -> pd.DataFrame:
     """One row per method; columns <set>/<metric>/mean, /std, /n, /low, /high and those of gains."""
     table, rows = cells(TabledMean, means), {}
-    values = [name for name in table if name not in (*IDENTITY, "of", "seeds", "values")]
+    values = [name for name in table if name not in (*IDENTITY, "of", "seeds", "values", "behind", "behind_error")]
     for place, mean in enumerate(means):
         whose = {key: table[key][place] for key in ("experiment", "preset", "method", "label", "seeds")}
         row = rows.setdefault((mean.experiment, mean.row), whose)

@@ -13,7 +13,6 @@ from torch import Tensor
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation.score import spread
 from expertaug.evaluation.settings import ValidityJob
 from expertaug.evaluation.table import DASH, Study, Table, escape
 from expertaug.inference.diagnostics.validity import Refit, Validity, along, refit
@@ -57,7 +56,7 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
     sets = {name: path for name in SETS if (path := Path(data) / f"{name}.npz").is_file()}
     if "iid" in sets:
         sets.pop("validation", None)
-    known = {name: spread(Trajectories.load(path), job.validity.samples) for name, path in sets.items()}
+    known = {name: Trajectories.load(path).spread(job.validity.samples) for name, path in sets.items()}
     rows, found, says = [], {}, []
     for path, (version, label, fitting) in zip(models, job.versions, strict=True):
         stored = load(path, device_of(job.device), job.classes or ())

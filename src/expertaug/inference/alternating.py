@@ -28,9 +28,11 @@ from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.inference.coordinates import LatentCoordinates
 from expertaug.inference.expected_error import record_misfits
+from expertaug.inference.held_constants import HeldConstants
 from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_by
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
+from expertaug.inference.shared import fit_shared
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
 from expertaug.learning.expert_share import expert_sizes, squares_beside_expert
 from expertaug.learning.job import Job
@@ -44,11 +46,12 @@ from expertaug.learning.training_data import StackedSet, Task, set_files, task_o
 from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
-from expertaug.models.estimators import Alternating
+from expertaug.models.estimators import Alternating, LeastSquares, SharedAlternating
 from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Estimates
-from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.models.settings import Constant, Refinement, RefinementSettings, SensorConstants
+from expertaug.models.stacking import select
 from expertaug.models.support import support_of
 from expertaug.settings import given_ranges
 from expertaug.systems import System
@@ -63,6 +66,7 @@ FIRST_STEPS = 8  # of Levenberg and Marquardt, with which every training window 
 SPREAD = 0.3  # standard deviation of the first z_a: F_a learns what they are good for
 WORST = 0.1  # share of the training windows that are started anew at each validation
 SUPPORTING = 200  # training windows, at most, whose estimates say where F_a was learned
+CHI2_MEDIAN = 0.4549  # of one degree of freedom
 WIDTH = 1.0  # standard deviation of z_a's prior in training
 STEPS = 10  # of Levenberg and Marquardt, at most, where windows are started anew and in a validation
 
@@ -80,6 +84,7 @@ class Alternation:
         seeds: in the group's order.
         settings: how to train.
         name: for messages.
+        held: what all windows share; None: nothing.
 
     Attributes:
         best: state of the decoder of each seed's best validation score, by the names of its tensors.
@@ -97,7 +102,9 @@ class Alternation:
         seeds: Sequence[int],
         settings: AlternatingSettings,
         name: str,
+        held: HeldConstants | None = None,
     ) -> None:
+        self.held = held
         self.fit, self.first_fit, self.validation_fit, self.task = fit, first_fit, validation_fit, task
         self.model = fit.decoder.requires_grad_(True)
         validation_fit.decoder = self.model
@@ -118,6 +125,9 @@ class Alternation:
         self.best_score = torch.full((size,), math.inf)
         self.best_step = torch.zeros(size, dtype=torch.long)
         self.best_latent = torch.zeros(2, size, fit.sizes[1], dtype=torch.float64)
+        self.constants = torch.zeros(size, 0, dtype=torch.float64) if held is None else held.values  # at the best step
+        self.constants = self.constants.clone()
+        self._hold()
         self.step_, self.seconds = 0, 0.0
         self.failed: dict[int, str] = {}
 
@@ -134,7 +144,20 @@ class Alternation:
         index = torch.arange(self.batch).expand(len(self.seeds), -1)
         windows, x = self._windows(index), self._of(self.x, index)
         z_e, system = self.fit.parts(x, self.fit.first(windows))[0], self.fit.system
-        self.rates = expert_sizes(system, self.fit.states(x, windows), z_e, self.fit.t, inputs_of(system, windows))
+        states = self.model.state_of(self.fit.states(x, windows))
+        self.rates = expert_sizes(system, states, z_e, self.fit.t, inputs_of(system, windows))
+
+    def _hold(self) -> None:
+        if self.held is not None:
+            self.held.hold((self.fit, self.first_fit, self.validation_fit))
+
+    @torch.no_grad()
+    def refit(self) -> None:
+        """Fit what all windows share, with F_a as it is, to so many of them that they tell it."""
+        if self.held is not None:
+            few = torch.from_numpy(np.linspace(0, self.count - 1, min(SUPPORTING, self.count)).astype(int))
+            self.x[:, few] = self.held.refit(self.model, self.train[:, :, few], self.x[:, few])
+            self._hold()
 
     def step(self) -> dict[str, Tensor]:
         """Improve a batch's estimates by one step each, then F_a by one gradient step; the loss's parts, each (S,)."""
@@ -144,7 +167,7 @@ class Alternation:
         states = self.fit.states(x_new, windows)
         data = self.fit.differences(states, windows)
         new_cost = cost_of(torch.cat((data.detach(), self.fit.pull(x_new)), -1))
-        better = new_cost < cost
+        better = new_cost < cost if x.shape[-1] else torch.ones_like(cost, dtype=torch.bool)
         rows = torch.arange(len(self.seeds)).unsqueeze(1)
         self.x[rows, index] = torch.where(better[..., None], x_new, x)
         self.damping[rows, index] = adapted(damping, better)
@@ -165,11 +188,18 @@ class Alternation:
 
     def _robust(self, data: Tensor) -> Tensor:
         """Squares of what is small beside the threshold; of what is large (Cauchy's loss) the logarithm."""
-        limit = self.settings.threshold**2
-        return limit * torch.log1p(data.square() / limit)
+        limit, unit = self.settings.threshold**2, 1.0
+        if self.held is not None:
+            # A window has little of its own by which it could come near the first F_a's forecast: until F_a explains
+            # the windows, what is left counts as noise, beside which the penalties keep their weight.
+            typical = data.detach().square().flatten(1).median(dim=1).values / CHI2_MEDIAN
+            unit = typical.clamp_min(1.0).view(-1, 1, 1)
+        squares = data.square() / unit
+        return limit * torch.log1p(squares / limit)
 
     def _sizes(self, states: Tensor, x: Tensor, u: Tensor | None) -> tuple[Tensor, Tensor]:
         """Mean squares (S,) of F_a and of its share of the expert, at forecasts (T1, S, B, *state) of parameters x."""
+        states = self.model.state_of(states)
         z_e, z_a, _ = self.fit.parts(x, states[0])
         return squares_beside_expert(self.model, states, z_e, z_a, self.fit.t, self.rates, u)
 
@@ -216,6 +246,7 @@ class Alternation:
             record = {k: v.tolist() for k, v in parts.items()}
             validated = self.step_ % settings.validate_every == 0 or self.step_ == settings.steps
             if validated:
+                self.refit()
                 record["validation_score"] = self._select().tolist()
                 if self.step_ < settings.steps:
                     self.restart()
@@ -245,6 +276,8 @@ class Alternation:
         z_a = self.x[..., p : p + q]
         latent = torch.stack(moments(z_a))
         self.best_latent = _chosen(better, latent, self.best_latent, 1)
+        if self.held is not None:
+            self.constants = _chosen(better, self.held.values, self.constants, 0)
         return score
 
     def _progress(self, parts: Mapping[str, Tensor]) -> None:
@@ -274,11 +307,16 @@ class Alternation:
         """Everything that a resumed run needs to reach the same bits; data orders follow from seed and step."""
         names = ("x", "damping", "misfit", "rates", *_RECORD)
         found = None if self.found is None else self._given(self.found)
-        return {name: getattr(self, name) for name in names} | {
-            "model": self.model.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "found": found,
-        }
+        constants = {} if self.held is None else {"held": self.held.values}
+        return (
+            {name: getattr(self, name) for name in names}
+            | constants
+            | {
+                "model": self.model.state_dict(),
+                "optimiser": self.optimiser.state_dict(),
+                "found": found,
+            }
+        )
 
     def restore(self, state: State) -> None:
         """Take up what :meth:`state` gave."""
@@ -287,9 +325,12 @@ class Alternation:
         for name in ("x", "damping", "misfit", "rates", *_RECORD):
             setattr(self, name, state[name])
         self.found = None if state["found"] is None else Estimates(*state["found"])
+        if self.held is not None:
+            self.held.values = state["held"]
+            self._hold()
 
 
-_RECORD = ("best", "best_score", "best_step", "best_latent", "step_", "seconds")
+_RECORD = ("best", "best_score", "best_step", "best_latent", "constants", "step_", "seconds")
 
 
 def _residuals(fit: WindowFit, windows: Tensor, candidates: Tensor, columns: Tensor) -> Tensor:
@@ -354,6 +395,7 @@ class AlternatingTraining:
         refinement: how windows are fitted.
         seen: observed windows, y (T1, 1, N, *state), of the training set: the range of their estimates is kept.
         checked: of the validation set: their misfits are kept, for alarms.
+        sharing: training windows that tell what all share; None: nothing is shared.
         classes: see :class:`StoredModel`.
     """
 
@@ -362,6 +404,7 @@ class AlternatingTraining:
     refinement: Refinement
     seen: Windows
     checked: Windows
+    sharing: Trajectories | None = None
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
     def run(self, progress: Progress | None = None) -> store.StoredModel:
@@ -386,14 +429,34 @@ class AlternatingTraining:
             "latent": {"mean": mean, "std": std},
         }
         model = copy.deepcopy(trainer.model).float().requires_grad_(False).eval()
+        model.sensors = None  # the model file's constants say how they are seen
         stored = store.StoredModel(model, self.card.but(**record), self.classes)
-        estimator = refined_by(stored, self.refinement)
+        refinement = self._with_constants(stored)
+        record["refinement"] = refinement
+        stored = replace(stored, card=self.card.but(**record))
+        estimator = refined_by(stored, refinement)
         used = replace(stored, model=estimator)
         record["misfit"] = record_misfits(used, self.checked)
         # As windows will be fitted, with F_a as it is now: what training had at hand lags behind it.
         found = estimator.estimate(self.seen.expand(len(trainer.seeds)))
         record["support"] = support_of(found.z_e, found.z_a)
         return replace(stored, card=self.card.but(**record))
+
+    def _with_constants(self, stored: store.StoredModel) -> Refinement:
+        """The refinement with what all windows share, fitted to whole training windows with each seed's F_a."""
+        if self.sharing is None:
+            return self.refinement
+        each, seeds = [], len(stored.seeds)
+        for k in range(seeds):
+            of_seed = store.StoredModel(select(stored.model, [k], seeds), stored.card.of_seeds([k]), stored.classes)
+            each.append(fit_shared(of_seed, self.refinement, self.sharing, self.trainer.constants[k]))
+        known: dict[str, dict] = {}
+        for block, kind in (("shared", Constant), ("sensors", SensorConstants)):
+            if first := getattr(each[0], block):
+                known[block] = {name: kind.of_seeds([getattr(one, block)[name] for one in each]) for name in first}
+        if isinstance(each[0].noise, Mapping):
+            known["noise"] = {name: sum(one.noise[name] for one in each) / seeds for name in each[0].noise}
+        return self.refinement.model_copy(update=known)
 
 
 def prepare(
@@ -421,8 +484,9 @@ def prepare(
         raise InputError("model.interaction", "missing", "the training is of an interaction model")
     check_trainable(system)
     training, seeds = options.training, options.seeds
+    shares = options.refinement.settings.shares
     card = ModelCard.of(
-        kind=Alternating.name,
+        kind=(SharedAlternating if shares else Alternating).name,
         **card_fields(train, system, options),
         system=described.system,
         model={"interaction": described.model.interaction},
@@ -446,26 +510,39 @@ def prepare(
     decoder.fit(seen_y)
     given = {"steps": STEPS, "latent_width": WIDTH}
     refinement, prior = options.refinement.settings, given_ranges(options.refinement.prior)
+    shared = [p for p in system.expert_parameters if p.name in refinement.shared]
+    held_at = {p.name: Constant(value=p.scale, std=0.0) for p in shared}  # until they are fitted
     noise = noise_of(options.refinement.noise, system, card)
     whole = RefinementSettings.from_mapping({"starts": refinement.starts, "tries": refinement.tries, **given})
     free = refinement.free_start if "free_start" in refinement.model_fields_set else is_some(noise)
     t = torch.tensor(card.t, dtype=torch.float64)
     assumed = assumed_noise(refinement, noise, card.bound)
 
-    def fit(decoder: Decoder, times: Tensor, settings: RefinementSettings, size: int) -> WindowFit:
+    def fit(
+        decoder: Decoder, times: Tensor, settings: RefinementSettings, size: int, held: Mapping[str, Constant]
+    ) -> WindowFit:
         mean, std = (f(size, 1, training.latent, dtype=torch.float64) for f in (torch.zeros, torch.ones))
-        return WindowFit(
-            decoder, times, settings, assumed, bool(free), prior, LatentCoordinates(mean, std), task.solver, ranges
-        )
+        latent = LatentCoordinates(mean, std)
+        return WindowFit(decoder, times, settings, assumed, bool(free), prior, latent, task.solver, ranges, held)
 
     used, seen = t[: task.horizon], t[: card.observed]
     fits = (
-        fit(decoder, used, whole, len(seeds)),
-        fit(Decoder(system), used, whole, 1),
-        fit(decoder, seen, refinement.model_copy(update=given), len(seeds)),
+        fit(decoder, used, whole, len(seeds), held_at),
+        fit(Decoder(system), used, whole, 1, held_at),
+        fit(decoder, seen, refinement.model_copy(update=given), len(seeds), held_at),
     )
     name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
     sets = train_set.windows(task.horizon).joined, validation_set.windows(len(t)).joined
-    trainer = Alternation(*fits, *sets, task, seeds, training, name)
+    held = sharing = None
+    if shares:
+        sharing = train.spread(training.train_samples)
+        alone = store.StoredModel(*LeastSquares.fit(system, sharing, card.but(kind=LeastSquares.name)))
+        first = fit_shared(alone, options.refinement, sharing)
+
+        def problem(decoder: Decoder) -> WindowFit:
+            return fit(decoder, used, whole, 1, {})
+
+        held = HeldConstants.of(system, problem, first, train_set.y[: task.horizon, :1], len(seeds))
+    trainer = Alternation(*fits, *sets, task, seeds, training, name, held)
     known = train_set.subset(SUPPORTING).windows(len(seen)), validation_set.windows(len(seen))
-    return AlternatingTraining(trainer, card, options.refinement, *known, classes or {})
+    return AlternatingTraining(trainer, card, options.refinement, *known, sharing, classes or {})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor, nn
@@ -34,8 +34,8 @@ class LogCoordinates:
     Attributes:
         scale: (P,), in the parameters' units.
         positive: (P,), bool.
-        shared: (P,), coordinates of parameters that all windows share and that are known; NaN of those of each window,
-            which alone are coordinates of a window.
+        shared: (P,), or (S, 1, P) where each seed knows others: coordinates of parameters that all windows share and
+            that are known; NaN of those of each window, which alone are coordinates of a window.
     """
 
     scale: Tensor
@@ -43,27 +43,39 @@ class LogCoordinates:
     shared: Tensor
 
     @classmethod
-    def of(cls, system: System, shared: Mapping[str, float] | None = None) -> LogCoordinates:
+    def of(cls, system: System, shared: Mapping[str, float | Sequence[float]] | None = None) -> LogCoordinates:
         """Of a system's expert parameters.
 
         Arguments:
-            shared: values of the parameters that all windows share, by name, in their units.
+            shared: values of the parameters that all windows share, by name, in their units; of several seeds one each.
         """
         parameters = system.expert_parameters
         scale = torch.tensor([p.scale for p in parameters], dtype=torch.float64)
         positive = torch.tensor([p.positive for p in parameters], dtype=torch.bool)
-        values = torch.tensor([float((shared or {}).get(p.name, math.nan)) for p in parameters], dtype=torch.float64)
+        each = [torch.tensor((shared or {}).get(p.name, math.nan), dtype=torch.float64) for p in parameters]
+        values = torch.stack(torch.broadcast_tensors(*each), dim=-1)
+        values = values.unsqueeze(1) if values.dim() > 1 else values
         return cls(scale, positive, _log_where(positive, values / scale))
+
+    def holding(self, places: Sequence[int], shared: Tensor) -> LogCoordinates:
+        """The same with other coordinates (S, M) of the M parameters that windows share, at their places."""
+        wide = shared.new_full((len(shared), len(self.scale)), math.nan)
+        wide[:, list(places)] = shared
+        return replace(self, shared=wide.unsqueeze(1))
 
     @property
     def own(self) -> Tensor:
         """Places of the parameters of each window."""
-        return self.shared.isnan().nonzero().flatten()
+        return self._own.nonzero().flatten()
 
     @property
     def size(self) -> int:
         """Number of parameters of each window."""
-        return int(self.shared.isnan().sum())
+        return int(self._own.sum())
+
+    @property
+    def _own(self) -> Tensor:
+        return self.shared.reshape(-1, len(self.scale))[0].isnan()
 
     def coordinates(self, z_e: Tensor) -> Tensor:
         """Of z_e (…, P): (…, size); what cannot be one, zero or less, is moved near."""

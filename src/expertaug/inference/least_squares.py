@@ -91,7 +91,7 @@ class WindowProblem:
         self.t = t.double()
         start = _first_point(system, noise, free_start, ranges)
         self.shared = dict(shared or {})
-        self.expert = LogCoordinates.of(system, {name: one.value for name, one in self.shared.items()})
+        self.expert = LogCoordinates.of(system, {name: one.held for name, one in self.shared.items()})
         self.transform = ParameterTransform(self.expert, latent, start)
         self.counts = _counts(system, self.t, settings.windows if "windows" in settings.model_fields_set else {})
         self.sizes = p, q, free = self.transform.sizes
@@ -102,6 +102,11 @@ class WindowProblem:
         longest[len(longest) - free :] = FARTHEST
         self.longest = longest
         self.grid = None if prior is None or not settings.starts else self._grid(prior)
+
+    def hold(self, places: Sequence[int], shared: Tensor) -> None:
+        """Hold the parameters at these places, which all windows share, at other coordinates, (S, M)."""
+        self.expert = self.expert.holding(places, shared)
+        self.transform = replace(self.transform, expert=self.expert)
 
     @property
     def tries(self) -> int:

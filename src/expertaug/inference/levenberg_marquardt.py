@@ -123,6 +123,8 @@ def _limited(residuals: Tensor) -> Tensor:
 def _step(curvature: Tensor, slope: Tensor, damping: Tensor, longest: float | Tensor) -> tuple[Tensor, Tensor]:
     """The damped step (…, B, K), damping in proportion to the curvature of each parameter, and the decrease of the
     cost that a linear model promises of one that is neither damped nor limited, (…, B)."""
+    if not slope.shape[-1]:  # all is known but what the windows share
+        return slope, slope.sum(-1)
     diagonal = curvature.diagonal(dim1=-2, dim2=-1)
     # What moves nothing gets a damping of its own, or the matrix would be singular.
     floor = 1e-9 * diagonal.amax(-1, keepdim=True).clamp_min(1e-30)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,6 +26,8 @@ from expertaug.learning.settings import UntrainedJob
 from expertaug.learning.train import Calibration, describe_recipe, make_untrained
 from expertaug.learning.training_data import set_files
 from expertaug.models import store
+from expertaug.models.observation_noise import ESTIMATED
+from expertaug.models.posterior import Estimates
 from expertaug.models.sensors import Sensors, check_components
 from expertaug.models.settings import Constant, Refinement, SensorConstants
 from expertaug.models.store import StoredModel
@@ -36,6 +38,7 @@ from expertaug.windows import Windows
 
 logger = logging.getLogger(__name__)
 STEPS = 60
+ROUNDS = 2  # of fits with the noise that the one before has left
 TOLERANCE = 1e-9  # of the cost: the windows together are at their minimum
 FEWEST_GROUPS = 8  # of windows whose residuals are independent, below which blocks of windows stand for groups
 BLOCKS = 10
@@ -82,7 +85,9 @@ def run_stage(data: Path, output: Path, settings: UntrainedJob, calibration: Pat
     store.save(output, stored.model, card)
 
 
-def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories) -> Refinement:
+def fit_shared(
+    stored: StoredModel, refinement: Refinement, train: Trajectories, start: Tensor | None = None
+) -> Refinement:
     """The refinement with constants for what its settings call shared, parameters and sensors' constants, fitted to
     the whole training windows: what they show after the observed part is known, and tells the constants best.
 
@@ -91,10 +96,14 @@ def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories)
     over windows that overlap, and the curvature alone, which is their least, gives errors that are several times too
     small.
 
+    Where the noise is estimated and sensors are among the constants, it is in the end what these fits leave of each
+    component.  Without the sensors what is left is no noise: one component contradicts the integral of another.
+
     Arguments:
-        stored: the expert alone.
+        stored: the expert alone, or one seed of a model whose windows are fitted.
         refinement: with a prior, in which the fits of single windows start.
         train: windows of what shares the parameters, with their identities, where they have any.
+        start: coordinates (M,) of the constants, parameters first; None: the medians of fits of single windows.
 
     Raises:
         InputError: a name that is no expert parameter or no component, no prior, or windows that do not tell a
@@ -110,22 +119,29 @@ def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories)
     if refinement.prior is None:
         raise InputError("units", "given without a prior", "give a range of each parameter in which fits start")
     each = refinement.settings.model_copy(update={"units": {}, "sensors": {}})
-    whole, x = Windows.of(train), None
+    whole = Windows.of(train)
     sensors = SensorCoordinates.of(stored.model.system, sought, whole.y)
     # The observed part first: a forecast over all of a window has more minima, and is near the best one from there.
-    for points in sorted({stored.card.observed, whole.points}):
+    parts = sorted({stored.card.observed, whole.points})
+    before: tuple[SensedFit, Tensor, Tensor] | None = None  # the last fit, its windows and coordinates
+    for points in (*parts, *[whole.points] * _rounds(stored.model.system, refinement)):
+        if before is not None and len(before[1]) == whole.points:
+            refinement = refinement.model_copy(update={"noise": before[0].left(before[2], before[1])})
         of_part = replace(stored, card=stored.card.but(observed=points))
         fit = estimator_of(of_part, each, refinement.noise, given_ranges(refinement.prior)).fit
         windows, own = whole.until(points).joined.double(), sum(fit.sizes)
         places = [*(names.index(name) for name in shared), *range(own, own + len(sought))]
         sensed = SensedFit(fit, sensors)
-        if x is None:
+        if before is None:
             x = sensed.start(windows)
-            x[..., places] = x[..., places].median(dim=1, keepdim=True).values
+            x[..., places] = x[..., places].median(dim=1, keepdim=True).values if start is None else start
+        else:
+            x = before[0].carried(before[2], windows, sensed)
         x, equations, ended = minimise_together(sensed, windows, x, places)
         if not ended:
             text = "shared parameters: the fit has not ended after %d steps; narrow the prior or share less"
             logger.warning(text, STEPS)
+        before = sensed, windows, x
     if sought:
         _check_told(equations, places, [*shared, *(f"sensors.{component}.{name}" for component, name in sought)])
     groups = groups_of(train)
@@ -138,6 +154,15 @@ def fit_shared(stored: StoredModel, refinement: Refinement, train: Trajectories)
     if sought:
         changes["sensors"] = sensors.constants(x[0, 0, own:], std[len(shared) :], groups)
     return refinement.model_copy(update=changes)
+
+
+def _rounds(system: System, refinement: Refinement) -> int:
+    """How often the noise is estimated anew: where nobody gave it, sensors are estimated, and each observed quantity is
+    a component."""
+    state = torch.linspace(0.1, 0.2, len(system.state), dtype=torch.float64)
+    plain = len(system.state_shape) == 1 and system.observe(state).shape == state.shape
+    sensed = bool(refinement.settings.of_sensors)
+    return ROUNDS if refinement.noise == ESTIMATED and plain and sensed else 0
 
 
 def _constants(values: Tensor, errors: Tensor, groups: np.ndarray) -> list[Constant]:
@@ -192,6 +217,12 @@ class SensorCoordinates:
         scale = (torch.where(is_scale, x, 0.0) @ of_component).exp()
         return Sensors(scale, torch.where(is_scale, 0.0, x * self.units) @ of_component, self.axes)
 
+    def coordinates(self, constants: Mapping[str, SensorConstants]) -> Tensor:
+        """Of constants in their units, by component: (M,)."""
+        values = torch.tensor([getattr(constants[c], name).value for c, name in self.sought], dtype=torch.float64)
+        is_scale = torch.tensor([name == "scale" for _, name in self.sought], dtype=torch.bool)
+        return torch.where(is_scale, values.clamp_min(1e-30).log(), values / self.units)
+
     def constants(self, x: Tensor, std: Tensor, groups: np.ndarray) -> dict[str, SensorConstants]:
         """The constants in their units, by component, of coordinates (M,) with their standard errors; what is hardly
         told is told.
@@ -229,6 +260,26 @@ class SensedFit:
         """Coordinates (1, N, K) of fits of each window as if sensors showed the state."""
         x = self.fit.coordinates(self.fit(windows), self.fit.first(windows))
         return torch.cat((x, x.new_zeros(*x.shape[:-1], len(self.sensors.sought))), dim=-1)
+
+    def carried(self, x: Tensor, windows: Tensor, other: SensedFit) -> Tensor:
+        """Coordinates (1, N, K) of the same estimates in another fit, of another noise or of longer windows."""
+        own, constants = x.tensor_split([sum(self.fit.sizes)], dim=-1)
+        seen = self.sensors.sensors(constants).state(windows) if self.sensors.sought else windows
+        z_e, z_a, y0 = self.fit.parts(own, self.fit.first(seen))
+        own = other.fit.coordinates(Estimates(y0, z_e, z_a), other.fit.first(seen))
+        return torch.cat((own, constants), dim=-1)
+
+    def left(self, x: Tensor, windows: Tensor) -> dict[str, float]:
+        """Root mean square of what is left of each component at coordinates (1, N, K), with so many degrees of freedom
+        as windows have parameters of their own."""
+        states = [p.name for p in self.fit.system.state]
+        residuals = self.residuals(x.unsqueeze(0), windows)[0]
+        data = residuals[..., : residuals.shape[-1] - self.fit.sizes[1]].unflatten(-1, (-1, len(states)))
+        count = data.numel() / len(states) - self.fit.missing(windows).sum() / len(states)
+        free = 1 - (x.shape[1] * sum(self.fit.sizes) / len(states)) / float(count)
+        squares = data.square().sum((0, 1, 2)) / count / max(free, 0.1)
+        noise = torch.as_tensor(self.fit.observed_noise, dtype=torch.float64).expand(len(states))
+        return dict(zip(states, (squares.sqrt() * noise).tolist(), strict=True))
 
     def residuals(self, x: Tensor, windows: Tensor) -> Tensor:
         """As :meth:`WindowProblem.residuals`, in units of what is measured."""

@@ -61,8 +61,10 @@ def proposal(
     prior = {name: [float(f"{end:.6g}") for end in ends] for name, ends in priors.items()}
     # Windows share constants of the apparatus; what gives the first point is each window's own.
     shared = dict.fromkeys(constants, "shared")
-    fitted = ["least_squares", *(["least_squares_shared"] if shared or system is None else [])]
-    methods = ["mean", "expert_only", *fitted, "ml_only", "aphynity", "alternating"]
+    sharing = bool(shared) or system is None
+    fitted = ["least_squares", *(["least_squares_shared"] if sharing else [])]
+    learned = ["ml_only", "aphynity", "alternating", *(["alternating_shared"] if sharing else [])]
+    methods = ["mean", "expert_only", *fitted, *learned]
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
     blocks = [
         f"# expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_told(counts)})",
@@ -97,14 +99,16 @@ def proposal(
             f"    augmentation: {{prior: {shown}}}  # p+: between what the expert's parameters may lie",
             "    finetuning: {epochs: 100, batch_size: 20, learning_rate: 3.0e-3}",
         ]
-    if "least_squares_shared" in methods:
+    overrides: dict[str, object] = {"ml_only": {"training": {"expert_first": 0.0}}}
+    if sharing:
+        overrides["alternating_shared"] = {"alternation": {"latent": 0}}  # what it learns is one apparatus's too
         units = flow(shared) if shared else "{PARAMETER: shared}"
         scales = {one.rate: {"scale": "shared"} for one in found.slopes if one.may_be_scale}
         sensors = f", sensors: {flow(scales)}" if scales else ""
         told = "one apparatus: one value for all windows; of several ones: window"
         blocks += [f"    refinement: {{units: {units}{sensors}}}  # {told}"]
     blocks += [
-        "    overrides: {ml_only: {training: {expert_first: 0.0}}}",
+        f"    overrides: {flow(overrides)}",
         f"    methods: {flow(methods)}",
         "    augmented: [aphynity]",
         "    controls: [aphynity]",

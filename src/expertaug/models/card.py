@@ -185,6 +185,8 @@ class ModelCard(RecipeRecord):
             chosen["carried"] = theirs(self.carried)
         if self.misfit is not None:
             chosen["misfit"] = self.misfit.of_seeds(places)
+        if self.refinement is not None:
+            chosen["refinement"] = self.refinement.of_seeds(places)
         for name in ("latent", "support"):
             if (record := getattr(self, name)) is not None:
                 chosen[name] = theirs(record.model_dump())

@@ -179,6 +179,15 @@ class Alternating(EstimatorKind):
 
 
 @register
+class SharedAlternating(Alternating):
+    """The same where windows share parameters, which its file keeps (:mod:`expertaug.inference.held_constants`)."""
+
+    name = "alternating_shared"
+    summary = "the same with the parameters that refinement.units calls shared, one value for all windows"
+    shares = True
+
+
+@register
 class LeastSquares(EstimatorKind):
     """The expert alone, or the equation that made the data, fitted to each window."""
 

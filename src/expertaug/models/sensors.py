@@ -18,8 +18,8 @@ class Sensors:
     """Scales and offsets of a state's K components, of which one may be a field.
 
     Attributes:
-        scale: measured per true change, > 0, (…, K).
-        offset: what is measured where the state is 0, in the component's unit, (…, K).
+        scale: measured per true change, > 0, (…, K); (S, 1, K) where each seed has its own.
+        offset: what is measured where the state is 0, in the component's unit, likewise.
         axes: of a state: 1, or 3 of fields on a grid.
     """
 
@@ -36,10 +36,9 @@ class Sensors:
         """
         check_components(system, constants)
         each = [constants.get(p.name) or SensorConstants() for p in system.state]
-        scale = [1.0 if one.scale is None else one.scale.value for one in each]
-        offset = [0.0 if one.offset is None else one.offset.value for one in each]
-        tensors = (torch.tensor(values, dtype=torch.float64) for values in (scale, offset))
-        return cls(*tensors, len(system.state_shape))
+        scale = _stacked([1.0 if one.scale is None else one.scale.held for one in each])
+        offset = _stacked([0.0 if one.offset is None else one.offset.held for one in each])
+        return cls(scale, offset, len(system.state_shape))
 
     def measured(self, states: Tensor) -> Tensor:
         """States (…, *state) → what sensors show of them."""
@@ -54,11 +53,18 @@ class Sensors:
 
     def state_ranges(self, measured: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
         """Ranges by component, of all of them in the state's order, as sensors show them → of the state."""
-        pairs = zip(measured.items(), self.scale.tolist(), self.offset.tolist(), strict=True)
+        scales, offsets = (x.reshape(-1, x.shape[-1]).mean(0).tolist() for x in (self.scale, self.offset))
+        pairs = zip(measured.items(), scales, offsets, strict=True)
         return {name: [(end - offset) / scale for end in ends] for (name, ends), scale, offset in pairs}
 
     def _wide(self, constants: Tensor, like: Tensor) -> Tensor:
         return constants.to(like).view(*constants.shape, *[1] * (self.axes - 1))
+
+
+def _stacked(each: Sequence[float | Sequence[float]]) -> Tensor:
+    """Constants of K components: (K,), or (S, 1, K) where seeds have their own."""
+    values = torch.stack(torch.broadcast_tensors(*(torch.tensor(x, dtype=torch.float64) for x in each)), dim=-1)
+    return values.unsqueeze(1) if values.dim() > 1 else values
 
 
 def check_components(system: System, names: Mapping[str, object]) -> None:

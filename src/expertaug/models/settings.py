@@ -6,7 +6,8 @@ No torch is loaded.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
@@ -416,13 +417,14 @@ class RefinementSettings(Settings):
     units: dict[str, Literal["window", "shared"]] = key(
         LEFT_OUT,
         "to what each expert parameter belongs: window = each window has its own; shared = all windows have one, "
-        "fitted once to the training windows together; left out = window. Of methods of kind least_squares_shared "
-        "alone: of all others each window has its own",
+        "fitted to the training windows together; left out = window. Of methods of kind least_squares_shared and "
+        "alternating_shared alone: of all others each window has its own",
     )
     sensors: dict[str, SensorSettings] = key(
         LEFT_OUT,
         "constants of the sensors of components of the state, estimated with what is shared: forecasts are then what "
-        "the sensors show. Of methods of kind least_squares_shared alone; left out = the state itself is measured",
+        "the sensors show. Of methods of kind least_squares_shared and alternating_shared alone; left out = the state "
+        "itself is measured",
     )
 
     @property
@@ -444,9 +446,29 @@ class RefinementSettings(Settings):
 class Constant(Settings):
     """A parameter that all windows share, as it was estimated, in its unit."""
 
-    value: float = key(..., "estimate")
+    value: float = key(..., "estimate; of several seeds the mean of theirs")
+    seeds: list[float] = key(LEFT_OUT, "estimate of each seed, where F_a was learned with it")
     std: NotNegative = key(..., "its standard error")
     groups: Count = key(1, "number of groups of windows that this is from and that count as independent")
+
+    @classmethod
+    def of_seeds(cls, each: Sequence[Constant]) -> Constant:
+        """Of the same constant with the F_a of each seed; its error is the root of the mean square of theirs."""
+        values = [one.value for one in each]
+        std = math.sqrt(sum(one.std**2 for one in each) / len(each))
+        return cls(value=sum(values) / len(values), seeds=values, std=std, groups=each[0].groups)
+
+    @property
+    def held(self) -> float | list[float]:
+        """What fits of windows hold it at: one value, or one of each seed."""
+        return self.seeds or self.value
+
+    def at(self, places: Sequence[int]) -> Constant:
+        """Of some of the seeds, by their places."""
+        if not self.seeds:
+            return self
+        values = [self.seeds[k] for k in places]
+        return self.model_copy(update={"value": sum(values) / len(values), "seeds": values})
 
 
 class SensorConstants(Settings):
@@ -454,6 +476,20 @@ class SensorConstants(Settings):
 
     scale: Constant = key(LEFT_OUT, "measured per true change; left out = 1")
     offset: Constant = key(LEFT_OUT, "what is measured where the state is 0, in the component's unit; left out = 0")
+
+    @classmethod
+    def of_seeds(cls, each: Sequence[SensorConstants]) -> SensorConstants:
+        """Of the same sensor with the F_a of each seed."""
+        return cls.of(**{name: Constant.of_seeds([getattr(one, name) for one in each]) for name in each[0].known})
+
+    @property
+    def known(self) -> list[str]:
+        """Names of what was estimated."""
+        return [name for name in ("scale", "offset") if getattr(self, name) is not None]
+
+    def at(self, places: Sequence[int]) -> SensorConstants:
+        """Of some of the seeds, by their places."""
+        return type(self).of(**{name: getattr(self, name).at(places) for name in self.known})
 
 
 class Refinement(Settings):
@@ -468,3 +504,9 @@ class Refinement(Settings):
     )
     shared: dict[str, Constant] = key(LEFT_OUT, "constants of all windows, where some are shared")
     sensors: dict[str, SensorConstants] = key(LEFT_OUT, "constants of sensors, where some were estimated")
+
+    def of_seeds(self, places: Sequence[int]) -> Refinement:
+        """The same for some of the seeds, by their places."""
+        known = {name: blocks for name in ("shared", "sensors") if (blocks := getattr(self, name))}
+        chosen = {name: {key: one.at(places) for key, one in blocks.items()} for name, blocks in known.items()}
+        return self.model_copy(update=chosen)

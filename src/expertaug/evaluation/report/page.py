@@ -16,7 +16,7 @@ from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.settings import Reading, ReportExperiment, ReportJob
 from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.table import STAR, Table
-from expertaug.evaluation.tabulate import GAINS, WORST
+from expertaug.evaluation.tabulate import CHOICE, GAINS, WORST
 from expertaug.files import check_inside, write_text
 from expertaug.tracking import provenance
 
@@ -108,6 +108,8 @@ def _of_experiment(
 ) -> list[Block]:
     """Tables of an experiment: its metrics, the gains of augmented versions, and the other metrics."""
     blocks = [numbers.table("Metrics", caption, tables.main(long, experiment))]
+    if choice := tables.choice(long, experiment):
+        blocks.append(numbers.table("Choice", CHOICE, choice))
     if gained := tables.gains(long, experiment):
         blocks.append(numbers.table("Gains", f"{GAINS.partition(' bold')[0]} {STAR}: told apart from 0.", gained))
     if worst := tables.worst_seeds(long, experiment):

@@ -16,7 +16,15 @@ from expertaug.evaluation.published import Compared
 from expertaug.evaluation.settings import Reading, TabulateJob, Titles
 from expertaug.evaluation.summary import Mean, TabledMean, cell_of, tabled_metrics
 from expertaug.evaluation.table import Table, plain
-from expertaug.evaluation.tabulate import OVER_CONTROL, further_table, gain_cell, gains_table, main_table, seeds_table
+from expertaug.evaluation.tabulate import (
+    OVER_CONTROL,
+    choice_table,
+    further_table,
+    gain_cell,
+    gains_table,
+    main_table,
+    seeds_table,
+)
 from expertaug.rows import columns, grouped, read_csv
 from expertaug.tracking.metrics_csv import ALONG
 from expertaug.versions import SHOWN_SETS
@@ -85,6 +93,11 @@ def gain(mean: TabledMean | None) -> str:
     none."""
     cell = gain_cell(mean, OVER_CONTROL, _leaves_0_out)
     return "" if cell is None else cell.text(star=True)
+
+
+def choice(long: Sequence[TabledMean], job: TabulateJob) -> Table | None:
+    """The version that validation chooses, among the others that it may choose; None where there is no choice."""
+    return choice_table(_shown(long), job)
 
 
 def worst_seeds(long: Sequence[TabledMean], job: TabulateJob) -> Table | None:

@@ -1,0 +1,148 @@
+"""Alternation where windows share parameters: the constants, their seeds, what a file holds, and resuming."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from test_shared import END, NOISE, Rubbed, T, swings
+
+import expertaug as ea
+from expertaug.cli import main
+from expertaug.config import load as config
+from expertaug.config import stage_settings
+from expertaug.inference import alternating
+from expertaug.models import store
+from expertaug.models.sensors import Sensors
+from expertaug.trajectories import Trajectories
+
+F_A = {"kind": "mlp", "layers": [8], "activation": "silu", "components": ["omega"]}
+OPTIONS = {"steps": 120, "latent": 0, "validate_every": 30, "solver": {"method": "rk4", "substeps": 1}}
+PRIOR = {"omega0": (1.0, 3.0)}
+
+
+def seen(n, seed, scale=1.0):
+    """Windows of one pendulum with friction, of which the expert knows nothing; a speed that a sensor scales."""
+    data = swings(n, seed)
+    return replace(data, z_e=data.z_e[:, :1], y=data.y * np.array([1.0, scale], dtype=np.float32))
+
+
+def learned(train, seeds=(0, 1), refinement=None, **options):
+    how = {"units": {"omega0": "shared"}} | (refinement or {})
+    sets = train, seen(10, 99)
+    given = OPTIONS | options
+    return ea.alternate(
+        ea.DampedPendulum(), F_A, *sets, observed_s=END, prior=PRIOR, noise=NOISE, seeds=seeds, refinement=how, **given
+    )
+
+
+@pytest.fixture(scope="module")
+def model():
+    return learned(seen(16, 1))
+
+
+def test_one_frequency_is_found_beside_a_learned_friction(model):
+    """Better than without the learned term, and each seed states a value of its own."""
+    one = model.stored.card.refinement.shared["omega0"]
+    assert len(one.seeds) == 2 and one.value == pytest.approx(np.mean(one.seeds))
+    assert one.seeds == pytest.approx([1.7, 1.7], rel=0.02)
+    test = seen(20, 5)
+    alone = ea.least_squares(
+        ea.DampedPendulum(), seen(16, 1), observed_s=END, prior=PRIOR, noise=NOISE, units={"omega0": "shared"}
+    )
+    error = {name: each.evaluate(test) for name, each in (("learned", model), ("alone", alone))}
+    log = {name: each[each.metric == "log_mse_sum"].value.max() for name, each in error.items()}
+    assert log["learned"] < log["alone"] - 1
+    rows = model.estimates(test)
+    assert list(rows["of"]) == ["all windows (shared)"] and rows["error"].iloc[0] > 0
+    assert rows["value"].iloc[0] == pytest.approx(one.value, rel=1e-6)
+
+
+def test_each_seed_holds_its_own_constant(model, tmp_path):
+    """In estimates, alone, and from a file."""
+    test, one = seen(6, 7), model.stored.card.refinement.shared["omega0"]
+    window = test.seen[:, : model.observed]
+    found = model.estimate(window, T[: model.observed])["omega0"]
+    np.testing.assert_allclose(found, np.array(one.seeds)[:, None] * np.ones((1, 6)), rtol=1e-6)
+    second = model[1]
+    assert second.stored.card.refinement.shared["omega0"].seeds == one.seeds[1:]
+    whole = model.forecast(window, T)
+    np.testing.assert_allclose(second.forecast(window, T).y, whole.y[1], atol=1e-5)
+    model.save(tmp_path / "model.safetensors")
+    np.testing.assert_array_equal(ea.load(tmp_path / "model.safetensors").forecast(window, T).y, whole.y)
+
+
+def test_the_scale_of_a_sensor_is_found_with_a_learned_term():
+    found = learned(seen(16, 1, scale=0.9), refinement={"sensors": {"omega": {"scale": "shared"}}}, seeds=(0,))
+    scale = found.stored.card.refinement.sensors["omega"].scale
+    assert scale.value == pytest.approx(0.9, abs=0.01)
+    test = seen(12, 5, scale=0.9)
+    log = found.evaluate(test)
+    assert log[log.metric == "log_mse_sum"].value.item() < -4
+    assert Sensors.of(found.system, found.stored.card.refinement.sensors).scale.shape == (1, 1, 2)
+
+
+def test_windows_may_have_nothing_of_their_own():
+    """Of noise-free windows whose first point is known, with one frequency and no z_a."""
+    train = swings(12, 1, noise=0.0)
+    train = replace(train, z_e=train.z_e[:, :1])
+    found = ea.alternate(
+        ea.DampedPendulum(), F_A, train, train, observed_s=END, prior=PRIOR, refinement={"units": {"omega0": "shared"}},
+        **OPTIONS,
+    )  # fmt: skip
+    assert found.stored.card.refinement.shared["omega0"].value == pytest.approx(1.7, rel=0.1)
+
+
+def test_it_goes_on_to_the_same_bits_after_a_kill(tmp_path, monkeypatch):
+    """As a stage, whose settings the configuration makes."""
+    text = """
+run: [swings]
+experiments:
+  swings:
+    based_on: pendulum
+    data: {t1_s: 2.0, noise: 0.02}
+    augmentation: {prior: {omega0: [1.0, 3.0]}}
+    augmentations: {narrow: null, wide: null}
+    model: {encoder: {windows: {theta: [0.0, 2.0], omega: [0.0, 2.0]}}}
+    refinement: {units: {omega0: shared}}
+    overrides: {alternating_shared: {alternation: {latent: 0, steps: 6, validate_every: 3, checkpoint_s: 0.0}}}
+    methods: [least_squares, alternating_shared]
+    augmented: []
+    controls: []
+    flows: []
+    refined: []
+"""
+    (tmp_path / "mine.yaml").write_text(text)
+    found = config.validate(config.load([*config.default_files(), tmp_path / "mine.yaml"]))
+    for name, n in (("train", 8), ("validation", 6)):
+        seen(n, n).save(tmp_path / f"{name}.npz")
+    job = json.dumps(stage_settings.train(found, "swings", "alternating_shared", "seeds_0_1_2"))
+
+    def run(name):
+        paths = ["--data", str(tmp_path), "--output", str(tmp_path / f"{name}.safetensors")]
+        return main(["alternate", *paths, "--work", str(tmp_path / name), "--settings", job])
+
+    assert run("whole") == 0
+    done = alternating.Alternation.step
+
+    def killed(self):
+        if self.step_ == 4:
+            raise KeyboardInterrupt
+        return done(self)
+
+    monkeypatch.setattr(alternating.Alternation, "step", killed)
+    assert run("resumed") not in (0, 2)
+    monkeypatch.setattr(alternating.Alternation, "step", done)
+    assert run("resumed") == 0
+    one, other = (store.load(tmp_path / f"{name}.safetensors") for name in ("whole", "resumed"))
+    assert one.card.kind == "alternating_shared" and one.card.refinement == other.card.refinement
+    for key, value in one.model.state_dict().items():
+        assert torch.equal(value, other.model.state_dict()[key]), key
+
+
+def test_parameters_of_another_expert_are_known_by_their_names():
+    data = Trajectories(T, swings(4).y, np.ones((4, 1)), np.full((4, 1), 0.3))
+    known = data.with_parameters(["omega0"], ["alpha"], ["alpha", "omega0", "mass"]).z_e
+    np.testing.assert_allclose(known, np.tile([0.3, 1.0, np.nan], (4, 1)), rtol=1e-6)
+    assert [p.name for p in Rubbed().expert_parameters] == ["omega0", "alpha"]
