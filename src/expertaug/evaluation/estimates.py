@@ -317,7 +317,8 @@ def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> 
             if np.isfinite(one.high - one.low):
                 axes.plot((one.low, one.high), (place, place), color=colours[one.method], linewidth=1.3)
             axes.plot(one.value, place, linestyle="none", **look)
-        names = [f"{plotting.text(one.label)}, {plotting.text(one.of)}" for one in rows]
+        wholes = {SHARED: "all windows"}
+        names = [f"{plotting.text(one.label)}, {plotting.text(wholes.get(one.of, one.of))}" for one in rows]
         axes.set_yticks(range(len(rows)), names)
         axes.set(ylim=(len(rows) - 0.4, -0.6), xlabel=plotting.quantity(*quantity), xlim=_limits(rows, axes))
         axes.grid(axis="x")

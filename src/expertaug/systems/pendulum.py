@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
+from expertaug.wording import show
 
 FRICTIONS = (None, "estimated")
 
@@ -18,6 +20,8 @@ class DampedPendulum(System):
 
     Arguments:
         friction: estimated: the expert knows the damping as well, z_e = (ω0, α), and leaves nothing to an interaction.
+        start_radius: simulations start anywhere in (θ, θ′) at a distance from rest in this range (Yin et al. 2021,
+            their code); None: at rest, as in the paper's appendix.
     """
 
     state = (Parameter("theta", "rad"), Parameter("omega", "rad/s"))
@@ -25,7 +29,11 @@ class DampedPendulum(System):
     interaction_parameters = (Parameter("alpha", "1/s"),)
     rubs = False
 
-    def __init__(self, friction: str | None = None) -> None:
+    def __init__(self, friction: str | None = None, start_radius: Sequence[float] | None = None) -> None:
+        self.start_radius = start_radius
+        if start_radius is not None and not (len(start_radius) == 2 and 0 <= start_radius[0] <= start_radius[1] < 7):
+            found = show(list(start_radius))
+            raise InputError("system.start_radius", found, "give [low, high] with 0 ≤ low ≤ high < 7")
         if friction not in FRICTIONS:
             raise InputError("system.friction", repr(friction), "estimated, or null")
         self.rubs = friction is not None
@@ -49,6 +57,12 @@ class DampedPendulum(System):
         return self.expert(t, y, z_e) + damping
 
     def sample_initial_state(self, n: int, generator: torch.Generator) -> Tensor:
-        """θ0 uniform in [−π/2, π/2], at rest (paper, appendix)."""
+        """θ0 uniform in [−π/2, π/2], at rest (paper, appendix), or as ``start_radius`` says: the direction is that of a
+        point in a square, the distance uniform."""
+        if self.start_radius is not None:
+            low, high = self.start_radius
+            square = 2 * torch.rand(n, 2, generator=generator, dtype=torch.float64) - 1
+            distance = low + (high - low) * torch.rand(n, 1, generator=generator, dtype=torch.float64)
+            return square / square.norm(dim=1, keepdim=True) * distance
         theta = (torch.rand(n, generator=generator, dtype=torch.float64) - 0.5) * math.pi
         return torch.stack((theta, torch.zeros_like(theta)), dim=-1)

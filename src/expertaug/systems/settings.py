@@ -123,6 +123,11 @@ class PendulumSettings(SystemSettings):
         None,
         "estimated = the expert knows the damping, whose rate alpha is an expert parameter; null = F_a learns it",
     )
+    start_radius: Range | None = key(
+        None,
+        "range of the distance from rest, in (theta, omega), at which simulations start in any direction; null = at "
+        "rest within a quarter of a turn",
+    )
 
     @property
     def expert_names(self) -> tuple[str, ...]:
