@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from expertaug.models import store
 from expertaug.models.sensors import Sensors
 from expertaug.trajectories import Trajectories
 
+ROOT = Path(__file__).parents[2]
 F_A = {"kind": "mlp", "layers": [8], "activation": "silu", "components": ["omega"]}
 OPTIONS = {"steps": 120, "latent": 0, "validate_every": 30, "solver": {"method": "rk4", "substeps": 1}}
 PRIOR = {"omega0": (1.0, 3.0)}
@@ -146,3 +148,13 @@ def test_parameters_of_another_expert_are_known_by_their_names():
     known = data.with_parameters(["omega0"], ["alpha"], ["alpha", "omega0", "mass"]).z_e
     np.testing.assert_allclose(known, np.tile([0.3, 1.0, np.nan], (4, 1)), rtol=1e-6)
     assert [p.name for p in Rubbed().expert_parameters] == ["omega0", "alpha"]
+
+
+def test_a_version_whose_expert_has_other_parameters_is_told_what_the_sets_know():
+    found = config.validate(config.load([*config.default_files(), ROOT / "config" / "peers.yaml"]))
+    of = {
+        method: stage_settings.evaluate(found, "aphynity_pendulum", method, "seeds_0_1_2").get("known")
+        for method in ("friction_shared", "alternating_shared", "least_squares")
+    }
+    assert of.pop("friction_shared") == {"z_e": ["omega0"], "z_a": ["alpha"]}
+    assert set(of.values()) == {None}

@@ -35,6 +35,17 @@ def test_undamped_pendulum_keeps_its_energy():
     assert np.abs(total / total[:, :1] - 1).max() < 1e-4
 
 
+def test_a_pendulum_may_start_anywhere_at_a_distance_from_rest():
+    system = systems.load({"name": "pendulum", "start_radius": [1.3, 2.3]})
+    y0 = system.sample_initial_state(500, torch.Generator().manual_seed(0))
+    distance = y0.norm(dim=1)
+    assert distance.min() >= 1.3 and distance.max() <= 2.3 and np.ptp(distance.numpy()) > 0.9
+    assert (y0[:, 1].abs() > 0.5).float().mean() > 0.5
+    for bad in ([1.0], [2.0, 1.0], [0.0, 9.0]):
+        with pytest.raises(InputError, match="start_radius"):
+            systems.load({"name": "pendulum", "start_radius": bad})
+
+
 def test_a_pendulum_whose_friction_is_the_experts_moves_as_the_other():
     data = pendulum_data(size=6)
     rubbed = SimulatedData.from_mapping(
