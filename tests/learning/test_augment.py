@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+import expertaug as ea
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augment as augmentation
@@ -109,6 +110,30 @@ def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, set
     augmentation.write_tensors(tmp_path / "plus.st", kept, tensors[0])
     with pytest.raises(InputError, match="do not say with which z_a they were made; draw them again"):
         finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
+
+
+def test_the_interaction_sees_z_a_softly_bounded(trained, data, tmp_path, settings):
+    """Where the training windows' lie it is as it was; far outside a tenth of their range; the file holds the bound."""
+    augmented(trained, data, tmp_path, settings)
+    settings |= {"method": "aphynity+", "label": "APHYNITY+"}
+    settings["training"] |= {"epochs": 1, "bound_z_a": True}
+    finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
+    base, tuned = store.load(trained), store.load(tmp_path / "p.st")
+    bound, support = tuned.model.decoder.latent_bound, base.card.support
+    least, most = (torch.tensor(ends).unsqueeze(1) for ends in (support.least_z_a, support.most_z_a))
+    torch.testing.assert_close((bound.least, bound.most), (least, most))
+    middle, far = (least + most) / 2, most + 100
+    torch.testing.assert_close(bound(middle), middle)
+    torch.testing.assert_close(bound(far), most + 0.1 * (most - least))
+    y, z_e = torch.full((len(tuned.seeds), 1, 2), 0.5), torch.ones(len(tuned.seeds), 1, 1)
+    seen_far = tuned.model.decoder.interaction_squares(y[None], z_e, far)
+    torch.testing.assert_close(seen_far, base.model.decoder.interaction_squares(y[None], z_e, bound(far)))
+    assert not torch.allclose(base.model.decoder.interaction_squares(y[None], z_e, far), seen_far)
+    one = ea.load(tmp_path / "p.st")[0]
+    assert one.stored.model.decoder.latent_bound.least.shape == (1, 1, least.shape[-1])
+    unsaid = replace(base, card=base.card.but(support=None))
+    with pytest.raises(InputError, match="does not say where its z_a lie"):
+        tuning._bound(unsaid.card, CPU)
 
 
 def test_augmented_samples_get_the_datas_noise(trained, data, tmp_path, settings):

@@ -46,6 +46,7 @@ class TrainingOptions(TypedDict, total=False):
     validation_samples: int | None
     supervision_weight: float
     z_a_supervision_weight: float
+    bound_z_a: bool
     horizon_warmup: float
     expert_first: float
     restarts: int

@@ -74,7 +74,7 @@ def learned(
     """
     system = decoder.system
     assert decoder.interaction is not None and found.z_e is not None and found.z_a is not None
-    context = decoder.interaction.context(found.z_a, found.z_e)
+    context = decoder.context(found.z_a, found.z_e)
     values = [
         decoder.interaction_rate(y, context, t[k].to(y), None if u is None else u[k]) for k, y in enumerate(states)
     ]

@@ -67,7 +67,7 @@ def dissipated_power(decoder: Decoder, states: Tensor, estimates: Estimates | No
     context = None
     if decoder.interaction is not None:
         assert estimates is not None
-        context = decoder.interaction.context(estimates.z_a, z_e)
+        context = decoder.context(estimates.z_a, z_e)
     powers = []
     for y in states:
         with torch.no_grad():

@@ -18,6 +18,8 @@ from expertaug.learning.settings import FinetuneJob, FinetuneOptions, TrainSetti
 from expertaug.learning.trainer import Progress, Training, encode_all, latent_of, prepare_training
 from expertaug.learning.training_data import StackedSet, Task, set_files, task_of
 from expertaug.models import store
+from expertaug.models.card import ModelCard
+from expertaug.models.decoder import LatentBound
 from expertaug.models.hybrid import HybridNet
 from expertaug.models.store import device_of
 from expertaug.presets import Choices
@@ -102,6 +104,8 @@ def prepare(
     options = inherit_options(stored, plus, options)
     device, choices, base = stored.device, options.choices, stored.card
     hybrid, before = _frozen(stored.model, choices)
+    if options.training.bound_z_a:
+        hybrid.decoder.latent_bound = _bound(base, device)
     scale = augment.prior_scale(hybrid, given_ranges(options.prior)).to(device)
     real, check = StackedSet.of(train, device), StackedSet.of(validation, device)
     spread: torch.Tensor | float = 1.0
@@ -129,6 +133,20 @@ def prepare(
         real.windows(base.observed),
         check.windows(base.observed),
     )
+
+
+def _bound(base: ModelCard, device: torch.device) -> LatentBound:
+    """To the range of the training windows' z_a.
+
+    Raises:
+        InputError: the model's file does not say it, or it has no z_a.
+    """
+    support = base.support
+    if support is None or support.least_z_a is None or support.most_z_a is None:
+        remedy = "leave finetuning.bound_z_a out, or train the model again"
+        raise InputError("model", "does not say where its z_a lie", remedy)
+    ends = (torch.tensor(end, dtype=torch.float32, device=device) for end in (support.least_z_a, support.most_z_a))
+    return LatentBound(*(end.unsqueeze(1) for end in ends))
 
 
 def inherit_options(stored: store.StoredModel, plus: Augmented | None, options: Options) -> Options:

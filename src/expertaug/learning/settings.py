@@ -129,6 +129,11 @@ class TrainSettings(Settings):
         "weight of the z_a term of augmented samples, whose z_a is known as well, in units of the spread that the "
         "trained model's z_a has over the training windows; 0 = z_a is not supervised, as in the paper",
     )
+    bound_z_a: bool = key(
+        False,
+        "whether F_a sees a z_a beyond the trained model's training windows' softly bounded, at most a tenth of their "
+        "range outside it; of fine-tuning, and of what is made of its model",
+    )
     horizon_warmup: Share = key(
         0.0,
         "share of all steps over which the loss window grows to its full length; this guards against minima at wrong "

@@ -26,6 +26,7 @@ class TrainingRecord(Settings):
     horizon_s: float = key(LEFT_OUT, "end of the loss window", "s")
     supervision_weight: float = key(LEFT_OUT, "of the z_e term of augmented samples")
     z_a_supervision_weight: float = key(LEFT_OUT, "of their z_a term")
+    bound_z_a: bool = key(LEFT_OUT, "whether F_a sees z_a bounded to the range of the training windows'")
     objective: dict[str, Any] = key(LEFT_OUT, "options of the objective")
 
 

@@ -15,10 +15,36 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.sensors import Sensors
+from expertaug.models.settings import MARGIN
 from expertaug.systems import System
 from expertaug.systems.inputs import solve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.windows import Windows
+
+
+class LatentBound(nn.Module):
+    """z_a as F_a sees it: as it is within the range of the training windows', and beyond it ever less far, at most a
+    tenth of the range.
+
+    F_a has learned nothing there, and an encoder that reads a z_a far outside would let it drive the motion.
+
+    Arguments:
+        least, most: ends of the range, (S, 1, Q).
+    """
+
+    least: Tensor
+    most: Tensor
+
+    def __init__(self, least: Tensor, most: Tensor) -> None:
+        super().__init__()
+        self.register_buffer("least", least)
+        self.register_buffer("most", most)
+
+    def forward(self, z_a: Tensor) -> Tensor:
+        """z_a (S, B, Q), or (…, S, B, Q) → the same shape."""
+        margin = MARGIN * (self.most - self.least).clamp_min(1e-6)
+        inside = z_a.clamp(self.least, self.most)
+        return inside + margin * torch.tanh((z_a - inside) / margin)
 
 
 class Decoder(nn.Module):
@@ -31,6 +57,7 @@ class Decoder(nn.Module):
         likelihood: p(y | forecast), where the objective learns one.
 
     Attributes:
+        latent_bound: of the z_a that F_a sees; None: it sees every z_a as it is.
         sensors: by which forecasts are what is measured, while they start from a state; None: the state is measured.
 
     Raises:
@@ -52,6 +79,7 @@ class Decoder(nn.Module):
         self.interaction = interaction
         self.expert = expert
         self.likelihood = likelihood
+        self.latent_bound: LatentBound | None = None
         self.sensors: Sensors | None = None
 
     def seen_by(self, sensors: Sensors | None) -> Decoder:
@@ -103,7 +131,7 @@ class Decoder(nn.Module):
             u: known inputs (T, …, B, U) at the times t; None for a system without.
         """
         count = z_a.shape[-2]
-        context = self.interaction.context(z_a, z_e[..., :count, :]) if self.interaction is not None else None
+        context = self.context(z_a, z_e[..., :count, :])
         axis = -1 - len(self.system.state_shape)
         rest = y0.shape[axis] - count
 
@@ -127,6 +155,12 @@ class Decoder(nn.Module):
             return torch.cat((one + added, other), axis)
 
         return self.measured(solve(self.system, field, self.system.initial_state(y0, z_e), t, solver, z_e, u, flow))
+
+    def context(self, z_a: Tensor, z_e: Tensor) -> Tensor | None:
+        """What F_a prepares for trajectories; None without an F_a."""
+        if self.interaction is None:
+            return None
+        return self.interaction.context(z_a if self.latent_bound is None else self.latent_bound(z_a), z_e)
 
     def interaction_rate(self, y: Tensor, context: Tensor, s: Tensor, u: Tensor | None = None) -> Tensor:
         """F_a at states y (…, B, *state), in their shape.
@@ -160,7 +194,7 @@ class Decoder(nn.Module):
         """
         state = self.system.state_shape
         points = y.movedim(0, -1 - len(state)).flatten(-2 - len(state), -1 - len(state))  # (…, B·T, *state)
-        context = self.interaction.context(z_a, z_e).repeat_interleave(len(y), dim=-2)
+        context = self.context(z_a, z_e).repeat_interleave(len(y), dim=-2)
         if t is None:
             times = y.new_zeros(())
         else:

@@ -156,7 +156,13 @@ class Hybrid(EstimatorKind):
 
         times = torch.tensor(card.t[: card.observed], dtype=torch.float64)
         recipe = describe.recipe_of(system, card, classes)
-        return recipe.build(times, card.seeds, bool(card.likelihood), card.start)
+        model = recipe.build(times, card.seeds, bool(card.likelihood), card.start)
+        if card.training.bound_z_a and tensors is not None:
+            from expertaug.models.decoder import LatentBound
+
+            ends = (torch.empty_like(tensors[f"decoder.latent_bound.{end}"]) for end in ("least", "most"))
+            model.decoder.latent_bound = LatentBound(*ends)
+        return model
 
 
 @register

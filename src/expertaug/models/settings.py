@@ -33,6 +33,7 @@ from expertaug.systems.settings import SYSTEMS, SolverSettings
 
 Module = TypeVar("Module")
 WIDEST = 2**16
+MARGIN = 0.1  # of the range of the training windows' z_a, by which a window's may lie beyond it
 AXES = 32  # principal components of an encoder's z_a that a model file keeps, for fits of windows
 TOLD = 0.5  # of the width of p⁺: an interval as wide says nothing of a parameter
 Width = Annotated[int, Field(ge=1, le=WIDEST)]

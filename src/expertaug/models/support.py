@@ -11,9 +11,9 @@ from torch import Tensor
 
 from expertaug.models.card import ModelCard, SupportRecord
 from expertaug.models.posterior import Estimates
+from expertaug.models.settings import MARGIN
 from expertaug.systems import System
 
-MARGIN = 0.1  # of a range's width, by which a window may lie beyond it
 TAIL = 0.005  # share of training windows, at each end, that may be fitted wrongly
 
 

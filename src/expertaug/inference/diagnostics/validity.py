@@ -143,7 +143,7 @@ def error_of_interaction(
     if decoder.interaction is None:
         raise InputError("model", "has no interaction model", "give a hybrid one")
     system, seeds = decoder.system, found_z_a.shape[0]
-    context = decoder.interaction.context(found_z_a, found_z_e)
+    context = decoder.context(found_z_a, found_z_e)
     wrong = torch.zeros(seeds, y.shape[1], dtype=torch.float64)
     size = torch.zeros(y.shape[1], dtype=torch.float64)
     known = [None] * len(y) if u is None else u
@@ -285,7 +285,7 @@ def _rates(fit: WindowFit, parts: tuple[Tensor, Tensor, Tensor], states: Tensor,
     """F_a (T, S, N, *state) at states, with known inputs u (T, S, N, U) where there are some."""
     decoder = fit.decoder
     assert decoder.interaction is not None
-    context = decoder.interaction.context(parts[1], parts[0])
+    context = decoder.context(parts[1], parts[0])
     known = [None] * len(states) if u is None else u
     at = zip(fit.t, states, known, strict=True)
     return torch.stack([decoder.interaction_rate(state, context, s, given) for s, state, given in at])
