@@ -75,6 +75,11 @@ def test_each_seed_holds_its_own_constant(model, tmp_path):
     np.testing.assert_array_equal(ea.load(tmp_path / "model.safetensors").forecast(window, T).y, whole.y)
 
 
+def test_no_flow_draws_what_is_known(model):
+    with pytest.raises(ea.InputError, match="whose windows share parameters"):
+        ea.fit_posterior(model, seen(8, 1), prior=PRIOR, noise=NOISE)
+
+
 def test_the_scale_of_a_sensor_is_found_with_a_learned_term():
     found = learned(seen(16, 1, scale=0.9), refinement={"sensors": {"omega": {"scale": "shared"}}}, seeds=(0,))
     scale = found.stored.card.refinement.sensors["omega"].scale

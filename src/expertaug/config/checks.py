@@ -182,7 +182,7 @@ def _versions(where: str, experiment: Experiment, methods: dict[str, Method]) ->
         "controls": (experiment.controls, lambda kind: kind.has_objective, "only hybrid methods can be trained on"),
         "flows": (
             experiment.flows,
-            lambda kind: kind.trains(),
+            lambda kind: kind.trains() and not kind.shares,
             "only methods of kind hybrid and alternating have a posterior",
         ),
     }

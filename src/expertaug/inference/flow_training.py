@@ -72,8 +72,8 @@ def fit_flow(
         progress: is told of the training while it runs.
 
     Raises:
-        InputError: the model is no hybrid one, the prior does not name its expert parameters, or draws are to begin
-            anywhere and the system does not say where that is.
+        InputError: the model is no hybrid one, or its windows share parameters, the prior does not name its expert
+            parameters, or draws are to begin anywhere and the system does not say where that is.
         SolveError: no seed can be trained.
     """
     return prepare(stored, train, options, where, validation).run(progress)
@@ -90,6 +90,9 @@ def prepare(
     base, device, prior = stored.card, stored.device, given_ranges(settings.prior)
     if not stored.kind.trains():
         raise InputError(where, f"a {base.kind} model", "a flow learns from a trained hybrid model")
+    if base.refinement is not None and base.refinement.settings.shares:
+        found = f"a {base.kind} model, whose windows share parameters"
+        raise InputError(where, found, "a flow draws every parameter anew: give a model without shared ones")
     options, choices, seeds = settings.flow, settings.choices, stored.seeds
     kind = type(stored.model.system)
     if options.resample_x and kind.resample_known is System.resample_known:
