@@ -206,6 +206,8 @@ def test_distance_is_in_widths_of_the_range_the_largest_over_parameters():
     ranges = {"a": [1.0, 3.0], "b": [0.0, 1.0]}
     z_e = np.array([[2.0, 0.5], [0.0, 0.5], [2.0, 1.5], [5.0, -0.25]])
     np.testing.assert_allclose(beyond(z_e, ["a", "b"], ranges), [0, 0.5, 0.5, 1.0])
+    one = {"a": (1.0471975512, 1.0471975512)}  # rounded, and beside a parameter that has no range
+    np.testing.assert_array_equal(beyond(np.float32([[1.0471975512, 9.0]]), ["a", "friction"], one), [0.0])
 
 
 def test_files_from_before_are_refused_in_one_line(files, tmp_path):

@@ -20,6 +20,7 @@ from expertaug.inference.diagnostics.alarm import attainable, threshold
 from expertaug.rows import frame, grouped
 from expertaug.versions import compared
 
+SINGLE = 1e-6  # of a value: what rounding to single precision moves it by, and more
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
 CAPTION = (
     "Distance: how far the true z_e of a window lies beyond the training range, in widths of that range, the largest "
@@ -95,11 +96,14 @@ def distance(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStud
 
 
 def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequence[float]]) -> np.ndarray:
-    """How far z_e (N, P) lies beyond ranges, in their widths: (N,), 0 within; the largest over parameters."""
-    each = []
+    """How far z_e (N, P) lies beyond ranges, in their widths: (N,), 0 within; the largest over the parameters that have
+    one.  What single precision has rounded out of a range, or out of one value, lies within."""
+    each = [np.zeros(len(z_e))]
     for k, name in enumerate(parameters):
-        low, high = ranges[name]
-        each.append(np.maximum(np.maximum(low - z_e[:, k], z_e[:, k] - high), 0) / max(high - low, 1e-12))
+        if name in ranges:
+            low, high = ranges[name]
+            out = np.maximum(np.maximum(low - z_e[:, k], z_e[:, k] - high), 0)
+            each.append(np.where(out > SINGLE * max(abs(low), abs(high)), out, 0) / max(high - low, 1e-12))
     return np.max(each, axis=0)
 
 
@@ -107,12 +111,13 @@ def _curves(version: VersionWindows, method: str, label: str, job: WindowStudyJo
     """The bins of z_e's distance and, where windows are shifted in it, of z_a's."""
     shifted = [name for name in version.sets if name not in ("train", "validation" if "iid" in version.sets else "")]
     main = [version.sets[name] for name in version.judged]
-    away = [beyond(s.z_e, version.parameters, job.training_range) for s in main]
+    known = {**job.interaction_range, **job.training_range}  # what one expert knows another leaves to F_a
+    away = [beyond(s.z_e, version.parameters, known) for s in main]
     bins = _curve(version, ("z_e", method, label), main, away)
     ranges = job.interaction_range
     sets = [version.sets[name] for name in shifted if version.sets[name].z_a is not None]
     if set(version.interaction) == set(ranges) and ranges and sets:
-        inside = [beyond(s.z_e, version.parameters, job.training_range) == 0 for s in sets]
+        inside = [beyond(s.z_e, version.parameters, known) == 0 for s in sets]
         away = [beyond(s.z_a, version.interaction, ranges) for s in sets if s.z_a is not None]
         if any((far[here] > 0).any() for far, here in zip(away, inside, strict=True)):
             bins += _curve(version, ("z_a", method, label), sets, away, inside)
