@@ -49,6 +49,7 @@ def test_one_frequency_is_found_beside_a_learned_friction(model):
     one = model.stored.card.refinement.shared["omega0"]
     assert len(one.seeds) == 2 and one.value == pytest.approx(np.mean(one.seeds))
     assert one.seeds == pytest.approx([1.7, 1.7], rel=0.02)
+    assert one.error == pytest.approx(np.hypot(one.std, abs(one.seeds[0] - one.seeds[1]) / 2))
     test = seen(20, 5)
     alone = ea.least_squares(
         ea.DampedPendulum(), seen(16, 1), observed_s=END, prior=PRIOR, noise=NOISE, units={"omega0": "shared"}

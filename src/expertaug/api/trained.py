@@ -297,7 +297,7 @@ class TrainedModel:
             noise: standard deviation of the data's noise.
             prior: ranges [low, high] by parameter, in its unit, in which further starts lie; None: each fit starts from
                 the model's own estimate alone.
-            options: see :class:`expertaug.inference.settings.RefinementSettings`.
+            options: see :class:`expertaug.models.settings.RefinementSettings`.
 
         Raises:
             InputError: an option that cannot be used, or a model without an expert.

@@ -57,7 +57,7 @@ def sensor_estimates(refinement: Refinement | None, state: Sequence[tuple[str, s
     for component, sensor in constants.items():
         for name, unit in (("offset", units[component]), ("scale", "")):
             if (one := getattr(sensor, name)) is not None:
-                found.append(SensorEstimate(f"{name} of {component}", unit, one.value, one.std, one.groups))
+                found.append(SensorEstimate(f"{name} of {component}", unit, one.value, one.error, one.groups))
     return found
 
 

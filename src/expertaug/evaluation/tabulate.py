@@ -50,8 +50,8 @@ OVER_CONTROL, FROM_BASE = "gain over control", "difference from base"
 CHOICE = (
     "Choice by validation: the simplest version whose log-MSE there is within one standard error of the best one's "
     "(both of the difference between pairs of the same seed and samples). Simpler: without a network before with one, "
-    "what all windows share before what each has, without an encoder before with one. Validation windows are like the "
-    "training's: of a shift that they do not have the choice knows nothing."
+    "what all windows share before what each has, without an encoder before with one; else in the order of the "
+    "methods. Validation windows are like the training's: of a shift that they do not have the choice knows nothing."
 )
 CHOSEN = "chosen"
 KINDS = (OVER_CONTROL, FROM_BASE)
@@ -210,9 +210,8 @@ def choice_table(part: Sequence[TabledMean], job: TabulateJob) -> Table | None:
 
 
 def chosen_of(able: Iterable[TabledMean], job: TabulateJob) -> TabledMean:
-    """The simplest of those that are as good as the best; of two that are as simple the better one."""
-    good = [mean for mean in able if mean.as_good]
-    return min(good, key=lambda mean: (job.candidates.index(mean.method), mean.mean))
+    """The simplest of those that are as good as the best."""
+    return min((mean for mean in able if mean.as_good), key=lambda mean: job.candidates.index(mean.method))
 
 
 def _with_choice(long: Sequence[TabledMean], job: TabulateJob, samples: Samples) -> list[TabledMean]:

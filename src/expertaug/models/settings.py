@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import statistics
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
@@ -458,6 +459,12 @@ class Constant(Settings):
         values = [one.value for one in each]
         std = math.sqrt(sum(one.std**2 for one in each) / len(each))
         return cls(value=sum(values) / len(values), seeds=values, std=std, groups=each[0].groups)
+
+    @property
+    def error(self) -> float:
+        """Standard error of the estimate, with that of the mean over seeds."""
+        several = self.seeds if self.seeds and len(self.seeds) > 1 else None
+        return self.std if several is None else math.hypot(self.std, statistics.stdev(several) / len(several) ** 0.5)
 
     @property
     def held(self) -> float | list[float]:
