@@ -76,6 +76,17 @@ def test_each_seed_holds_its_own_constant(model, tmp_path):
     np.testing.assert_array_equal(ea.load(tmp_path / "model.safetensors").forecast(window, T).y, whole.y)
 
 
+def test_windows_of_another_pendulum_are_fitted_together_with_each_seeds_own_term(model):
+    other = swings(10, seed=4, omega0=1.3)
+    other = replace(other, z_e=other.z_e[:, :1])
+    moved = model.together(other)
+    one = moved.refinement.shared["omega0"]
+    assert one.seeds == pytest.approx([1.3, 1.3], rel=0.02)
+    log = {name: each.evaluate(other) for name, each in (("as trained", model), ("together", moved))}
+    errors = {name: each[each.metric == "log_mse_sum"].value.max() for name, each in log.items()}
+    assert errors["together"] < errors["as trained"] - 1
+
+
 def test_no_flow_draws_what_is_known(model):
     with pytest.raises(ea.InputError, match="whose windows share parameters"):
         ea.fit_posterior(model, seen(8, 1), prior=PRIOR, noise=NOISE)

@@ -182,3 +182,28 @@ def test_the_stage_fits_what_python_fits(tmp_path, capsys):
     del job["refinement"]["settings"]["units"]
     assert main(["share", *paths, "--settings", json.dumps(job)]) == 2
     assert "refinement.units: nothing is shared" in capsys.readouterr().err
+
+
+def test_windows_of_one_apparatus_are_fitted_together():
+    """The constant's error falls with their number, and nothing after the observed window is looked at."""
+    each = fitted(swings(4))
+    found = {}
+    for count in (1, 4, 16):
+        data = swings(count, seed=7, omega0=1.2)
+        cut = replace(data, y=data.y[:, : each.observed], t=T[: each.observed])
+        one = each.together(cut, units={"omega0": "shared"})
+        found[count] = one.refinement.shared["omega0"]
+        later = replace(data, y=np.where(T[:, None] <= END, data.y, 9.0).astype(np.float32))
+        assert each.together(later, units={"omega0": "shared"}).refinement.shared == one.refinement.shared
+    assert abs(found[16].value - 1.2) < 3 * found[16].std
+    assert found[16].std < min(found[4].std, 0.5 * found[1].std)
+    estimates = one.estimate(cut.y, cut.t)["omega0"]
+    assert np.ptp(estimates) == 0 and estimates[0] == pytest.approx(found[16].value)
+
+
+def test_what_cannot_be_fitted_together_is_refused():
+    model = fitted(swings(4))
+    with pytest.raises(InputError, match="units: nothing is shared"):
+        model.together(swings(4))
+    with pytest.raises(InputError, match="no expert parameter"):
+        model.together(swings(4), units={"mass": "shared"})

@@ -27,6 +27,7 @@ from expertaug.inference.diagnostics.goodness import find_unexplained
 from expertaug.inference.expected_error import expected_errors, record_misfits
 from expertaug.inference.flow import load as load_any
 from expertaug.inference.least_squares import LeastSquares, refined_by
+from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
 from expertaug.learning.residuals import window_residual
 from expertaug.models import store
 from expertaug.models.card import MisfitRecord
@@ -309,6 +310,39 @@ class TrainedModel:
         model = replace(self, refinement=refinement, misfits=None)
         _ = model.predictor  # says what is wrong with the options
         return model
+
+    def together(
+        self, windows: Trajectories, *, prior: Ranges | None = None, **options: Unpack[RefinementOptions]
+    ) -> TrainedModel:
+        """The same model for one apparatus: constants that all of these windows share, fitted to their observed parts
+        together.  Nothing after the observed window is looked at, so that they may be the windows to be forecast.
+
+        Arguments:
+            windows: of the apparatus, with the times of the training at least up to the end of the observed window.
+            prior: ranges [low, high] by parameter in which fits start; None: those of the model.
+            options: of which ``units`` says what is shared, and ``sensors`` which constants of sensors; else as of the
+                model.
+
+        Raises:
+            InputError: a model whose estimates are no fits of windows, nothing that is shared, or other times.
+        """
+        if not self.stored.kind.fits_windows or self.refinement is None:
+            found = f"the estimates of {self.label} are no fits of windows"
+            raise InputError("model", found, "give least squares or an alternating model")
+        data = arguments.trajectories(windows, "windows")
+        _ = self._windows(data.seen[:, : self.observed], data.t[: self.observed], data.u)
+        given = RefinementSettings.from_mapping(options)
+        how = self.refinement.settings.model_copy(
+            update={name: getattr(given, name) for name in given.model_fields_set}
+        )
+        if not how.shares:
+            raise InputError("units", "nothing is shared", "say of a parameter that it is: units={NAME: 'shared'}")
+        names = [p.name for p in self.system.expert_parameters]
+        ranges = self.refinement.prior if prior is None else arguments.ranges(prior, names, "prior")
+        fitting = Refinement.of(settings=how, noise=self.refinement.noise, prior=ranges)
+        with arguments.one_thread():
+            fit = fit_shared if self.stored.kind.is_classical() else fit_shared_of_seeds
+            return replace(self, refinement=fit(self.stored, fitting, data.window(0, self.observed)), misfits=None)
 
     def watched(self, validation: Trajectories) -> TrainedModel:
         """The same model with an alarm: misfits of these windows say above which one a forecast is not trusted.

@@ -32,7 +32,7 @@ from expertaug.inference.held_constants import HeldConstants
 from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_by
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
-from expertaug.inference.shared import fit_shared
+from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
 from expertaug.learning.expert_share import expert_sizes, squares_beside_expert
 from expertaug.learning.job import Job
@@ -50,8 +50,7 @@ from expertaug.models.estimators import Alternating, LeastSquares, SharedAlterna
 from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Estimates
-from expertaug.models.settings import Constant, Refinement, RefinementSettings, SensorConstants
-from expertaug.models.stacking import select
+from expertaug.models.settings import Constant, Refinement, RefinementSettings
 from expertaug.models.support import support_of
 from expertaug.settings import given_ranges
 from expertaug.systems import System
@@ -446,17 +445,7 @@ class AlternatingTraining:
         """The refinement with what all windows share, fitted to whole training windows with each seed's F_a."""
         if self.sharing is None:
             return self.refinement
-        each, seeds = [], len(stored.seeds)
-        for k in range(seeds):
-            of_seed = store.StoredModel(select(stored.model, [k], seeds), stored.card.of_seeds([k]), stored.classes)
-            each.append(fit_shared(of_seed, self.refinement, self.sharing, self.trainer.constants[k]))
-        known: dict[str, dict] = {}
-        for block, kind in (("shared", Constant), ("sensors", SensorConstants)):
-            if first := getattr(each[0], block):
-                known[block] = {name: kind.of_seeds([getattr(one, block)[name] for one in each]) for name in first}
-        if isinstance(each[0].noise, Mapping):
-            known["noise"] = {name: sum(one.noise[name] for one in each) / seeds for name in each[0].noise}
-        return self.refinement.model_copy(update=known)
+        return fit_shared_of_seeds(stored, self.refinement, self.sharing, self.trainer.constants)
 
 
 def prepare(

@@ -30,6 +30,7 @@ from expertaug.models.observation_noise import ESTIMATED
 from expertaug.models.posterior import Estimates
 from expertaug.models.sensors import Sensors, check_components
 from expertaug.models.settings import Constant, Refinement, SensorConstants
+from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
 from expertaug.systems import System
@@ -154,6 +155,28 @@ def fit_shared(
     if sought:
         changes["sensors"] = sensors.constants(x[0, 0, own:], std[len(shared) :], groups)
     return refinement.model_copy(update=changes)
+
+
+def fit_shared_of_seeds(
+    stored: StoredModel, refinement: Refinement, train: Trajectories, starts: Tensor | None = None
+) -> Refinement:
+    """As :func:`fit_shared`, for each seed of a model with its own F_a: its constants have a value of each.
+
+    Arguments:
+        stored: a model whose windows are fitted, stacked over S seeds.
+        starts: coordinates (S, M) of the constants; None: the medians of fits of single windows.
+    """
+    each, seeds = [], len(stored.seeds)
+    for k in range(seeds):
+        of_seed = StoredModel(select(stored.model, [k], seeds), stored.card.of_seeds([k]), stored.classes)
+        each.append(fit_shared(of_seed, refinement, train, None if starts is None else starts[k]))
+    known: dict[str, dict] = {}
+    for block, kind in (("shared", Constant), ("sensors", SensorConstants)):
+        if first := getattr(each[0], block):
+            known[block] = {name: kind.of_seeds([getattr(one, block)[name] for one in each]) for name in first}
+    if isinstance(each[0].noise, Mapping):
+        known["noise"] = {name: sum(one.noise[name] for one in each) / seeds for name in each[0].noise}
+    return refinement.model_copy(update=known)
 
 
 def _rounds(system: System, refinement: Refinement) -> int:
