@@ -312,13 +312,13 @@ class TrainedModel:
         return model
 
     def together(
-        self, windows: Trajectories, *, prior: Ranges | None = None, **options: Unpack[RefinementOptions]
+        self, data: Trajectories, *, prior: Ranges | None = None, **options: Unpack[RefinementOptions]
     ) -> TrainedModel:
         """The same model for one apparatus: constants that all of these windows share, fitted to their observed parts
         together.  Nothing after the observed window is looked at, so that they may be the windows to be forecast.
 
         Arguments:
-            windows: of the apparatus, with the times of the training at least up to the end of the observed window.
+            data: windows of the apparatus, with the times of the training at least up to the end of the observed window.
             prior: ranges [low, high] by parameter in which fits start; None: those of the model.
             options: of which ``units`` says what is shared, and ``sensors`` which constants of sensors; else as of the
                 model.
@@ -329,7 +329,7 @@ class TrainedModel:
         if not self.stored.kind.fits_windows or self.refinement is None:
             found = f"the estimates of {self.label} are no fits of windows"
             raise InputError("model", found, "give least squares or an alternating model")
-        data = arguments.trajectories(windows, "windows")
+        data = arguments.trajectories(data, "data")
         _ = self._windows(data.seen[:, : self.observed], data.t[: self.observed], data.u)
         given = RefinementSettings.from_mapping(options)
         how = self.refinement.settings.model_copy(
