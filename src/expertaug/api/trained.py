@@ -318,7 +318,7 @@ class TrainedModel:
         together.  Nothing after the observed window is looked at, so that they may be the windows to be forecast.
 
         Arguments:
-            data: windows of the apparatus, with the times of the training at least up to the end of the observed window.
+            data: windows of the apparatus, with the times of the training at least to the end of the observed window.
             prior: ranges [low, high] by parameter in which fits start; None: those of the model.
             options: of which ``units`` says what is shared, and ``sensors`` which constants of sensors; else as of the
                 model.
