@@ -151,7 +151,7 @@ def test_its_tables_have_every_cell(results):
         assert np.isfinite(table[[f"{name}/{metric}/mean" for metric in metrics]]).all(axis=None)
         assert (table[[f"{name}/{metric}/n" for metric in metrics]] == 2).all(axis=None)
     text = (folder / "table.md").read_text()
-    rows = [line for line in text.split("Gain over control")[0].splitlines() if line.startswith("| ")]
+    rows = [line for line in text.split("Choice by validation")[0].splitlines() if line.startswith("| ")]
     assert len(rows) == 5 and not re.search(r"–|nan|not finite", "".join(rows[2:]))
     assert {f"figure_{name}.png" for name in NAMES} <= {path.name for path in folder.iterdir()}
 
