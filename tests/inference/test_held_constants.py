@@ -87,6 +87,16 @@ def test_windows_of_another_pendulum_are_fitted_together_with_each_seeds_own_ter
     assert errors["together"] < errors["as trained"] - 1
 
 
+def test_ranges_are_found_and_a_name_that_is_none_is_refused():
+    sets, short = (seen(12, 1), seen(8, 2)), OPTIONS | {"steps": 20}
+    options = {"observed_s": END, "noise": NOISE, **short}
+    found = ea.alternate(ea.DampedPendulum(), F_A, *sets, refinement={"units": {"omega0": "shared"}}, **options)
+    low, high = found.refinement.prior["omega0"]
+    assert low < 1.7 < high and found.refinement.shared["omega0"].value == pytest.approx(1.7, rel=0.1)
+    with pytest.raises(ea.InputError, match="is no expert parameter"):
+        ea.alternate(ea.DampedPendulum(), F_A, *sets, refinement={"units": {"mass": "shared"}}, **options)
+
+
 def test_no_flow_draws_what_is_known(model):
     with pytest.raises(ea.InputError, match="whose windows share parameters"):
         ea.fit_posterior(model, seen(8, 1), prior=PRIOR, noise=NOISE)

@@ -306,16 +306,12 @@ class Alternation:
         """Everything that a resumed run needs to reach the same bits; data orders follow from seed and step."""
         names = ("x", "damping", "misfit", "rates", *_RECORD)
         found = None if self.found is None else self._given(self.found)
-        constants = {} if self.held is None else {"held": self.held.values}
-        return (
-            {name: getattr(self, name) for name in names}
-            | constants
-            | {
-                "model": self.model.state_dict(),
-                "optimiser": self.optimiser.state_dict(),
-                "found": found,
-            }
-        )
+        return {name: getattr(self, name) for name in names} | {
+            "model": self.model.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "found": found,
+            "held": None if self.held is None else self.held.values,
+        }
 
     def restore(self, state: State) -> None:
         """Take up what :meth:`state` gave."""

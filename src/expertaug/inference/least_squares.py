@@ -438,10 +438,10 @@ def estimator_of(
     if not kind.has_expert:
         raise InputError("refinement", "a mean of the training set", "only models with an expert can be fitted")
     if missing := sorted(set(options.shared) - set(shared or {})):
-        remedy = "only least squares with the expert alone shares parameters: leave units out"
+        remedy = "only least squares with the expert alone and alternation share parameters: leave units out"
         raise InputError(f"units.{missing[0]}", "shared, and its value is not known", remedy)
     if missing := sorted(set(options.sensors or ()) - set(sensors or ())):
-        remedy = "only least squares with the expert alone estimates sensors: leave it out"
+        remedy = "only least squares with the expert alone and alternation estimate sensors: leave it out"
         raise InputError(f"sensors.{missing[0]}", "its constants are not known", remedy)
     if kind.has_objective and card.latent is None:
         raise InputError("refinement", "the model file does not say where its z_a lie", "train it again")

@@ -145,7 +145,7 @@ def interaction_at(
     times, seeds, count = states.shape[:3]
     points = states.movedim(1, 0).flatten(1, 2)  # (S, T·N, *state)
     pairs = z_a.shape[1]
-    context = decoder.interaction.context(z_a, z_e).repeat_interleave(times * count, dim=1)
+    context = decoder.context(z_a, z_e).repeat_interleave(times * count, dim=1)
     when = t.repeat_interleave(count).repeat(pairs)
     given = () if u is None else (u.movedim(1, 0).flatten(1, 2).repeat(1, pairs, 1),)
     rates = decoder.interaction_rate(points.repeat(1, pairs, *[1] * (points.dim() - 2)), context, when, *given)

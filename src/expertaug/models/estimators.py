@@ -160,8 +160,10 @@ class Hybrid(EstimatorKind):
         if card.training.bound_z_a and tensors is not None:
             from expertaug.models.decoder import LatentBound
 
-            ends = (torch.empty_like(tensors[f"decoder.latent_bound.{end}"]) for end in ("least", "most"))
-            model.decoder.latent_bound = LatentBound(*ends)
+            ends = [tensors.get(f"decoder.latent_bound.{end}") for end in ("least", "most")]
+            if any(end is None for end in ends):
+                raise InputError("model file", "does not hold the bound of its z_a", "make it again")
+            model.decoder.latent_bound = LatentBound(*map(torch.empty_like, ends))
         return model
 
 
