@@ -10,11 +10,14 @@ import yaml
 from PIL import Image
 
 from expertaug import plotting
+from expertaug.cli import main
 from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.evaluation.products import STUDIES, kept
 from expertaug.evaluation.studies import KINDS
 from expertaug.runs.publish import publish
+from expertaug.stages.files import Files
+from expertaug.stages.planned import products_of, products_of_all
 
 ROOT = Path(__file__).parents[1]
 
@@ -88,6 +91,24 @@ def test_an_unfinished_run_is_refused_and_the_old_stays(run):
     with pytest.raises(InputError, match=r"pendulum\.md.*run the workflow"):
         publish(settings(run), run / "kept", "snakemake")
     assert (run / "kept/old").exists()
+
+
+def test_a_run_that_has_not_ended_is_refused_by_the_command(run, capsys):
+    """Whatever of its tables and figures is missing, studies too; what is published is what the workflow makes."""
+    arguments = ["publish", "my.yaml", "--to", "kept", "--command", "snakemake"]
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert re.search(r"no such file \(and \d+ others\); run the workflow to its end first", said)
+    assert not (run / "kept").exists()
+    files = Files(settings(run))
+    for path in [*products_of_all(files), *products_of(files, "pendulum")]:
+        if not Path(path).exists():
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            Path(path).write_text("made")
+    assert main(arguments) == 0
+    Path("out/tables/pendulum_distance.md").unlink()
+    assert main(arguments) == 2
+    assert "pendulum_distance.md: no such file; run the workflow" in capsys.readouterr().err
 
 
 def everything(folder):

@@ -37,7 +37,17 @@ def _rebuild_tracking(a: argparse.Namespace) -> None:
 
 def _publish(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
+    from expertaug.errors import InputError
     from expertaug.runs.publish import publish
+    from expertaug.stages.files import Files
+    from expertaug.stages.planned import products_of, products_of_all
 
-    publish(config.validate(config.load(config.with_defaults(a.config))), a.to, a.command)
+    found = config.validate(config.load(config.with_defaults(a.config)))
+    files = Files(found)
+    expected = [*products_of_all(files), *(path for name in found.run for path in products_of(files, name))]
+    missing = [path for path in expected if not Path(path).exists()]
+    if missing:
+        others = f" (and {len(missing) - 1} others)" if len(missing) > 1 else ""
+        raise InputError(missing[0], f"no such file{others}", "run the workflow to its end first")
+    publish(found, a.to, a.command)
     logger.info("%s: published", a.to)
