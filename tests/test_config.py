@@ -128,6 +128,10 @@ def test_shipped_files_are_valid(base, name, tmp_path):
             "experiments.rlc.overrides.aphynity.refinement.units.R: 'R' is no expert parameter",
         ),
         (
+            "{run: [x], experiments: {x: {based_on: pendulum_shift, training: {bound_z_a: true}}}}",
+            "x.training.bound_z_a: found true; say it under finetuning: the trained model's z_a bound it",
+        ),
+        (
             "{run: [x], experiments: {x: {based_on: pendulum_shift, methods: [least_squares_shared], augmented: []}}}",
             "x.methods[0]: 'least_squares_shared' fits what windows share, and nothing is said to be shared; give "
             "refinement: {units: {omega0: shared}}",

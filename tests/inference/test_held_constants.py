@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from test_shared import END, NOISE, Rubbed, T, swings
+from test_shared import END, EXPERIMENT, NOISE, Rubbed, T, swings
 
 import expertaug as ea
 from expertaug.cli import main
@@ -125,23 +125,11 @@ def test_windows_may_have_nothing_of_their_own():
 
 def test_it_goes_on_to_the_same_bits_after_a_kill(tmp_path, monkeypatch):
     """As a stage, whose settings the configuration makes."""
-    text = """
-run: [swings]
-experiments:
-  swings:
-    based_on: pendulum
-    data: {t1_s: 2.0, noise: 0.02}
-    augmentation: {prior: {omega0: [1.0, 3.0]}}
-    augmentations: {narrow: null, wide: null}
-    model: {encoder: {windows: {theta: [0.0, 2.0], omega: [0.0, 2.0]}}}
-    refinement: {units: {omega0: shared}}
-    overrides: {alternating_shared: {alternation: {latent: 0, steps: 6, validate_every: 3, checkpoint_s: 0.0}}}
-    methods: [least_squares, alternating_shared]
-    augmented: []
-    controls: []
-    flows: []
-    refined: []
-"""
+    alternation = "{latent: 0, steps: 6, validate_every: 3, checkpoint_s: 0.0}"
+    text = EXPERIMENT.replace("least_squares_shared]", "alternating_shared]").replace(
+        "seeds: [0, 1]", "seeds: [0, 1, 2]"
+    )
+    text += f"    overrides: {{alternating_shared: {{alternation: {alternation}}}}}\n"
     (tmp_path / "mine.yaml").write_text(text)
     found = config.validate(config.load([*config.default_files(), tmp_path / "mine.yaml"]))
     for name, n in (("train", 8), ("validation", 6)):

@@ -136,6 +136,12 @@ def test_the_interaction_sees_z_a_softly_bounded(trained, data, tmp_path, settin
         tuning._bound(unsaid.card, CPU)
 
 
+def test_a_first_training_has_nothing_to_bound_z_a_by(data, tmp_path, settings):
+    settings["training"]["bound_z_a"] = True
+    with pytest.raises(InputError, match=r"training\.bound_z_a: found true; say it of fine-tuning"):
+        train(data, tmp_path / "m.st", tmp_path / "w", settings, None)
+
+
 def test_augmented_samples_get_the_datas_noise(trained, data, tmp_path, settings):
     clean, _, _ = augmented(trained, data, tmp_path, settings, augmentation_noise="none")
     noisy, _, _ = augmented(trained, data, tmp_path, settings)

@@ -101,6 +101,7 @@ def check_experiment(where: str, experiment: Experiment, config: Common) -> Iter
         own += options.check_part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
     yield from own
     yield from _objectives(where, experiment, methods)
+    yield from _bounds(where, experiment)
     for method in [m for m in experiment.methods if m in experiment.overrides]:
         here, inherited = f"{where}.overrides.{method}", {str(error) for error in own}
         for error in _overridden(here, experiment, experiment.overrides[method], system, methods[method]):
@@ -140,6 +141,17 @@ def _objectives(where: str, experiment: Experiment, methods: dict[str, Method]) 
             for kind in takers or list(kinds)[:1]:
                 of_it = options.check_options(kind, {option: value}, at)
                 yield from (e for e in of_it if e.where == f"{at}.{option}" or e.where.startswith(f"{at}.{option}["))
+
+
+def _bounds(where: str, experiment: Experiment) -> Iterator[InputError]:
+    """A bound of z_a before there is a model whose z_a could be it."""
+    blocks = {f"{where}.training": experiment.training}
+    blocks |= {f"{where}.overrides.{method}.training": over.training for method, over in experiment.overrides.items()}
+    for at, training in blocks.items():
+        if training is not None and training.bound_z_a:
+            yield InputError(
+                f"{at}.bound_z_a", "found true", "say it under finetuning: the trained model's z_a bound it"
+            )
 
 
 def _options(training: TrainSettings | None) -> dict[str, object]:

@@ -135,12 +135,14 @@ def explained(config: Configuration, experiment: str) -> list[str]:
     if settings.equation is None:
         return []
     builds = {method: config.build_of(experiment, method) for method in settings.methods}
-    fitted = [m for m, build in builds.items() if build.estimator.is_classical() and not build.truth]
+
+    def plain(method: str) -> bool:  # terms and sensors are not sought together
+        sensed = config.experiment_of(experiment, method).refinement.of_sensors
+        return not (builds[method].estimator.shares and sensed)
+
+    fitted = [m for m, build in builds.items() if build.estimator.is_classical() and not build.truth and plain(m)]
     shared = [m for m in fitted if builds[m].estimator.shares] or fitted  # of one apparatus, where that is known
-    learned = with_interaction(config, experiment)
-    sensed = [m for m in (*shared, *learned) if config.experiment_of(experiment, m).refinement.of_sensors]
-    sensed = [m for m in sensed if builds[m].estimator.shares]  # terms and sensors are not sought together
-    return [m for m in (*shared[:1], *learned) if m not in sensed]
+    return [*shared[:1], *filter(plain, with_interaction(config, experiment))]
 
 
 def studies(config: Configuration, experiment: str) -> list[str]:

@@ -122,9 +122,9 @@ def _candidates(config: Configuration, named: Sequence[str]) -> list[str]:
 
     def complexity(variant: str) -> tuple[int, ...]:
         build, version = config.methods[base(variant)], Version.parse(variant)
-        kind = build.estimator
-        learned = len([part for part in kind.parts if getattr(build, part, None) is not False])
-        return learned, kind.has_expert, not kind.shares, len(version.estimators), version.is_augmented
+        kind, parts = build.estimator, build.parts
+        own = kind.has_expert, not kind.shares
+        return bool(parts), *own, "encoder" in parts, len(parts), len(version.estimators), version.is_augmented
 
     return sorted((v for v in named if not Version.parse(v).is_control), key=complexity)
 

@@ -86,8 +86,9 @@ class TabledMean(Mean):
 
     @property
     def as_good(self) -> bool:
-        """Whether this is the best that may be chosen, or within one standard error of it."""
-        return self.behind is not None and not self.behind > (self.behind_error or 0.0)
+        """Whether this is the best that may be chosen, or within one standard error of it, where that is known."""
+        known = self.behind_error is not None and np.isfinite(self.behind_error)
+        return self.behind is not None and self.behind <= (self.behind_error if known else 0.0)
 
     def seeds_behind(self, by: float) -> int:
         """How many seeds are worse than the best by more than so much, or have no finite value; of a metric of which

@@ -202,11 +202,15 @@ def choice_table(part: Sequence[TabledMean], job: TabulateJob) -> Table | None:
     sets = [name for name in _sets(part) if name not in ("train", VALIDATION)]
     rows: list[Row] = []
     for mean in able:
-        numbers = [f"{x:.2f}".replace("-", "−") for x in (mean.behind or 0.0, mean.behind_error or 0.0)]
+        numbers = [_nats(mean.behind), _nats(mean.behind_error)]
         further = [_cell(values, (mean.row, name, metric)) for name in sets]
         rows.append([mean.label, mean.cell(), *numbers, CHOSEN if mean is chosen else "", *further])
     head = ["method", job.of_set(VALIDATION), "behind", "standard error", "", *map(job.of_set, sets)]
     return Table(head, [("", rows)], 1, caption=CHOICE)
+
+
+def _nats(value: float | None) -> str:
+    return DASH if value is None or not math.isfinite(value) else f"{value:.2f}".replace("-", "−")
 
 
 def chosen_of(able: Iterable[TabledMean], job: TabulateJob) -> TabledMean:

@@ -177,6 +177,8 @@ def prepare(
     if not (len(train.t) == len(validation.t) and (train.t == validation.t).all()):
         raise InputError("validation set", "has other times than the training set", "give both the same times")
     check_trainable(recipe.system)
+    if options.training.bound_z_a:
+        raise InputError("training.bound_z_a", "found true", "say it of fine-tuning: the trained model's z_a bound it")
     kind = objective_of(objective, classes)
     card = ModelCard.of(
         kind=Hybrid.name,
