@@ -32,7 +32,7 @@ def main() -> None:
     table = pd.read_csv(options.run / "tables" / "pendulum_distance.csv")
     config = yaml.safe_load((options.run / "config.yaml").read_text(encoding="utf-8"))
     low, high = config["experiments"]["pendulum"]["data"]["sets"]["train"]["z_e"]["omega0"]
-    colours = plotting.colours(list(LINES), list(config["methods"]))
+    colours = plotting.colours(list(LINES), {name: k for k, name in enumerate(config["methods"])})
     with plotting.styled():
         figure = plotting.new_figure(2.7, 6.0)
         axes = figure.add_subplot()

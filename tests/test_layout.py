@@ -21,6 +21,7 @@ FLOORS = (
         "trajectories",
         "windows",
         "versions",
+        "hues",
         "plotting",
         "presets",
         "registry",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Literal
@@ -20,6 +20,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug.hues import HUES, assigned
 from expertaug.versions import Version, base
 
 WIDTH = 7.0  # inches: the text width of a page
@@ -47,40 +48,27 @@ RC = {
     "pdf.fonttype": 42,
     "svg.hashsalt": "expertaug",
 }
-# Hues that the colour-blind tell apart (Okabe and Ito, with a grey, a brown and an olive).
-HUES = ("#7A7A7A", "#E69F00", "#009E73", "#56B4E9", "#8C5A2B", "#0072B2", "#D55E00", "#B5589A", "#999933")
 DASHED, DASH_DOTTED = (0, (3.5, 1.6)), (0, (6.0, 1.6, 1.0, 1.6))
 LONG_DASHED = (0, (8.0, 1.6))
 LETTERS = "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|chi|psi|omega"
 
 
-def colours(variants: Sequence[str], methods: Sequence[str] = ()) -> dict[str, tuple[float, float, float]]:
+def colours(variants: Sequence[str], hues: Mapping[str, int] | None = None) -> dict[str, tuple[float, float, float]]:
     """A colour for each version of a method: one hue per method, light as trained, dark when augmented.
 
     Arguments:
         variants: to be drawn (:mod:`expertaug.versions`).
-        methods: all of the configuration: keeps a method's colour the same in figures of different methods, but for
-            those of one hue, in figures of both.
+        hues: indices of :data:`~expertaug.hues.HUES` by method, of a whole configuration, so that a method has one
+            colour in all its figures. Methods without one get what is free.
     """
     drawn = list(dict.fromkeys(map(base, variants)))
-    hues, found = _hues(drawn, list(dict.fromkeys((*methods, *drawn)))), {}
+    hues, found = assigned([drawn], hues), {}
     for variant in variants:
         red, green, blue = to_rgb(HUES[hues[base(variant)]])
         if Version.parse(variant).is_augmented:
             found[variant] = (0.72 * red, 0.72 * green, 0.72 * blue)
         else:
             found[variant] = tuple(0.58 * part + 0.42 for part in (red, green, blue))
-    return found
-
-
-def _hues(drawn: Sequence[str], methods: Sequence[str]) -> dict[str, int]:
-    """A hue for each method that is drawn: its own where there are as many hues as methods, else one that no other has
-    as long as there is one."""
-    found: dict[str, int] = {}
-    for method in sorted(drawn, key=methods.index):
-        own = methods.index(method) % len(HUES)
-        free = [hue for hue in range(own, own + len(HUES)) if hue % len(HUES) not in found.values()]
-        found[method] = (free[0] if free else own) % len(HUES)
     return found
 
 

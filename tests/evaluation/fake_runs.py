@@ -29,7 +29,8 @@ def method_of(label: str) -> str:
 
 def pairs(labels=LABELS) -> dict:
     """What the stages are told of methods and labels."""
-    return {"labels": [[method_of(label), label] for label in labels], "all_methods": list(map(method_of, labels))}
+    hues = [[method_of(label), k] for k, label in enumerate(labels)]
+    return {"labels": [[method_of(label), label] for label in labels], "hues": hues}
 
 
 def write_metrics(folder: Path, experiment: str = "swing", seeds=(0, 1, 2), labels=LABELS, shift=0.0) -> list[Path]:

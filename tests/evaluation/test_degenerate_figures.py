@@ -66,7 +66,7 @@ def test_dots(metrics, tmp_path):
     dots.log_mse(metrics, tmp_path / "log_mse", job)
     dots.parameter_errors(metrics, tmp_path / "parameter_errors", job)
     one = {"name": "swing", "shown": True, "shifted": "test", "opponents": []}
-    dots.overview(metrics, tmp_path / "all", OverviewJob(experiments=[one], all_methods=[]))
+    dots.overview(metrics, tmp_path / "all", OverviewJob(experiments=[one], hues=[]))
 
 
 @pytest.mark.parametrize("name", ["out_of_expertise", "horizons", "prior_width"])
@@ -74,7 +74,7 @@ def test_studies(metrics, tmp_path, name):
     labels = [(method_of(label), label) for label in ("Hybrid", "Hybrid+")]
     options = {"distances": ["none"], "panels": [("near", ["test"])]}
     priors = {"hybrid": {"": {"omega0": (0.5, 1.5)}}}
-    job = StudyJob(study=name, labels=labels, options=options, priors=priors, all_methods=["hybrid"])
+    job = StudyJob(study=name, labels=labels, options=options, priors=priors, hues=[("hybrid", 0)])
     study(metrics, [tmp_path / "study.png"], job)
 
 

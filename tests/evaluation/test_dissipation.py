@@ -134,7 +134,7 @@ def save(path, method, seeds=(0, 1), friction=None, name="double_pendulum"):
 SETTINGS = {
     "experiment": "swing",
     "versions": [["rubbing", "With friction", None], ["half", "Half of it", None]],
-    "all_methods": ["rubbing", "half"],
+    "hues": [["rubbing", 0], ["half", 1]],
     "set_titles": {},
     "title": None,
     "device": "cpu",

@@ -16,6 +16,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation import dots, parameters, traces
 from expertaug.evaluation.settings import FigureReading, ParameterReading, PlotJob, Titles
 from expertaug.evaluation.traces import View
+from expertaug.hues import HUES, assigned
 
 
 def assert_nothing_is_cut(figure):
@@ -99,21 +100,23 @@ def test_same_numbers_make_the_same_files(tmp_path):
         assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
 
-def test_colours_are_fixed_by_the_configuration():
-    order = ["mean", "expert_only", "hybrid"]
-    assert plotting.colours(["hybrid"], order)["hybrid"] == plotting.colours(["mean", "hybrid"], order)["hybrid"]
-    pair = plotting.colours(["hybrid", "hybrid+", "hybrid+wide"], order)
+def test_a_method_has_one_colour_in_figures_of_different_methods():
+    hues = {"mean": 0, "expert_only": 1, "hybrid": 2}
+    assert plotting.colours(["hybrid"], hues)["hybrid"] == plotting.colours(["mean", "hybrid"], hues)["hybrid"]
+    pair = plotting.colours(["hybrid", "hybrid+", "hybrid+wide"], hues)
     assert sum(pair["hybrid"]) > sum(pair["hybrid+"]) + 0.5 and pair["hybrid+wide"] == pair["hybrid+"]
 
 
-def test_methods_of_one_figure_have_hues_of_their_own():
-    methods = [f"m{k}" for k in range(2 * len(plotting.HUES))]
-    one, other = methods[2], methods[2 + len(plotting.HUES)]
-    assert plotting.colours([one], methods) == {one: plotting.colours([one, other], methods)[one]}
-    assert plotting.colours([other], methods)[other] == plotting.colours([one], methods)[one]
-    drawn = plotting.colours([other, one, f"{other}+", f"{one}+"], methods)
-    assert len(set(drawn.values())) == 4
-    assert len(set(plotting.colours(methods, methods).values())) == len(plotting.HUES), "more than there are hues"
+def test_methods_drawn_together_have_hues_of_their_own_as_long_as_there_are_as_many():
+    count = len(HUES)
+    methods = [f"m{k}" for k in range(2 * count)]
+    found = assigned([*([name] for name in methods), methods[count - 1 : 2 * count - 1], [methods[0], methods[-1]]])
+    assert [found[name] for name in methods[:count]] == list(range(count))
+    assert len({found[name] for name in methods[count - 1 : 2 * count - 1]}) == count
+    assert found[methods[0]] != found[methods[-1]]
+    assert set(assigned([methods]).values()) == set(range(count)), "more than there are hues: each is taken"
+    assert plotting.colours(["a", "b"], {"a": 3})["a"] == plotting.colours(["a"], {"a": 3})["a"]
+    assert len(set(plotting.colours(["a", "b", "c"], {"a": 1}).values())) == 3
 
 
 def test_words_are_printed_once():
@@ -303,7 +306,7 @@ def test_a_label_may_look_like_another_methods_version(tmp_path, drawn):
     logs = write_logs(tmp_path, labels=("Hybrid", "Hybrid+"), steps=20)
     for path, label in zip(logs, ("A+ (x)", "B"), strict=True):
         path.write_text(path.read_text().replace(f'"label": "Hybrid{"+" * (label == "B")}"', f'"label": "{label}"'))
-    traces.curves(logs, [tmp_path / "c.png"], FigureReading(labels=[], all_methods=["hybrid"]))
+    traces.curves(logs, [tmp_path / "c.png"], FigureReading(labels=[], hues=[("hybrid", 0)]))
     plain, augmented = drawn[-1].axes[0].lines
     assert [handle.get_label() for handle in drawn[-1].legends[0].legend_handles[:2]] == ["A+ (x)", "B"]
     assert (plain.get_linestyle(), augmented.get_linestyle()) == ("--", "-")

@@ -17,7 +17,7 @@ SHIFTS = {
     "distances": ["none", "small"],
     "panels": [["z_a shifted", ["validation", "near"]], ["z_a and z_e shifted", ["test", "both"]]],
 }
-READING = {"convention": "sum", "set_titles": {}, "from_s": None, "all_methods": ["hybrid"], "sets": {}}
+READING = {"convention": "sum", "set_titles": {}, "from_s": None, "hues": [["hybrid", 0]], "sets": {}}
 ENDS = ("csv", "md", "tex", "png", "pdf")
 
 
@@ -145,7 +145,7 @@ def test_overview(tmp_path, drawn):
     one = {"name": "swing", "shown": True, "shifted": "test", "convention": "sum", "set_titles": {}}
     one["opponents"] = ["mean"]
     other = one | {"name": "double_swing", "shifted": None, "convention": "dim", "title": "two swings", "opponents": []}
-    settings = {"experiments": [one, other], "all_methods": ["mean", "hybrid"]}
+    settings = {"experiments": [one, other], "hues": [["mean", 0], ["hybrid", 1]]}
     overview(metrics, tmp_path / "figures", OverviewJob.from_mapping(settings))
     names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "figures").iterdir()} == names

@@ -16,7 +16,7 @@ from expertaug.evaluation.windows import read_windows
 N, S = 400, 2
 RANGE = {"omega0": [1.5, 3.1]}
 LABELS = [["a", "A"], ["a+~flow", "A+ flow"]]
-SETTINGS = {"labels": LABELS, "all_methods": ["a"], "set_titles": {}, "title": None}
+SETTINGS = {"labels": LABELS, "hues": [["a", 0]], "set_titles": {}, "title": None}
 CURVES = SETTINGS | {"training_range": RANGE, "floor": None, "mean": None}
 
 

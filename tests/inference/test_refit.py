@@ -83,7 +83,7 @@ def test_the_study_has_a_sentence_a_version(tmp_path, monkeypatch):
     model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), pendulum((1.5, 3.1), n=3))
     monkeypatch.setattr(validity, "load", lambda *_: model)
     fit = {"settings": {"starts": 8, "tries": 1, "steps": 10}, "noise": NOISE, "prior": PRIOR}
-    told = {"experiment": "pendulum", "versions": [["aphynity", "APHYNITY", fit]], "all_methods": ["aphynity"]}
+    told = {"experiment": "pendulum", "versions": [["aphynity", "APHYNITY", fit]], "hues": [["aphynity", 0]]}
     told |= {"validity": {"samples": 10, "steps": 2}, "device": "cpu", "title": None}
     outputs = [tmp_path / f"validity.{end}" for end in ("csv", "md", "tex", "png")]
     validity.validity([tmp_path / "m"], tmp_path, outputs, ValidityJob.from_mapping(told))

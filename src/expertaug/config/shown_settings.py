@@ -10,6 +10,7 @@ from typing import Any
 
 from expertaug.config.jobs import estimating, found_priors, label, seed_groups, starts, studied, variants
 from expertaug.config.models import Augmentation, Configuration, Experiment, OutOfExpertise
+from expertaug.hues import assigned
 from expertaug.versions import Version, base
 
 TRACED = 6  # lines of one figure
@@ -23,7 +24,7 @@ def study(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
     job = {
         "study": name,
         "labels": _labels(config, studied(config, experiment, name)),
-        "all_methods": all_methods(config),
+        "hues": hues(config),
         "sets": {k: simulated.dump() for k, simulated in settings.data.simulated.items()},
         "classical": _classical(config, experiment),
         **reading(config, experiment),
@@ -100,7 +101,7 @@ def overview(config: Configuration, experiments: list[str]) -> dict[str, Any]:
                     **reading(config, name),
                 }
             )
-    return {"experiments": shown, "all_methods": all_methods(config)}
+    return {"experiments": shown, "hues": hues(config)}
 
 
 def tabulate(config: Configuration, experiment: str) -> dict[str, Any]:
@@ -171,7 +172,7 @@ def plot(config: Configuration, experiment: str) -> dict[str, Any]:
     }
     return {
         "labels": _labels(config, variants(config, experiment)),
-        "all_methods": all_methods(config),
+        "hues": hues(config),
         "traced": _traced(config, experiment),
         "floor": _floor(config, experiment),
         "measured": settings.data.source != "simulation",
@@ -197,7 +198,7 @@ def windows(config: Configuration, experiment: str) -> dict[str, Any]:
     shown = [v for v in variants(config, experiment) if config.methods[base(v)].estimator.has_expert]
     return {
         "labels": _labels(config, shown),
-        "all_methods": all_methods(config),
+        "hues": hues(config),
         "training_range": ranges["z_e"],
         "interaction_range": ranges["z_a"],
         "floor": _floor(config, experiment),
@@ -216,7 +217,7 @@ def estimates(config: Configuration, experiment: str) -> dict[str, Any]:
         "labels": _labels(config, shown),
         "priors": {v: ranges for v, ranges in priors.items() if ranges is not None},
         "starts": starts(config.experiments[experiment]),
-        "all_methods": all_methods(config),
+        "hues": hues(config),
         **reading(config, experiment),
     }
 
@@ -226,9 +227,12 @@ def reading(config: Configuration, experiment: str) -> dict[str, Any]:
     return config.experiments[experiment].evaluation.dump(include=("from_s", *READING))
 
 
-def all_methods(config: Configuration) -> list[str]:
-    """Every method of the configuration, points of grids aside."""
-    return [name for name in config.methods if "@" not in name]
+def hues(config: Configuration) -> list[tuple[str, int]]:
+    """The hue of every method, in the configuration's order, points of grids aside: those of one experiment differ."""
+    names = [name for name in config.methods if "@" not in name]
+    by_experiment = [[base(name) for name in one.methods] for one in config.experiments.values()]
+    found = assigned([*([name] for name in names), *by_experiment])
+    return [(name, found[name]) for name in names]
 
 
 def prior_of(augmentation: Augmentation) -> dict[str, list[float]] | None:

@@ -12,7 +12,7 @@ from typing import Any
 from expertaug.config import options
 from expertaug.config.jobs import checked, dissipating, explained, foreign, label, seed_groups, snapshots
 from expertaug.config.models import Augmentation, Configuration, Experiment
-from expertaug.config.shown_settings import READING, all_methods, prior_of, reading
+from expertaug.config.shown_settings import READING, hues, prior_of, reading
 from expertaug.inference.settings import FlowJob
 from expertaug.learning.settings import AugmentJob, Build, FinetuneJob, TrainJob, TrainSettings
 from expertaug.models.estimators import Alternating
@@ -168,7 +168,7 @@ def dissipation(config: Configuration, experiment: str) -> dict[str, Any]:
     return {
         "experiment": experiment,
         "versions": versions,
-        "all_methods": all_methods(config),
+        "hues": hues(config),
         **reading(config, experiment),
         "device": config.device,
         **_classes(config, experiment, (Version.parse(variant).method for variant, _, _ in versions)),
@@ -189,7 +189,7 @@ def validity(config: Configuration, experiment: str) -> dict[str, Any]:
         "versions": versions,
         "validity": settings.validity.dump(),
         "device": config.device,
-        "all_methods": all_methods(config),
+        "hues": hues(config),
         **reading(config, experiment),
         **_classes(config, experiment, methods),
     }
@@ -209,7 +209,7 @@ def equation(config: Configuration, experiment: str) -> dict[str, Any]:
         "versions": versions,
         "equation": settings.equation.dump(),
         "device": config.device,
-        "all_methods": all_methods(config),
+        "hues": hues(config),
         **reading(config, experiment),
         **_classes(config, experiment, methods),
     }

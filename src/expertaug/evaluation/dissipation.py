@@ -268,7 +268,7 @@ def draw(losses: Sequence[Loss], job: DissipationJob) -> Figure:
     method."""
     experts, sets = list(dict.fromkeys(loss.expert for loss in losses)), order_sets(loss.set for loss in losses)
     labels = {version: label for version, label, _ in job.versions}
-    colours = plotting.colours(list(labels), job.all_methods)
+    colours = plotting.colours(list(labels), dict(job.hues))
     looks = {v: _look(v, colours[v]) for v in labels}
     with plotting.styled():
         figure = plotting.new_figure(0.6 + 2.4 * len(experts))

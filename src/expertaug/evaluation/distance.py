@@ -181,7 +181,7 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
     floor = job.floor
     named = list(dict.fromkeys(bin_.method for bin_ in bins))
     chosen = compared([v for v in named if v != floor], job.classical)
-    colours = plotting.colours(chosen, job.all_methods)
+    colours = plotting.colours(chosen, dict(job.hues))
     with plotting.styled():
         shifted = list(dict.fromkeys(bin_.of for bin_ in bins))
         figure = plotting.new_figure(4.6 if len(shifted) == 1 else 7.6)

@@ -43,7 +43,7 @@ class Panel:
 
 def draw_dots(
     panels: Sequence[Panel],
-    all_methods: Sequence[str],
+    hues: Mapping[str, int],
     axis_label: str,
     title: str,
     logarithmic: bool = False,
@@ -52,7 +52,7 @@ def draw_dots(
     """Draw panels, at most three side by side, which share the rows of what any of them shows.
 
     Arguments:
-        all_methods: of the configuration, in order.
+        hues: of every method of the configuration, in its order.
         axis_label: of the values.
         title: above all panels; presets and number of seeds are added.
         logarithmic: whether the values, all positive, are on such an axis.
@@ -60,10 +60,10 @@ def draw_dots(
     """
     rows = [row for panel in panels for row in panel.rows]
     labels = labels_of(rows)
-    colours = plotting.colours(ordered(labels, all_methods), all_methods)
+    colours = plotting.colours(ordered(labels, hues), hues)
     columns = -(-len(panels) // -(-len(panels) // 3))  # as many in each line, but for the last
     beside = [panels[start : start + columns] for start in range(0, len(panels), columns)]
-    versions = [ordered((row.method for panel in line for row in panel.rows), all_methods) for line in beside]
+    versions = [ordered((row.method for panel in line for row in panel.rows), hues) for line in beside]
     heights = [0.75 + ROW * len(methods) for methods in versions]
     with plotting.styled():
         figure = plotting.new_figure(0.75 + sum(heights), plotting.WIDTH if columns > 1 else 5.2)
@@ -153,7 +153,7 @@ def overview(metrics: Sequence[Path], output: Path, job: OverviewJob) -> None:
 
     def save(name: str, panels: Sequence[Panel], axis: str, note: str, logarithmic: bool = False) -> None:
         with plotting.styled():
-            plotting.save(draw_dots(panels, job.all_methods, axis, note, logarithmic), folder / name)
+            plotting.save(draw_dots(panels, dict(job.hues), axis, note, logarithmic), folder / name)
 
     if shown:
         panels = [
@@ -215,7 +215,7 @@ def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJo
     panels = [Panel(job.of_experiment(name), part, job) for (name, _), part in parts.items()]
     title = f"log-MSE, squared error {job.convention_text}"
     with plotting.styled():
-        figure = draw_dots(panels, job.all_methods, "log-MSE (lower is better)", title, floor=job.floor)
+        figure = draw_dots(panels, dict(job.hues), "log-MSE (lower is better)", title, floor=job.floor)
         plotting.save(figure, outputs)
 
 
@@ -237,7 +237,7 @@ def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], jo
         panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, job))
     title, axis = "relative error of the expert parameters", "relative error [%] (lower is better)"
     with plotting.styled():
-        plotting.save(draw_dots(panels, job.all_methods, axis, title, logarithmic=True), outputs)
+        plotting.save(draw_dots(panels, dict(job.hues), axis, title, logarithmic=True), outputs)
 
 
 def _select(rows: Sequence[MetricRow], metrics: Sequence[str]) -> dict[tuple[str, str], list[MetricRow]]:

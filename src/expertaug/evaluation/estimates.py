@@ -304,7 +304,7 @@ def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> 
     if not shown:
         return plotting.note(EMPTY)
     panels = {quantity: _few(rows) for quantity, rows in shown.items()}
-    colours = plotting.colours([version for version, _ in job.labels], job.all_methods)
+    colours = plotting.colours([version for version, _ in job.labels], dict(job.hues))
     heights = [len(rows) + 2.5 for rows in panels.values()]
     figure = plotting.new_figure(LINE * sum(heights) + 0.6)
     every = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]

@@ -51,8 +51,8 @@ def parameters(
 
 def draw_parameters(found: Mapping[str, Forecasts], reading: ParameterReading) -> Figure:
     """The figure of :func:`parameters` from forecasts in memory, all of which have estimates."""
-    methods = ordered(found, reading.all_methods)
-    colours = plotting.colours(methods, reading.all_methods)
+    methods = ordered(found, dict(reading.hues))
+    colours = plotting.colours(methods, dict(reading.hues))
     first = found[methods[0]]
     count = len(first.parameter_names)
     with plotting.styled():

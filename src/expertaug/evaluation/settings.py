@@ -17,6 +17,7 @@ from expertaug.systems.settings import SolverSettings
 from expertaug.versions import MAIN_SETS
 
 Pair = Annotated[tuple[str, str], Field(strict=False)]
+Hue = Annotated[tuple[str, int], Field(strict=False)]  # of a method
 Ranges = dict[str, Range]
 CONVENTIONS = {
     "sum": "summed over the observed dimensions",
@@ -165,7 +166,7 @@ class TabulateJob(LabelledReading):
 class FigureColours(Settings):
     """Of figures, whose colours are those of a method in all of them."""
 
-    all_methods: list[str] = key(list, "of the configuration, which fix the colours")
+    hues: list[Hue] = key(list, "of every method of the configuration, in its order")
 
 
 class FigureReading(LabelledReading, FigureColours):

@@ -79,7 +79,7 @@ def horizons(summary: Sequence[Mean], job: StudyJob) -> Figure:
 
 def _by_set(summary: Sequence[Mean], job: StudyJob, panels: Sequence[tuple[str, Sequence[str]]], xlabel: str) -> Figure:
     labels = {version: job.label_of[version] for version in compared(list(job.label_of), job.classical)}
-    colours = plotting.colours(list(labels), job.all_methods)
+    colours = plotting.colours(list(labels), dict(job.hues))
     metric, means = log_mse_of(job.convention).name, by_place(summary)
     with plotting.styled():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(panels) > 1 else 4.6)
@@ -107,7 +107,7 @@ def widths(summary: Sequence[Mean], job: StudyJob) -> Figure:
     methods = list(dict.fromkeys(map(base, job.label_of)))
     ranges = job.priors[methods[0]]
     priors = by_width(ranges)
-    colours = plotting.colours([f"{method}+" for method in methods], job.all_methods)
+    colours = plotting.colours([f"{method}+" for method in methods], dict(job.hues))
     means = by_place(summary)
     metrics, sets = shown_metrics(summary, job.convention), width_sets(summary)
     with plotting.styled():

@@ -85,7 +85,7 @@ def draw_forecasts(
     found: Mapping[str, Forecasts], reading: FigureReading, view: View, names: Mapping[str, object]
 ) -> Figure:
     """The figure of :func:`forecasts` from forecasts in memory; messages call them as ``names`` do."""
-    methods, name = ordered(found, reading.all_methods), view.set
+    methods, name = ordered(found, dict(reading.hues)), view.set
     found = {method: found[method] for method in methods}
     first = found[methods[0]]
     _check_same(names, found, name)
@@ -100,7 +100,7 @@ def draw_forecasts(
     size = truth.shape[-1]
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
     dimensions = list(dict.fromkeys(spread.tolist()))
-    colours = plotting.colours(methods, reading.all_methods)
+    colours = plotting.colours(methods, dict(reading.hues))
     gaps = bool(np.isnan(truth).any())  # a point between two of them is no line
     with plotting.styled():
         figure = plotting.new_figure(0.85 + 1.25 * len(dimensions), min(plotting.WIDTH, 2.2 + 2.0 * len(samples)))
@@ -277,8 +277,8 @@ def curves(
     metrics = {key: title for key, title in METRICS.items() if key in known}
     if not metrics:
         raise InputError("logs", "none of them has the metrics", f"trainings log {', '.join(METRICS)}")
-    methods = ordered(labels, reading.all_methods)
-    colours = plotting.colours(methods, reading.all_methods)
+    methods = ordered(labels, dict(reading.hues))
+    colours = plotting.colours(methods, dict(reading.hues))
     with plotting.styled():
         figure = plotting.new_figure(0.6 + 2.1 * len(found), plotting.WIDTH)
         grid = figure.subplots(len(found), len(metrics), squeeze=False)

@@ -119,7 +119,7 @@ def _numbers(one: Refit, limit: float) -> dict[str, float]:
 
 def _draw(found: Mapping, job: ValidityJob, title: str) -> Figure:
     """χ²/n, and the change of F_a with its error, along the first parameter: a line a version."""
-    colours = plotting.colours(list(found), job.all_methods)
+    colours = plotting.colours(list(found), dict(job.hues))
     with plotting.styled():
         figure = plotting.new_figure(3.2)
         left, right = figure.subplots(1, 2)
