@@ -104,6 +104,13 @@ class Trajectories:
         """The states with NaN where nothing was measured, (N, T, *state): what models and losses are given."""
         return self.y if self.mask is None else np.where(self.mask, self.y, np.float32(np.nan))
 
+    @property
+    def trajectories(self) -> np.ndarray | None:
+        """Names of the trajectories that samples are windows of, (N,) texts; None where nobody knows."""
+        if self.id is None:
+            return None
+        return np.array([trajectory_of(one)[0] for one in self.id.tolist()], dtype=str)
+
     def subset(self, index: slice | np.ndarray) -> Trajectories:
         """The samples that ``index`` (a slice, a mask or integers along N) selects."""
         several = {name: None if (v := getattr(self, name)) is None else v[index] for name in ("id", "u", "mask")}
@@ -158,3 +165,22 @@ def points_until(t: Sequence[float] | np.ndarray, end: float) -> int:
     times = np.asarray(t, dtype=float)
     step = float(np.diff(times).min()) if len(times) > 1 else 0.0
     return int((times <= end + 1e-9 + STEP_SHARE * step).sum())
+
+
+def trajectory_of(identity: str) -> tuple[str, int]:
+    """The trajectory that a window ``trajectory/first row`` is of, and the row; of another name the name, and 0."""
+    head, _, tail = identity.rpartition("/")
+    return (head, int(tail)) if head and tail.isdigit() else (identity, 0)
+
+
+def places_by_trajectory(identity: np.ndarray | None, count: int) -> dict[str, np.ndarray]:
+    """Places of each trajectory's windows in the order of their times; of windows without identities of each its own.
+
+    Arguments:
+        identity: ``trajectory/first row`` of each window, (N,); of others, which name a trajectory, the order is taken.
+    """
+    if identity is None:
+        return {str(k): np.array([k]) for k in range(count)}
+    names, rows = zip(*map(trajectory_of, map(str, identity)), strict=True) if count else ((), ())
+    ordered = sorted(range(count), key=lambda k: rows[k])
+    return {name: np.array([k for k in ordered if names[k] == name]) for name in dict.fromkeys(names)}

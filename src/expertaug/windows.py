@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -26,6 +26,7 @@ class Windows:
         y: states at the first T1 of these times, (T1, B, *state), or (T1, S, B, *state) for S seeds, where S may be 1
             for all seeds alike; NaN where nothing was measured.
         u: known inputs at all times, (T, B, U) or (T, S, B, U); None for a system without.
+        trajectories: names of the trajectories that the samples are of, (B,); None where nobody knows.
 
     Raises:
         InputError: shapes disagree, or a tensor holds no floating-point numbers.
@@ -34,6 +35,7 @@ class Windows:
     t: Tensor
     y: Tensor
     u: Tensor | None = None
+    trajectories: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if not all(tensor.is_floating_point() for tensor in (self.t, self.y, *self._inputs)):
@@ -53,14 +55,16 @@ class Windows:
         """A set of N trajectories, seen at all its times and shared by all seeds: y (T, 1, N, *state)."""
         y = torch.from_numpy(np.ascontiguousarray(np.moveaxis(data.seen, 1, 0))).unsqueeze(1).to(device)
         u = None if data.u is None else torch.from_numpy(data.u).movedim(1, 0).contiguous().unsqueeze(1).to(device)
-        return cls(torch.from_numpy(data.t).float(), y, u)
+        return cls(torch.from_numpy(data.t).float(), y, u, data.trajectories)
 
     @staticmethod
     def cat(parts: Sequence[Windows]) -> Windows:
         """Samples of several groups' windows (T1, S, B, *state) at the same times, one after the other."""
         inputs = [part.u for part in parts if part.u is not None]
         u = torch.cat(inputs, dim=2) if len(inputs) == len(parts) else None
-        return Windows(parts[0].t, torch.cat([part.y for part in parts], dim=2), u)
+        names = [part.trajectories for part in parts if part.trajectories is not None]
+        of = np.concatenate(names) if len(names) == len(parts) else None
+        return Windows(parts[0].t, torch.cat([part.y for part in parts], dim=2), u, of)
 
     @property
     def points(self) -> int:
@@ -96,15 +100,20 @@ class Windows:
 
     def until(self, points: int) -> Windows:
         """The first times alone, with the states and the inputs then."""
-        return Windows(self.t[:points], self.y[:points], None if self.u is None else self.u[:points])
+        u = None if self.u is None else self.u[:points]
+        return replace(self, t=self.t[:points], y=self.y[:points], u=u)
 
     def observed(self, points: int) -> Windows:
         """The states at the first times alone; the other times, and the inputs then, stay known."""
-        return Windows(self.t, self.y[:points], self.u)
+        return replace(self, y=self.y[:points])
 
     def samples(self, index: slice | Tensor) -> Windows:
         """Some samples of a group's windows (T1, S, B, *state)."""
-        return Windows(self.t, self.y[:, :, index], None if self.u is None else self.u[:, :, index])
+        u = None if self.u is None else self.u[:, :, index]
+        of = self.trajectories
+        if of is not None:
+            of = of[index.cpu().numpy() if isinstance(index, Tensor) else index]
+        return Windows(self.t, self.y[:, :, index], u, of)
 
     def split(self, size: int) -> Iterator[Windows]:
         """Parts of at most so many samples of a group's windows (T1, S, B, *state)."""
@@ -112,12 +121,12 @@ class Windows:
 
     def seed(self, place: int | slice) -> Windows:
         """One seed's windows (T1, B, *state) of a group's, or those of several, (T1, S', B, *state)."""
-        return Windows(self.t, self.y[:, place], None if self.u is None else self.u[:, place])
+        return replace(self, y=self.y[:, place], u=None if self.u is None else self.u[:, place])
 
     def expand(self, seeds: int) -> Windows:
         """Windows (T1, 1, B, *state) that S seeds share, as those of each: (T1, S, B, *state), without a copy."""
         y = self.y.expand(-1, seeds, *self.y.shape[2:])
-        return Windows(self.t, y, None if self.u is None else self.u.expand(-1, seeds, *self.u.shape[2:]))
+        return replace(self, y=y, u=None if self.u is None else self.u.expand(-1, seeds, *self.u.shape[2:]))
 
     def at(self, seeds: Tensor, samples: Tensor) -> Windows:
         """Samples of each seed by places (S, B') of a group's windows: those of seed ``seeds[s, b]``."""
@@ -125,16 +134,16 @@ class Windows:
 
     def contiguous(self) -> Windows:
         """The same, each tensor in one piece of memory."""
-        return Windows(self.t, self.y.contiguous(), None if self.u is None else self.u.contiguous())
+        return replace(self, y=self.y.contiguous(), u=None if self.u is None else self.u.contiguous())
 
     def with_seeds(self) -> Windows:
         """Windows (T1, B, *state) as those that all seeds share, (T1, 1, B, *state)."""
-        return Windows(self.t, self.y.unsqueeze(1), None if self.u is None else self.u.unsqueeze(1))
+        return replace(self, y=self.y.unsqueeze(1), u=None if self.u is None else self.u.unsqueeze(1))
 
     def filled(self, times: Tensor, middle: Tensor) -> Windows:
         """The same with straight lines over gaps (:func:`fill`), itself where there are none."""
         y = fill(self.y, times, middle)
-        return self if y is self.y else Windows(self.t, y, self.u)
+        return self if y is self.y else replace(self, y=y)
 
     @property
     def _inputs(self) -> tuple[Tensor, ...]:

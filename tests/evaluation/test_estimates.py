@@ -19,7 +19,7 @@ from expertaug.evaluation.estimates import (
     estimates,
     interval,
     of_trajectory,
-    places_of,
+    places_by_trajectory,
     pool,
     summarise,
 )
@@ -74,7 +74,7 @@ def test_intervals_of_a_trajectory_hold(count, width):
 
 
 def test_a_trajectorys_windows_are_in_the_order_of_their_rows():
-    found = places_of(np.array(["run/b/10", "run/b/9", "a/3", "run/b/100"]), 4)
+    found = places_by_trajectory(np.array(["run/b/10", "run/b/9", "a/3", "run/b/100"]), 4)
     assert {name: places.tolist() for name, places in found.items()} == {"run/b": [1, 0, 3], "a": [2]}
 
 

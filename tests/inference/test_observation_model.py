@@ -230,7 +230,7 @@ def test_a_run_estimates_them_and_its_table_of_estimates_begins_to_tell(tmp_path
     data = ["evaluate", "--model", str(tmp_path / "model.safetensors"), "--data", str(tmp_path)]
     assert main([*data, *scores, "--settings", json.dumps(told)]) == 0
     kept = Forecasts.load(tmp_path / "forecasts.npz")
-    assert list(kept.sets) == ["validation"] and [one.name for one in kept.sensors] == ["scale of omega"]
+    assert list(kept.sets) == ["validation"] and [one.name for one in kept.constants] == ["scale of omega"]
     metrics = pd.read_csv(tmp_path / "metrics.csv").set_index(["metric", "set"]).value
     assert (metrics["log_mse_sum", "validation"] < -5).all()
     given = json.dumps(shown_settings.estimates(found, "swings"))

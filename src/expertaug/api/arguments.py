@@ -37,6 +37,7 @@ class RefinementOptions(TypedDict, total=False):
     windows: Mapping[str, tuple[float, float]]
     solver: Mapping
     units: Mapping[str, str]
+    population: Mapping[str, str]
     sensors: Mapping[str, Mapping[str, str]]
 
 

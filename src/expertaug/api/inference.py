@@ -359,8 +359,7 @@ def grow_ranges_of_expert(
     stored: StoredModel, train: Trajectories, noise: GivenNoise, options: RefinementSettings
 ) -> dict:
     """The same before anything is trained, by fits of the expert alone, each window with parameters of its own."""
-    each = options.model_copy(update={"units": {}, "sensors": {}})
-    first, how = typical_ranges(stored.model.system), with_more_starts(each)
+    first, how = typical_ranges(stored.model.system), with_more_starts(options.alone)
     grown = grow_ranges(stored, train, None, noise, first, BUDGET, how)  # type: ignore[arg-type]
     logger.info("p⁺: %s", grown.says)
     return dict(grown.ranges)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,7 @@ from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast
 from expertaug.errors import InputError
 from expertaug.evaluation.estimates import Estimate, Stated, summarise
-from expertaug.evaluation.forecasts import sensor_estimates
+from expertaug.evaluation.forecasts import constants_of
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.diagnostics.alarm import FALSE_ALARMS, attainable, threshold
@@ -158,6 +158,7 @@ class TrainedModel:
         u: Array | None = None,
         solver: Solver | None = None,
         start: str = "y0",
+        of: Sequence[str] | None = None,
     ) -> Forecast:
         """Forecast from observed windows.
 
@@ -172,6 +173,8 @@ class TrainedModel:
             u: known inputs at all these times, (N, T, U), of a system that has some.
             solver: instead of :attr:`solver`.
             start: y0: integrate from the first point; y_t1: from the last observed one, and return the window before.
+            of: names of the trajectories that the windows are of, (N,): those of training trajectories, where a
+                model knows parameters of each (``units={NAME: "trajectory"}``), have these.
 
         Returns:
             states and estimates, NumPy or torch as the window is.
@@ -180,7 +183,7 @@ class TrainedModel:
             InputError: another shape than the model's, other times, or values that are not finite.
             SolveError: an adaptive solver fails.
         """
-        windows, t = self._windows(window, t, u)
+        windows, t = self._windows(window, t, u, of)
         if start not in STARTS:
             raise InputError("start", repr(start), f"one of {', '.join(STARTS)}")
         with torch.no_grad(), arguments.one_thread():
@@ -207,16 +210,23 @@ class TrainedModel:
         ]
         return Forecast(t, y, named, units, self.seeds, std, *each, doubts=doubts)
 
-    def estimate(self, window: Array, t: Array | Sequence[float], *, u: Array | None = None) -> dict[str, Array]:
+    def estimate(
+        self,
+        window: Array,
+        t: Array | Sequence[float],
+        *,
+        u: Array | None = None,
+        of: Sequence[str] | None = None,
+    ) -> dict[str, Array]:
         """Estimates of the expert parameters, without a forecast.
 
         Arguments:
-            window, t, u: as of :meth:`forecast`.
+            window, t, u, of: as of :meth:`forecast`.
 
         Returns:
             by name, (N,) each, in the system's units; nothing for a model that estimates none.
         """
-        windows, _ = self._windows(window, t, u)
+        windows, _ = self._windows(window, t, u, of)
         with torch.no_grad(), arguments.one_thread():
             estimates = self.predictor.estimate(windows)  # type: ignore[attr-defined]
         return self._named(estimates.z_e, window)
@@ -236,7 +246,7 @@ class TrainedModel:
             InputError: the set is of another system or of other times.
         """
         data = arguments.trajectories(data, "data")
-        windows, _ = self._windows(data.seen[:, : self.observed], data.t, data.u)
+        windows, _ = self._windows(data.seen[:, : self.observed], data.t, data.u, data.trajectories)
         with torch.no_grad(), arguments.one_thread():
             found = self.predictor.estimate(windows)  # type: ignore[attr-defined]
         rows = []
@@ -248,8 +258,8 @@ class TrainedModel:
             shared = {} if fit is None else {name: one.groups for name, one in (fit.shared or {}).items()}
             names, units = [p.name for p in parameters], [p.unit for p in parameters]
             ranges = fit.prior if fit is not None and isinstance(fit.prior, Mapping) else {}
-            sensors = sensor_estimates(fit, [(p.name, p.unit) for p in self.system.state])
-            stated = Stated(values, std, names, units, data.id, shared, sensors)  # type: ignore[arg-type]
+            constants = constants_of(fit, *({p.name: p.unit for p in of} for of in (parameters, self.system.state)))
+            stated = Stated(values, std, names, units, data.id, shared, constants)  # type: ignore[arg-type]
             rows = summarise(stated, ranges)
         return frame(Estimate, rows)
 
@@ -335,11 +345,18 @@ class TrainedModel:
         how = self.refinement.settings.model_copy(
             update={name: getattr(given, name) for name in given.model_fields_set}
         )
+        how = how.model_copy(update={"population": _without(how.population, how.shared)})
         if not how.shares:
             raise InputError("units", "nothing is shared", "say of a parameter that it is: units={NAME: 'shared'}")
         names = [p.name for p in self.system.expert_parameters]
         ranges = self.refinement.prior if prior is None else arguments.ranges(prior, names, "prior")
-        fitting = Refinement.of(settings=how, noise=self.refinement.noise, prior=ranges)
+        fitting = self.refinement.model_copy(
+            update={
+                **{"settings": how, "prior": ranges, "shared": None, "sensors": None, "trajectories": None},
+                # The apparatus is one of what the distributions of the training are of.
+                "population": _without(self.refinement.population, {*how.shared, *(given.population or {})}),
+            }
+        )
         with arguments.one_thread():
             fit = fit_shared if self.stored.kind.is_classical() else fit_shared_of_seeds
             return replace(self, refinement=fit(self.stored, fitting, data.window(0, self.observed)), misfits=None)
@@ -398,7 +415,9 @@ class TrainedModel:
         """
         store.save(path, self.stored.model, self.stored.card)
 
-    def _windows(self, window: object, t: object, u: object = None) -> tuple[Windows, np.ndarray]:
+    def _windows(
+        self, window: object, t: object, u: object = None, of: Sequence[str] | np.ndarray | None = None
+    ) -> tuple[Windows, np.ndarray]:
         """Windows, y (T1, S, N, *state), on the model's device, and all times in double precision."""
         y, t = arguments.tensor(window, "window", self.stored.card.start is not None), arguments.times(t)
         state, points = self.system.state_shape, self.observed
@@ -410,9 +429,12 @@ class TrainedModel:
         arguments.same_times(t[: y.shape[1]], self.t[:points], "window", remedy)
         if self.stored.kind.fixed_times and len(t) > points:
             arguments.same_times(t, self.t, "t", "the mean of the training set has no others")
+        names = None if of is None else np.array(list(map(str, of)))
+        if names is not None and len(names) != len(y):
+            raise InputError("of", f"{len(names)} names for {len(y)} windows", "give the trajectory of each")
         inputs = arguments.inputs(u, self.system, len(y), t)
         y, inputs = (None if x is None else arguments.grouped(x.to(self._device), len(self)) for x in (y, inputs))
-        windows = Windows(torch.from_numpy(t).float().to(self._device), y, inputs)  # type: ignore[arg-type]
+        windows = Windows(torch.from_numpy(t).float().to(self._device), y, inputs, names)  # type: ignore[arg-type]
         return windows if inputs is None else windows.contiguous(), t  # rounding depends on how they lie
 
     @property
@@ -491,3 +513,7 @@ def _warn_of_most(which: Tensor | None, text: str) -> None:
     count = 0 if which is None else int((which.double().mean(0) >= 0.5).sum())
     if which is not None and count:
         logger.warning(text, count, which.shape[1])
+
+
+def _without(each: Mapping[str, Any] | None, names: Collection[str]) -> dict[str, Any]:
+    return {name: one for name, one in (each or {}).items() if name not in names}

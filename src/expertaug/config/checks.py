@@ -260,8 +260,14 @@ def _shared(
             here = f"{at}.units.{name}"
             if seen is not None and seen.expert is not None:
                 yield from unknown_one(name, seen.expert, here, "expert parameter")
-            if name in block.shared and name in started:
+            if name in (*block.shared, *block.tied) and name in started:
                 yield InputError(here, "says how a window begins, and no two begin alike", "leave it out")
+        for name in block.population or {}:
+            here = f"{at}.population.{name}"
+            if seen is not None and seen.expert is not None:
+                yield from unknown_one(name, seen.expert, here, "expert parameter")
+            if name in block.shared:
+                yield InputError(here, "is shared by all windows", "leave it out here, or in units")
         for name in block.sensors or {}:
             if seen is not None and seen.state is not None:
                 yield from unknown_one(name, seen.state, f"{at}.sensors.{name}", "component of the state")

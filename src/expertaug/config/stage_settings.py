@@ -237,7 +237,7 @@ def _estimator(config: Configuration, experiment: str, variant: str) -> dict[str
 
 def _fit(experiment: Experiment, shares: bool = False) -> dict[str, Any]:
     """How windows are fitted; what they share is told only to what shares it."""
-    return experiment.refinement.dump(exclude=() if shares else ("units", "sensors"))
+    return experiment.refinement.dump(exclude=() if shares else ("units", "sensors", "population"))
 
 
 def _known(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:

@@ -15,13 +15,13 @@ import torch
 from torch import Tensor
 
 from expertaug.inference.coordinates import LatentCoordinates
-from expertaug.inference.least_squares import MEMORY, WindowProblem
-from expertaug.inference.levenberg_marquardt import minimise
+from expertaug.inference.least_squares import WindowProblem
 from expertaug.inference.pooling import Pooled, pool
 from expertaug.inference.shared import (
     NormalEquations,
     clustered_variances,
     groups_of,
+    minimise_each,
     minimise_together,
     normal_equations,
 )
@@ -237,7 +237,7 @@ class Shooting:
         if places:
             x, equations, _ = minimise_together(problem, windows, x, places, TOLERANCE, STEPS)
         else:
-            x = _each(problem, windows, x)
+            x = minimise_each(problem, windows, x, steps=STEPS)
             equations = normal_equations(problem, windows, x)
         numbers = problem.observations * sample.count - int(problem.missing(windows).sum())
         return Fit(formula, self._guess(problem, formula, x, windows), equations, places, numbers, self.least)
@@ -273,7 +273,7 @@ class Shooting:
         z_e = guess.z_e.clone()
         z_e[..., self.shared] = fit.guess.z_e[:, :1, self.shared]
         x = self.start(problem, formula, Guess(z_e, guess.y0, means), sample)
-        x = _each(problem, seen, x, self.places(formula))
+        x = minimise_each(problem, seen, x, self.places(formula), STEPS)
         z_e, z_a, y0 = problem.parts(x, problem.first(seen))
         u = inputs_of(self.system, sample.windows)
         states = forecast_or_fallback(problem.decoder, y0, z_e, z_a, self.t, self.solver, u)
@@ -317,24 +317,3 @@ class Shooting:
     def _guess(self, problem: WindowProblem, formula: Formula, x: Tensor, windows: Tensor) -> Guess:
         z_e, z_a, y0 = problem.parts(x, problem.first(windows))
         return Guess(z_e, y0, {term: z_a[0, :, k] for k, term in enumerate(formula.terms)})
-
-
-def _each(problem: WindowProblem, windows: Tensor, x: Tensor, fixed: Sequence[int] = ()) -> Tensor:
-    """Coordinates (1, N, K) at each window's own minimum, some of them held where they are."""
-    own = [k for k in range(x.shape[-1]) if k not in fixed]
-    if not own:
-        return x
-    parts, size = [], max(1, MEMORY // (windows[:, :, :1].numel() * 8 * (len(own) + 1)))
-    for first in range(0, x.shape[1], size):
-        some, held = windows[:, :, first : first + size], x[:, first : first + size]
-
-        def residuals(candidates: Tensor, columns: Tensor, some: Tensor = some, held: Tensor = held) -> Tensor:
-            whole = held[:, columns].expand(len(candidates), -1, -1, -1).clone()
-            whole[..., own] = candidates
-            return problem.residuals(whole, some[:, :, columns])
-
-        found = minimise(residuals, held[..., own], STEPS, problem.longest[own])
-        moved = held.clone()
-        moved[..., own] = found.x
-        parts.append(moved)
-    return torch.cat(parts, dim=1)

@@ -19,26 +19,29 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from expertaug import plotting
-from expertaug.evaluation.forecasts import Forecasts, SensorEstimate, read_forecasts
+from expertaug.evaluation.forecasts import SHARED, ConstantEstimate, Forecasts, read_forecasts
 from expertaug.evaluation.settings import EstimatesJob
 from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.pooling import Pooled, pool
 from expertaug.models.settings import TOLD
 from expertaug.rows import frame
+from expertaug.trajectories import places_by_trajectory
 
 LEVEL = 0.90  # of the intervals
 BLOCKS, ENOUGH = 10, 5  # of a trajectory's windows, at most, and for an error by their scatter
 FEWEST = 6  # windows of which a correlation time can be estimated
-SHARED, ALL = "all windows (shared)", "all"
+ALL = "all"
 MOST = 24  # lines of a parameter's panel; of more, those of single trajectories are left out
 LINE = 0.17  # inches
 EMPTY = "No version states parameters that are constants of an apparatus."
 CAPTION = (
     "Estimates of the parameters with their standard error and 90 % interval. Shared: one value for all windows, "
     "fitted to the training windows together, with errors clustered by trajectory, or by blocks of windows of few; "
-    "constants of sensors (measured = scale · state + offset) with them. Of a trajectory: mean of its windows' own "
-    "estimates in all sets (at most 200 of the training set), weighted by their errors, with the error that blocks of "
+    "constants of sensors (measured = scale · state + offset) with them. Population: middle (of a lognormal one the "
+    "median) and spread of a parameter's distribution over the training windows or trajectories. Of a trajectory: "
+    "where its training windows share the parameter, their joint estimate; else the mean of its windows' own estimates "
+    "in all sets (at most 200 of the training set), weighted by their errors, with the error that blocks of "
     "successive windows tell. Of all: mean over trajectories, or over windows where each is a trajectory, and the "
     "spread between them beyond their errors. Told: the interval is narrower than half the range of p⁺, in which fits "
     "start; no, the data do not tell the parameter. Intervals say how sure the estimate is if the model is right. Of "
@@ -131,21 +134,6 @@ def interval(pooled: Pooled) -> tuple[float, float]:
     return pooled.value - wide * pooled.error, pooled.value + wide * pooled.error
 
 
-def places_of(identity: np.ndarray | None, count: int) -> dict[str, np.ndarray]:
-    """Places of each trajectory's windows in the order of their times; of windows without identities of each its own.
-
-    Arguments:
-        identity: ``trajectory/first row`` of each window, (N,); of others, which name a trajectory, the order is taken.
-    """
-    if identity is None:
-        return {str(k): np.array([k]) for k in range(count)}
-    parts = [str(one).rpartition("/") for one in identity]
-    known = [bool(head) and tail.isdigit() for head, _, tail in parts]
-    names = [head if told else str(one) for (head, *_), told, one in zip(parts, known, identity, strict=True)]
-    ordered = sorted(range(count), key=lambda k: int(parts[k][2]) if known[k] else 0)
-    return {name: np.array([k for k in ordered if names[k] == name]) for name in dict.fromkeys(names)}
-
-
 @dataclass(frozen=True)
 class Stated:
     """What a version states of N windows.
@@ -156,7 +144,7 @@ class Stated:
         names, units: of the K parameters.
         identity: of the windows, (N,); None: each is a trajectory.
         shared: number of independent groups of windows by name of the parameters that all share.
-        sensors: constants of sensors, which all windows share too.
+        constants: what the model's file says of windows together, beside these.
     """
 
     values: np.ndarray
@@ -165,7 +153,7 @@ class Stated:
     units: Sequence[str]
     identity: np.ndarray | None
     shared: Mapping[str, int]
-    sensors: Sequence[SensorEstimate] = ()
+    constants: Sequence[ConstantEstimate] = ()
 
 
 def summarise(
@@ -179,6 +167,15 @@ def summarise(
         of: how all trajectories together are called.
     """
     found = []
+    count, together = stated.values.shape[1], stated.constants
+
+    def row(one: Pooled, name: str, unit: str, of: str, windows: int) -> Estimate:
+        low, high = interval(one)
+        ends = ranges.get(name)
+        told = None if ends is None or not np.isfinite(high - low) else high - low < TOLD * (ends[1] - ends[0])
+        numbers = (one.value, one.error, low, high, one.spread, windows, one.groups)
+        return Estimate(name, unit, of, *numbers, None if told is None else bool(told))
+
     for k, (name, unit) in enumerate(zip(stated.names, stated.units, strict=True)):
         if name in left_out:
             continue
@@ -186,39 +183,38 @@ def summarise(
         known = np.isfinite(values).all(0)
         errors = None if stated.errors is None else stated.errors[..., k].astype(float)[:, known]
         values, identity = values[:, known], None if stated.identity is None else stated.identity[known]
-        if not known.any():
+        own = [one for one in together if one.name == name]
+        found += [row(_pooled(one), name, unit, one.of, one.windows or count) for one in own]
+        # Estimates that a distribution pulls scatter less than what they are of.
+        if not known.any() or any(one.of_population for one in own):
             continue
-
-        def row(one: Pooled, of: str, windows: int, name: str = name, unit: str = unit) -> Estimate:
-            low, high = interval(one)
-            ends = ranges.get(name)
-            told = None if ends is None or not np.isfinite(high - low) else high - low < TOLD * (ends[1] - ends[0])
-            numbers = (one.value, one.error, low, high, one.spread, windows, one.groups)
-            return Estimate(name, unit, of, *numbers, None if told is None else bool(told))
-
         windows, seeds = values.shape[1], values.mean(1)
         between = seeds.std(ddof=1) / np.sqrt(len(seeds)) if len(seeds) > 1 else 0.0
         if name in stated.shared:
             error = np.nan if errors is None else float(np.hypot(errors[:, 0].mean(), between))
-            found.append(row(Pooled(float(seeds.mean()), error, np.nan, stated.shared[name]), SHARED, windows))
+            pooled = Pooled(float(seeds.mean()), error, np.nan, stated.shared[name])
+            found.append(row(pooled, name, unit, SHARED, windows))
             continue
         mean, typical = values.mean(0), None if errors is None else errors.mean(0)
         each = {}
-        for trajectory, places in places_of(identity, windows).items():
+        for trajectory, places in places_by_trajectory(identity, windows).items():
             one = of_trajectory(mean[places], None if typical is None else typical[places])
             each[trajectory] = Pooled(one.value, float(np.hypot(one.error, between)), np.nan, one.groups), len(places)
+        each |= {one.of: (_pooled(one), one.windows) for one in own}
         if len(each) > 1:
-            means, own = (np.array([getattr(one, part) for one, _ in each.values()]) for part in ("value", "error"))
-            together = pool(means, own)
-            error = float(np.hypot(together.error, between))
-            found.append(row(Pooled(together.value, error, together.spread, together.groups), of, windows))
+            means, stds = (np.array([getattr(one, part) for one, _ in each.values()]) for part in ("value", "error"))
+            pooled = pool(means, stds)
+            error = float(np.hypot(pooled.error, between))
+            found.append(row(Pooled(pooled.value, error, pooled.spread, pooled.groups), name, unit, of, windows))
         if identity is not None:
-            found += [row(one, trajectory, count) for trajectory, (one, count) in each.items()]
-    for one in stated.sensors:
-        low, high = interval(pooled := Pooled(one.value, one.error, np.nan, one.groups))
-        numbers = (pooled.value, pooled.error, low, high, np.nan, stated.values.shape[1], one.groups)
-        found.append(Estimate(one.name, one.unit, SHARED, *numbers, None))
-    return found
+            done = {one.of for one in own}
+            found += [row(one, name, unit, t, n) for t, (one, n) in each.items() if t not in done]
+    of_sensors = [one for one in together if one.name not in stated.names]
+    return found + [row(_pooled(one), one.name, one.unit, one.of, one.windows or count) for one in of_sensors]
+
+
+def _pooled(one: ConstantEstimate) -> Pooled:
+    return Pooled(one.value, one.error, one.spread, one.groups)
 
 
 def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: EstimatesJob) -> None:
@@ -235,17 +231,16 @@ def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: Estimates
     for one in read_forecasts(forecasts):
         of_version.setdefault(one.identified().method, []).append(one)
     rows: list[TabledEstimate] = []
-    shared: set[tuple[str, str]] = set()  # the same in every set
+    seen: set[tuple[str, str, str]] = set()  # what all windows share is the same in every set
     experiment = ""
     for version, label in job.labels:
         parts = of_version.get(version, [])
         experiment = parts[0].identified().experiment if parts else experiment
         for of, stated in _stated(parts, job).items():
             for estimate in summarise(stated, job.priors.get(version, {}), job.starts, of):
-                if estimate.of != SHARED or (version, estimate.parameter) not in shared:
+                if (key := (version, estimate.parameter, estimate.of)) not in seen:
                     rows.append(TabledEstimate(method=version, label=label, **vars(estimate)))
-                if estimate.of == SHARED:
-                    shared.add((version, estimate.parameter))
+                seen.add(key)
     title = f"{job.of_experiment(experiment)}: estimates"
     Study(frame(TabledEstimate, rows), [table(rows, title)], lambda: draw(rows, job, title)).save(outputs)
 
@@ -271,7 +266,7 @@ def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
             first.estimated_units,
             identity,
             first.shared,
-            first.sensors,
+            first.constants,
         )
 
     if all(sets[name].sample_id is not None for name in names):

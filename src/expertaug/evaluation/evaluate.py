@@ -10,7 +10,7 @@ import torch
 
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasting import drawing_of, of_own_windows, scored_draws
-from expertaug.evaluation.forecasts import Forecasts, KeptForecasts, SetForecasts, VersionKey, sensor_estimates
+from expertaug.evaluation.forecasts import Forecasts, KeptForecasts, SetForecasts, VersionKey, constants_of
 from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
 from expertaug.evaluation.score import Scored, score
 from expertaug.evaluation.settings import EvaluateJob
@@ -97,7 +97,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         estimated_names=[p.name for p in parameters],
         estimated_units=[p.unit for p in parameters],
         shared={name: one.groups for name, one in constants.items()},
-        sensors=sensor_estimates(refinement, [(p.name, p.unit) for p in system.state]),
+        constants=constants_of(refinement, *({p.name: p.unit for p in of} for of in (parameters, system.state))),
         version=VersionKey(job.experiment, job.preset, job.method),
         rank_draws=rank_draws,
         own=own,

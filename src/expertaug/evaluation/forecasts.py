@@ -6,6 +6,7 @@ The file's arrays are the fields of :class:`Forecasts` and, as ``<set>_<field>``
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -21,7 +22,10 @@ REMEDY = "make it again with evaluate"
 OWN = "own"  # the set of windows that the version's models have made themselves
 TEXTS = ("state_names", "state_units", "parameter_names", "parameter_units")
 MORE_TEXTS = ("interaction_names", "estimated_names", "estimated_units")
-SENSOR = ("sensor_names", "sensor_units", "sensor_values", "sensor_std", "sensor_groups")
+CONSTANTS = "constants_"  # arrays of what the model's file says of windows together, by field
+CONSTANT_TYPES = (str, str, str, float, float, float, int, int)
+SHARED = "all windows (shared)"
+POPULATIONS = {"window": "windows (population)", "trajectory": "trajectories (population)"}
 ALWAYS = ("t", "observed", "seeds", *TEXTS)
 OF_A_SET = ("errors", "misfit", "truth", "z_e")  # a set is what has one of these
 
@@ -34,30 +38,58 @@ class VersionKey(NamedTuple):
     method: str
 
 
-class SensorEstimate(NamedTuple):
-    """A constant of a component's sensor, as a version has estimated it.
+class ConstantEstimate(NamedTuple):
+    """What the file of a version's model says of windows together, beside the parameters that all of them share.
 
     Attributes:
-        name: as tables print it.
+        name: of the parameter, or of a sensor's constant as tables print it.
         unit: of the constant; empty of a scale.
+        of: all windows, a trajectory's name, or whose distribution it is the middle of.
         value, error: and its standard error.
-        groups: number of independent groups of windows that it is from.
+        spread: of a distribution, in the same unit; else NaN.
+        windows: of a trajectory; 0: all.
+        groups: number of independent groups of windows that it is from; 1 where the error is by what they state.
     """
 
     name: str
     unit: str
+    of: str
     value: float
     error: float
+    spread: float
+    windows: int
     groups: int
 
+    @property
+    def of_population(self) -> bool:
+        """Whether it is the middle of a distribution."""
+        return self.of in POPULATIONS.values()
 
-def sensor_estimates(refinement: Refinement | None, state: Sequence[tuple[str, str]]) -> list[SensorEstimate]:
-    """What a version's windows are fitted with; ``state`` has name and unit of each component."""
-    found, constants, units = [], {} if refinement is None else refinement.sensors or {}, dict(state)
-    for component, sensor in constants.items():
-        for name, unit in (("offset", units[component]), ("scale", "")):
+
+def constants_of(
+    refinement: Refinement | None, parameters: Mapping[str, str], state: Mapping[str, str]
+) -> list[ConstantEstimate]:
+    """What a version's windows are fitted with.
+
+    Arguments:
+        parameters, state: unit of each expert parameter and of each component of the state, by name.
+    """
+    found: list[ConstantEstimate] = []
+    if refinement is None:
+        return found
+    for name, one in (refinement.population or {}).items():
+        spread = one.spread.value * (one.middle.value if one.form == "lognormal" else 1.0)
+        of, numbers = POPULATIONS[one.unit], (one.middle.value, one.middle.error, spread, 0, one.middle.groups)
+        found.append(ConstantEstimate(name, parameters[name], of, *numbers))
+    for name, each in (refinement.trajectories or {}).items():
+        for of, one in each.items():
+            numbers = one.value, one.error, math.nan, one.groups, 1
+            found.append(ConstantEstimate(name, parameters[name], of, *numbers))
+    for component, sensor in (refinement.sensors or {}).items():
+        for name, unit in (("offset", state[component]), ("scale", "")):
             if (one := getattr(sensor, name)) is not None:
-                found.append(SensorEstimate(f"{name} of {component}", unit, one.value, one.error, one.groups))
+                numbers = one.value, one.error, math.nan, 0, one.groups
+                found.append(ConstantEstimate(f"{name} of {component}", unit, SHARED, *numbers))
     return found
 
 
@@ -139,7 +171,7 @@ class Forecasts:
         estimated_names, estimated_units: of the expert parameters and, where the equation is the true one, of the
             interaction's.
         shared: of those that all windows share, the number of independent groups of windows that they are from.
-        sensors: constants of the sensors by which its forecasts are what is measured.
+        constants: what the model's file says of windows together, beside these.
         version: whose they are; None of a file from before that was kept, and in memory.
         rank_draws: K, the number of draws among which ``ranks`` of the sets are.
         own: ranks and scores on windows that the version's models have made themselves.
@@ -159,7 +191,7 @@ class Forecasts:
     estimated_names: list[str] = field(default_factory=list)
     estimated_units: list[str] = field(default_factory=list)
     shared: Mapping[str, int] = field(default_factory=dict)
-    sensors: Sequence[SensorEstimate] = ()
+    constants: Sequence[ConstantEstimate] = ()
     version: VersionKey | None = None
     rank_draws: int | None = None
     own: SetForecasts | None = None
@@ -206,8 +238,8 @@ class Forecasts:
         texts = {name: np.array(getattr(self, name), dtype=str) for name in (*TEXTS, *MORE_TEXTS)}
         texts["shared_names"] = np.array(list(self.shared), dtype=str)
         arrays["shared_groups"] = np.array(list(self.shared.values()), dtype=int)
-        for name, values in zip(SENSOR, zip(*self.sensors, strict=True), strict=False):
-            arrays[name] = np.array(values)
+        for name, values in zip(ConstantEstimate._fields, zip(*self.constants, strict=True), strict=False):
+            arrays[CONSTANTS + name] = np.array(values)
         found = {key: np.array(value) for key, value in arrays.items() if value is not None}
         with atomic(path) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, **found, failed=np.array(self.failed, dtype=int), **texts)
@@ -244,9 +276,9 @@ class Forecasts:
                 str(name): int(groups)
                 for name, groups in zip(arrays.get("shared_names", ()), arrays.get("shared_groups", ()), strict=True)
             },
-            sensors=[
-                SensorEstimate(str(name), str(unit), float(value), float(error), int(groups))
-                for name, unit, value, error, groups in zip(*(arrays.get(name, ()) for name in SENSOR), strict=True)
+            constants=[
+                ConstantEstimate(*(kind(value) for kind, value in zip(CONSTANT_TYPES, one, strict=True)))
+                for one in zip(*(arrays.get(CONSTANTS + name, ()) for name in ConstantEstimate._fields), strict=True)
             ],
             version=VersionKey(*map(str, arrays["version"])) if "version" in arrays else None,
             rank_draws=int(arrays["rank_draws"]) if "rank_draws" in arrays else None,

@@ -106,7 +106,7 @@ def score(
     expected = ExpectedError(stored.model, replace(drawing, count=few))
     chosen = np.linspace(0, len(truth) - 1, min(scoring.drawn_samples, len(truth))).astype(int)
     scores, bands, random = [], [], RandomStreams(stored.seeds, DRAWN, device=device)
-    seen = truth.seen
+    seen, of = truth.seen, truth.trajectories
     for first in range(0, len(truth), size):
         y = torch.from_numpy(seen[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
         # To follow the truth is not to diverge.
@@ -114,7 +114,7 @@ def score(
         u = None
         if truth.u is not None:
             u = torch.from_numpy(truth.u[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
-        whole = Windows(t, y, u)
+        whole = Windows(t, y, u, None if of is None else of[first : first + size])
         whole = (whole if u is None else whole.contiguous()).expand(seeds)  # rounding depends on how they lie
         found = forecast(stored.model, whole.observed(observed), solver, start, limit)
         late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())

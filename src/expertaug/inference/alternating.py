@@ -521,8 +521,10 @@ def prepare(
     held = sharing = None
     if shares:
         sharing = train.spread(training.train_samples)
+    if sharing is not None and refinement.holds:
         alone = store.StoredModel(*LeastSquares.fit(system, sharing, card.but(kind=LeastSquares.name)))
-        first = fit_shared(alone, options.refinement, sharing)
+        only = refinement.model_copy(update={"units": dict.fromkeys(refinement.shared, "shared"), "population": {}})
+        first = fit_shared(alone, options.refinement.model_copy(update={"settings": only}), sharing)
 
         def problem(decoder: Decoder) -> WindowFit:
             return fit(decoder, used, whole, 1, {})

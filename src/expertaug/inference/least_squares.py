@@ -9,7 +9,9 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Self
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -25,6 +27,7 @@ from expertaug.inference.coordinates import (
     seen_components,
 )
 from expertaug.inference.levenberg_marquardt import LONGEST, Minimum, cost_of, minimise
+from expertaug.inference.population import PopulationPull
 from expertaug.learning.divergence import FACTOR, forecast_or_fallback
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import differences
@@ -33,7 +36,7 @@ from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, of_observed, shaped
 from expertaug.models.posterior import Estimates, Estimator, Gaussian, Posterior, Predictor, log_slope, unconstrain
 from expertaug.models.sensors import Sensors
-from expertaug.models.settings import Constant, Refinement, RefinementSettings, SensorConstants
+from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
 from expertaug.systems import System
@@ -66,6 +69,7 @@ class WindowProblem:
         ranges: of the components of first points, where windows may have values that were not measured (NaN): the first
             point is then a parameter in any case, in units of half a range where it was not measured.
         shared: constants of all windows (:mod:`expertaug.inference.shared`), which are no parameters of a window.
+        population: what pulls parameters of windows towards the middle of their distribution.
 
     Raises:
         InputError: a range or a window of what the system does not have, or no start at all.
@@ -83,11 +87,13 @@ class WindowProblem:
         solver: Solver,
         ranges: Mapping[str, Sequence[float]] | None = None,
         shared: Mapping[str, Constant] | None = None,
+        population: PopulationPull | None = None,
     ) -> None:
         system = decoder.system
         self.decoder = copy.deepcopy(decoder).cpu().double().requires_grad_(False).eval()
         self.system, self.settings, self.solver = system, settings, solver
         self.observed_noise = of_observed(noise, system)
+        self.population = population
         self.t = t.double()
         start = _first_point(system, noise, free_start, ranges)
         self.shared = dict(shared or {})
@@ -107,6 +113,12 @@ class WindowProblem:
         """Hold the parameters at these places, which all windows share, at other coordinates, (S, M)."""
         self.expert = self.expert.holding(places, shared)
         self.transform = replace(self.transform, expert=self.expert)
+
+    def pulled(self, population: PopulationPull) -> Self:
+        """The same problem where something else is known of the parameters beforehand."""
+        other = copy.copy(self)
+        other.population = population
+        return other
 
     @property
     def tries(self) -> int:
@@ -162,9 +174,19 @@ class WindowProblem:
         gaps = gaps if self.transform.start.size else gaps[1:]
         return gaps.movedim(0, 2).flatten(2).sum(-1)
 
+    @property
+    def pulls(self) -> int:
+        """How many residuals of a window are those of :meth:`pull`."""
+        return self.sizes[1] + (0 if self.population is None else self.population.size)
+
     def pull(self, x: Tensor) -> Tensor:
-        """Residuals of z_a's prior at parameters (S, N, K): (S, N, Q)."""
-        return x[..., self.sizes[0] : self.sizes[0] + self.sizes[1]] / self.settings.latent_width
+        """Residuals of what is known of windows' parameters (S, N, K) beforehand: of z_a's prior, (S, N, Q), and after
+        them of the distributions of R expert parameters."""
+        p, q, _ = self.sizes
+        latent = x[..., p : p + q] / self.settings.latent_width
+        if self.population is None:
+            return latent
+        return torch.cat((latent, self.population.residuals(self.expert.z_e(x[..., :p]))), dim=-1)
 
     def parts(self, x: Tensor, y0: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Parameters (S, N, K) and observed first points (S, N, *state) → z_e, z_a, first points."""
@@ -323,7 +345,7 @@ class WindowFit(WindowProblem):
         return (self.observations - self.missing(windows) - self.sizes[0] - self.sizes[2]).clamp_min(1)
 
     def _pulled(self, x: Tensor) -> Tensor:
-        """What z_a's prior adds to the sum of squares at parameters (S, B, K)."""
+        """What is known beforehand adds so much to the sum of squares at parameters (S, B, K)."""
         return self.pull(x).square().sum(-1)
 
     def _estimates(self, x: Tensor, cost: Tensor, curvature: Tensor, windows: Tensor) -> Estimates:
@@ -334,6 +356,8 @@ class WindowFit(WindowProblem):
         covariance = torch.linalg.pinv(
             curvature + 1e-12 * curvature.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * size
         )
+        if self.population is not None:
+            covariance = self.population.overdispersion * covariance
         std = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
         squares, axes = torch.linalg.eigh(0.5 * (covariance + covariance.mT))
         root = axes * squares.clamp(0.0, WIDEST**2).sqrt().unsqueeze(-2)
@@ -375,11 +399,18 @@ class LeastSquares(Predictor, nn.Module):
         decoder: what forecasts.
         fit: of windows, with the same decoder.
         first: whose estimates are a start of each fit: the result is then *refined*.
+        trajectories: what pulls the windows of a known trajectory instead, by its name.
     """
 
-    def __init__(self, decoder: Decoder, fit: WindowFit, first: Estimator | None = None) -> None:
+    def __init__(
+        self,
+        decoder: Decoder,
+        fit: WindowFit,
+        first: Estimator | None = None,
+        trajectories: Mapping[str, PopulationPull] | None = None,
+    ) -> None:
         super().__init__()
-        self.decoder, self.fit = decoder, fit
+        self.decoder, self.fit, self.trajectories = decoder, fit, dict(trajectories or {})
         self.__dict__["first"] = first  # no part of this module: its parameters are its own
         self.alone = first is None and not any(True for _ in decoder.parameters())
 
@@ -390,11 +421,24 @@ class LeastSquares(Predictor, nn.Module):
     @torch.no_grad()
     def estimate(self, windows: Windows) -> Estimates:
         """Observed windows, y (T1, S, B, *state) → estimates, with χ² per degree of freedom and Laplace's posterior."""
+        of = windows.trajectories
+        if of is None or not self.trajectories:
+            return self._estimate(windows, self.fit)
+        parts, places = [], []
+        for name in (None, *self.trajectories):
+            chosen = ~np.isin(of, list(self.trajectories)) if name is None else of == name
+            if chosen.any():
+                places.append(torch.from_numpy(chosen.nonzero()[0]))
+                fit = self.fit if name is None else self.fit.pulled(self.trajectories[name])
+                parts.append(self._estimate(windows.samples(places[-1]), fit))
+        return Estimates.joined(parts).part(torch.cat(places).argsort())
+
+    def _estimate(self, windows: Windows, fit: WindowFit) -> Estimates:
         observed = windows.joined
         shared = observed[:, :1].expand_as(observed)
         if self.alone and torch.allclose(observed, shared, 0.0, 0.0, equal_nan=True):  # the same for every seed
-            return self.fit(observed[:, :1]).expand(observed.shape[1])
-        return self.fit(observed, None if self.first is None else self.first.estimate(windows))
+            return fit(observed[:, :1]).expand(observed.shape[1])
+        return fit(observed, None if self.first is None else self.first.estimate(windows))
 
     def joint_draws(
         self, found: Estimates, windows: Windows, count: int, random: RandomStreams
@@ -417,6 +461,7 @@ def estimator_of(
     prior: Mapping[str, tuple[float, float]] | None,
     shared: Mapping[str, Constant] | None = None,
     sensors: Mapping[str, SensorConstants] | None = None,
+    population: PopulationPull | None = None,
 ) -> LeastSquares:
     """Least squares with a stored model's decoder: from its own estimates too, where it has any.
 
@@ -427,6 +472,7 @@ def estimator_of(
         prior: range of each expert parameter in which starts lie; None: only the model's own estimates are starts.
         shared: constants of all windows.
         sensors: constants of the sensors that show the state; None: as the model file says.
+        population: what pulls parameters towards the middle of their distribution.
 
     Raises:
         InputError: a model without a decoder.
@@ -443,6 +489,9 @@ def estimator_of(
     if missing := sorted(set(options.sensors or ()) - set(sensors or ())):
         remedy = "only least squares with the expert alone and alternation estimate sensors: leave it out"
         raise InputError(f"sensors.{missing[0]}", "its constants are not known", remedy)
+    if options.population and population is None:
+        remedy = "only least squares with the expert alone and alternation estimate it: leave it out"
+        raise InputError(f"population.{next(iter(options.population))}", "its distribution is not known", remedy)
     if kind.has_objective and card.latent is None:
         raise InputError("refinement", "the model file does not say where its z_a lie", "train it again")
     first = None if kind.fits_windows else stored.model
@@ -466,6 +515,7 @@ def estimator_of(
         Solver(**dict(solver or {})),
         starts,
         shared,
+        population,
     )
     return LeastSquares(decoder, fit, first)
 
@@ -473,7 +523,36 @@ def estimator_of(
 def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
     """As :func:`estimator_of`, as a refinement says."""
     prior = None if refinement.prior is None else given_ranges(refinement.prior)
-    return estimator_of(stored, refinement.settings, refinement.noise, prior, refinement.shared, refinement.sensors)
+    system = stored.model.system
+    constants = refinement.shared, refinement.sensors, pull_of(system, refinement)
+    estimator = estimator_of(stored, refinement.settings, refinement.noise, prior, *constants)
+    estimator.trajectories = _pulls_of_trajectories(system, refinement)
+    return estimator
+
+
+def _pulls_of_trajectories(system: System, refinement: Refinement) -> dict[str, PopulationPull]:
+    """What is known of a window of each training trajectory: its own estimates, of other parameters distributions."""
+    found: dict[str, dict[str, Population]] = {}
+    for name, constants in (refinement.trajectories or {}).items():
+        for of, one in constants.items():
+            # Its error is the width of a pull that has no other.
+            exact, error = one.model_copy(update={"std": 0.0}), Constant(value=one.std, std=0.0)
+            known = Population(form="normal", middle=exact, spread=error, unit="trajectory")
+            found.setdefault(of, dict(refinement.population or {}))[name] = known
+    several = refinement.overdispersion or 1.0
+    return {of: PopulationPull.of(system, known, several) for of, known in found.items()}
+
+
+def pull_of(
+    system: System, refinement: Refinement, units: Sequence[str] = ("window", "trajectory")
+) -> PopulationPull | None:
+    """What pulls a window's parameters, of a refinement that knows their distributions.
+
+    Arguments:
+        units: of which values these are.
+    """
+    known = {name: one for name, one in (refinement.population or {}).items() if one.unit in units}
+    return PopulationPull.of(system, known, refinement.overdispersion or 1.0) if known else None
 
 
 def refinement_of(stored: StoredModel, given: Refinement | None) -> Refinement | None:

@@ -416,11 +416,18 @@ class RefinementSettings(Settings):
         LEFT_OUT, "first and last time at which each component counts, in s; left out = the whole observed window"
     )
     solver: SolverSettings = key(LEFT_OUT, "solver for the fit; left out = that of training")
-    units: dict[str, Literal["window", "shared"]] = key(
+    units: dict[str, Literal["window", "trajectory", "shared"]] = key(
         LEFT_OUT,
-        "to what each expert parameter belongs: window = each window has its own; shared = all windows have one, "
-        "fitted to the training windows together; left out = window. Of methods of kind least_squares_shared and "
-        "alternating_shared alone: of all others each window has its own",
+        "to what each expert parameter belongs: window = each window has its own; trajectory = all training windows of "
+        "a trajectory have one; shared = all windows have one, fitted to the training windows together; left out = "
+        "window. Of methods of kind least_squares_shared and alternating_shared alone: of all others each window has "
+        "its own",
+    )
+    population: dict[str, Literal["normal", "lognormal"]] = key(
+        LEFT_OUT,
+        "expert parameters that are not shared and whose values are draws from one distribution: its mean and spread "
+        "are estimated from the training windows, and pull the estimate of a window, the more the less it tells; "
+        "lognormal = the logarithm is normal. Of the same methods as units; left out = nothing pulls",
     )
     sensors: dict[str, SensorSettings] = key(
         LEFT_OUT,
@@ -435,14 +442,29 @@ class RefinementSettings(Settings):
         return [name for name, unit in (self.units or {}).items() if unit == "shared"]
 
     @property
+    def tied(self) -> list[str]:
+        """Names of the parameters that the training windows of a trajectory share."""
+        return [name for name, unit in (self.units or {}).items() if unit == "trajectory"]
+
+    @property
+    def alone(self) -> RefinementSettings:
+        """The same where each window is fitted by itself, as if its sensors showed the state."""
+        return self.model_copy(update={"units": {}, "sensors": {}, "population": {}})
+
+    @property
     def of_sensors(self) -> list[tuple[str, str]]:
         """Component and name, scale or offset, of the constants of sensors that are estimated."""
         return [(component, name) for component, one in (self.sensors or {}).items() for name in one.sought]
 
     @property
-    def shares(self) -> bool:
-        """Whether all windows share anything."""
+    def holds(self) -> bool:
+        """Whether there are constants of all windows."""
         return bool(self.shared or self.of_sensors)
+
+    @property
+    def shares(self) -> bool:
+        """Whether windows share anything, be it the distribution of a parameter."""
+        return bool(self.holds or self.tied or self.population)
 
 
 class Constant(Settings):
@@ -500,6 +522,25 @@ class SensorConstants(Settings):
         return type(self).of(**{name: getattr(self, name).at(places) for name in self.known})
 
 
+class Population(Settings):
+    """The distribution of a parameter over windows, or over trajectories, as it was estimated."""
+
+    form: Literal["normal", "lognormal"] = key(..., "lognormal = the logarithm is normal")
+    middle: Constant = key(..., "mean, of a lognormal one the median, in the parameter's unit")
+    spread: Constant = key(..., "standard deviation in the parameter's unit, of a lognormal one that of the logarithm")
+    unit: Literal["window", "trajectory"] = key(..., "whose values it is of")
+
+    @classmethod
+    def of_seeds(cls, each: Sequence[Population]) -> Population:
+        """Of the same parameter with the F_a of each seed."""
+        parts = {name: Constant.of_seeds([getattr(one, name) for one in each]) for name in ("middle", "spread")}
+        return cls(form=each[0].form, unit=each[0].unit, **parts)
+
+    def at(self, places: Sequence[int]) -> Population:
+        """Of some of the seeds, by their places."""
+        return self.model_copy(update={"middle": self.middle.at(places), "spread": self.spread.at(places)})
+
+
 class Refinement(Settings):
     """Least squares on each window: how to fit, and what is known of the data."""
 
@@ -512,9 +553,24 @@ class Refinement(Settings):
     )
     shared: dict[str, Constant] = key(LEFT_OUT, "constants of all windows, where some are shared")
     sensors: dict[str, SensorConstants] = key(LEFT_OUT, "constants of sensors, where some were estimated")
+    trajectories: dict[str, dict[str, Constant]] = key(
+        LEFT_OUT, "estimates for each training trajectory by parameter, where its windows share some"
+    )
+    population: dict[str, Population] = key(LEFT_OUT, "distributions of parameters, where some were estimated")
+    overdispersion: Positive = key(
+        LEFT_OUT,
+        "by how much residuals tell less of a parameter with a population than independent ones of the stated noise "
+        "would: their correlation time in points times χ² per degree of freedom",
+    )
 
     def of_seeds(self, places: Sequence[int]) -> Refinement:
         """The same for some of the seeds, by their places."""
-        known = {name: blocks for name in ("shared", "sensors") if (blocks := getattr(self, name))}
-        chosen = {name: {key: one.at(places) for key, one in blocks.items()} for name, blocks in known.items()}
+        known = {name: blocks for name in ("shared", "sensors", "population") if (blocks := getattr(self, name))}
+        chosen: dict[str, object] = {
+            name: {key: one.at(places) for key, one in blocks.items()} for name, blocks in known.items()
+        }
+        if self.trajectories:
+            chosen["trajectories"] = {
+                name: {of: one.at(places) for of, one in each.items()} for name, each in self.trajectories.items()
+            }
         return self.model_copy(update=chosen)
