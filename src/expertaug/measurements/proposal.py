@@ -60,8 +60,7 @@ def proposal(
     start = {name: _guessed(found) for name in unseen}
     prior = {name: [float(f"{end:.6g}") for end in ends] for name, ends in priors.items()}
     # Windows share constants of the apparatus; what gives the first point is each window's own.
-    shared = dict.fromkeys(constants, "shared")
-    sharing = bool(shared) or system is None
+    sharing = bool(constants) or system is None
     fitted = ["least_squares", *(["least_squares_shared"] if sharing else [])]
     learned = ["ml_only", "aphynity", "alternating", *(["alternating_shared"] if sharing else [])]
     methods = ["mean", "expert_only", *fitted, *learned]
@@ -102,11 +101,7 @@ def proposal(
     overrides: dict[str, object] = {"ml_only": {"training": {"expert_first": 0.0}}}
     if sharing:
         overrides["alternating_shared"] = {"alternation": {"latent": 0}}  # what it learns is one apparatus's too
-        units = flow(shared) if shared else "{PARAMETER: shared}"
-        scales = {one.rate: {"scale": "shared"} for one in found.slopes if one.may_be_scale}
-        sensors = f", sensors: {flow(scales)}" if scales else ""
-        told = "one apparatus: one value for all windows; of several ones: window"
-        blocks += [f"    refinement: {{units: {units}{sensors}}}  # {told}"]
+        blocks += _sharing(found, constants or ["PARAMETER"])
     blocks += [
         f"    overrides: {flow(overrides)}",
         f"    methods: {flow(methods)}",
@@ -116,6 +111,23 @@ def proposal(
         f"    evaluation: {flow({'from_s': None, 'set_titles': {'test': TESTS[split][0]}})}",
     ]
     return "\n".join(blocks) + "\n"
+
+
+def _sharing(found: Inspection, constants: Sequence[str]) -> list[str]:
+    """What windows share: of one or two trajectories a value for all, of more a value each, which may be the same."""
+    scales = {one.rate: {"scale": "shared"} for one in found.slopes if one.may_be_scale}
+    sensors = [f"      sensors: {flow(scales)}"] if scales else []
+    if len(found.data.grid.series) < FEWEST:
+        units = flow(dict.fromkeys(constants, "shared"))
+        told = "one apparatus: one value for all windows; of several ones: window"
+        return ["    refinement:", f"      units: {units}  # {told}", *sensors]
+    units, population = (flow(dict.fromkeys(constants, word)) for word in ("trajectory", "normal"))
+    return [
+        "    refinement:",
+        f"      units: {units}  # a value each; of one apparatus for certain: shared",
+        f"      population: {population}  # their distribution, found to be narrow where trajectories hardly differ",
+        *sensors,
+    ]
 
 
 def _marks(values: Sequence[float | str]) -> list[float | str]:
