@@ -11,7 +11,7 @@ from torch import Tensor
 from expertaug.equation.library import column
 from expertaug.equation.selection import Candidates, by_regression, remainder
 from expertaug.equation.shooting import Formula
-from expertaug.inference.shared import NormalEquations
+from expertaug.inference.joint_fit import NormalEquations
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates
 from expertaug.models.terms import Term

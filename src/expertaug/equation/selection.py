@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from expertaug.equation.shooting import Fit, Formula, Guess, Sample, Shooting, criterion
-from expertaug.inference.shared import NormalEquations, eliminated
+from expertaug.inference.joint_fit import NormalEquations, eliminated
 from expertaug.models.terms import Term, quantities
 from expertaug.systems.inputs import inputs_of, states_of
 

@@ -15,16 +15,16 @@ import torch
 from torch import Tensor
 
 from expertaug.inference.coordinates import LatentCoordinates
-from expertaug.inference.least_squares import WindowProblem
-from expertaug.inference.pooling import Pooled, pool
-from expertaug.inference.shared import (
+from expertaug.inference.joint_fit import (
     NormalEquations,
     clustered_variances,
-    groups_of,
     minimise_each,
     minimise_together,
     normal_equations,
 )
+from expertaug.inference.least_squares import WindowProblem
+from expertaug.inference.pooling import Pooled, pool
+from expertaug.inference.shared import groups_of
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
 from expertaug.learning.residuals import squared_errors
 from expertaug.models.decoder import Decoder

@@ -15,8 +15,9 @@ import torch
 from torch import Tensor
 
 from expertaug.inference.coordinates import LogCoordinates
+from expertaug.inference.joint_fit import minimise_together
 from expertaug.inference.least_squares import WindowFit
-from expertaug.inference.shared import SensedFit, SensorCoordinates, minimise_together
+from expertaug.inference.sensed_fit import SensedFit, SensorCoordinates
 from expertaug.models.decoder import Decoder
 from expertaug.models.sensors import Sensors
 from expertaug.models.settings import Refinement

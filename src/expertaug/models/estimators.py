@@ -191,7 +191,7 @@ class SharedAlternating(Alternating):
     """The same where windows share parameters, which its file keeps (:mod:`expertaug.inference.held_constants`)."""
 
     name = "alternating_shared"
-    summary = "the same with the parameters that refinement.units calls shared, one value for all windows"
+    summary = "the same with what windows share, as refinement.units, population and sensors say"
     shares = True
 
 
@@ -237,7 +237,7 @@ class SharedLeastSquares(LeastSquares):
     """The same where windows share parameters, which its file keeps (:mod:`expertaug.inference.shared`)."""
 
     name = "least_squares_shared"
-    summary = "the same with the parameters that refinement.units calls shared, fitted to all training windows together"
+    summary = "the same with what windows share, as refinement.units, population and sensors say"
     stage = "share"
     shares = True
 
