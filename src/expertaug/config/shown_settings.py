@@ -24,7 +24,7 @@ def study(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
     job = {
         "study": name,
         "labels": _labels(config, studied(config, experiment, name)),
-        "hues": hues(config),
+        "hues": hues(config, studied(config, experiment, name)),
         "sets": {k: simulated.dump() for k, simulated in settings.data.simulated.items()},
         "classical": _classical(config, experiment),
         **reading(config, experiment),
@@ -172,7 +172,7 @@ def plot(config: Configuration, experiment: str) -> dict[str, Any]:
     }
     return {
         "labels": _labels(config, variants(config, experiment)),
-        "hues": hues(config),
+        "hues": hues(config, variants(config, experiment)),
         "traced": _traced(config, experiment),
         "floor": _floor(config, experiment),
         "measured": settings.data.source != "simulation",
@@ -198,7 +198,7 @@ def windows(config: Configuration, experiment: str) -> dict[str, Any]:
     shown = [v for v in variants(config, experiment) if config.methods[base(v)].estimator.has_expert]
     return {
         "labels": _labels(config, shown),
-        "hues": hues(config),
+        "hues": hues(config, shown),
         "training_range": ranges["z_e"],
         "interaction_range": ranges["z_a"],
         "floor": _floor(config, experiment),
@@ -217,7 +217,7 @@ def estimates(config: Configuration, experiment: str) -> dict[str, Any]:
         "labels": _labels(config, shown),
         "priors": {v: ranges for v, ranges in priors.items() if ranges is not None},
         "starts": starts(config.experiments[experiment]),
-        "hues": hues(config),
+        "hues": hues(config, shown),
         **reading(config, experiment),
     }
 
@@ -227,12 +227,14 @@ def reading(config: Configuration, experiment: str) -> dict[str, Any]:
     return config.experiments[experiment].evaluation.dump(include=("from_s", *READING))
 
 
-def hues(config: Configuration) -> list[tuple[str, int]]:
-    """The hue of every method, in the configuration's order, points of grids aside: those of one experiment differ."""
+def hues(config: Configuration, versions: Iterable[str] | None = None) -> list[tuple[str, int]]:
+    """The hue of each method, or of those of some versions, in the configuration's order, points of grids aside: those
+    of one experiment differ."""
     names = [name for name in config.methods if "@" not in name]
     by_experiment = [[base(name) for name in one.methods] for one in config.experiments.values()]
     found = assigned([*([name] for name in names), *by_experiment])
-    return [(name, found[name]) for name in names]
+    shown = names if versions is None else set(map(base, versions))
+    return [(name, found[name]) for name in names if name in shown]
 
 
 def prior_of(augmentation: Augmentation) -> dict[str, list[float]] | None:

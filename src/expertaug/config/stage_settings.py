@@ -168,7 +168,7 @@ def dissipation(config: Configuration, experiment: str) -> dict[str, Any]:
     return {
         "experiment": experiment,
         "versions": versions,
-        "hues": hues(config),
+        "hues": hues(config, [variant for variant, *_ in versions]),
         **reading(config, experiment),
         "device": config.device,
         **_classes(config, experiment, (Version.parse(variant).method for variant, _, _ in versions)),
@@ -189,7 +189,7 @@ def validity(config: Configuration, experiment: str) -> dict[str, Any]:
         "versions": versions,
         "validity": settings.validity.dump(),
         "device": config.device,
-        "hues": hues(config),
+        "hues": hues(config, methods),
         **reading(config, experiment),
         **_classes(config, experiment, methods),
     }
@@ -209,7 +209,7 @@ def equation(config: Configuration, experiment: str) -> dict[str, Any]:
         "versions": versions,
         "equation": settings.equation.dump(),
         "device": config.device,
-        "hues": hues(config),
+        "hues": hues(config, methods),
         **reading(config, experiment),
         **_classes(config, experiment, methods),
     }

@@ -166,7 +166,7 @@ class TabulateJob(LabelledReading):
 class FigureColours(Settings):
     """Of figures, whose colours are those of a method in all of them."""
 
-    hues: list[Hue] = key(list, "of every method of the configuration, in its order")
+    hues: list[Hue] = key(list, "of each method, in the configuration's order")
 
 
 class FigureReading(LabelledReading, FigureColours):
