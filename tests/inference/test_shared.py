@@ -207,3 +207,15 @@ def test_what_cannot_be_fitted_together_is_refused():
         model.together(swings(4))
     with pytest.raises(InputError, match="no expert parameter"):
         model.together(swings(4), units={"mass": "shared"})
+
+
+@pytest.mark.parametrize(("substeps", "coarse"), [(1, True), (8, False)])
+def test_steps_that_are_too_coarse_for_the_noise_are_told(caplog, substeps, coarse):
+    data = swings(12)
+    part = replace(data, t=data.t[::8], y=data.y[:, ::8])  # .8 s of a period of 3.7 s
+    solver = {"method": "rk4", "substeps": substeps}
+    model = ea.least_squares(Rubbed(), part, observed_s=4.8, prior=PRIOR, noise=NOISE, solver=solver)
+    for _ in range(2):
+        model.estimate(part.seen[:, : model.observed], part.t[: model.observed])
+    told = [line for line in caplog.messages if "steps are too coarse" in line]
+    assert len(told) == coarse and all("{substeps: " in line for line in told)

@@ -7,6 +7,8 @@ A window's problem (:class:`WindowProblem`) is solved from several starts by Lev
 from __future__ import annotations
 
 import copy
+import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Self
@@ -26,7 +28,7 @@ from expertaug.inference.coordinates import (
     given_components,
     seen_components,
 )
-from expertaug.inference.levenberg_marquardt import LONGEST, Minimum, cost_of, minimise
+from expertaug.inference.levenberg_marquardt import LARGEST, LONGEST, Minimum, cost_of, minimise
 from expertaug.inference.population import PopulationPull
 from expertaug.learning.divergence import FACTOR, forecast_or_fallback
 from expertaug.learning.random_streams import RandomStreams
@@ -41,9 +43,12 @@ from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
+from expertaug.systems.settings import FIXED
 from expertaug.systems.solvers.solver import Solver
 from expertaug.windows import Windows
 
+logger = logging.getLogger(__name__)
+CHECKED = 16  # windows at most, of which the steps are checked
 FARTHEST = 10.0  # step of a first point, in standard deviations of the noise
 FREE = 30.0  # step of a true equation's z_a, in its standard deviations over the training windows
 MEMORY = 2**26  # bytes of the states that are compared at a time
@@ -277,6 +282,8 @@ def _counts(system: System, t: Tensor, windows: Mapping[str, tuple[float, float]
 class WindowFit(WindowProblem):
     """Estimates of (z_e, z_a, y0) for each window, by the least squared residuals of its observed points."""
 
+    steps_checked = False
+
     @torch.no_grad()
     def __call__(self, windows: Tensor, first: Estimates | None = None) -> Estimates:
         """Fit windows (T1, S, B, *observed), also from the first estimates (…, S, B) where there are some.
@@ -294,7 +301,30 @@ class WindowFit(WindowProblem):
             self._fit(here[:, :, k : k + size].double(), None if first is None else first.part(slice(k, k + size)))
             for k in range(0, windows.shape[2], size)
         ]
-        return Estimates.joined(parts).to(windows)
+        found = Estimates.joined(parts)
+        self._check_steps(found, here)
+        return found.to(windows)
+
+    def _check_steps(self, found: Estimates, windows: Tensor) -> None:
+        """Warn, once, where steps half as long move what noisy windows are compared with so far that the estimates of a
+        quarter of them may be off by their standard error: by so much in units of the noise, all points together."""
+        if self.steps_checked or not self.transform.start.size or self.solver.method not in FIXED:
+            return
+        if self.system.has_events:
+            return
+        self.steps_checked = True
+        few = torch.linspace(0, windows.shape[2] - 1, min(CHECKED, windows.shape[2])).long()
+        some = windows[:, :, few].double()
+        x = self.coordinates(found.part(few), self.first(some))
+        finer = copy.copy(self)
+        finer.solver = self.solver.model_copy(update={"substeps": 2 * self.solver.substeps})
+        forecasts = [fit.differences(fit.states(x, some), some) for fit in (self, finer)]
+        errors = (forecasts[0] - forecasts[1]).nan_to_num(LARGEST).clamp(-LARGEST, LARGEST).square().sum(-1).sqrt()
+        far = float(errors.quantile(0.75)) if errors.numel() else 0.0
+        if far > 1.0:
+            enough = max(2, math.ceil(2 * (far / 0.1) ** 0.25)) * self.solver.substeps
+            text = "fits of windows: the solver's steps are too coarse, estimates off by up to %.2g errors: give "
+            logger.warning(text + "refinement.solver, in Python solver=, {substeps: %d}", far, enough)
 
     def _fit(self, windows: Tensor, first: Estimates | None) -> Estimates:
         starts = None if first is not None else self.best_of_grid(windows)
