@@ -61,9 +61,9 @@ def test_correlation_times():
 def test_a_lognormal_pull_is_of_the_logarithm_and_seeds_have_their_own():
     middle = Constant(value=0.2, seeds=[0.1, 0.3], std=0.0)
     one = Population(form="lognormal", middle=middle, spread=Constant(value=0.5, std=0.1), unit="window")
-    pull = PopulationPull.of(Rubbed(), {"alpha": one}, 4.0)
+    pull = PopulationPull.of(Rubbed(), {"alpha": one})
     residuals = pull.residuals(torch.tensor([[[2.0, 0.1]], [[2.0, 0.3 * np.e]]], dtype=torch.float64))
-    assert residuals.flatten().tolist() == pytest.approx([0.0, 2 / 0.5])
+    assert residuals.flatten().tolist() == pytest.approx([0.0, 1 / np.hypot(0.5, 0.1)])
 
 
 def several(count, seed, low=0.02, high=0.5):

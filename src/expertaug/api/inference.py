@@ -26,6 +26,7 @@ from expertaug.inference.adaptive_prior import (
 )
 from expertaug.inference.alternating import alternate as alternate_fits
 from expertaug.inference.diagnostics.validity import Validity, along
+from expertaug.inference.least_squares import with_overdispersion
 from expertaug.inference.settings import AlternateOptions, AlternatingSettings
 from expertaug.inference.shared import fit_shared
 from expertaug.learning.settings import SolverOnly, UntrainedOptions
@@ -93,7 +94,10 @@ def least_squares(
     if fitting.settings.shares:
         with arguments.one_thread():
             fitting = fit_shared(stored, fitting, train)
-        stored = replace(stored, card=stored.card.but(refinement=fitting))
+    else:
+        with arguments.one_thread():
+            fitting = with_overdispersion(stored, fitting, train)
+    stored = replace(stored, card=stored.card.but(refinement=fitting))
     model = TrainedModel(stored, single=True, refinement=stored.card.refinement)
     _ = model.predictor  # says what is wrong with the options
     return model

@@ -15,7 +15,7 @@ from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
 from expertaug.evaluation.score import Scored, score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.flow import StoredModel, load
-from expertaug.inference.least_squares import refined_by, refinement_of
+from expertaug.inference.least_squares import refined_by, refinement_of, with_overdispersion
 from expertaug.models.store import device_of
 from expertaug.rows import write_csv
 from expertaug.tracking.log import Run, read_log
@@ -45,6 +45,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
     start = job.choices.forecast_start
     refinement = refinement_of(stored, job.refinement)
     if refinement is not None:
+        refinement = with_overdispersion(stored, refinement, Trajectories.load(folder / "train.npz"))
         stored = replace(stored, model=refined_by(stored, refinement), card=stored.card.but(refinement=refinement))
     identity = (job.experiment, stored.card.system_name, job.method, job.label, job.preset)
     rows: list[MetricRow] = []

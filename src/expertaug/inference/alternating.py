@@ -29,7 +29,7 @@ from expertaug.errors import InputError, SolveError
 from expertaug.inference.coordinates import LatentCoordinates
 from expertaug.inference.expected_error import record_misfits
 from expertaug.inference.held_constants import HeldConstants
-from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_by
+from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_by, with_overdispersion
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
@@ -390,7 +390,7 @@ class AlternatingTraining:
         refinement: how windows are fitted.
         seen: observed windows, y (T1, 1, N, *state), of the training set: the range of their estimates is kept.
         checked: of the validation set: their misfits are kept, for alarms.
-        sharing: training windows that tell what all share; None: nothing is shared.
+        train: training windows, which tell what they share, and how far fits are to be trusted.
         classes: see :class:`StoredModel`.
     """
 
@@ -399,7 +399,7 @@ class AlternatingTraining:
     refinement: Refinement
     seen: Windows
     checked: Windows
-    sharing: Trajectories | None = None
+    train: Trajectories
     classes: Mapping[str, Callable] = field(default_factory=dict)
 
     def run(self, progress: Progress | None = None) -> store.StoredModel:
@@ -439,9 +439,9 @@ class AlternatingTraining:
 
     def _with_constants(self, stored: store.StoredModel) -> Refinement:
         """The refinement with what all windows share, fitted to whole training windows with each seed's F_a."""
-        if self.sharing is None:
-            return self.refinement
-        return fit_shared_of_seeds(stored, self.refinement, self.sharing, self.trainer.constants)
+        if not self.refinement.settings.shares:
+            return with_overdispersion(stored, self.refinement, self.train)
+        return fit_shared_of_seeds(stored, self.refinement, self.train, self.trainer.constants)
 
 
 def prepare(
@@ -518,10 +518,8 @@ def prepare(
     )
     name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
     sets = train_set.windows(task.horizon).joined, validation_set.windows(len(t)).joined
-    held = sharing = None
-    if shares:
-        sharing = train.spread(training.train_samples)
-    if sharing is not None and refinement.holds:
+    held, sharing = None, train.spread(training.train_samples)
+    if refinement.holds:
         alone = store.StoredModel(*LeastSquares.fit(system, sharing, card.but(kind=LeastSquares.name)))
         only = refinement.model_copy(update={"units": dict.fromkeys(refinement.shared, "shared"), "population": {}})
         first = fit_shared(alone, options.refinement.model_copy(update={"settings": only}), sharing)

@@ -29,7 +29,7 @@ from expertaug.inference.coordinates import (
     seen_components,
 )
 from expertaug.inference.levenberg_marquardt import LARGEST, LONGEST, Minimum, cost_of, minimise
-from expertaug.inference.population import PopulationPull
+from expertaug.inference.population import PopulationPull, overdispersion
 from expertaug.learning.divergence import FACTOR, forecast_or_fallback
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import differences
@@ -45,9 +45,11 @@ from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.settings import FIXED
 from expertaug.systems.solvers.solver import Solver
+from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
 
 logger = logging.getLogger(__name__)
+TOLD = 32  # training windows at most, that tell how much residuals tell
 CHECKED = 16  # windows at most, of which the steps are checked
 FARTHEST = 10.0  # step of a first point, in standard deviations of the noise
 FREE = 30.0  # step of a true equation's z_a, in its standard deviations over the training windows
@@ -75,6 +77,7 @@ class WindowProblem:
             point is then a parameter in any case, in units of half a range where it was not measured.
         shared: constants of all windows (:mod:`expertaug.inference.shared`), which are no parameters of a window.
         population: what pulls parameters of windows towards the middle of their distribution.
+        overdispersion: by how much less residuals tell than independent ones of the stated noise would.
 
     Raises:
         InputError: a range or a window of what the system does not have, or no start at all.
@@ -93,12 +96,13 @@ class WindowProblem:
         ranges: Mapping[str, Sequence[float]] | None = None,
         shared: Mapping[str, Constant] | None = None,
         population: PopulationPull | None = None,
+        overdispersion: float = 1.0,
     ) -> None:
         system = decoder.system
         self.decoder = copy.deepcopy(decoder).cpu().double().requires_grad_(False).eval()
         self.system, self.settings, self.solver = system, settings, solver
         self.observed_noise = of_observed(noise, system)
-        self.population = population
+        self.population, self.overdispersion = population, overdispersion
         self.t = t.double()
         start = _first_point(system, noise, free_start, ranges)
         self.shared = dict(shared or {})
@@ -191,7 +195,8 @@ class WindowProblem:
         latent = x[..., p : p + q] / self.settings.latent_width
         if self.population is None:
             return latent
-        return torch.cat((latent, self.population.residuals(self.expert.z_e(x[..., :p]))), dim=-1)
+        expert = self.population.residuals(self.expert.z_e(x[..., :p]))
+        return torch.cat((latent, self.overdispersion**0.5 * expert), dim=-1)
 
     def parts(self, x: Tensor, y0: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Parameters (S, N, K) and observed first points (S, N, *state) → z_e, z_a, first points."""
@@ -354,6 +359,15 @@ class WindowFit(WindowProblem):
             stuck=~found.moved & ~self._sufficient(found, windows),
         )
 
+    @property
+    def rows(self) -> int:
+        """Points in time that a window is compared at."""
+        return len(self.t) - (0 if self.transform.start.size else 1)
+
+    def refined(self, x: Tensor, windows: Tensor) -> Tensor:
+        """The minima's coordinates that are reached from coordinates (S, B, K)."""
+        return self._minimum(x, windows).x
+
     def _minimum(self, x: Tensor, windows: Tensor) -> Minimum:
         """The minima that are reached from starts (S, B, K)."""
 
@@ -386,8 +400,7 @@ class WindowFit(WindowProblem):
         covariance = torch.linalg.pinv(
             curvature + 1e-12 * curvature.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * size
         )
-        if self.population is not None:
-            covariance = self.population.overdispersion * covariance
+        covariance = self.overdispersion * covariance
         std = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
         squares, axes = torch.linalg.eigh(0.5 * (covariance + covariance.mT))
         root = axes * squares.clamp(0.0, WIDEST**2).sqrt().unsqueeze(-2)
@@ -492,6 +505,7 @@ def estimator_of(
     shared: Mapping[str, Constant] | None = None,
     sensors: Mapping[str, SensorConstants] | None = None,
     population: PopulationPull | None = None,
+    overdispersion: float = 1.0,
 ) -> LeastSquares:
     """Least squares with a stored model's decoder: from its own estimates too, where it has any.
 
@@ -503,6 +517,7 @@ def estimator_of(
         shared: constants of all windows.
         sensors: constants of the sensors that show the state; None: as the model file says.
         population: what pulls parameters towards the middle of their distribution.
+        overdispersion: by how much less residuals tell than independent ones of the stated noise would.
 
     Raises:
         InputError: a model without a decoder.
@@ -546,6 +561,7 @@ def estimator_of(
         starts,
         shared,
         population,
+        overdispersion,
     )
     return LeastSquares(decoder, fit, first)
 
@@ -554,7 +570,7 @@ def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
     """As :func:`estimator_of`, as a refinement says."""
     prior = None if refinement.prior is None else given_ranges(refinement.prior)
     system = stored.model.system
-    constants = refinement.shared, refinement.sensors, pull_of(system, refinement)
+    constants = refinement.shared, refinement.sensors, pull_of(system, refinement), refinement.overdispersion or 1.0
     estimator = estimator_of(stored, refinement.settings, refinement.noise, prior, *constants)
     estimator.trajectories = _pulls_of_trajectories(system, refinement)
     return estimator
@@ -569,8 +585,33 @@ def _pulls_of_trajectories(system: System, refinement: Refinement) -> dict[str, 
             exact, error = one.model_copy(update={"std": 0.0}), Constant(value=one.std, std=0.0)
             known = Population(form="normal", middle=exact, spread=error, unit="trajectory")
             found.setdefault(of, dict(refinement.population or {}))[name] = known
-    several = refinement.overdispersion or 1.0
-    return {of: PopulationPull.of(system, known, several) for of, known in found.items()}
+    return {of: PopulationPull.of(system, known) for of, known in found.items()}
+
+
+@torch.no_grad()
+def with_overdispersion(stored: StoredModel, refinement: Refinement, train: Trajectories) -> Refinement:
+    """The refinement with the overdispersion of fits of the training windows, over their whole length: what the model
+    lacks shows there, and intervals are to tell it.
+
+    Arguments:
+        stored: whose windows are fitted, of any number of seeds, whose mean it is.
+        train: of which at most :data:`TOLD` windows are fitted, evenly spread.
+    """
+    if refinement.overdispersion is not None:
+        return refinement
+    estimator, seeds = refined_by(stored, refinement), len(stored.seeds)
+    whole = Windows.of(train.spread(TOLD))
+    card = stored.card.but(observed=whole.points, refinement=refinement)
+    fit = refined_by(replace(stored, card=card), refinement).fit
+    found = []
+    for part in whole.expand(seeds).split(max(1, MEMORY // (8 * seeds * whole.joined[:, 0, 0].numel()))):
+        first = estimator.estimate(part.until(stored.card.observed).contiguous()).to(part.y.double())
+        windows = part.joined.double()
+        residuals = fit.residuals(fit.refined(fit.coordinates(first, fit.first(windows)), windows)[None], windows)[0]
+        found.append((residuals[..., : residuals.shape[-1] - fit.pulls], fit.degrees_of_freedom(windows)))
+    residuals, freedom = (torch.cat([one[k] for one in found], dim=1) for k in range(2))
+    each = [overdispersion(*one, fit.rows)[0] for one in zip(residuals, freedom, strict=True)]
+    return refinement.model_copy(update={"overdispersion": sum(each) / seeds})
 
 
 def pull_of(
@@ -582,7 +623,7 @@ def pull_of(
         units: of which values these are.
     """
     known = {name: one for name, one in (refinement.population or {}).items() if one.unit in units}
-    return PopulationPull.of(system, known, refinement.overdispersion or 1.0) if known else None
+    return PopulationPull.of(system, known) if known else None
 
 
 def refinement_of(stored: StoredModel, given: Refinement | None) -> Refinement | None:

@@ -45,17 +45,15 @@ class PopulationPull:
         middle, width: (S, 1, R), S = 1 for all seeds alike, of the parameter or of its logarithm; the width has the
             standard errors of middle and spread in it: of few units the likeliest spread is often zero, where it is not
             (Chung et al. 2013).
-        overdispersion: by how much less residuals tell than independent ones would.
     """
 
     places: Sequence[int]
     logarithmic: Tensor
     middle: Tensor
     width: Tensor
-    overdispersion: float
 
     @classmethod
-    def of(cls, system: System, population: Mapping[str, Population], overdispersion: float) -> PopulationPull:
+    def of(cls, system: System, population: Mapping[str, Population]) -> PopulationPull:
         """Of estimated distributions by expert parameter."""
         names, each = [p.name for p in system.expert_parameters], list(population.values())
         logarithmic = torch.tensor([one.form == "lognormal" for one in each])
@@ -69,7 +67,7 @@ class PopulationPull:
         error = torch.where(logarithmic, error / middle, error)
         width = (spread.square() + of_spread.square() + error.square()).sqrt()
         middle = torch.where(logarithmic, middle.clamp_min(1e-300).log(), middle)
-        return cls([names.index(name) for name in population], logarithmic, middle, width, overdispersion)
+        return cls([names.index(name) for name in population], logarithmic, middle, width)
 
     @property
     def size(self) -> int:
@@ -80,7 +78,7 @@ class PopulationPull:
         """Of expert parameters (S, N, P): (S, N, R)."""
         values = z_e[..., list(self.places)]
         values = torch.where(self.logarithmic, values.clamp_min(1e-300).log(), values)
-        return self.overdispersion**0.5 * (values - self.middle) / self.width.clamp_min(1e-12)
+        return (values - self.middle) / self.width.clamp_min(1e-12)
 
 
 def correlation_time(residuals: Tensor) -> float:
@@ -93,6 +91,25 @@ def correlation_time(residuals: Tensor) -> float:
     positive = (pairs > 0).long().cumprod(0)
     times = 2 * (pairs * positive).sum(0) - 1
     return max(1.0, float(times.max())) if len(rho) > 1 else 1.0
+
+
+def overdispersion(residuals: Tensor, freedom: Tensor, rows: int) -> tuple[float, Tensor]:
+    """By how much residuals of windows tell less than independent ones of the stated noise would, at least 1: their
+    correlation time times the median of the windows' χ² per degree of freedom; and the same with each window's own χ²
+    where that is larger, (N,).
+
+    Arguments:
+        residuals: in units of the noise, (N, M), by points in time.
+        freedom: degrees of freedom, (N,).
+        rows: number of points in time.
+    """
+    if not rows:
+        return 1.0, torch.ones(len(residuals), dtype=residuals.dtype)
+    residuals = residuals.nan_to_num(0.0, 0.0, 0.0)
+    time = correlation_time(residuals.unflatten(1, (rows, -1)))
+    chi2 = residuals.square().sum(1) / freedom
+    middle = chi2.median()
+    return max(1.0, time * float(middle)), (time * chi2.clamp_min(middle)).clamp_min(1.0)
 
 
 def distribution(curvature: Tensor, slope: Tensor, at: Tensor, clusters: Tensor) -> Distribution:

@@ -32,7 +32,7 @@ from expertaug.inference.joint_fit import (
     of_groups,
 )
 from expertaug.inference.least_squares import estimator_of, pull_of
-from expertaug.inference.population import correlation_time, distribution
+from expertaug.inference.population import distribution, overdispersion
 from expertaug.inference.sensed_fit import SensedFit, SensorCoordinates, constants_from
 from expertaug.learning.settings import UntrainedJob
 from expertaug.learning.train import Calibration, describe_recipe, make_untrained
@@ -149,7 +149,7 @@ def fit_shared(
     std = clustered_variances(of_all, at, groups).sqrt()
     z_e = sensed.fit.parts(x[..., :own], sensed.fit.first(windows))[0][0]
     slope = sensed.fit.expert.slope(x[0, :, : len(names)])
-    changes: dict[str, object] = {}
+    changes: dict[str, object] = {"overdispersion": trusted.overdispersion}
     if shared:
         some = places[: len(shared)]
         errors = std[: len(shared)] * slope[0, some]
@@ -158,7 +158,6 @@ def fit_shared(
         changes["sensors"] = sensors.constants(x[0, 0, own:], std[len(shared) :], groups)
     if together is not None:
         variances = together.variances(equations, places, trusted.overdispersion)
-        changes["overdispersion"] = trusted.overdispersion
         changes["trajectories"] = {
             name: together.constants(z_e[:, place], variances[:, k].sqrt() * slope[:, place], list(trajectories))
             for k, (name, place) in enumerate(zip(tied, together.places, strict=True))
@@ -170,7 +169,8 @@ def _problem(stored: StoredModel, refinement: Refinement, points: int, sensors: 
     """Of windows of so many points, where each has its own parameters, pulled by the distributions that are known."""
     of_part = replace(stored, card=stored.card.but(observed=points))
     ranges, pull = given_ranges(refinement.prior), pull_of(stored.model.system, refinement, ("window",))
-    fit = estimator_of(of_part, refinement.settings.alone, refinement.noise, ranges, population=pull).fit
+    known = {"population": pull, "overdispersion": refinement.overdispersion or 1.0}
+    fit = estimator_of(of_part, refinement.settings.alone, refinement.noise, ranges, **known).fit
     return SensedFit(fit, sensors)
 
 
@@ -205,14 +205,8 @@ class _Trust:
     def of(cls, sensed: SensedFit, windows: Tensor, x: Tensor) -> _Trust:
         """Of fits (1, N, K) of windows (T1, 1, N, *observed)."""
         residuals = sensed.residuals(x.unsqueeze(0), windows)[0, 0]
-        data = residuals[:, : residuals.shape[1] - sensed.fit.pulls].nan_to_num(0.0, 0.0, 0.0)
-        rows = len(windows) - (0 if sensed.fit.transform.start.size else 1)
-        if not rows:
-            return cls(1.0, torch.ones(len(data), dtype=data.dtype))
-        time = correlation_time(data.unflatten(1, (rows, -1)))
-        chi2 = data.square().sum(1) / sensed.fit.degrees_of_freedom(windows)[0]
-        middle = float(chi2.median())
-        return cls(max(1.0, time * middle), (time * chi2.clamp_min(middle)).clamp_min(1.0))
+        data = residuals[:, : residuals.shape[1] - sensed.fit.pulls]
+        return cls(*overdispersion(data, sensed.fit.degrees_of_freedom(windows)[0], sensed.fit.rows))
 
 
 @dataclass(frozen=True)

@@ -559,8 +559,8 @@ class Refinement(Settings):
     population: dict[str, Population] = key(LEFT_OUT, "distributions of parameters, where some were estimated")
     overdispersion: Positive = key(
         LEFT_OUT,
-        "by how much residuals tell less of a parameter with a population than independent ones of the stated noise "
-        "would: their correlation time in points times χ² per degree of freedom",
+        "by how much residuals tell less than independent ones of the stated noise would, which intervals take into "
+        "account: their correlation time in points times χ² per degree of freedom",
     )
 
     def of_seeds(self, places: Sequence[int]) -> Refinement:
