@@ -364,10 +364,6 @@ class WindowFit(WindowProblem):
         """Points in time that a window is compared at."""
         return len(self.t) - (0 if self.transform.start.size else 1)
 
-    def refined(self, x: Tensor, windows: Tensor) -> Tensor:
-        """The minima's coordinates that are reached from coordinates (S, B, K)."""
-        return self._minimum(x, windows).x
-
     def _minimum(self, x: Tensor, windows: Tensor) -> Minimum:
         """The minima that are reached from starts (S, B, K)."""
 
@@ -590,8 +586,7 @@ def _pulls_of_trajectories(system: System, refinement: Refinement) -> dict[str, 
 
 @torch.no_grad()
 def with_overdispersion(stored: StoredModel, refinement: Refinement, train: Trajectories) -> Refinement:
-    """The refinement with the overdispersion of fits of the training windows, over their whole length: what the model
-    lacks shows there, and intervals are to tell it.
+    """The refinement with the overdispersion of fits of the training windows, as far as they are observed.
 
     Arguments:
         stored: whose windows are fitted, of any number of seeds, whose mean it is.
@@ -600,16 +595,14 @@ def with_overdispersion(stored: StoredModel, refinement: Refinement, train: Traj
     if refinement.overdispersion is not None:
         return refinement
     estimator, seeds = refined_by(stored, refinement), len(stored.seeds)
-    whole = Windows.of(train.spread(TOLD))
-    card = stored.card.but(observed=whole.points, refinement=refinement)
-    fit = refined_by(replace(stored, card=card), refinement).fit
-    found = []
-    for part in whole.expand(seeds).split(max(1, MEMORY // (8 * seeds * whole.joined[:, 0, 0].numel()))):
-        first = estimator.estimate(part.until(stored.card.observed).contiguous()).to(part.y.double())
-        windows = part.joined.double()
-        residuals = fit.residuals(fit.refined(fit.coordinates(first, fit.first(windows)), windows)[None], windows)[0]
-        found.append((residuals[..., : residuals.shape[-1] - fit.pulls], fit.degrees_of_freedom(windows)))
-    residuals, freedom = (torch.cat([one[k] for one in found], dim=1) for k in range(2))
+    fit, some = estimator.fit, Windows.of(train.spread(TOLD)).until(stored.card.observed)
+    parts = []
+    for part in some.expand(seeds).split(max(1, MEMORY // (8 * seeds * some.joined[:, 0, 0].numel()))):
+        windows, found = part.joined.double(), estimator.estimate(part.contiguous())
+        x = fit.coordinates(found.to(windows), fit.first(windows))
+        residuals = fit.residuals(x.unsqueeze(0), windows)[0]
+        parts.append((residuals[..., : residuals.shape[-1] - fit.pulls], fit.degrees_of_freedom(windows)))
+    residuals, freedom = (torch.cat([one[k] for one in parts], dim=1) for k in range(2))
     each = [overdispersion(*one, fit.rows)[0] for one in zip(residuals, freedom, strict=True)]
     return refinement.model_copy(update={"overdispersion": sum(each) / seeds})
 
