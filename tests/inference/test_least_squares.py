@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+import expertaug as ea
 from cards import card
 from expertaug import systems
 from expertaug.api.arguments import RefinementOptions
@@ -265,3 +266,26 @@ def test_what_cannot_be_fitted_is_one_line():
         estimator_of(old, None, NOISE, PRIOR)
     with pytest.raises(InputError, match="only models with an expert"):
         estimator_of(replace(stored, card=stored.card.but(kind="mean")), None, NOISE, PRIOR)
+
+
+def test_intervals_tell_what_the_expert_lacks():
+    """A pendulum without friction in the expert: the residuals are larger than the noise, and correlated."""
+    friction, t = {"alpha": (0.05, 0.2)}, np.arange(31) * 0.1
+    train, new = (
+        ea.simulate(ea.DampedPendulum(), {"omega0": (1.5, 3.0)}, friction, n=60, t=t, noise=0.01, seed=k)
+        for k in (0, 1)
+    )
+    options = {"observed_s": 2.0, "prior": {"omega0": (1.0, 3.5)}, "noise": 0.01}
+    model = ea.least_squares(ea.DampedPendulum(), train, **options)
+    assert model.refinement.overdispersion > 3
+    plain = replace(model, refinement=model.refinement.model_copy(update={"overdispersion": None}))
+    held = {}
+    for name, one in {"told": model, "plain": plain}.items():
+        found = one.forecast(new.y[:, : model.observed], t)
+        errors = np.abs(found.z_e["omega0"] - new.z_e[:, 0])
+        held[name] = (errors < 1.645 * found.z_e_std["omega0"]).mean()
+    assert held["told"] > held["plain"] + 0.2 and held["told"] > 0.6
+    knowing = ea.DampedPendulum(friction="estimated")
+    known = replace(train, z_e=np.column_stack((train.z_e, train.z_a)))
+    ranges = options["prior"] | {"alpha": (0.001, 0.5)}
+    assert ea.least_squares(knowing, known, **(options | {"prior": ranges})).refinement.overdispersion < 1.2

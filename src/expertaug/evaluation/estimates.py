@@ -44,7 +44,7 @@ CAPTION = (
     "in all sets (at most 200 of the training set), weighted by their errors, with the error that blocks of "
     "successive windows tell. Of all: mean over trajectories, or over windows where each is a trajectory, and the "
     "spread between them beyond their errors. Told: the interval is narrower than half the range of p⁺, in which fits "
-    "start; no, the data do not tell the parameter. Intervals say how sure the estimate is if the model is right. Of "
+    "start; no, the data do not tell the parameter. Intervals widen with the size and the correlation of residuals. Of "
     "several seeds the mean, with their spread in the error."
 )
 

@@ -596,7 +596,7 @@ def with_overdispersion(stored: StoredModel, refinement: Refinement, train: Traj
         return refinement
     estimator, seeds = refined_by(stored, refinement), len(stored.seeds)
     fit, some = estimator.fit, Windows.of(train.spread(TOLD)).until(stored.card.observed)
-    parts = []
+    fit.steps_checked, parts = True, []  # the one that is used tells it
     for part in some.expand(seeds).split(max(1, MEMORY // (8 * seeds * some.joined[:, 0, 0].numel()))):
         windows, found = part.joined.double(), estimator.estimate(part.contiguous())
         x = fit.coordinates(found.to(windows), fit.first(windows))
