@@ -77,7 +77,8 @@ class WindowProblem:
             point is then a parameter in any case, in units of half a range where it was not measured.
         shared: constants of all windows (:mod:`expertaug.inference.shared`), which are no parameters of a window.
         population: what pulls parameters of windows towards the middle of their distribution.
-        overdispersion: by how much less residuals tell than independent ones of the stated noise would.
+        overdispersion: by how much less residuals tell than independent ones of the stated noise would, by each seed's
+            model or by all; None: not less.
 
     Raises:
         InputError: a range or a window of what the system does not have, or no start at all.
@@ -96,13 +97,14 @@ class WindowProblem:
         ranges: Mapping[str, Sequence[float]] | None = None,
         shared: Mapping[str, Constant] | None = None,
         population: PopulationPull | None = None,
-        overdispersion: float = 1.0,
+        overdispersion: Sequence[float] | None = None,
     ) -> None:
         system = decoder.system
         self.decoder = copy.deepcopy(decoder).cpu().double().requires_grad_(False).eval()
         self.system, self.settings, self.solver = system, settings, solver
         self.observed_noise = of_observed(noise, system)
-        self.population, self.overdispersion = population, overdispersion
+        self.population = population
+        self.overdispersion = torch.tensor(overdispersion or [1.0], dtype=torch.float64)
         self.t = t.double()
         start = _first_point(system, noise, free_start, ranges)
         self.shared = dict(shared or {})
@@ -196,7 +198,7 @@ class WindowProblem:
         if self.population is None:
             return latent
         expert = self.population.residuals(self.expert.z_e(x[..., :p]))
-        return torch.cat((latent, self.overdispersion**0.5 * expert), dim=-1)
+        return torch.cat((latent, self.overdispersion.sqrt().view(-1, 1, 1) * expert), dim=-1)
 
     def parts(self, x: Tensor, y0: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Parameters (S, N, K) and observed first points (S, N, *state) → z_e, z_a, first points."""
@@ -396,7 +398,7 @@ class WindowFit(WindowProblem):
         covariance = torch.linalg.pinv(
             curvature + 1e-12 * curvature.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None] * size
         )
-        covariance = self.overdispersion * covariance
+        covariance = self.overdispersion.view(-1, 1, 1, 1) * covariance
         std = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
         squares, axes = torch.linalg.eigh(0.5 * (covariance + covariance.mT))
         root = axes * squares.clamp(0.0, WIDEST**2).sqrt().unsqueeze(-2)
@@ -501,7 +503,7 @@ def estimator_of(
     shared: Mapping[str, Constant] | None = None,
     sensors: Mapping[str, SensorConstants] | None = None,
     population: PopulationPull | None = None,
-    overdispersion: float = 1.0,
+    overdispersion: Sequence[float] | None = None,
 ) -> LeastSquares:
     """Least squares with a stored model's decoder: from its own estimates too, where it has any.
 
@@ -513,7 +515,7 @@ def estimator_of(
         shared: constants of all windows.
         sensors: constants of the sensors that show the state; None: as the model file says.
         population: what pulls parameters towards the middle of their distribution.
-        overdispersion: by how much less residuals tell than independent ones of the stated noise would.
+        overdispersion: see :class:`WindowProblem`.
 
     Raises:
         InputError: a model without a decoder.
@@ -566,7 +568,7 @@ def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
     """As :func:`estimator_of`, as a refinement says."""
     prior = None if refinement.prior is None else given_ranges(refinement.prior)
     system = stored.model.system
-    constants = refinement.shared, refinement.sensors, pull_of(system, refinement), refinement.overdispersion or 1.0
+    constants = refinement.shared, refinement.sensors, pull_of(system, refinement), refinement.overdispersion
     estimator = estimator_of(stored, refinement.settings, refinement.noise, prior, *constants)
     estimator.trajectories = _pulls_of_trajectories(system, refinement)
     return estimator
@@ -589,7 +591,7 @@ def with_overdispersion(stored: StoredModel, refinement: Refinement, train: Traj
     """The refinement with the overdispersion of fits of the training windows, as far as they are observed.
 
     Arguments:
-        stored: whose windows are fitted, of any number of seeds, whose mean it is.
+        stored: whose windows are fitted, of any number of seeds.
         train: of which at most :data:`TOLD` windows are fitted, evenly spread.
     """
     if refinement.overdispersion is not None:
@@ -604,7 +606,7 @@ def with_overdispersion(stored: StoredModel, refinement: Refinement, train: Traj
         parts.append((residuals[..., : residuals.shape[-1] - fit.pulls], fit.degrees_of_freedom(windows)))
     residuals, freedom = (torch.cat([one[k] for one in parts], dim=1) for k in range(2))
     each = [overdispersion(*one, fit.rows)[0] for one in zip(residuals, freedom, strict=True)]
-    return refinement.model_copy(update={"overdispersion": sum(each) / seeds})
+    return refinement.model_copy(update={"overdispersion": each[:1] if estimator.alone else each})
 
 
 def pull_of(

@@ -149,7 +149,7 @@ def fit_shared(
     std = clustered_variances(of_all, at, groups).sqrt()
     z_e = sensed.fit.parts(x[..., :own], sensed.fit.first(windows))[0][0]
     slope = sensed.fit.expert.slope(x[0, :, : len(names)])
-    changes: dict[str, object] = {"overdispersion": trusted.overdispersion}
+    changes: dict[str, object] = {"overdispersion": [trusted.overdispersion]}
     if shared:
         some = places[: len(shared)]
         errors = std[: len(shared)] * slope[0, some]
@@ -169,7 +169,7 @@ def _problem(stored: StoredModel, refinement: Refinement, points: int, sensors: 
     """Of windows of so many points, where each has its own parameters, pulled by the distributions that are known."""
     of_part = replace(stored, card=stored.card.but(observed=points))
     ranges, pull = given_ranges(refinement.prior), pull_of(stored.model.system, refinement, ("window",))
-    known = {"population": pull, "overdispersion": refinement.overdispersion or 1.0}
+    known = {"population": pull, "overdispersion": refinement.overdispersion}
     fit = estimator_of(of_part, refinement.settings.alone, refinement.noise, ranges, **known).fit
     return SensedFit(fit, sensors)
 
@@ -236,7 +236,7 @@ class Several:
             self.stored, refinement.model_copy(update={"population": None}), len(self.windows), self.sensors
         )
         known = {**(refinement.population or {}), **self._estimated(bare, refinement, wanted, x, trusted)}
-        return refinement.model_copy(update={"population": known, "overdispersion": trusted.overdispersion})
+        return refinement.model_copy(update={"population": known, "overdispersion": [trusted.overdispersion]})
 
     def pulled(
         self, refinement: Refinement, wanted: Sequence[str], x: Tensor, trusted: _Trust
@@ -341,7 +341,7 @@ def fit_shared_of_seeds(
     each, seeds = [], len(stored.seeds)
     for k in range(seeds):
         of_seed = StoredModel(select(stored.model, [k], seeds), stored.card.of_seeds([k]), stored.classes)
-        each.append(fit_shared(of_seed, refinement, train, None if starts is None else starts[k]))
+        each.append(fit_shared(of_seed, refinement.of_seeds([k]), train, None if starts is None else starts[k]))
     known: dict[str, object] = {}
     for block, kind in (("shared", Constant), ("sensors", SensorConstants), ("population", Population)):
         if first := getattr(each[0], block):
@@ -352,7 +352,7 @@ def fit_shared_of_seeds(
             for name, constants in each[0].trajectories.items()
         }
     if each[0].overdispersion is not None:
-        known["overdispersion"] = sum(one.overdispersion for one in each) / seeds
+        known["overdispersion"] = [one.overdispersion[0] for one in each]
     if isinstance(each[0].noise, Mapping):
         known["noise"] = {name: sum(one.noise[name] for one in each) / seeds for name in each[0].noise}
     return refinement.model_copy(update=known)

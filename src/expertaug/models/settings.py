@@ -557,10 +557,10 @@ class Refinement(Settings):
         LEFT_OUT, "estimates for each training trajectory by parameter, where its windows share some"
     )
     population: dict[str, Population] = key(LEFT_OUT, "distributions of parameters, where some were estimated")
-    overdispersion: Positive = key(
+    overdispersion: list[Positive] = key(
         LEFT_OUT,
-        "by how much residuals tell less than independent ones of the stated noise would, which intervals take into "
-        "account: their correlation time in points times χ² per degree of freedom",
+        "of each seed, or of all: by how much residuals tell less than independent ones of the stated noise would, "
+        "which intervals take into account: their correlation time in points times χ² per degree of freedom",
     )
 
     def of_seeds(self, places: Sequence[int]) -> Refinement:
@@ -569,6 +569,8 @@ class Refinement(Settings):
         chosen: dict[str, object] = {
             name: {key: one.at(places) for key, one in blocks.items()} for name, blocks in known.items()
         }
+        if self.overdispersion and len(self.overdispersion) > 1:
+            chosen["overdispersion"] = [self.overdispersion[k] for k in places]
         if self.trajectories:
             chosen["trajectories"] = {
                 name: {of: one.at(places) for of, one in each.items()} for name, each in self.trajectories.items()
