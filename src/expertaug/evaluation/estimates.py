@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
 from expertaug import plotting
@@ -34,6 +35,7 @@ FEWEST = 6  # windows of which a correlation time can be estimated
 ALL = "all"
 MOST = 24  # lines of a parameter's panel; of more, those of single trajectories are left out
 LINE = 0.17  # inches
+TICKS = 5  # at most: estimates have many digits
 EMPTY = "No version states parameters that are constants of an apparatus."
 CAPTION = (
     "Estimates of the parameters with their standard error and 90 % interval. Shared: one value for all windows, "
@@ -316,6 +318,7 @@ def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> 
         names = [f"{plotting.text(one.label)}, {plotting.text(wholes.get(one.of, one.of))}" for one in rows]
         axes.set_yticks(range(len(rows)), names)
         axes.set(ylim=(len(rows) - 0.4, -0.6), xlabel=plotting.quantity(*quantity), xlim=_limits(rows, axes))
+        axes.xaxis.set_major_locator(MaxNLocator(TICKS))
         axes.grid(axis="x")
     plotting.heading(figure, plotting.text(f"{title}. Line: 90 % interval; paler band: spread"))
     return figure
