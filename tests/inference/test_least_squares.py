@@ -13,7 +13,8 @@ from cards import card
 from expertaug import systems
 from expertaug.api.arguments import RefinementOptions
 from expertaug.errors import InputError
-from expertaug.inference.least_squares import estimator_of, given_components, refined_by, seen_components
+from expertaug.inference.coordinates import given_components, seen_components
+from expertaug.inference.least_squares import estimator_of, refined_by
 from expertaug.inference.levenberg_marquardt import minimise
 from expertaug.inference.settings import RefinementSettings
 from expertaug.learning import train as train_stage

@@ -10,8 +10,8 @@ from swings import NAMES, settings, trials
 import expertaug as ea
 from cards import card
 from expertaug.evaluation.metrics import parameter_errors
-from expertaug.inference.least_squares import assumed_noise
 from expertaug.inference.settings import RefinementSettings
+from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning.residuals import mean_squared_error, squared_errors, squares
 from expertaug.measurements.cut import measured, sets_of
 from expertaug.models.gaps import Gaps, ranges_of

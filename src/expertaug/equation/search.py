@@ -16,7 +16,7 @@ from expertaug.equation.result import Coefficient, Found, Row
 from expertaug.equation.selection import ROUNDS, Choice, Tried, backward, choose, exchanged, forward
 from expertaug.equation.shooting import Fit, Formula, Guess, Sample, Shooting
 from expertaug.errors import InputError
-from expertaug.inference.least_squares import assumed_noise
+from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning.divergence import bound_of_card, clamp_to_bound
 from expertaug.learning.residuals import squared_errors
 from expertaug.models.card import LatentRecord, ModelCard

@@ -22,9 +22,9 @@ from expertaug.inference.joint_fit import (
     minimise_together,
     normal_equations,
 )
-from expertaug.inference.least_squares import WindowProblem
 from expertaug.inference.pooling import Pooled, pool
 from expertaug.inference.shared import groups_of
+from expertaug.inference.window_problem import WindowProblem
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
 from expertaug.learning.residuals import squared_errors
 from expertaug.models.decoder import Decoder

@@ -29,10 +29,11 @@ from expertaug.errors import InputError, SolveError
 from expertaug.inference.coordinates import LatentCoordinates
 from expertaug.inference.expected_error import record_misfits
 from expertaug.inference.held_constants import HeldConstants
-from expertaug.inference.least_squares import WindowFit, assumed_noise, refined_by, with_overdispersion
+from expertaug.inference.least_squares import WindowFit, refined_by, with_overdispersion
 from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
+from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
 from expertaug.learning.expert_share import expert_sizes, squares_beside_expert
 from expertaug.learning.job import Job

@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.inference.least_squares import MEMORY, WindowProblem
 from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTEST, linearised, minimise
 from expertaug.inference.sensed_fit import SensedFit
+from expertaug.inference.window_problem import MEMORY, WindowProblem
 from expertaug.models.settings import Constant
 
 STEPS = 60
