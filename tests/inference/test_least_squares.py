@@ -280,6 +280,7 @@ def test_intervals_tell_what_the_expert_lacks():
     model = ea.least_squares(ea.DampedPendulum(), train, **options)
     assert model.refinement.overdispersion[0] > 3
     plain = replace(model, refinement=model.refinement.model_copy(update={"overdispersion": None}))
+    assert plain.watched(train).refinement.overdispersion == model.refinement.overdispersion
     held = {}
     for name, one in {"told": model, "plain": plain}.items():
         found = one.forecast(new.y[:, : model.observed], t)

@@ -218,3 +218,17 @@ def test_alternation_has_a_distribution_of_each_seed():
     assert len(found.middle.seeds) == 2 and found.spread.value == pytest.approx(train.z_e.std(), rel=0.25)
     first = model[0].refinement.population["omega0"].middle
     assert first.value == found.middle.seeds[0] and model.forecast(new.seen[:, : model.observed], T).y.shape[0] == 2
+
+
+def test_one_trajectory_has_no_distribution():
+    with pytest.raises(InputError, match=r"population\.omega0: one trajectory has no distribution"):
+        fitted(of_pendulums(np.array([2.0]), 6, 1), units=BOTH, population={"omega0": "normal"})
+
+
+def test_windows_of_unknown_trajectories_are_each_their_own():
+    data = several(12, 4)
+    options = {"population": {"omega0": "normal"}, "units": {"alpha": "shared"}}
+    alone = fitted(data, **options)
+    tied = fitted(data, **(options | {"units": BOTH}))
+    assert tied.refinement.trajectories is None
+    assert tied.refinement.population == alone.refinement.population

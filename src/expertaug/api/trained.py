@@ -26,7 +26,7 @@ from expertaug.inference.diagnostics.alarm import FALSE_ALARMS, attainable, thre
 from expertaug.inference.diagnostics.goodness import find_unexplained
 from expertaug.inference.expected_error import expected_errors, record_misfits
 from expertaug.inference.flow import load as load_any
-from expertaug.inference.least_squares import LeastSquares, refined_by
+from expertaug.inference.least_squares import LeastSquares, refined_by, with_overdispersion
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
 from expertaug.learning.residuals import window_residual
 from expertaug.models import store
@@ -362,7 +362,8 @@ class TrainedModel:
             return replace(self, refinement=fit(self.stored, fitting, data.window(0, self.observed)), misfits=None)
 
     def watched(self, validation: Trajectories) -> TrainedModel:
-        """The same model with an alarm: misfits of these windows say above which one a forecast is not trusted.
+        """The same model with an alarm: misfits of these windows say above which one a forecast is not trusted, and, of
+        a refined model, how far residuals are from the noise, by which intervals widen.
 
         What trains a model with a validation set keeps them already; refined models and least squares need it.
 
@@ -372,7 +373,10 @@ class TrainedModel:
         seen = arguments.trajectories(validation, "validation").seen[:, : self.observed]
         windows, _ = self._windows(seen, validation.t, validation.u)
         with arguments.one_thread():
-            return replace(self, misfits=record_misfits(self._as_used, windows.seed(slice(1))))
+            model = self
+            if self.refinement is not None:
+                model = replace(self, refinement=with_overdispersion(self.stored, self.refinement, validation))
+            return replace(model, misfits=record_misfits(model._as_used, windows.seed(slice(1))))
 
     @property
     def _as_used(self) -> StoredModel:

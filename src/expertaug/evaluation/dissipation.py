@@ -185,9 +185,7 @@ def _losses(
 
 def recordings_of(chunks: Trajectories) -> np.ndarray:
     """The recording of each chunk, (N,): ids are recording/first frame; one for all where there are none."""
-    if chunks.id is None:
-        return np.full(len(chunks), "all")
-    return np.array([identity.rpartition("/")[0] for identity in chunks.id])
+    return np.full(len(chunks), "all") if chunks.trajectories is None else chunks.trajectories
 
 
 CAPTION = (

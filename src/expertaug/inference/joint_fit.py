@@ -225,8 +225,8 @@ def _step(
     else:
         outer, size = [*tied.places, *places], len(tied.places)
         reduced, left, follow, rest, own = eliminated(equations, outer, damping)
-        of_groups = tied.summed(NormalEquations(equations.cost, reduced, left))
-        reduced, left, follow_group, rest_group, _ = eliminated(of_groups, range(size, len(outer)), damping)
+        each = tied.summed(NormalEquations(equations.cost, reduced, left))
+        reduced, left, follow_group, rest_group, _ = eliminated(each, range(size, len(outer)), damping)
         shared = _shared_step(reduced, left, damping, longest[list(places)])
         limit = longest[list(tied.places)]
         of_each = -(rest_group + follow_group @ shared).clamp(-limit, limit)

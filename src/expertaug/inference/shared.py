@@ -50,6 +50,7 @@ from expertaug.windows import Windows
 
 logger = logging.getLogger(__name__)
 POPULATION_ROUNDS = 4  # of distributions and fits that they pull
+FEWEST_UNITS = 2  # windows or trajectories that have a distribution
 LEAST = -12.0  # of a positive parameter's coordinate, below which it counts as zero
 ROUNDS = 2  # of fits with the noise that the one before has left
 UNTOLD = 1e-7  # of a direction's curvature, each constant's own being 1: two constants make up for each other there
@@ -114,8 +115,8 @@ def fit_shared(
         raise InputError("units", "given without a prior", "give a range of each parameter in which fits start")
     whole = Windows.of(train)
     sensors = SensorCoordinates.of(system, sought, whole.y)
-    trajectories = places_by_trajectory(train.id, len(train))
-    together = Tied.of([names.index(name) for name in tied], trajectories) if tied else None
+    trajectories = {} if train.id is None else places_by_trajectory(train.id, len(train))
+    together = Tied.of([names.index(name) for name in tied], trajectories) if tied and trajectories else None
     # The observed part first: a forecast over all of a window has more minima, and is near the best one from there.
     parts = sorted({stored.card.observed, whole.points})
     before: tuple[SensedFit, Tensor, Tensor] | None = None  # the last fit, its windows and coordinates
@@ -133,12 +134,12 @@ def fit_shared(
             x = before[0].carried(before[2], windows, sensed)
         x, equations, ended = minimise_together(sensed, windows, x, places, tied=together)
         before = sensed, windows, x
-    trusted = _Trust.of(sensed, windows, x)
+    dispersion = _Dispersion.of(sensed, windows, x)
     if wanted := [name for name in settings.population or {} if name not in (refinement.population or {})]:
-        several = Several(stored, sensors, windows, places, together, groups_of(train))
-        refinement = several.told(refinement, wanted, x, trusted)
-        if not set(wanted) <= set(tied):  # a trajectory's windows are not pulled one by one
-            refinement, x, equations, ended = several.pulled(refinement, wanted, x, trusted)
+        of_population = _PopulationFit(stored, sensors, windows, places, together, groups_of(train))
+        refinement = of_population.told(refinement, wanted, x, dispersion)
+        if together is None or not set(wanted) <= set(tied):  # a trajectory's windows are not pulled one by one
+            refinement, x, equations, ended = of_population.pulled(refinement, wanted, x, dispersion)
     if not ended:
         text = "shared parameters: the fit has not ended after %d steps; narrow the prior or share less"
         logger.warning(text, STEPS)
@@ -149,7 +150,7 @@ def fit_shared(
     std = clustered_variances(of_all, at, groups).sqrt()
     z_e = sensed.fit.parts(x[..., :own], sensed.fit.first(windows))[0][0]
     slope = sensed.fit.expert.slope(x[0, :, : len(names)])
-    changes: dict[str, object] = {"overdispersion": [trusted.overdispersion]}
+    changes: dict[str, object] = {"overdispersion": [dispersion.overdispersion]}
     if shared:
         some = places[: len(shared)]
         errors = std[: len(shared)] * slope[0, some]
@@ -157,7 +158,7 @@ def fit_shared(
     if sought:
         changes["sensors"] = sensors.constants(x[0, 0, own:], std[len(shared) :], groups)
     if together is not None:
-        variances = together.variances(equations, places, trusted.overdispersion)
+        variances = together.variances(equations, places, dispersion.overdispersion)
         changes["trajectories"] = {
             name: together.constants(z_e[:, place], variances[:, k].sqrt() * slope[:, place], list(trajectories))
             for k, (name, place) in enumerate(zip(tied, together.places, strict=True))
@@ -189,8 +190,8 @@ def _check_names(system: System, settings: RefinementSettings) -> None:
 
 
 @dataclass(frozen=True)
-class _Trust:
-    """How far fits to windows are to be trusted.
+class _Dispersion:
+    """By how much residuals of fits to windows tell less than independent ones of the stated noise would.
 
     Attributes:
         overdispersion: correlation time of the residuals times the median of the windows' χ² per degree of freedom,
@@ -202,7 +203,7 @@ class _Trust:
     of_each: Tensor
 
     @classmethod
-    def of(cls, sensed: SensedFit, windows: Tensor, x: Tensor) -> _Trust:
+    def of(cls, sensed: SensedFit, windows: Tensor, x: Tensor) -> _Dispersion:
         """Of fits (1, N, K) of windows (T1, 1, N, *observed)."""
         residuals = sensed.residuals(x.unsqueeze(0), windows)[0, 0]
         data = residuals[:, : residuals.shape[1] - sensed.fit.pulls]
@@ -210,7 +211,7 @@ class _Trust:
 
 
 @dataclass(frozen=True)
-class Several:
+class _PopulationFit:
     """Windows whose parameters have distributions, which are estimated with them.
 
     Attributes:
@@ -229,17 +230,17 @@ class Several:
     tied: Tied | None
     groups: np.ndarray
 
-    def told(self, refinement: Refinement, wanted: Sequence[str], x: Tensor, trusted: _Trust) -> Refinement:
+    def told(self, refinement: Refinement, wanted: Sequence[str], x: Tensor, dispersion: _Dispersion) -> Refinement:
         """The refinement with the distributions of the wanted parameters, as windows at coordinates (1, N, K) tell
         them."""
         bare = _problem(
             self.stored, refinement.model_copy(update={"population": None}), len(self.windows), self.sensors
         )
-        known = {**(refinement.population or {}), **self._estimated(bare, refinement, wanted, x, trusted)}
-        return refinement.model_copy(update={"population": known, "overdispersion": [trusted.overdispersion]})
+        known = {**(refinement.population or {}), **self._estimated(bare, refinement, wanted, x, dispersion)}
+        return refinement.model_copy(update={"population": known, "overdispersion": [dispersion.overdispersion]})
 
     def pulled(
-        self, refinement: Refinement, wanted: Sequence[str], x: Tensor, trusted: _Trust
+        self, refinement: Refinement, wanted: Sequence[str], x: Tensor, dispersion: _Dispersion
     ) -> tuple[Refinement, Tensor, NormalEquations, bool]:
         """The refinement with distributions and estimates that agree with each other, the windows' coordinates
         (1, N, K) as they are pulled, the equations there, and whether it is a minimum.
@@ -248,10 +249,10 @@ class Several:
             refinement: with first distributions.
             wanted: those that are estimated.
             x: at the minimum without them.
-            trusted: of the windows' fits there.
+            dispersion: of the windows' fits there.
         """
         for k in range(POPULATION_ROUNDS):
-            refinement = refinement if k == 0 else self.told(refinement, wanted, x, trusted)
+            refinement = refinement if k == 0 else self.told(refinement, wanted, x, dispersion)
             pulled = _problem(self.stored, refinement, len(self.windows), self.sensors)
             if k == 0:  # from where the distributions say, too: a window that tells little may lie anywhere
                 other = pulled.start(self.windows)
@@ -263,20 +264,21 @@ class Several:
         return refinement, x, equations, ended
 
     def _estimated(
-        self, bare: SensedFit, refinement: Refinement, wanted: Sequence[str], x: Tensor, trusted: _Trust
+        self, bare: SensedFit, refinement: Refinement, wanted: Sequence[str], x: Tensor, dispersion: _Dispersion
     ) -> dict[str, Population]:
         """Distributions by name, from what windows, or trajectories, tell by themselves at coordinates (1, N, K)."""
         settings, system = refinement.settings, self.stored.model.system
         names = [p.name for p in system.expert_parameters]
         equations = normal_equations(bare, self.windows, x)
-        weight = 1 / trusted.of_each
+        weight = 1 / dispersion.of_each
         equations = NormalEquations(
             equations.cost * weight, equations.curvature * weight[:, None, None], equations.slope * weight[:, None]
         )
         found: dict[str, Population] = {}
         known = [*self.places, *(self.tied.places if self.tied is not None else ())]
         for unit in ("window", "trajectory"):
-            chosen = [name for name in wanted if (name in settings.tied) == (unit == "trajectory")]
+            of_trajectories = settings.tied if self.tied is not None else ()
+            chosen = [name for name in wanted if (name in of_trajectories) == (unit == "trajectory")]
             if not chosen:
                 continue
             places = [names.index(name) for name in chosen]
@@ -287,6 +289,8 @@ class Several:
             if unit == "trajectory" and self.tied is not None:
                 units, at = self.tied.summed(units), at[self.tied.first]
                 clusters = np.arange(self.tied.count)
+            if len(at) < FEWEST_UNITS:
+                raise InputError(f"population.{chosen[0]}", f"one {unit} has no distribution", "leave it out")
             found |= zip(chosen, _populations(system, chosen, settings, units, at, clusters, unit), strict=True)
         return {name: found[name] for name in wanted}
 
@@ -318,6 +322,8 @@ def _populations(
     slopes = steepness.unsqueeze(-1) * steepness.unsqueeze(-2)
     numbers = torch.from_numpy(np.unique(clusters, return_inverse=True)[1])
     one = distribution(units.curvature / slopes, units.slope / steepness, values, numbers)
+    if not all(bool(part.isfinite().all()) for part in vars(one).values()):
+        raise InputError(f"population.{chosen[0]}", "no distribution is found", "leave it out, or narrow the prior")
     middle = torch.where(logarithmic, one.mean.exp(), one.mean)
     error = one.mean_std * torch.where(logarithmic, middle, 1.0)
     pairs = zip(
@@ -372,9 +378,8 @@ def groups_of(data: Trajectories) -> np.ndarray:
     count = len(data)
     if data.id is None:
         return np.arange(count)
-    names = [str(name).rpartition("/")[0] for name in data.id]
-    places = np.unique(names, return_inverse=True)[1]
-    if len(set(names)) >= FEWEST_GROUPS:
+    names, places = np.unique(data.trajectories, return_inverse=True)  # type: ignore[arg-type]
+    if len(names) >= FEWEST_GROUPS:
         return places
     return np.minimum(np.arange(count) * BLOCKS // count, BLOCKS - 1) + BLOCKS * places
 

@@ -114,7 +114,8 @@ def proposal(
 
 
 def _sharing(found: Inspection, constants: Sequence[str]) -> list[str]:
-    """What windows share: of one or two trajectories a value for all, of more a value each, which may be the same."""
+    """What windows share: of one or two trajectories a value for all, of more a value each, which may be the same.  Of
+    three of them one trains, which has no distribution."""
     scales = {one.rate: {"scale": "shared"} for one in found.slopes if one.may_be_scale}
     sensors = [f"      sensors: {flow(scales)}"] if scales else []
     if len(found.data.grid.series) < FEWEST:
@@ -122,12 +123,10 @@ def _sharing(found: Inspection, constants: Sequence[str]) -> list[str]:
         told = "one apparatus: one value for all windows; of several ones: window"
         return ["    refinement:", f"      units: {units}  # {told}", *sensors]
     units, population = (flow(dict.fromkeys(constants, word)) for word in ("trajectory", "normal"))
-    return [
-        "    refinement:",
-        f"      units: {units}  # a value each; of one apparatus for certain: shared",
-        f"      population: {population}  # their distribution, found to be narrow where trajectories hardly differ",
-        *sensors,
-    ]
+    blocks = ["    refinement:", f"      units: {units}  # a value each; of one apparatus for certain: shared"]
+    if len(found.data.grid.series) > FEWEST:
+        blocks.append(f"      population: {population}  # their distribution, narrow where trajectories hardly differ")
+    return blocks + sensors
 
 
 def _marks(values: Sequence[float | str]) -> list[float | str]:
