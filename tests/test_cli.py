@@ -185,11 +185,13 @@ def test_validate(tmp_path, capsys, monkeypatch):
 def test_tracking_store_is_prepared_or_switched_off(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "connect", lambda uri, experiment, prepare: (None, f"id of {experiment}"))
     output = tmp_path / "tracking.json"
-    settings = {"enabled": True, "uri": "sqlite:///x.db", "experiment": "e"}
+    settings = {"enabled": True, "uri": "sqlite:///x.db", "experiment": "e", "experiments": ["swing"]}
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings)) == 0
     files = [f"--{name}={name}" for name in ("data", "output", "work", "settings")]
     arguments = commands.parser().parse_args(["train", *files, f"--tracking={output}"])
-    assert options.tracking_of(arguments) == Tracking(**settings, experiment_id="id of e", rule="train")
+    assert options.tracking_of(arguments) == Tracking(
+        **settings | {"experiments": {"swing": "id of e swing"}}, rule="train"
+    )
     assert run("init-tracking", "--output", output, "--settings", json.dumps(settings | {"enabled": False})) == 0
     assert json.loads(output.read_text()) == {"enabled": False}
     assert options.tracking_of(arguments) is None
@@ -260,7 +262,9 @@ def test_every_stage_has_a_command():
         "run",
         "demand",
     }
-    assert {stage.name for stage in STAGES.values()} == set(actions) - by_hand
+    former = {name for stage in STAGES.values() for name in stage.former}
+    assert former == {"own-priors", "review-recording"} and former < set(actions)
+    assert {stage.name for stage in STAGES.values()} == set(actions) - by_hand - former
 
 
 def test_a_reader_that_has_seen_enough_is_no_error():
@@ -285,7 +289,8 @@ def test_the_help_groups_every_command(capsys):
 def test_every_command_that_is_no_stage_has_examples_that_it_takes(capsys):
     actions = commands.parser()._subparsers._group_actions[0].choices
     shown = 0
-    for name in set(actions) - {stage.name for stage in STAGES.values()} - {"inspect"}:  # one command's former name
+    of_stages = {name for stage in STAGES.values() for name in (stage.name, *stage.former)}
+    for name in set(actions) - of_stages - {"inspect"}:  # one command's former name
         lines = actions[name].epilog.splitlines()[1:]
         for line in lines:
             program, *words = shlex.split(line.split(" > ")[0], comments=True)

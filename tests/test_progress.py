@@ -173,14 +173,15 @@ def test_a_run_ends_with_where_to_look(tmp_path):
         (tmp_path / name).mkdir()
     places = [f"Report: {tmp_path}/report.html", f"Tables: {tmp_path}/tables", f"Figures: {tmp_path}/figures"]
     assert watch.where_to_look() == places
-    place = "/#/experiments/3/runs?workflowType=machine_learning"
-    for uri, line in (
-        ("sqlite:///r/mlflow.db", f"mlflow server --backend-store-uri sqlite:///r/mlflow.db, then http://127.0.0.1:5000{place}"),
-        ("http://host:80/", f"http://host:80{place}"),
-    ):  # fmt: skip
-        record = {"enabled": True, "uri": uri, "experiment": "e", "experiment_id": "3"}
+    place = "/#/experiments/3/runs?workflowType=machine_learning&viewStateShareKey=scores"
+    for uri, command, address in (
+        ("sqlite:///r/m.db", " mlflow server --backend-store-uri sqlite:///r/m.db, then", "http://127.0.0.1:5000"),
+        ("http://host:80/", "", "http://host:80"),
+    ):
+        record = {"enabled": True, "uri": uri, "experiment": "e", "experiments": {"swing": "3", "slide": "4"}}
         (tmp_path / "mlflow" / "tracking.json").write_text(json.dumps(record))
-        assert watch.where_to_look()[-1] == f"Dashboard: {line}"
+        pages = [f"  swing: {address}{place}", f"  slide: {address}{place.replace('3', '4', 1)}"]
+        assert watch.where_to_look()[-3:] == [f"Dashboard:{command}", *pages]
     (tmp_path / "mlflow" / "tracking.json").write_text('{"enabled": false}')
     assert watch.where_to_look() == places
 

@@ -73,7 +73,7 @@ def configured(file: str) -> Configuration:
 
 def jobs_with_settings(given: Configuration) -> Iterator[tuple[str, tuple]]:
     """A job of each stage that has settings, experiment and version: the groups of seeds are alike."""
-    at_request = [("overlay", (None,)), ("review_recording", (None,)), ("unpack_markers", ())]
+    at_request = [("overlay", (None,)), ("draw_worst_frames", (None,)), ("unpack_markers", ())]
     first: dict[tuple[str, str], tuple[str, tuple]] = {}
     for stage, names in (*planned(given), *at_request):
         first.setdefault((stage, str(names[:2])), (stage, names))

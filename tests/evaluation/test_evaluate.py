@@ -26,7 +26,6 @@ from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
-from expertaug.tracking.store import initialise
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
 from seen import seen
@@ -282,12 +281,11 @@ def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_pa
     import mlflow
 
     tracking = Tracking(enabled=True, uri=f"sqlite:///{tmp_path}/mlflow.db", experiment="test")
-    initialise(tracking, tmp_path / "marker.json")
     log_evaluations(evaluated[:1], tmp_path / "evaluations.json", tracking)
     log_evaluations(evaluated, tmp_path / "evaluations.json", tracking)  # the first is not stored twice
     assert list(json.loads((tmp_path / "evaluations.json").read_text())["stored"].values()) == [True, True]
     client = mlflow.MlflowClient(tracking.uri)
-    experiment = client.get_experiment_by_name("test").experiment_id
+    experiment = client.get_experiment_by_name("test pendulum").experiment_id
     runs = {run.info.run_id: run for run in client.search_runs([experiment])}
     assert len(runs) == len(client.search_runs([experiment])) == 2 + 2 * len(COMMON["seeds"])
     names = {"metrics.csv", "forecasts.png", "parameters.png"}

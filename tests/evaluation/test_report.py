@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from html import unescape
+from html import escape, unescape
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import quote
 
 import pandas as pd
 import pytest
-from fake_runs import method_of, pairs, write_metrics
+from fake_runs import LABELS, method_of, pairs, write_metrics
 from matplotlib.figure import Figure
 
 from expertaug import plotting
@@ -24,6 +25,7 @@ from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.settings import ReportExperiment, ReportJob, TabulateJob
 from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.tabulate import tabulate
+from expertaug.files import write_json
 
 CAPTIONS = Path(__file__).parents[2] / "workflow" / "report"
 FIGURES = ("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
@@ -119,6 +121,24 @@ def test_the_page_has_every_figure_and_table_under_its_caption(run):
         assert caption in " ".join(unescape(text).split())
     for said in ("Hybrid+ is best by validation", "my.yaml", "1 min 01 s", "0.6</td>"):  # the mean of two seeds
         assert said in text
+
+
+def test_rows_lead_to_their_runs_in_the_dashboard(run):
+    results, settings = run
+    marker = {"enabled": True, "uri": "sqlite:///r/m.db", "experiment": "e", "experiments": {"swing": "3"}}
+    write_json(results / "mlflow" / "tracking.json", marker)
+    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    text = (results / "report.html").read_text()
+    page = Page(text)
+    assert page.open == [] and "mlflow server --backend-store-uri sqlite:///r/m.db" in text
+    start = "http://127.0.0.1:5000/#/experiments/3/runs?workflowType=machine_learning&searchFilter=tags.method%20%3D%20"
+    links = [one["href"] for one in page.of("a") if one["href"].startswith("http")]
+    assert {link.removeprefix(start) for link in links} == {f"%27{quote(method_of(label))}%27" for label in LABELS}
+    address = escape(f"{start}%27{quote(method_of('Hybrid+'))}%27")
+    assert text.count(f'<a href="{address}">Hybrid+</a>') >= 2  # in the headline and among the metrics
+    write_json(results / "mlflow" / "tracking.json", {"enabled": False})
+    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    assert "http://" not in (results / "report.html").read_text()
 
 
 def test_what_a_laboratory_asks_comes_first(run):

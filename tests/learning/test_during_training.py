@@ -11,7 +11,6 @@ from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.tracking.log import read_log
 from expertaug.tracking.settings import Tracking
-from expertaug.tracking.store import initialise
 from typed_jobs import during_training, train
 
 PRIOR = {"omega0": [0.5, 3.5]}
@@ -109,7 +108,6 @@ def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings
     from mlflow.tracking import MlflowClient
 
     tracking = Tracking(enabled=True, uri=f"sqlite:///{tmp_path}/mlflow/mlflow.db", experiment="trial")
-    initialise(tracking, tmp_path / "tracking.json")
     train(data, tmp_path / "model.safetensors", tmp_path / "work", settings | {"snapshots": [1, 3]}, tracking)
     options = study_settings(settings) | {"finetune_epochs": [1, 2]}
     during_training(
@@ -121,7 +119,7 @@ def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings
         tracking,
     )
     client = MlflowClient(tracking_uri=tracking.uri)
-    runs = client.search_runs([client.get_experiment_by_name("trial").experiment_id])
+    runs = client.search_runs([client.get_experiment_by_name(tracking.name_of(settings["experiment"])).experiment_id])
     parents = {run.data.tags["mlflow.parentRunId"] for run in runs if "seed" in run.data.tags}
     assert len(parents) == 1, "the method's training and its study have one parent"
     found = {int(run.data.tags["seed"]): run for run in runs if run.data.tags.get("stage") == "during_training"}

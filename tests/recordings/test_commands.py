@@ -15,7 +15,7 @@ STAGES = {
     "import-markers": ["none.csv", *OUTPUT],
     "measure-angles": ["none.csv", *OUTPUT, "--summary", "out.json"],
     "overlay": ["none.mp4", *PARTS, *OUTPUT],
-    "review-recording": ["none.mp4", *PARTS, *OUTPUT, "--rows", "out.csv"],
+    "draw-worst-frames": ["none.mp4", *PARTS, *OUTPUT, "--rows", "out.csv"],
     "split-chunks": ["none.csv", *OUTPUT],
     "cut-horizon": ["none.csv", *OUTPUT],
     "calibrate": ["none.npz", *OUTPUT],
@@ -28,7 +28,7 @@ MISSPELT = {
     "import-markers": ('{"scal": 5}', "scal: unknown key; did you mean 'scale'?"),
     "measure-angles": ('{"rectify": {"elipse": true}}', "rectify.elipse: unknown key; did you mean 'ellipse'?"),
     "overlay": ('{"spede": 1}', "spede: unknown key; did you mean 'speed'?"),
-    "review-recording": ('{"tims": "names"}', "tims: unknown key; did you mean 'times'?"),
+    "draw-worst-frames": ('{"tims": "names"}', "tims: unknown key; did you mean 'times'?"),
     "split-chunks": ('{"by": "enrgy"}', "by: found 'enrgy'"),
     "cut-horizon": (
         '{"split": {"horizons_s": [1.0]}, "set": "test_2s"}',

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from logged import elsewhere, settings
+from logged import elsewhere, initial, settings
 
 from expertaug.tracking.store import initialise
 
@@ -19,8 +19,8 @@ def _quickly(quick_stores):
 def store(tmp_path_factory):
     folder = tmp_path_factory.mktemp("store")
     found = settings(folder)
-    initialise(elsewhere(found, experiment="empty"), folder / "marker.json")
-    assert json.loads((folder / "marker.json").read_text())["experiment_id"]
+    initialise(initial(elsewhere(found, experiment="empty")), folder / "marker.json")
+    assert json.loads((folder / "marker.json").read_text())["experiments"]["swing"]
     return found
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 from expertaug.tracking.log import Run
-from expertaug.tracking.settings import Tracking
+from expertaug.tracking.settings import InitTrackingJob, Tracking
 
 FIELDS = {
     "experiment": "swing",
@@ -27,6 +28,12 @@ def settings(folder: Path) -> Tracking:
     return Tracking(enabled=True, uri=f"sqlite:///{folder}/mlflow/mlflow.db", experiment="trial", rule="train")
 
 
+def initial(tracking: Tracking, experiments: Sequence[str] = ("swing",)) -> InitTrackingJob:
+    """What makes a store."""
+    fields = {name: getattr(tracking, name) for name in ("enabled", "uri", "experiment")}
+    return InitTrackingJob(**fields, experiments=list(experiments))
+
+
 def elsewhere(tracking: Tracking, **changed: str) -> Tracking:
     """Another store, or another experiment in the same one."""
     return tracking.model_copy(update=changed)
@@ -36,7 +43,7 @@ def runs_of(tracking: Tracking) -> list:
     from mlflow.tracking import MlflowClient
 
     client = MlflowClient(tracking_uri=tracking.uri)
-    experiment = client.get_experiment_by_name(tracking.experiment)
+    experiment = client.get_experiment_by_name(tracking.name_of("swing"))
     return client.search_runs([experiment.experiment_id], max_results=1000)
 
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import browser
 import numpy as np
 import pytest
-from logged import FIELDS, RUN, WORKER, runs_of, settings, start
+from logged import FIELDS, RUN, WORKER, initial, runs_of, settings, start
 
+from expertaug.evaluation.report.links import Dashboard
+from expertaug.evaluation.table import Table
 from expertaug.runs.progress import Watch
 from expertaug.tracking.run_log import RunLog
-from expertaug.tracking.settings import Tracking
+from expertaug.tracking.settings import Tracking, tracking_of_run
 from expertaug.tracking.store import initialise
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(browser.missing()), reason=browser.missing() or "-")]
@@ -28,7 +31,7 @@ def tracking(tmp_path_factory):
     """A method that has been trained and evaluated, in a results folder."""
     results = tmp_path_factory.mktemp("dashboard") / "results"
     found = settings(results)
-    initialise(found, results / "mlflow" / "tracking.json")
+    initialise(initial(found), results / "mlflow" / "tracking.json")
     folder = results / "swing" / "hybrid+" / "seeds_0_1"
     folder.mkdir(parents=True)
     np.savez(folder / "train.npz", y=np.zeros((5, 3, 2)))
@@ -56,8 +59,8 @@ def results(tracking):
 @pytest.fixture(scope="module")
 def dashboard(results):
     """The command and the link, as the end of a run prints them; the link at the port of this test."""
-    line = Watch(results, results).where_to_look()[-1]
-    command, link = line.removeprefix("Dashboard: ").split(", then ")
+    command, link = Watch(results, results).where_to_look()[-2:]
+    command, link = command.removeprefix("Dashboard: ").removesuffix(", then"), link.removeprefix("  swing: ")
     with browser.served(command) as address:
         yield link.replace("http://127.0.0.1:5000", address)
 
@@ -78,11 +81,24 @@ def page_of(dashboard: str, run, tab: str = "") -> str:
 
 
 def test_the_link_opens_the_list_of_runs_and_their_charts(dashboard, page, tracking):
-    page.open(dashboard, "swing/Hybrid+", "swing train")
+    page.open(dashboard, "swing/Hybrid+", "test/log_mse_sum", "-1.75")
     page.keep("runs")
     page.open(f"{dashboard}&compareRunsMode=CHART", "swing/Hybrid+")
     page.wait_for(page.charts)
     page.keep("charts")
+
+
+def test_a_row_of_the_report_leads_to_the_runs_behind_it(dashboard, page, tracking, results):
+    path = results / "swing" / "mean" / "seeds_0" / "log.jsonl"
+    with RunLog(path, type(RUN)(**FIELDS | {"label": "Mean", "method": "mean"}), tracking) as log:
+        log.metrics(0, {"loss": [1.0, 1.0]})
+    page.open(dashboard, "swing/Hybrid+", "swing/Mean")
+    rows = [SimpleNamespace(method=method, label=label) for method, label in (("hybrid+", "Hybrid+"), ("mean", "Mean"))]
+    links = Dashboard(tracking_of_run(results)).of(Table(["method"], [("", [["Hybrid+"]])]), "swing", rows)
+    link = links["", "Hybrid+"]
+    page.open(link.replace("http://127.0.0.1:5000", dashboard.partition("/#")[0]), "swing/Hybrid+")
+    page.keep("found")
+    assert "swing/Mean" not in page.text()
 
 
 def test_the_page_of_a_method_shows_mean_spread_parameters_data_and_a_figure(dashboard, page, tracking):

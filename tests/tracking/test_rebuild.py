@@ -6,11 +6,13 @@ import json
 
 import numpy as np
 import pytest
-from logged import FIELDS, RUN, contents, elsewhere, runs_of, settings, start
+from logged import FIELDS, RUN, contents, elsewhere, initial, runs_of, settings, start
 
 from expertaug.errors import InputError
+from expertaug.files import write_json
 from expertaug.tracking.rebuild import rebuild
 from expertaug.tracking.run_log import RunLog
+from expertaug.tracking.settings import tracking_of_run
 
 
 def test_rebuild_equals_the_original(tmp_path, tracking):
@@ -46,6 +48,19 @@ def test_rebuild_keeps_the_old_store_aside(tmp_path):
     assert rebuild(results, tracking.uri, "trial") == 1
     assert (results / "mlflow" / "previous" / "mlflow.db").is_file()
     assert len(runs_of(tracking)) == 3
+
+
+def test_a_rebuilt_store_numbers_its_experiments_as_before(tmp_path):
+    """So that links of a report lead where they led; one that had no number gets the next."""
+    results = tmp_path / "results"
+    for name in ("slide", "hop", "swing"):
+        RunLog(results / name / "log.jsonl", RUN.model_copy(update={"experiment": name})).close()
+    found = settings(results)
+    marker = results / "mlflow" / "tracking.json"
+    write_json(marker, initial(found).model_dump() | {"experiments": {"swing": "1", "hop": "2"}})
+    rebuild(results, found.uri, found.experiment)
+    assert tracking_of_run(results).experiments == {"swing": "1", "hop": "2", "slide": "3"}
+    assert len(runs_of(found)) == 3
 
 
 def test_rebuild_leaves_the_store_alone_when_it_fails(tmp_path, monkeypatch):

@@ -233,7 +233,7 @@ def test_unreachable_server_costs_a_warning_at_first_and_one_at_the_end(tmp_path
 
 
 def test_initialise_warns_where_the_server_is_unreachable(tmp_path, caplog):
-    settings = InitTrackingJob(enabled=True, uri="http://127.0.0.1:9", experiment="trial")
+    settings = InitTrackingJob(enabled=True, uri="http://127.0.0.1:9", experiment="trial", experiments=["swing"])
     initialise(settings, tmp_path / "marker.json")
     assert len(caplog.records) == 1
-    assert json.loads((tmp_path / "marker.json").read_text())["experiment_id"] is None
+    assert json.loads((tmp_path / "marker.json").read_text())["experiments"] is None

@@ -53,7 +53,7 @@ def without_effect(package: Path, module: str) -> list[str]:
     return [path.relative_to(package).as_posix() for path in found]
 
 
-AT_REQUEST = ("review_recording", "review", "export_recording")
+AT_REQUEST = ("draw_worst_frames", "review", "export_recording")
 # Of other sources, of a p⁺ without given ranges, of constants that windows share, or where an equation is asked for.
 ELSEWHERE = (
     "unpack_markers",
@@ -61,7 +61,7 @@ ELSEWHERE = (
     "cut_measurements",
     "cut_measured_horizon",
     "own_prior",
-    "own_priors",
+    "tabulate_own_prior",
     "share",
     "equation",
 )

@@ -224,17 +224,17 @@ rule review_frames_of_recording:
         sheet=results("recordings/{recording}/review.jpg"),
         rows=results("recordings/{recording}/review.csv"),
     log:
-        results("logs/review_recording/{recording}.log"),
+        results("logs/draw_worst_frames/{recording}.log"),
     conda:
         "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:
-        **stage_params("review_recording", "recording"),
+        **stage_params("draw_worst_frames", "recording"),
     message:
         "look for the worst frames of {wildcards.recording}"
     shell:
-        "expertaug review-recording {input.video:q} --markers {input.markers:q} --angles {input.angles:q}"
+        "expertaug draw-worst-frames {input.video:q} --markers {input.markers:q} --angles {input.angles:q}"
         " --summary {input.summary:q} --output {output.sheet:q} --rows {output.rows:q}"
         " --settings {params.settings:q} --log {log:q}"
 

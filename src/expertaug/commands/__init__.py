@@ -60,7 +60,7 @@ def _parser() -> tuple[argparse.ArgumentParser, list[str]]:
     for subject in SUBJECTS:
         subject.add_to(add)
     for stage in stages.STAGES.values():
-        made = add(stage.name, stage.execute, stage.text())
+        made = add(stage.name, stage.execute, stage.text(), former=stage.former)
         if stage.job:
             made.add_argument("--settings", required=True, metavar="JSON", help="JSON text, or a JSON or YAML file")
         stage.add_arguments(made)

@@ -16,7 +16,9 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     p = add("rebuild-tracking", _rebuild_tracking, text, "inspect", "expertaug rebuild-tracking results")
     p.add_argument("results", type=Path, help="results folder")
     p.add_argument("--uri", help="of the store (default: sqlite in RESULTS/mlflow)")
-    p.add_argument("--experiment", default="expertaug", help="name of the MLflow experiment")
+    p.add_argument(
+        "--experiment", default="expertaug", help="what names of MLflow experiments begin with (default: %(default)s)"
+    )
 
     examples = """
     expertaug publish config/config.yaml --to published/mine --command "snakemake --cores 2"

@@ -52,7 +52,7 @@ class TrackingKeys(Settings):
 
     enabled: bool = key(True, "whether to mirror the logs at all")
     uri: str | None = key(None, "URI of the store; null = sqlite:///<results>/mlflow/mlflow.db")
-    experiment: str = key("expertaug", "name of the MLflow experiment")
+    experiment: str = key("expertaug", "what names of MLflow experiments begin with; each experiment has its own")
 
 
 class Method(MethodKeys):

@@ -25,7 +25,7 @@ SHOWING = (*READING, "published", "overview")
 
 
 def init_tracking(config: Configuration) -> dict[str, Any]:
-    return config.tracking.dump()
+    return config.tracking.dump() | {"experiments": list(config.run)}
 
 
 def simulate(config: Configuration, experiment: str, name: str) -> dict[str, Any]:

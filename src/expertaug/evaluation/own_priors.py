@@ -1,4 +1,4 @@
-"""The stage own-priors: the table of the ranges that p⁺ has found by itself."""
+"""The stage tabulate-own-prior: the table of the ranges that p⁺ has found by itself."""
 
 from __future__ import annotations
 

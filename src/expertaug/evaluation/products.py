@@ -54,7 +54,7 @@ PRODUCTS = [
     *WINDOW_STUDIES,
     *(Product(name, name, table=True, figure=True) for name in ("grid", "validity", "dissipation", "estimates")),
     Product("equation", "equation", table=True),
-    Product("own_priors", "own_priors", table=True),
+    Product("own_priors", "tabulate_own_prior", table=True),
     Product("published", "compare", table=True),
     Product("published", "compare", table=True, of_all=True),
     *_each("overview", "log_mse", "parameter_errors", "za_shifted", figure=True, of_all=True),

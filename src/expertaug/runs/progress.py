@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import shlex
 import threading
 import time
 from collections.abc import Sized
@@ -11,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from expertaug.evaluation import costs
-from expertaug.files import is_inside, read_json
 from expertaug.runs import eta
+from expertaug.tracking.settings import tracking_of_run
 
 logger = logging.getLogger("snakemake.logging")  # what is said here is on the terminal and in Snakemake's own log
 OTHERS = "others"  # jobs of stages that nobody has measured
@@ -128,16 +127,11 @@ class Watch(logging.Handler):
         results = self.logs.parent
         places = {"Report": "report.html", "Tables": "tables", "Figures": "figures"}
         said = [f"{name}: {results / place}" for name, place in places.items() if (results / place).exists()]
-        marker = results / "mlflow" / "tracking.json"
-        tracking: Any = read_json(marker) if marker.is_file() and is_inside(marker, results) else {}
-        if tracking.get("enabled") and tracking.get("experiment_id") is not None:
-            uri, experiment = tracking["uri"], tracking["experiment_id"]
-            place = f"/#/experiments/{experiment}/runs?workflowType=machine_learning"  # the bare address shows nothing
-            if uri.startswith("http"):
-                said.append(f"Dashboard: {uri.rstrip('/')}{place}")
-            else:
-                command = f"mlflow server --backend-store-uri {shlex.quote(uri)}"
-                said.append(f"Dashboard: {command}, then http://127.0.0.1:5000{place}")
+        tracking = tracking_of_run(results)
+        if tracking is not None and tracking.experiments:
+            command = f" {tracking.command}, then" if tracking.command else ""
+            pages = [f"  {name}: {tracking.page_of(name)}" for name in tracking.experiments]
+            said += [f"Dashboard:{command}", *pages]
         return said
 
     def refusals(self) -> list[str]:

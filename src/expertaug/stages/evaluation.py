@@ -355,7 +355,8 @@ class Equation(StudyStage):
 class OwnPriors(StudyStage):
     """make the table of the ranges that p⁺ has found"""
 
-    name = "own-priors"
+    name = "tabulate-own-prior"
+    former = ("own-priors",)
     code = "expertaug.evaluation.own_priors"
     job = "expertaug.evaluation.settings:OwnPriorsJob"
     slice = "expertaug.config.shown_settings:own_priors"

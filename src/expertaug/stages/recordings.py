@@ -244,7 +244,8 @@ class Overlay(Stage):
 class ReviewRecording(Stage):
     """draw a recording's worst frames"""
 
-    name = "review-recording"
+    name = "draw-worst-frames"
+    former = ("review-recording",)
     code = "expertaug_recordings.reports.review"
     job = "expertaug_recordings.settings:ReviewRecordingJob"
     slice = "expertaug.config.recording_settings:review_recording"
@@ -273,7 +274,7 @@ class Review(Stage):
 
     name = "review"
     code = "expertaug_recordings.reports.review"
-    reads = ("measure_angles", "review_recording")
+    reads = ("measure_angles", "draw_worst_frames")
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

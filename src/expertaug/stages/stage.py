@@ -42,6 +42,7 @@ class Stage:
 
     Attributes:
         name: of the subcommand.
+        former: names that it had; they go with the next version.
         code: the module whose public function does its work: with what it imports, what the workflow watches.
         job: the class of its settings, ``package.module:Class``; empty for a stage that has none.
         slice: the function, ``package.module:name``, that takes the completed configuration and names, and gives the
@@ -52,6 +53,7 @@ class Stage:
     """
 
     name: ClassVar[str]
+    former: ClassVar[tuple[str, ...]] = ()
     code: ClassVar[str]
     job: ClassVar[str] = ""
     slice: ClassVar[str] = ""

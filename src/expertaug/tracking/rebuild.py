@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from expertaug import files
@@ -12,7 +12,7 @@ from expertaug.errors import InputError
 from expertaug.tracking import store
 from expertaug.tracking.log import Log, read_log
 from expertaug.tracking.metrics_csv import log_of_table
-from expertaug.tracking.settings import Tracking
+from expertaug.tracking.settings import MARKER, Tracking, tracking_of_run
 from expertaug.tracking.sync import Mirror
 
 
@@ -35,10 +35,15 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
     logs = list(_find_logs(Path(results), database)) if Path(results).is_dir() else []
     if not logs:
         raise InputError(results, "no run log and no metrics.csv below it", "give the results folder of a run")
+    marked = tracking_of_run(results)
+    before = marked if marked is not None and marked.uri == uri and marked.experiment == experiment else None
     tracking = Tracking(enabled=True, uri=uri, experiment=experiment)
     moved = _move_aside(database) if database is not None else []
     try:
-        store.connect(uri, experiment, prepare=True)
+        known = before.experiments or {} if before is not None else {}
+        # In the order of their making, so that they get the numbers that they had.
+        names = sorted({log.header.experiment for _, log in logs} | set(known), key=lambda name: _number(known, name))
+        made = {name: store.connect(uri, tracking.name_of(name), prepare=True)[1] for name in names}
         for path, log in sorted(logs, key=lambda found: found[1].header.time):
             Mirror(tracking, log.header, path).write(log.lines)
     except Exception as error:
@@ -48,7 +53,16 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
             raise
         found = f"the tracking store cannot be made ({store.brief(error)})"
         raise InputError(uri, found, "check tracking.uri") from error
+    if before is not None:
+        marker = before.model_copy(update={"experiments": made})
+        files.write_json(Path(results) / MARKER, marker.model_dump(exclude={"rule"}))
     return len(logs)
+
+
+def _number(known: Mapping[str, str], name: str) -> tuple[bool, int, str]:
+    """Sorts experiments by the number that a store has given them, others behind them."""
+    number = known.get(name, "")
+    return not number.isdecimal(), int(number) if number.isdecimal() else 0, name
 
 
 def _find_logs(results: Path, database: Path | None) -> Iterator[tuple[Path, Log]]:

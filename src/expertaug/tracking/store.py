@@ -6,6 +6,7 @@ mlflow takes more than a second to import, so it is imported only inside the fun
 from __future__ import annotations
 
 import hashlib
+import json
 import logging
 import os
 import re
@@ -22,7 +23,7 @@ from typing import Any
 
 from expertaug import files
 from expertaug.errors import InputError
-from expertaug.tracking.settings import InitTrackingJob
+from expertaug.tracking.settings import VIEW, InitTrackingJob
 
 logger = logging.getLogger(__name__)
 
@@ -38,6 +39,11 @@ _ENVIRONMENT = {
 }
 _NETWORK_FILE_SYSTEMS = re.compile(r"nfs|cifs|smb|lustre|gpfs|beegfs|ceph|gluster|afs|9p|fuse|orangefs|pvfs|drvfs")
 
+# The columns of an experiment's list of runs, as MLflow keeps a view that somebody has shared; its link names it. Those
+# that no run has are not shown.
+SCORES = [f"{name}/log_mse_{how}" for how in ("sum", "dim") for name in ("validation", "iid", "test")]
+COLUMNS = [f"metrics.`{name}`" for name in (*SCORES, "test/relative_error")] + ["attributes.`Models`"]
+
 LOCK_S = 120.0  # making a store takes ten seconds on a slow disk
 
 # The database file that this process opened first, by path: MLflow keeps it open, even when another takes its name.
@@ -49,13 +55,13 @@ class StoreGone(Exception):
 
 
 def initialise(job: InitTrackingJob, marker: Path) -> None:
-    """Create or upgrade the store and the experiment, once, before any process logs to it.
+    """Create or upgrade the store and its experiments, once, before any process logs to it.
 
     A store that cannot be used is a warning: trainings then write their JSON lines only.
 
     Arguments:
-        job: the tracking store, ``sqlite:///results/mlflow/mlflow.db`` or ``http://…``, and the name of the MLflow
-            experiment. A local store's artifacts lie in ``artifacts`` beside the database.
+        job: the tracking store, ``sqlite:///results/mlflow/mlflow.db`` or ``http://…``, and the experiments of the
+            configuration. A local store's artifacts lie in ``artifacts`` beside the database.
         marker: the path of the JSON file that logging stages read (:class:`Tracking`), written at the end.
 
     Raises:
@@ -64,13 +70,13 @@ def initialise(job: InitTrackingJob, marker: Path) -> None:
     if not job.enabled:
         files.write_json(marker, {"enabled": False})
         return
-    identity = None
+    identities = None
     try:
-        identity = connect(job.uri, job.experiment, prepare=True)[1]
+        identities = {name: connect(job.uri, job.name_of(name), prepare=True)[1] for name in job.experiments}
     except Exception as error:
         text = "tracking store %s cannot be used (%s); runs are logged to their JSON lines only"
         logger.warning(text, job.uri, brief(error))
-    files.write_json(marker, job.model_dump() | {"experiment_id": identity})
+    files.write_json(marker, job.model_dump() | {"experiments": identities})
 
 
 def connect(uri: str, experiment: str, prepare: bool = False) -> tuple[Any, str]:
@@ -115,6 +121,10 @@ def connect(uri: str, experiment: str, prepare: bool = False) -> tuple[Any, str]
             identity = client.create_experiment(experiment, artifact_location=location)
         else:
             identity = known.experiment_id
+        if known is None or prepare:
+            client.set_experiment_tag(
+                identity, f"mlflow.sharedViewState.{VIEW}", json.dumps({"selectedColumns": COLUMNS})
+            )
         if path is not None:
             _opened.setdefault(path.resolve(), _identity(path))
     return client, identity

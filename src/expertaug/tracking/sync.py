@@ -135,7 +135,7 @@ class Mirror:
 
     def __init__(self, tracking: Tracking, header: Header, path: Path) -> None:
         self._uri, self._header, self._folder = tracking.uri, header, path.parent
-        self._client, self._experiment_id = connect(tracking.uri, tracking.experiment)
+        self._client, self._experiment_id = connect(tracking.uri, tracking.name_of(header.experiment))
         # On a server, another machine may have a results folder of the same name.
         place = (str(path.resolve()),) if database(self._uri) is not None else (platform.node(), str(path.resolve()))
         self._place = _digest(place)
@@ -286,7 +286,8 @@ class Mirror:
             name, params = re.sub(r"[/:.%\"']", "_", text), flatten(self._header.params)
             made = self._client.create_logged_model(self._experiment_id, name, run, tags, params, "expertaug")
             self._client.finalize_logged_model(made.model_id, LoggedModelStatus.READY)
-            self._client.log_outputs(run, [LoggedModelOutput(made.model_id, step=0)])
+            for one in (run, self.parent):
+                self._client.log_outputs(one, [LoggedModelOutput(made.model_id, step=0)])
 
     def _find_parent(self) -> str:
         header = self._header
@@ -295,6 +296,7 @@ class Mirror:
         for run in self._search(condition, order_by=["attributes.start_time ASC"], max_results=1):
             return run.info.run_id
         tags = {name: getattr(header, name) for name in IDENTITY} | {"parent_key": key}
+        tags |= {"mlflow.source.type": "LOCAL", "mlflow.source.name": "expertaug"}
         return self._create(self._method, tags)
 
     @property

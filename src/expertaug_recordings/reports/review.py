@@ -140,7 +140,7 @@ def review(summaries: Sequence[str | Path], output: str | Path, refused: Mapping
             image = base64.b64encode((folder / "review.jpg").read_bytes()).decode()
             rows = (folder / "review.csv").read_text(encoding="utf-8")
         except OSError as error:
-            raise InputError(folder, f"{Path(error.filename).name} cannot be read", "run review_recording") from error
+            raise InputError(folder, f"{Path(error.filename).name} cannot be read", "run draw-worst-frames") from error
         reasons = ", ".join(f"{name} {count}" for name, count in found.reasons.items()) or "none"
         warned = "".join(f"<p class=warning>{html.escape(text)}</p>" for text in found.warnings)
         parts.append(

@@ -73,8 +73,13 @@ def table(experiments: Sequence[tuple[Sequence[TabledMean], ReportExperiment]]) 
         for row in chosen(long, job):
             shown = [_text(scores, row.method, name, job) for name in sets]
             rows.append([labels[row.method], row.why, *shown, gain(scores.get((row.method, "test"))) or DASH])
-        parts.append((f"{job.of_experiment(job.name)} ({job.convention_text})", rows))
+        parts.append((part(job), rows))
     return Table(["method", "shown as", *map(Titles().of_set, sets), "gain over control, test"], parts, 2)
+
+
+def part(job: ReportExperiment) -> str:
+    """The title of an experiment's rows."""
+    return f"{job.of_experiment(job.name)} ({job.convention_text})"
 
 
 def sentence(long: Sequence[TabledMean], job: ReportExperiment) -> tuple[str, str]:

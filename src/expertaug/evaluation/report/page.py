@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import jinja2
 from expertaug.evaluation import costs, run_record
 from expertaug.evaluation.report import headline, tables
 from expertaug.evaluation.report.graph import drawing
+from expertaug.evaluation.report.links import Dashboard, Links
 from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.settings import Reading, ReportExperiment, ReportJob
 from expertaug.evaluation.summary import TabledMean
@@ -19,6 +20,7 @@ from expertaug.evaluation.table import STAR, Table
 from expertaug.evaluation.tabulate import CHOICE, GAINS, WORST
 from expertaug.files import check_inside, write_text
 from expertaug.tracking import provenance
+from expertaug.tracking.settings import tracking_of_run
 
 TEMPLATE = Path(__file__).with_name("page.html")
 RECORDINGS, OVERALL = "Recordings", "All experiments"
@@ -37,6 +39,7 @@ class Block:
         picture: a figure's data URI, and its width and height in px.
         table: a table's cells.
         folded: whether it is shown only when it is asked for.
+        links: where the runs behind its rows are.
     """
 
     name: str
@@ -45,6 +48,7 @@ class Block:
     picture: tuple[str, int, int] | None = None
     table: Table | None = None
     folded: bool = False
+    links: Links = field(default_factory=dict)
 
 
 class Numbers:
@@ -56,8 +60,9 @@ class Numbers:
     def figure(self, title: str, caption: str, picture: tuple[str, int, int], folded: bool = False) -> Block:
         return Block(f"Figure {next(self._next['Figure'])}", title, caption, picture, folded=folded)
 
-    def table(self, title: str, caption: str, table: Table, folded: bool = False) -> Block:
-        return Block(f"Table {next(self._next['Table'])}", title, caption, table=table, folded=folded)
+    def table(self, title: str, caption: str, table: Table, folded: bool = False, links: Links | None = None) -> Block:
+        name = f"Table {next(self._next['Table'])}"
+        return Block(name, title, caption, table=table, folded=folded, links=links or {})
 
 
 def report(results: Path, output: Path, job: ReportJob) -> None:
@@ -76,14 +81,17 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
         (tables.read_long(check_inside(results / f"tables/{one.name}_long.csv", results)), one)
         for one in job.experiments
     ]
-    first = numbers.table("Headline numbers", headline.CAPTION, headline.table(experiments))
+    dashboard = Dashboard(tracking_of_run(results))
+    table = headline.table(experiments)
+    links = dashboard.of_several(table, {headline.part(one): (one.name, long) for long, one in experiments})
+    first = numbers.table("Headline numbers", headline.CAPTION, table, links=links)
     sections = [(OVERALL, _blocks(numbers, [one for one in shown if _room(one) == OVERALL], results, job))]
     for long, experiment in experiments:
         own = [s for s in shown if s.experiment == experiment.name and s.stem != experiment.name]
         caption = next((s.text(job.preset) for s in shown if s.stem == experiment.name), "")
         asked = [s for name in FIRST for s in own if s.stem == f"{experiment.name}_{name}"]
         blocks = _blocks(numbers, asked, results, job, experiment, folded=False)
-        blocks += _of_experiment(numbers, long, experiment, caption)
+        blocks += _of_experiment(numbers, long, experiment, caption, dashboard)
         blocks += _blocks(numbers, [s for s in own if s not in asked], results, job, experiment)
         sections.append((experiment.of_experiment(experiment.name), blocks))
     sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, job)))
@@ -94,6 +102,8 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
         title=f"Results of {', '.join(one.of_experiment(one.name) for _, one in experiments)}",
         sentences=[headline.sentence(*one) for one in experiments],
         headline=first,
+        linked=bool(first.links),
+        served=dashboard.command,
         sections=[(title, blocks) for title, blocks in sections if blocks],
         costs=run_record.costs_table(measured) if measured else None,
         record=record,
@@ -104,16 +114,17 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
 
 
 def _of_experiment(
-    numbers: Numbers, long: Sequence[TabledMean], experiment: ReportExperiment, caption: str
+    numbers: Numbers, long: Sequence[TabledMean], experiment: ReportExperiment, caption: str, dashboard: Dashboard
 ) -> list[Block]:
     """Tables of an experiment: its metrics, the gains of augmented versions, and the other metrics."""
-    blocks = [numbers.table("Metrics", caption, tables.main(long, experiment))]
+    shown = [("Metrics", caption, tables.main(long, experiment))]
     if choice := tables.choice(long, experiment):
-        blocks.append(numbers.table("Choice", CHOICE, choice))
+        shown.append(("Choice", CHOICE, choice))
     if gained := tables.gains(long, experiment):
-        blocks.append(numbers.table("Gains", f"{GAINS.partition(' bold')[0]} {STAR}: told apart from 0.", gained))
+        shown.append(("Gains", f"{GAINS.partition(' bold')[0]} {STAR}: told apart from 0.", gained))
     if worst := tables.worst_seeds(long, experiment):
-        blocks.append(numbers.table("Worst seeds", WORST, worst))
+        shown.append(("Worst seeds", WORST, worst))
+    blocks = [numbers.table(*one, links=dashboard.of(one[2], experiment.name, long)) for one in shown]
     more = tables.further(long, experiment)
     if more.size:
         said = f"All other metrics, of the same runs as {blocks[0].name}."
