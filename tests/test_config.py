@@ -194,6 +194,18 @@ def test_shipped_files_are_valid(base, name, tmp_path):
             "studies.during_trainin: unknown key; did you mean 'during_training'?",
         ),
         (
+            "experiments: {pendulum: {studies: {data_curves: {noise: [pendulum, pendulm]}}}}",
+            "studies.data_curves.noise[1]: 'pendulm' is no experiment of the run; did you mean 'pendulum'?",
+        ),
+        (
+            "experiments: {pendulum: {studies: {data_curves: {samples: [double_pendulum]}}}}",
+            "studies.data_curves.samples: 'double_pendulum' is measured; name simulated experiments",
+        ),
+        (
+            "experiments: {pendulum: {studies: {data_curves: {}}}}",
+            "studies.data_curves: no experiment; name some under samples or noise",
+        ),
+        (
             "experiments: {pendulum: {studies: {during_training: {method: aphynity}}}}",
             "studies.during_training.epochs: missing",
         ),

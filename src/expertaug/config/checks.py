@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from expertaug.config import jobs, options
@@ -408,6 +408,20 @@ def _studies(where: str, experiment: Experiment, methods: dict[str, Method]) -> 
             yield InputError(
                 f"{here}.epochs[{k}]", f"found {epoch}", f"the training ends after {training.epochs} passes"
             )
+
+
+def check_data_curves(experiments: Mapping[str, Experiment], run: Sequence[str]) -> Iterator[InputError]:
+    """What is wrong with the studies of several experiments of a run."""
+    for name in run:
+        asked = experiments[name].studies.data_curves if name in experiments else None
+        if asked is None:
+            continue
+        for along in ("samples", "noise"):
+            where, points = f"experiments.{name}.studies.data_curves.{along}", getattr(asked, along)
+            yield from unknown(points, run, where, "experiment of the run")
+            for point in points:
+                if point in experiments and experiments[point].data.source != "simulation":
+                    yield InputError(where, f"'{point}' is measured", "name simulated experiments")
 
 
 def _evaluation(where: str, experiment: Experiment) -> Iterator[InputError]:

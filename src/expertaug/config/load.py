@@ -114,6 +114,7 @@ def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> 
         experiment, wrong_in[name] = _experiment(f"experiments.{name}", plain(block), common)
         if experiment is not None:
             complete[name] = experiment
+    errors += checks.check_data_curves(complete, common.run)
     errors += _of_the_run(common.run, wrong_in, {name: block.get("based_on") for name, block in experiments.items()})
     whole = Configuration.model_construct(**dict(common), experiments=complete)
     if not errors:

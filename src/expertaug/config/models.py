@@ -273,11 +273,28 @@ class Grid(Settings):
         return {f"{self.method}@{k}": dict(zip(self.keys, v, strict=True)) for k, v in enumerate(combinations, 1)}
 
 
+class DataCurves(Settings):
+    """Errors of experiments against what their data differ in."""
+
+    samples: list[str] = key(list, "experiments that differ in the size of their training set")
+    noise: list[str] = key(list, "experiments that differ in their noise")
+
+    @agreement
+    def _some_points(self) -> Iterator[PydanticCustomError]:
+        if not self.samples and not self.noise:
+            yield disagree("no experiment", "name some under samples or noise")
+
+
 class Studies(Settings):
     """Further questions to the experiment's models, each with a table and a figure of its own."""
 
     RENAMED: ClassVar = {"along": "it is called during_training now"}
 
+    data_curves: DataCurves | None = key(
+        LEFT_OUT,
+        "errors of several experiments of the run against the size of their training sets, or their noise; null "
+        "removes an inherited study",
+    )
     during_training: DuringTraining | None = key(
         LEFT_OUT,
         "augmentation and fine-tuning of the model at several stages of its training; null removes an inherited study",

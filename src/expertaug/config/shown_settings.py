@@ -70,6 +70,28 @@ def grid(config: Configuration, experiment: str) -> dict[str, Any]:
     }
 
 
+def data_curves(config: Configuration, experiment: str) -> dict[str, Any]:
+    """The experiments that are points of curves, and the value of each."""
+    asked = config.experiments[experiment].studies.data_curves
+    assert asked is not None
+    sizes = {name: float(config.experiments[name].data.simulated["train"].size) for name in asked.samples}
+    noises = {name: config.experiments[name].data.noise for name in asked.noise}
+    axes = [
+        (along, sorted((value, name) for name, value in points.items() if isinstance(value, int | float)))
+        for along, points in (("samples", sizes), ("noise", noises))
+        if points
+    ]
+    named = variants(config, experiment)
+    return {
+        "experiment": experiment,
+        "axes": axes,
+        "labels": _labels(config, named),
+        "hues": hues(config, named),
+        "floor": _floor(config, experiment),
+        **reading(config, experiment),
+    }
+
+
 def own_priors(config: Configuration, experiment: str) -> dict[str, Any]:
     """What the table of found ranges says: of which version and group of seeds each is."""
     versions = found_priors(config, experiment)

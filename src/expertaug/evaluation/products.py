@@ -53,6 +53,7 @@ PRODUCTS = [
     *STUDIES,
     *WINDOW_STUDIES,
     *(Product(name, name, table=True, figure=True) for name in ("grid", "validity", "dissipation", "estimates")),
+    Product("data_curves", "data_curves", table=True, figure=True),
     Product("equation", "equation", table=True),
     Product("own_priors", "tabulate_own_prior", table=True),
     Product("published", "compare", table=True),

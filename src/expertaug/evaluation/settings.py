@@ -287,6 +287,19 @@ class GridJob(Settings):
     points: list[Annotated[tuple[str, list[Any]], Field(strict=False)]] = key(..., "name and values of each point")
 
 
+Points = Annotated[list[Annotated[tuple[float, str], Field(strict=False)]], Field(strict=False)]
+
+
+class DataCurvesJob(FigureReading):
+    """The table and the figure of errors against what the data of several experiments differ in."""
+
+    experiment: str = key(..., "name of the experiment that asks")
+    axes: list[Annotated[tuple[str, Points], Field(strict=False)]] = key(
+        ..., "what experiments differ in (samples, noise), and by its value their names"
+    )
+    floor: str | None = key(None, "version of the true equation, where there is one")
+
+
 class OwnPriorsJob(Reading):
     """The table of the ranges that p⁺ has found."""
 

@@ -14,6 +14,7 @@ from expertaug.stages.study import StudyStage
 if TYPE_CHECKING:
     from expertaug.evaluation.settings import (
         CompareJob,
+        DataCurvesJob,
         DissipationJob,
         DuringTrainingJob,
         EquationJob,
@@ -244,6 +245,34 @@ class Distance(_WindowStudy):
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
         simulated = files.config.experiments[experiment].data.source == "simulation"  # a range of training
         return super().inputs(files, experiment, study) if simulated else []
+
+
+class DataCurves(StudyStage):
+    """show how errors depend on the number of trajectories and their noise"""
+
+    name = "data-curves"
+    code = "expertaug.evaluation.data_curves"
+    job = "expertaug.evaluation.settings:DataCurvesJob"
+    slice = "expertaug.config.shown_settings:data_curves"
+    reads = ("tabulate",)
+    title = "size and noise of the data"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("tables", type=Path, nargs="+", help="long table of every experiment that is a point")
+        add_outputs(parser, STUDY)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: DataCurvesJob) -> None:
+        from expertaug.evaluation.data_curves import data_curves
+
+        data_curves(a.tables, a.output, job)
+
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        asked = files.config.experiments[experiment].studies.data_curves
+        points = dict.fromkeys([*asked.samples, *asked.noise]) if asked is not None else []
+        return [files.path(f"tables/{name}_long.csv") for name in points]
 
 
 class Estimates(StudyStage):

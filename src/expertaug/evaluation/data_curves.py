@@ -1,0 +1,159 @@
+"""The stage data-curves: errors of several experiments against what their data differ in, number or noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from expertaug import plotting
+from expertaug.errors import InputError
+from expertaug.evaluation.metrics import RELATIVE_ERROR, Metric, log_mse_of
+from expertaug.evaluation.settings import DataCurvesJob
+from expertaug.evaluation.summary import TabledMean, cell_of, in_domain
+from expertaug.evaluation.table import Study, Table, plain
+from expertaug.rows import frame, grouped, read_csv
+from expertaug.versions import Version
+
+AXES = {"samples": "training trajectories", "noise": "standard deviation of the noise"}
+CAPTION = (
+    "Mean over seeds with its 95 % interval, or ± standard deviation over seeds where samples' errors are not kept. "
+    "log-MSE: natural logarithm of the mean squared error of the forecast; lower is better."
+)
+WIDEST = 7  # lines of a panel
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """A metric of a version at a point of a curve.
+
+    Attributes:
+        along: what the curve's experiments differ in, a key of :data:`AXES`.
+        value: of that.
+        mean, low, high: over seeds, and the ends of its 95 % interval, NaN where there is none.
+        n, of: number of seeds with a finite value, and of all.
+    """
+
+    along: str
+    value: float
+    experiment: str
+    method: str
+    label: str
+    set: str
+    metric: str
+    mean: float
+    low: float
+    high: float
+    n: int
+    of: int
+
+
+def data_curves(tables: Sequence[Path], outputs: Sequence[Path], job: DataCurvesJob) -> None:
+    """Write the table of the curves and draw them.
+
+    Arguments:
+        tables: the long table of every experiment that is a point (:mod:`expertaug.evaluation.tabulate`).
+        outputs: any of .csv, .md, .tex, .png and .pdf.
+
+    Raises:
+        InputError: a table is missing or broken, a point has none, or an output's suffix is unknown.
+    """
+    means: dict[str, list[TabledMean]] = {}
+    for path in tables:
+        for mean in read_csv(path, TabledMean, "make it again with tabulate"):
+            means.setdefault(mean.experiment, []).append(mean)
+    if missing := [name for _, points in job.axes for _, name in points if name not in means]:
+        raise InputError(missing[0], "no table of this experiment", "give the long table of every point")
+    sets = [in_domain(mean.set for own in means.values() for mean in own), "test"]
+    metrics = [log_mse_of(job.convention), RELATIVE_ERROR]
+    points = [
+        _point(along, value, mean)
+        for along, experiments in job.axes
+        for value, name in experiments
+        for mean in means[name]
+        if mean.method in job.label_of and mean.set in sets and mean.metric in {metric.name for metric in metrics}
+    ]
+    title = f"{job.of_experiment(job.experiment)}: how errors depend on the data"
+    found = [_table(along, job, means, sets, metrics) for along, _ in job.axes]
+    label = f"{job.experiment}-data-curves".replace("_", "-")
+    first = replace(found[0], title=title, caption=CAPTION, label=label)
+    Study(frame(Point, points), [first, *found[1:]], lambda: _draw(points, sets, metrics[0], job, title)).save(outputs)
+
+
+def _point(along: str, value: float, mean: TabledMean) -> Point:
+    names = ("experiment", "method", "label", "set", "metric", "mean", "low", "high", "n", "of")
+    return Point(along=along, value=value, **{name: getattr(mean, name) for name in names})
+
+
+def _table(
+    along: str,
+    job: DataCurvesJob,
+    means: dict[str, list[TabledMean]],
+    sets: Sequence[str],
+    metrics: Sequence[Metric],
+) -> Table:
+    """A row for each point and version, a column for each metric and set."""
+    columns = [(metric, name) for metric in metrics for name in sets]
+    rows = []
+    for value, experiment in dict(job.axes)[along]:
+        known = {(mean.method, mean.metric, mean.set): mean for mean in means[experiment]}
+        for version, label in job.labels:
+            cells = [cell_of(known, (version, metric.name, name), metric.name) for metric, name in columns]
+            if any(cell.of for cell in cells):
+                rows.append([plain(value), label, *cells])
+    head = [AXES[along], "method", *(f"{job.of_set(name)}: {metric.heading()}" for metric, name in columns)]
+    return Table(head, [("", rows)], 2)
+
+
+def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: DataCurvesJob, title: str) -> Figure:
+    """A row of panels for what differs, a column for each set, a line for each version; the floor is dotted."""
+    named = [version for version, _ in job.labels if any(point.method == version for point in points)]
+    shown = [v for v in named if v != job.floor and not Version.parse(v).is_control][:WIDEST]
+    drawn = [*shown] if job.floor is None else [*shown, job.floor]
+    colours = plotting.colours(shown, dict(job.hues))
+    with plotting.styled():
+        figure = plotting.new_figure(0.6 + 2.3 * len(job.axes))
+        axes = figure.subplots(len(job.axes), len(sets), squeeze=False, sharey=True)
+        of_metric = [point for point in points if point.metric == metric.name]
+        lines = grouped(of_metric, lambda point: (point.along, point.set, point.method))
+        for row, (along, experiments) in zip(axes, job.axes, strict=True):
+            values = [value for value, _ in experiments]
+            for axis, name in zip(row, sets, strict=True):
+                for place, version in enumerate(drawn):
+                    own = lines.get((along, name, version), [])
+                    look = _look(version, colours) if version in colours else FLOOR
+                    _line(axis, values, own, look, 0.16 * (place / len(shown) - 0.5) if version in colours else 0.0)
+                axis.set_xticks(range(len(values)), [f"{value:g}" for value in values])
+                axis.set_xlabel(AXES[along])
+                axis.grid(axis="y")
+                if row is axes[0]:
+                    axis.set_title(plotting.text(job.of_set(name)))
+            row[0].set_ylabel("log-MSE (lower is better)")
+        plotting.heading(figure, f"{title}; squared error {job.convention_text}; 95 % intervals")
+        handles, texts = axes[0, 0].get_legend_handles_labels()
+        for handle, text in zip(handles, texts, strict=True):
+            handle.set_label(plotting.text(text))
+        plotting.legend(figure, handles)
+    return figure
+
+
+FLOOR = {"color": "0.55", "linestyle": ":", "linewidth": 1.2}
+
+
+def _look(version: str, colours: dict) -> dict:
+    look = {"linestyle": plotting.dash(version), "marker": plotting.marker(version), "markersize": 3}
+    return {"color": colours[version], "elinewidth": 0.8, "capsize": 1.6, **look}
+
+
+def _line(axis: Axes, values: Sequence[float], points: Sequence[Point], look: dict, aside: float) -> None:
+    """Means with their intervals; what has no finite value is left out."""
+    good = [point for point in points if np.isfinite(point.mean)]
+    if not good:
+        return
+    ends = np.nan_to_num([[point.mean - point.low for point in good], [point.high - point.mean for point in good]])
+    places = [values.index(point.value) + aside for point in good]
+    axis.errorbar(places, [point.mean for point in good], ends, label=good[0].label, **look)

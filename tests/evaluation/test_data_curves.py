@@ -1,0 +1,77 @@
+"""Errors of several experiments against the number of their trajectories, and their noise."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+
+from expertaug.errors import InputError
+from expertaug.evaluation.data_curves import data_curves
+from expertaug.evaluation.settings import DataCurvesJob
+from expertaug.evaluation.summary import TabledMean
+from expertaug.rows import frame
+
+LABELS = {"fit": "Fit", "hybrid": "Hybrid", "hybrid=": "Hybrid=", "floor": "Floor"}
+LEVELS = {"few": -2.0, "many": -5.0, "clean": -9.0}
+
+
+def table_of(folder, experiment, **changed):
+    """The long table of an experiment, whose methods are a nat apart; sets .1, and no parameters of the floor."""
+    rows = []
+    for k, (method, label) in enumerate(LABELS.items()):
+        for s, name in enumerate(("train", "validation", "iid", "test")):
+            level = LEVELS[experiment] - k + 0.1 * s
+            values = {"log_mse_sum": level, "log_mse_dim": level - 0.7}
+            values |= {} if method == "floor" else {"relative_error": 7.0}
+            told = {"experiment": experiment, "system": "p", "preset": "corrected", "method": method, "label": label}
+            for metric, mean in values.items():
+                spread = {"mean": mean, "std": 0.2, "n": 2, "of": 2, "low": mean - 0.3, "high": mean + 0.5}
+                rows.append(TabledMean(metric=metric, set=name, seeds=(0, 1), **told, **spread | changed))
+    path = folder / f"{experiment}_long.csv"
+    frame(TabledMean, rows).to_csv(path, index=False)
+    return path
+
+
+def job(**axes):
+    points = {"samples": [(20, "few"), (1000, "many")], "noise": [(0.0, "clean"), (0.01, "many")]} | axes
+    return DataCurvesJob.from_mapping(
+        {"experiment": "many", "axes": list(points.items()), "labels": list(LABELS.items()), "floor": "floor"}
+    )
+
+
+def test_a_row_is_a_point_and_a_method_and_a_line_its_intervals(tmp_path, drawn):
+    tables = [table_of(tmp_path, name) for name in LEVELS]
+    outputs = [tmp_path / f"curves.{end}" for end in ("csv", "md", "tex", "png")]
+    data_curves(tables, outputs, job())
+    text = (tmp_path / "curves.md").read_text()
+    assert "| 20 | Fit | −1.80 [−2.10, −1.30] | −1.70 [−2.00, −1.20] | 7.0 [6.7, 7.5] |" in text.replace("  ", " ")
+    assert "| 0.01 | Floor | −7.80 [" in text and text.count("| Floor |") == 4
+    assert (tmp_path / "curves.tex").read_text().isascii()
+    csv = pd.read_csv(tmp_path / "curves.csv")
+    assert set(csv["set"]) == {"iid", "test"} and set(csv["along"]) == {"samples", "noise"}
+    assert set(csv["metric"]) == {"log_mse_sum", "relative_error"} and len(csv) == 4 * 2 * (4 + 3)
+    (figure,) = drawn
+    assert [axis.get_xlabel().split()[0] for axis in figure.axes] == ["training"] * 2 + ["standard"] * 2
+    iid = figure.axes[0]
+    assert [tick.get_text() for tick in iid.get_xticklabels()] == ["20", "1000"]
+    lines = {bars.get_label(): bars for bars in iid.containers}
+    assert set(lines) == {"Fit", "Hybrid", "Floor"}  # no control
+    assert list(lines["Hybrid"].lines[0].get_ydata()) == pytest.approx([-2.8, -5.8])
+    bar = lines["Hybrid"].lines[2][0].get_segments()[0][:, 1]
+    assert list(bar) == pytest.approx([-3.1, -2.3])
+
+
+def test_a_point_without_a_table_is_refused(tmp_path):
+    with pytest.raises(InputError, match="clean: no table of this experiment"):
+        data_curves([table_of(tmp_path, "few"), table_of(tmp_path, "many")], [tmp_path / "c.md"], job())
+    assert not (tmp_path / "c.md").exists()
+
+
+def test_without_intervals_and_finite_values_nothing_is_drawn_of_a_point(tmp_path, drawn):
+    nan = float("nan")
+    tables = [table_of(tmp_path, "few", mean=nan, n=0), table_of(tmp_path, "many", low=nan, high=nan)]
+    data_curves(tables, [tmp_path / "c.md", tmp_path / "c.png"], job(noise=[(0.01, "many")]))
+    text = (tmp_path / "c.md").read_text()
+    assert "not finite (0/2)" in text and "± 0.20" in text
+    line = next(bars for bars in drawn[0].axes[0].containers if bars.get_label() == "Fit")
+    assert len(line.lines[0].get_ydata()) == 1
