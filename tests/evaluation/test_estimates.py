@@ -57,6 +57,16 @@ def test_of_one_block_many_windows_say_as_much_as_one():
     assert interval(found) == pytest.approx((3 - 1.645 * 0.2, 3 + 1.645 * 0.2), abs=1e-4)
 
 
+def test_an_interval_of_what_cannot_be_negative_ends_at_zero():
+    """Of two trajectories Student's t is six errors wide."""
+    values = np.array([[[0.2, -1.0], [0.6, 1.0]]])
+    stated = Stated(values, None, ["mass", "speed"], ["kg", "m/s"], None, {}, positive=["mass"])
+    mass, speed = summarise(stated, {})
+    assert mass.low == 0.0 and mass.high == pytest.approx(0.4 + 6.314 * 0.2, abs=1e-3)
+    assert speed.low == pytest.approx(-6.314, abs=1e-3)
+    assert interval(pool(np.array([3.0, 3.2]), np.array([0.1, 0.1])), True)[0] > 0
+
+
 def test_correlation_times_of_overlapping_windows():
     rng = np.random.default_rng(0)
     assert correlation_time(overlapping(rng, 2000, 1)) < 1.5

@@ -259,7 +259,8 @@ class TrainedModel:
             names, units = [p.name for p in parameters], [p.unit for p in parameters]
             ranges = fit.prior if fit is not None and isinstance(fit.prior, Mapping) else {}
             constants = constants_of(fit, *({p.name: p.unit for p in of} for of in (parameters, self.system.state)))
-            stated = Stated(values, std, names, units, data.id, shared, constants)  # type: ignore[arg-type]
+            positive = [p.name for p in parameters if p.positive]
+            stated = Stated(values, std, names, units, data.id, shared, constants, positive)  # type: ignore[arg-type]
             rows = summarise(stated, ranges)
         return frame(Estimate, rows)
 

@@ -9,7 +9,7 @@ spread; its mean has Student's t intervals (Hartung & Knapp 2001).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -129,11 +129,13 @@ def of_trajectory(values: np.ndarray, errors: np.ndarray | None) -> Pooled:
     return Pooled(each.value, float(each.error * np.sqrt(correlation_time(values))), each.spread, 1)
 
 
-def interval(pooled: Pooled) -> tuple[float, float]:
-    """Ends of the interval of a mean: Student's t of its groups, or of a single one normal."""
+def interval(pooled: Pooled, positive: bool = False) -> tuple[float, float]:
+    """Ends of the interval of a mean: Student's t of its groups, or of a single one normal; of what cannot be negative
+    it ends at zero."""
     quantile = 0.5 + LEVEL / 2
     wide = stats.t.ppf(quantile, pooled.groups - 1) if pooled.groups > 1 else stats.norm.ppf(quantile)
-    return pooled.value - wide * pooled.error, pooled.value + wide * pooled.error
+    low = pooled.value - wide * pooled.error
+    return max(low, 0.0) if positive else low, pooled.value + wide * pooled.error
 
 
 @dataclass(frozen=True)
@@ -147,6 +149,7 @@ class Stated:
         identity: of the windows, (N,); None: each is a trajectory.
         shared: number of independent groups of windows by name of the parameters that all share.
         constants: what the model's file says of windows together, beside these.
+        positive: names of those that cannot be negative.
     """
 
     values: np.ndarray
@@ -156,6 +159,7 @@ class Stated:
     identity: np.ndarray | None
     shared: Mapping[str, int]
     constants: Sequence[ConstantEstimate] = ()
+    positive: Collection[str] = ()
 
 
 def summarise(
@@ -172,7 +176,7 @@ def summarise(
     count, together = stated.values.shape[1], stated.constants
 
     def row(one: Pooled, name: str, unit: str, of: str, windows: int) -> Estimate:
-        low, high = interval(one)
+        low, high = interval(one, name in stated.positive)
         ends = ranges.get(name)
         told = None if ends is None or not np.isfinite(high - low) else high - low < TOLD * (ends[1] - ends[0])
         numbers = (one.value, one.error, low, high, one.spread, windows, one.groups)
@@ -269,6 +273,7 @@ def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
             identity,
             first.shared,
             first.constants,
+            first.positive_names,
         )
 
     if all(sets[name].sample_id is not None for name in names):

@@ -97,6 +97,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         interaction_names=[p.name for p in getattr(system, "interaction_parameters", ())],
         estimated_names=[p.name for p in parameters],
         estimated_units=[p.unit for p in parameters],
+        positive_names=[p.name for p in parameters if p.positive],
         shared={name: one.groups for name, one in constants.items()},
         constants=constants_of(refinement, *({p.name: p.unit for p in of} for of in (parameters, system.state))),
         version=VersionKey(job.experiment, job.preset, job.method),

@@ -21,7 +21,7 @@ from expertaug.models.settings import Refinement
 REMEDY = "make it again with evaluate"
 OWN = "own"  # the set of windows that the version's models have made themselves
 TEXTS = ("state_names", "state_units", "parameter_names", "parameter_units")
-MORE_TEXTS = ("interaction_names", "estimated_names", "estimated_units")
+MORE_TEXTS = ("interaction_names", "estimated_names", "estimated_units", "positive_names")
 CONSTANTS = "constants_"  # arrays of what the model's file says of windows together, by field
 CONSTANT_TYPES = (str, str, str, float, float, float, int, int)
 SHARED = "all windows (shared)"
@@ -170,6 +170,7 @@ class Forecasts:
         interaction_names: of the true interaction's parameters, where they are known.
         estimated_names, estimated_units: of the expert parameters and, where the equation is the true one, of the
             interaction's.
+        positive_names: of those that cannot be negative.
         shared: of those that all windows share, the number of independent groups of windows that they are from.
         constants: what the model's file says of windows together, beside these.
         version: whose they are; None of a file from before that was kept, and in memory.
@@ -190,6 +191,7 @@ class Forecasts:
     interaction_names: list[str] = field(default_factory=list)
     estimated_names: list[str] = field(default_factory=list)
     estimated_units: list[str] = field(default_factory=list)
+    positive_names: list[str] = field(default_factory=list)
     shared: Mapping[str, int] = field(default_factory=dict)
     constants: Sequence[ConstantEstimate] = ()
     version: VersionKey | None = None
