@@ -8,6 +8,7 @@ They come from results/published.  A comment names the source of what stands beh
 - ``<!-- beside the paper: FOLDER EXPERIMENT VERSIONS -->``: log-MSE of versions on the test sets, with the paper's
   number beside each and a mark where each window is fitted.
 - ``<!-- seeds: FOLDER EXPERIMENT VERSIONS SET -->``: the log-MSE of each seed on a set, the worst bold.
+- ``<!-- curves: FOLDER EXPERIMENT ALONG SET -->``: log-MSE on a set by what the study data_curves has ``along``.
 - ``<!-- value: FOLDER TABLE VERSION SET METRIC [gain] -->…<!-- -->``, in a line: a cell, or its gain over the control.
 - ``<!-- count: FOLDER WHAT -->…<!-- -->``: how many cells of the paper's tables are at_or_below, better or worse.
 - ``<!-- alarm: FOLDER EXPERIMENT VERSION SCORE -->…<!-- -->``: a score's AUROC on the shifted test, mean over seeds.
@@ -27,12 +28,13 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
+from expertaug.evaluation.data_curves import AXES, Point
 from expertaug.evaluation.metrics import metric_of
 from expertaug.evaluation.settings import Titles
 from expertaug.evaluation.summary import TabledMean
-from expertaug.evaluation.table import Cell, grid
+from expertaug.evaluation.table import Cell, grid, plain
 from expertaug.files import write_text
-from expertaug.rows import read_csv
+from expertaug.rows import grouped, read_csv
 from expertaug.versions import Version, base
 
 CELL = ("mean", "std", "n", "low", "high")
@@ -40,6 +42,7 @@ PAPER = {"synth_log_mse": "log-MSE", "param_acc": "parameter error [%]"}
 MARK = re.compile(r"(<!-- table: (\S+) (\S+)(?: (\S+))? -->\n)((?:\|.*\n)*)")
 BESIDE = re.compile(r"(<!-- beside the paper: (\S+) (\S+) (\S+) -->\n)((?:\|.*\n)*)")
 SEEDS = re.compile(r"(<!-- seeds: (\S+) (\S+) (\S+) (\S+) -->\n)((?:\|.*\n)*)")
+CURVES = re.compile(r"(<!-- curves: (\S+) (\S+) (\S+) (\S+) -->\n)((?:\|.*\n)*)")
 VALUE = re.compile(r"(<!-- value: (\S+) (\S+) (\S+) (\S+) (\S+)( gain)? -->)[^<]*(<!-- -->)")
 COUNT = re.compile(r"(<!-- count: (\S+) (\S+) -->)[^<]*(<!-- -->)")
 ALARM = re.compile(r"(<!-- alarm: (\S+) (\S+) (\S+) (\S+) -->)[^<]*(<!-- -->)")
@@ -117,6 +120,18 @@ def of_seeds(folder: Path, name: str, versions: str, one_set: str) -> list[str]:
     return grid(["method, seed", *map(str, found[versions.split(",")[0]].seeds)], rows, 1)
 
 
+def of_curves(folder: Path, name: str, along: str, one_set: str) -> list[str]:
+    """A row for each version, a column for each point."""
+    metric = metric_of(_log_mse(yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8")), name))
+    points = read_csv(folder / "tables" / f"{name}_data_curves.csv", Point, "publish the run anew")
+    points = [one for one in points if (one.along, one.set, one.metric) == (along, one_set, metric.name)]
+    rows = [
+        [label, *(Cell(metric, one.mean, math.nan, one.n, one.of, one.low, one.high).text() for one in part)]
+        for label, part in grouped(points, lambda one: one.label).items()
+    ]
+    return grid([AXES[along], *(plain(value) for value in dict.fromkeys(one.value for one in points))], rows, 1)
+
+
 def _log_mse(config: Mapping, name: str) -> str:
     """The log-MSE in an experiment's convention."""
     return f"log_mse_{config['experiments'][name]['evaluation'].get('convention', 'sum')}"
@@ -152,6 +167,10 @@ def main() -> int:
         folder = options.root / "results" / "published" / match[2]
         return match[1] + "\n".join(of_seeds(folder, match[3], match[4], match[5])) + "\n"
 
+    def curves(match: re.Match) -> str:
+        folder = options.root / "results" / "published" / match[2]
+        return match[1] + "\n".join(of_curves(folder, match[3], match[4], match[5])) + "\n"
+
     def value(match: re.Match) -> str:
         table = pd.read_csv(options.root / "results" / "published" / match[2] / "tables" / f"{match[3]}.csv")
         line = table.set_index("method").loc[match[4]]
@@ -172,6 +191,7 @@ def main() -> int:
     for page in (options.root / "README.md", *sorted((options.root / "docs").glob("*.md"))):
         text = page.read_text(encoding="utf-8")
         new = VALUE.sub(value, BESIDE.sub(beside, MARK.sub(filled, text)))
+        new = CURVES.sub(curves, new)
         new = SEEDS.sub(seeds, ALARM.sub(alarm, COUNT.sub(count, new)))
         if new == text:
             continue

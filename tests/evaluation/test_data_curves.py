@@ -44,8 +44,9 @@ def test_a_row_is_a_point_and_a_method_and_a_line_its_intervals(tmp_path, drawn)
     outputs = [tmp_path / f"curves.{end}" for end in ("csv", "md", "tex", "png")]
     data_curves(tables, outputs, job())
     text = (tmp_path / "curves.md").read_text()
-    assert "| 20 | Fit | −1.80 [−2.10, −1.30] | −1.70 [−2.00, −1.20] | 7.0 [6.7, 7.5] |" in text.replace("  ", " ")
-    assert "| 0.01 | Floor | −7.80 [" in text and text.count("| Floor |") == 4
+    assert "| training trajectories | 20 | 1000 |" in text and "| standard deviation of the noise | 0 | 0.01 |" in text
+    assert "| Fit | −1.80 [−2.10, −1.30] | −4.80 [−5.10, −4.30] |" in text and "| Fit | 7.0 [6.7, 7.5] |" in text
+    assert text.count("| Floor |") == 4 and text.count("| Fit |") == 8
     assert (tmp_path / "curves.tex").read_text().isascii()
     csv = pd.read_csv(tmp_path / "curves.csv")
     assert set(csv["set"]) == {"iid", "test"} and set(csv["along"]) == {"samples", "noise"}

@@ -96,17 +96,19 @@ def _table(
     sets: Sequence[str],
     metrics: Sequence[Metric],
 ) -> Table:
-    """A row for each point and version, a column for each metric and set."""
-    columns = [(metric, name) for metric in metrics for name in sets]
-    rows = []
-    for value, experiment in dict(job.axes)[along]:
-        known = {(mean.method, mean.metric, mean.set): mean for mean in means[experiment]}
-        for version, label in job.labels:
-            cells = [cell_of(known, (version, metric.name, name), metric.name) for metric, name in columns]
-            if any(cell.of for cell in cells):
-                rows.append([plain(value), label, *cells])
-    head = [AXES[along], "method", *(f"{job.of_set(name)}: {metric.heading()}" for metric, name in columns)]
-    return Table(head, [("", rows)], 2)
+    """A row for each metric, set and version, a column for each point."""
+    experiments = dict(job.axes)[along]
+    known = {(m.experiment, m.method, m.metric, m.set): m for _, name in experiments for m in means[name]}
+    parts = []
+    for metric in metrics:
+        for name in sets:
+            rows = []
+            for version, label in job.labels:
+                keys = [(experiment, version, metric.name, name) for _, experiment in experiments]
+                cells = [cell_of(known, key, metric.name) for key in keys]
+                rows += [[label, *cells]] if any(cell.of for cell in cells) else []
+            parts.append((f"{job.of_set(name)}: {metric.heading()}", rows))
+    return Table([AXES[along], *(plain(value) for value, _ in experiments)], parts)
 
 
 def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: DataCurvesJob, title: str) -> Figure:
