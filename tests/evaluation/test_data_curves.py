@@ -53,6 +53,7 @@ def test_a_row_is_a_point_and_a_method_and_a_line_its_intervals(tmp_path, drawn)
     assert set(csv["metric"]) == {"log_mse_sum", "relative_error"} and len(csv) == 4 * 2 * (4 + 3)
     (figure,) = drawn
     assert [axis.get_xlabel().split()[0] for axis in figure.axes] == ["training"] * 2 + ["standard"] * 2
+    assert [axis.get_title() for axis in figure.axes] == ["IID test", "test (OOD)", "", ""]
     iid = figure.axes[0]
     assert [tick.get_text() for tick in iid.get_xticklabels()] == ["20", "1000"]
     lines = {bars.get_label(): bars for bars in iid.containers}

@@ -119,7 +119,7 @@ def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: Dat
     colours = plotting.colours(shown, dict(job.hues))
     with plotting.styled():
         figure = plotting.new_figure(0.6 + 2.3 * len(job.axes))
-        axes = figure.subplots(len(job.axes), len(sets), squeeze=False, sharey=True)
+        axes = figure.subplots(len(job.axes), len(sets), squeeze=False, sharey="row")
         of_metric = [point for point in points if point.metric == metric.name]
         lines = grouped(of_metric, lambda point: (point.along, point.set, point.method))
         for row, (along, experiments) in zip(axes, job.axes, strict=True):
@@ -132,9 +132,9 @@ def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: Dat
                 axis.set_xticks(range(len(values)), [f"{value:g}" for value in values])
                 axis.set_xlabel(AXES[along])
                 axis.grid(axis="y")
-                if row is axes[0]:
-                    axis.set_title(plotting.text(job.of_set(name)))
             row[0].set_ylabel("log-MSE (lower is better)")
+        for axis, name in zip(axes[0], sets, strict=True):
+            axis.set_title(plotting.text(job.of_set(name)))
         plotting.heading(figure, f"{title}; squared error {job.convention_text}; 95 % intervals")
         handles, texts = axes[0, 0].get_legend_handles_labels()
         for handle, text in zip(handles, texts, strict=True):
