@@ -23,7 +23,9 @@ import math
 import re
 import sys
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import yaml
@@ -50,7 +52,7 @@ ALARM = re.compile(r"(<!-- alarm: (\S+) (\S+) (\S+) (\S+) -->)[^<]*(<!-- -->)")
 
 def of_paper(folder: Path, name: str) -> list[str]:
     """A table of the paper: a row for each experiment and set, a column for each method that was run."""
-    experiments = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["experiments"]
+    experiments = _config(folder)["experiments"]
     table = pd.read_csv(folder / "tables" / "published.csv")
     table = table[(table["table"] == name) & (table["n"] > 0)]
     digits = "{:.1f} ± {:.1f}" if name == "synth_log_mse" else "{:.0f} ± {:.0f}"
@@ -71,7 +73,7 @@ def of_paper(folder: Path, name: str) -> list[str]:
 def of_experiment(folder: Path, name: str, versions: str | None) -> list[str]:
     """Log-MSE of every method on training, validation, IID (where there is one) and test set, in the experiment's
     convention; intervals where the run has them."""
-    metric = _log_mse(yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8")), name)
+    metric = _log_mse(_config(folder), name)
     table = pd.read_csv(folder / "tables" / f"{name}.csv")
     if versions is not None:
         table = table.set_index("method", drop=False).loc[versions.split(",")]
@@ -87,7 +89,7 @@ def beside_paper(folder: Path, name: str, versions: str) -> list[str]:
     """Log-MSE of some versions on the experiment's test sets, each beside the paper's; which of them fit windows."""
     from expertaug.models.estimators import estimator  # loads torch, which other tables do not need
 
-    config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
+    config = _config(folder)
     metric = _log_mse(config, name)
     ours = pd.read_csv(folder / "tables" / f"{name}.csv").set_index("method")
     paper = pd.read_csv(folder / "tables" / f"{name}_published.csv").query("table == 'synth_log_mse'")
@@ -108,7 +110,7 @@ def beside_paper(folder: Path, name: str, versions: str) -> list[str]:
 
 def of_seeds(folder: Path, name: str, versions: str, one_set: str) -> list[str]:
     """A column for each seed; the worst of a version is bold."""
-    metric = _log_mse(yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8")), name)
+    metric = _log_mse(_config(folder), name)
     long = read_csv(folder / "tables" / f"{name}_long.csv", TabledMean, "publish the run anew")
     found = {mean.method: mean for mean in long if (mean.set, mean.metric) == (one_set, metric)}
     rows = []
@@ -122,7 +124,7 @@ def of_seeds(folder: Path, name: str, versions: str, one_set: str) -> list[str]:
 
 def of_curves(folder: Path, name: str, along: str, one_set: str) -> list[str]:
     """A row for each version, a column for each point."""
-    metric = metric_of(_log_mse(yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8")), name))
+    metric = metric_of(_log_mse(_config(folder), name))
     points = read_csv(folder / "tables" / f"{name}_data_curves.csv", Point, "publish the run anew")
     points = [one for one in points if (one.along, one.set, one.metric) == (along, one_set, metric.name)]
     rows = [
@@ -130,6 +132,13 @@ def of_curves(folder: Path, name: str, along: str, one_set: str) -> list[str]:
         for label, part in grouped(points, lambda one: one.label).items()
     ]
     return grid([AXES[along], *(plain(value) for value in dict.fromkeys(one.value for one in points))], rows, 1)
+
+
+@cache
+def _config(folder: Path) -> dict[str, Any]:
+    """The configuration of a published run."""
+    text = (folder / "config.yaml").read_text(encoding="utf-8")
+    return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 def _log_mse(config: Mapping, name: str) -> str:

@@ -25,7 +25,7 @@ from expertaug.stages.planned import planned
 from expertaug.stages.stage import to_json
 
 ROOT = Path(__file__).parents[1]
-FILES = ("config", "smoke", "paper", "code", "ibm", "measurements", "ten_seeds", "field_flows")
+FILES = ("config", "smoke", "paper", "code", "ibm", "measurements", "ten_seeds", "field_flows", "data_curves")
 # What a rule puts together itself.
 OF_RULES = {
     "report": {
