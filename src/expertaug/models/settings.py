@@ -397,7 +397,7 @@ class RefinementSettings(Settings):
     noise: Positive = key(
         LEFT_OUT,
         "standard deviation of the observation noise; left out = that of the data, or, where they have none, a "
-        "thousandth of the training set's largest value (beside a learned F_a, which leaves more, try three times that)",
+        "thousandth of the training set's largest value (beside a learned F_a, which leaves more, try three times it)",
     )
     free_start: bool = key(
         LEFT_OUT, "whether the first point is estimated too; left out = only where the data have noise"
