@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 FILES = [ROOT / "config" / "config.yaml"]
 # A pendulum of .30 and .22 m, as one that 24 frames/s can follow: like the small one, .55 times as fast.
 SLOWER, ARMS, PIVOT, SIZE = 0.55, (52.0, 38.0), (110.2, 100.7), (224, 208)
-FRAMES = {24: 700, 30: 800, 38: 1000, 60: 1500, 240: 2100}
+FRAMES = {24: 700, 25: 700, 30: 800, 38: 1000, 50: 1200, 60: 1500, 120: 1500, 240: 2100}
 
 
 def filmed(folder, rate):
