@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from expertaug.evaluation.summary import TabledMean, labels_of
@@ -34,7 +34,9 @@ class Dashboard:
             long: the experiment's long table.
         """
         methods = {label: method for method, label in labels_of(long).items()}
-        return _linked(table, lambda _, label: self._runs(experiment, methods.get(label)))
+        rows = [(part, str(row[0])) for part, rows in table.html_parts for row in rows]
+        found = {(part, label): self._runs(experiment, methods.get(label)) for part, label in rows}
+        return {place: link for place, link in found.items() if link is not None}
 
     def of_several(self, table: Table, longs: Mapping[str, tuple[str, Sequence[TabledMean]]]) -> Links:
         """The same of a table with a part for each experiment.
@@ -52,8 +54,3 @@ class Dashboard:
         if self.tracking is None or method is None:
             return None
         return self.tracking.page_of(experiment, f"tags.method = '{method}'")
-
-
-def _linked(table: Table, address: Callable[[str, str], str | None]) -> Links:
-    found = {(part, str(row[0])): address(part, str(row[0])) for part, rows in table.html_parts for row in rows}
-    return {place: link for place, link in found.items() if link is not None}
