@@ -202,6 +202,10 @@ def test_shipped_files_are_valid(base, name, tmp_path):
             "studies.data_curves.samples: 'double_pendulum' is measured; name simulated experiments",
         ),
         (
+            "experiments: {pendulum: {studies: {data_curves: {samples: [pendulum, pendulum_shift]}}}}",
+            "studies.data_curves.samples: 'pendulum' and 'pendulum_shift' both have 1000; name one of them",
+        ),
+        (
             "experiments: {pendulum: {studies: {data_curves: {}}}}",
             "studies.data_curves: no experiment; name some under samples or noise",
         ),

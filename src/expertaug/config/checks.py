@@ -416,12 +416,20 @@ def check_data_curves(experiments: Mapping[str, Experiment], run: Sequence[str])
         asked = experiments[name].studies.data_curves if name in experiments else None
         if asked is None:
             continue
-        for along in ("samples", "noise"):
-            where, points = f"experiments.{name}.studies.data_curves.{along}", getattr(asked, along)
-            yield from unknown(points, run, where, "experiment of the run")
-            for point in points:
-                if point in experiments and experiments[point].data.source != "simulation":
-                    yield InputError(where, f"'{point}' is measured", "name simulated experiments")
+        for along, points in asked.axes.items():
+            where = f"experiments.{name}.studies.data_curves.{along}"
+            wrong = list(unknown(points, run, where, "experiment of the run"))
+            known = [point for point in points if point in experiments]
+            measured = [point for point in known if experiments[point].data.source != "simulation"]
+            wrong += [InputError(where, f"'{point}' is measured", "name simulated experiments") for point in measured]
+            yield from wrong
+            if wrong:
+                continue
+            taken: dict[float, str] = {}
+            for point in known:
+                value = jobs.place_on(along, experiments[point])
+                if (other := taken.setdefault(value, point)) != point:
+                    yield InputError(where, f"'{other}' and '{point}' both have {value:g}", "name one of them")
 
 
 def _evaluation(where: str, experiment: Experiment) -> Iterator[InputError]:

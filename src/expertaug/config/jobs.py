@@ -162,6 +162,13 @@ def studied(config: Configuration, experiment: str, name: str) -> list[str]:
     return variants(config, experiment)
 
 
+def place_on(axis: str, experiment: Experiment) -> float:
+    """Where a simulated experiment lies on an axis of the study data_curves."""
+    value = experiment.data.simulated["train"].size if axis == "samples" else experiment.data.noise
+    assert isinstance(value, int | float)  # as of simulated sets
+    return float(value)
+
+
 def dissipating(config: Configuration, experiment: str) -> list[str]:
     """Methods of an experiment on measured pendulums that have an expert and what makes it lose energy: F_a, or a
     friction that it knows; with their refined versions.  All other versions have their method's F_a."""

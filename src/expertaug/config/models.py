@@ -279,9 +279,14 @@ class DataCurves(Settings):
     samples: list[str] = key(list, "experiments that differ in the size of their training set")
     noise: list[str] = key(list, "experiments that differ in their noise")
 
+    @property
+    def axes(self) -> dict[str, list[str]]:
+        """The experiments by what they differ in."""
+        return {name: points for name in type(self).model_fields if (points := getattr(self, name))}
+
     @agreement
     def _some_points(self) -> Iterator[PydanticCustomError]:
-        if not self.samples and not self.noise:
+        if not self.axes:
             yield disagree("no experiment", "name some under samples or noise")
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from expertaug.config.jobs import estimating, found_priors, label, seed_groups, starts, studied, variants
+from expertaug.config.jobs import estimating, found_priors, label, place_on, seed_groups, starts, studied, variants
 from expertaug.config.models import Augmentation, Configuration, Experiment, OutOfExpertise
 from expertaug.hues import assigned
 from expertaug.versions import Version, base
@@ -74,12 +74,9 @@ def data_curves(config: Configuration, experiment: str) -> dict[str, Any]:
     """The experiments that are points of curves, and the value of each."""
     asked = config.experiments[experiment].studies.data_curves
     assert asked is not None
-    sizes = {name: float(config.experiments[name].data.simulated["train"].size) for name in asked.samples}
-    noises = {name: config.experiments[name].data.noise for name in asked.noise}
     axes = [
-        (along, sorted((value, name) for name, value in points.items() if isinstance(value, int | float)))
-        for along, points in (("samples", sizes), ("noise", noises))
-        if points
+        (along, sorted((place_on(along, config.experiments[name]), name) for name in names))
+        for along, names in asked.axes.items()
     ]
     named = variants(config, experiment)
     return {

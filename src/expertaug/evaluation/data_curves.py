@@ -25,6 +25,7 @@ CAPTION = (
     "log-MSE: natural logarithm of the mean squared error of the forecast; lower is better."
 )
 WIDEST = 7  # lines of a panel
+FLOOR = {"color": "0.55", "linestyle": ":", "linewidth": 1.2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,14 +137,12 @@ def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: Dat
         for axis, name in zip(axes[0], sets, strict=True):
             axis.set_title(plotting.text(job.of_set(name)))
         plotting.heading(figure, f"{title}; squared error {job.convention_text}; 95 % intervals")
-        handles, texts = axes[0, 0].get_legend_handles_labels()
-        for handle, text in zip(handles, texts, strict=True):
+        each = [zip(*axis.get_legend_handles_labels(), strict=True) for axis in axes.flat]
+        handles = {text: handle for panel in each for handle, text in panel}  # a panel may lack a version
+        for text, handle in handles.items():
             handle.set_label(plotting.text(text))
-        plotting.legend(figure, handles)
+        plotting.legend(figure, list(handles.values()))
     return figure
-
-
-FLOOR = {"color": "0.55", "linestyle": ":", "linewidth": 1.2}
 
 
 def _look(version: str, colours: dict) -> dict:
