@@ -286,6 +286,13 @@ def test_the_help_groups_every_command(capsys):
     assert max(map(len, text.splitlines())) <= 100
 
 
+@pytest.mark.parametrize("name", commands.parser()._subparsers._group_actions[0].choices)
+def test_every_command_has_a_help(name, capsys):
+    with pytest.raises(SystemExit) as stop:
+        run(name, "--help")
+    assert stop.value.code == 0 and "usage: expertaug " in capsys.readouterr().out
+
+
 def test_every_command_that_is_no_stage_has_examples_that_it_takes(capsys):
     actions = commands.parser()._subparsers._group_actions[0].choices
     shown = 0

@@ -36,6 +36,7 @@ def run(code: list[str], folder: Path) -> str:
     return done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_every_cell_runs(path, tmp_path):
     """Of the workflow only what it would do is asked here; the test below lets it."""

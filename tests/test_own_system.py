@@ -118,18 +118,16 @@ def run(out: Path) -> list[str]:
     return every
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """The folder of a whole run, and the variants in it."""
-    folder = tmp_path_factory.mktemp("predation")
-    (folder / "own").mkdir()
-    (folder / "own/__init__.py").touch()
-    (folder / "own/predation.py").write_text(SYSTEM)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(folder)
-        for name in [name for name in sys.modules if name.partition(".")[0] == "own"]:
-            patch.delitem(sys.modules, name)
-        yield folder, run(folder)
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """That of a run, with the system's class."""
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own/__init__.py").touch()
+    (tmp_path / "own/predation.py").write_text(SYSTEM)
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "own"]:
+        monkeypatch.delitem(sys.modules, name)
+    return tmp_path
 
 
 def test_the_truth_is_that_of_holling():
@@ -142,8 +140,15 @@ def test_the_truth_is_that_of_holling():
     assert system.truth(None, y, z_e, torch.tensor([0.1])).tolist() == [5.0, 4.0]
 
 
-def test_its_tables_have_every_cell(results):
-    folder, every = results
+def test_a_run_of_it_to_its_tables(folder):
+    """One test, since a run takes half a minute."""
+    every = run(folder)
+    every_cell_is_there(folder, every)
+    what_it_learned_beats_what_it_began_with(folder, every)
+    a_model_that_explodes_is_scored_like_the_others(folder)
+
+
+def every_cell_is_there(folder, every):
     assert every == ["expert_only", "aphynity", "aphynity+"]
     table = pd.read_csv(folder / "table.csv").set_index("method")
     metrics = ["log_mse_sum", "log_mse_median", "log_mse_observed", "relative_error", "runaway_share"]
@@ -156,9 +161,8 @@ def test_its_tables_have_every_cell(results):
     assert {f"figure_{name}.png" for name in NAMES} <= {path.name for path in folder.iterdir()}
 
 
-def test_what_it_learned_beats_what_it_began_with(results):
+def what_it_learned_beats_what_it_began_with(folder, every):
     """With the defaults of training: every seed has a score, and its errors fall."""
-    folder, every = results
     for variant in every:
         stored = store.load(folder / variant / "model.safetensors", classes=["own.predation"])
         assert stored.failed == [] and np.isfinite(stored.card.best_score).all()
@@ -168,9 +172,8 @@ def test_what_it_learned_beats_what_it_began_with(results):
     assert (np.min(scores, axis=0) < np.array(scores[0]) - 0.5).all()
 
 
-def test_a_model_that_explodes_is_scored_like_the_others(results):
+def a_model_that_explodes_is_scored_like_the_others(folder):
     """A thousand prey and as many predators appear in every second: all of one seed's forecasts leave the bound."""
-    folder, _ = results
     stored = store.load(folder / "aphynity/model.safetensors", classes=["own.predation"])
     last = stored.model.interaction.rest.layers[-1]
     last.bias.data[1] = 1e3

@@ -12,7 +12,7 @@ from expertaug.learning.training_data import StackedSet
 from expertaug.models.decoder import Decoder
 from pretended_card import DEVICE, Card, OnCard, WrongDevice
 
-T = np.arange(11) * 0.1
+T, END = np.arange(6) * 0.1, 0.2
 OPTIONS = {"epochs": 1, "batch_size": 2, "learning_rate": 1e-4}
 TWO_STEP = {"kind": "two_step", "latent_layers": [8], "filter_layers": [8], "expert_layers": [8]}
 FIELDS_TWO_STEP = {"kind": "conv_two_step", "latent": 1}
@@ -27,21 +27,21 @@ ASKED_AGAIN = {"learning/objectives.py", "learning/residuals.py"}
 
 
 def window(*names):
-    return {"kind": "window", "windows": {name: [0.0, 0.5] for name in names}, "layers": [4], "latent": 1}
+    return {"kind": "window", "windows": {name: [0.0, END] for name in names}, "layers": [4], "latent": 1}
 
 
 def simulated(system, z_e, z_a, **more):
-    return [ea.simulate(system, z_e, z_a, n=n, t=T, noise=0.01, name=str(n), **more) for n in (8, 4)]
+    return [ea.simulate(system, z_e, z_a, n=n, t=T, noise=0.01, name=str(n), **more) for n in (6, 2)]
 
 
 def double_pendulums():
     """Of the expert alone: its simulation needs a calibration."""
-    system, t = ea.DoublePendulum(expert="point_mass"), np.arange(11) * 0.01
+    system, t = ea.DoublePendulum(expert="point_mass"), np.arange(6) * 0.01
     generator = torch.Generator().manual_seed(0)
-    y0, z_e = (torch.rand(8, n, generator=generator) - 0.5 for n in (4, 2))
+    y0, z_e = (torch.rand(6, n, generator=generator) - 0.5 for n in (4, 2))
     y = ea.Solver("rk4")(lambda s, y: system.expert(s, y, z_e), system.initial_state(y0, z_e), torch.from_numpy(t))
     data = ea.Trajectories(t, y.movedim(0, 1).numpy().astype(np.float32), z_e.numpy())
-    return system, [data, data.subset(range(4))]
+    return system, [data, data.subset(range(2))]
 
 
 def case(name):
@@ -49,8 +49,8 @@ def case(name):
     rk4 = ea.Solver("rk4")
     if name == "double_pendulum":
         encoder = window("theta1", "theta2") | {"angles": ["theta1", "theta2"]}
-        encoder["windows"] = {"theta1": [0.0, 0.05], "theta2": [0.02, 0.05]}
-        return *double_pendulums(), encoder, MLP, rk4, 0.05
+        encoder["windows"] = {"theta1": [0.0, 0.02], "theta2": [0.01, 0.02]}
+        return *double_pendulums(), encoder, MLP, rk4, 0.02
     system, z_e, z_a, more, encoder, interaction, solver = {
         "pendulum": (ea.DampedPendulum(), {"omega0": (1.5, 3.1)}, {"alpha": (0, 0.6)}, {}, RECURRENT, MLP, rk4),
         "rlc": (ea.RLC(), {"L": (1, 3), "C": (0.5, 1.5)}, {"R": (1, 3)}, {}, window("U", "I"),
@@ -63,7 +63,7 @@ def case(name):
                    {"kind": "moments", "layers": [4], "latent": 1},
                    {"kind": "conv", "channels": [2], "kernels": [3, 1]}, ea.Solver("lawson4")),
     }[name]  # fmt: skip
-    return system, simulated(system, z_e, z_a, **more), encoder, interaction, solver, 0.5
+    return system, simulated(system, z_e, z_a, **more), encoder, interaction, solver, END
 
 
 @pytest.fixture
@@ -145,7 +145,7 @@ def test_what_follows_a_training(waits):
     model, sets, ranges = fitted("pendulum")
     refined = model.refined(noise=0.01, prior=ranges, starts=4, steps=2)
     for one in (model, refined):
-        assert one.forecast(sets[1].y[:, :6], sets[1].t).y.shape == (2, 4, 11, 2)
+        assert one.forecast(sets[1].y[:, :3], sets[1].t).y.shape == (2, 2, 6, 2)
         assert one.evaluate(sets[1])["metric"].nunique() > 2
 
 
@@ -155,10 +155,10 @@ def test_a_flow(waits):
     flow = ea.fit_posterior(model, *sets, prior=ranges, noise=0.01, **FLOW)
     assert on_card(flow)
     assert asked(waits) == {"learning/optimiser.py"}
-    found = ea.predictive(flow, sets[1].y[:, :6], sets[1].t, draws=4).mean
-    assert found.shape == (4, 11, 2)
+    found = ea.predictive(flow, sets[1].y[:, :3], sets[1].t, draws=4).mean
+    assert found.shape == (2, 6, 2)
     there = ea.fit_posterior(fitted("pendulum", device="cpu")[0], *sets, prior=ranges, noise=0.01, **FLOW)
-    assert np.array_equal(found, ea.predictive(there, sets[1].y[:, :6], sets[1].t, draws=4).mean)
+    assert np.array_equal(found, ea.predictive(there, sets[1].y[:, :3], sets[1].t, draws=4).mean)
 
 
 def test_gaps(waits):
@@ -168,7 +168,7 @@ def test_gaps(waits):
         data.y[:, ::2, 1] = np.nan
     gaps = [ea.Trajectories(d.t, np.nan_to_num(d.y), d.z_e, mask=~np.isnan(d.y)) for d in sets]
     recipe = ea.HybridModel(system, encoder=RECURRENT, interaction=MLP)
-    options = OPTIONS | {"observed_s": 0.5, "start": {"omega": (-2, 2)}, "seeds": [0, 1]}
+    options = OPTIONS | {"observed_s": END, "start": {"omega": (-2, 2)}, "seeds": [0, 1]}
     assert on_card(ea.fit(recipe, *gaps, device=str(DEVICE), **options))
 
 

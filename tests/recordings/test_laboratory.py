@@ -7,6 +7,7 @@ from expertaug.measurements.splitting import SPLITS
 from expertaug.trajectories import Trajectories
 
 
+@pytest.mark.slow
 def test_from_inspect_to_tables_without_an_edit_by_hand(tmp_path):
     series = Series(frames=480, side=400, diameter=28.0, off=6.0)
     markers, angles, sets = to_tables(tmp_path / "series", series.write(tmp_path / "series"), tmp_path)

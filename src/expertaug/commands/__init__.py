@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import functools
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
@@ -32,6 +33,7 @@ def parser() -> argparse.ArgumentParser:
     return _parser()[0]
 
 
+@functools.cache  # one process may run hundreds of short jobs
 def _parser() -> tuple[argparse.ArgumentParser, list[str]]:
     """The parser, and the names of its subcommands."""
     raw = argparse.RawDescriptionHelpFormatter

@@ -45,7 +45,7 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     )
     text = "unit of a column, such as 'theta=deg' (default: as its header says); may be given several times"
     p.add_argument("--unit", metavar="COLUMN=UNIT", action="append", default=[], help=text)
-    text = "key of data.files that is known, such as 'time_format=%d.%m.%Y' or skip_lines=3; may be given several times"
+    text = "known key of data.files, such as 'time_format=%%d.%%m.%%Y' or skip_lines=3; may be given several times"
     p.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help=text)
     text = "picture, .png or .pdf"
     p.add_argument("--output", type=Path, default=Path("data.png"), metavar="PATH", help=text)
