@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from expertaug.measurements.grid import Grid, Series, on_grid, told_uneven
 from expertaug.measurements.names import Names
 from expertaug.measurements.noise import noise_of, noise_of_rows
 from expertaug.measurements.paths import list_files, verify
+from expertaug.measurements.sensors import resolution, stands_still
 from expertaug.measurements.settings import MeasurementSettings, label_of
 from expertaug.measurements.slopes import Off, slopes_off
 from expertaug.measurements.splitting import (
@@ -62,8 +64,10 @@ class Measured:
         names: of the system.
         settings: how they were read.
         grid: all trajectories.
-        noise: standard deviation of each component's noise, (K,), NaN where it cannot be told; None where it is not
-            asked for.
+        noise: standard deviation of each component's noise, (K,), at least that of its sensor's resolution, NaN where
+            it cannot be told; None where it is not asked for.
+        resolution: the step of each component's sensor, (K,), where it makes most of the noise, else NaN; None where
+            it is not asked for.
         source: how messages call it.
         nearer: whether a set with too few chunks has them begin nearer to each other.
     """
@@ -73,6 +77,7 @@ class Measured:
     settings: MeasurementSettings
     grid: Grid
     noise: np.ndarray | None
+    resolution: np.ndarray | None = None
     source: Source = Source()
     nearer: bool = False
 
@@ -113,13 +118,26 @@ def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, 
     for one in grid.series:
         for name in settings.angles:
             _unwrap(one.y, list(names.state).index(name))
-    return Measured(files, names, settings, grid, _noise(grid))
+    noise = _noise(grid)
+    steps = _steps(grid, noise)
+    return Measured(files, names, settings, grid, np.fmax(noise, steps / math.sqrt(12)), steps)
 
 
 def _noise(grid: Grid) -> np.ndarray:
     if grid.share == 1:
         return noise_of([one.y for one in grid.series])
     return noise_of_rows([(one.t[one.row >= 0], one.y[one.row >= 0]) for one in grid.series])
+
+
+def _steps(grid: Grid, noise: np.ndarray) -> np.ndarray:
+    """The step (K,) of each sensor whose noise (K,), as its roughness tells it, is below a step / √12; else NaN."""
+    found = np.full(len(noise), np.nan)
+    for k in range(len(noise)):
+        values = np.concatenate([one.rows.y[:, k] for one in grid.series])
+        step = resolution(values) if stands_still(values) else None
+        if step is not None and not noise[k] >= step / math.sqrt(12):
+            found[k] = step
+    return found
 
 
 def _unwrap(y: np.ndarray, k: int) -> None:

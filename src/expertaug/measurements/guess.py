@@ -14,6 +14,8 @@ from expertaug.measurements.dates import may_be_minutes
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import Column
 from expertaug.measurements.table import Table
+from expertaug.measurements.time_order import is_since_1970
+from expertaug.measurements.trajectory import check_half_told
 from expertaug.measurements.units import Told, conversion, parse, told, unsure
 
 TIMES = ("t", "time", "times", "zeit", "seconds", "timestamp", "datetime", "elapsed")
@@ -21,14 +23,33 @@ TRAJECTORIES = ("trial", "trajectory", "run", "experiment", "series", "episode",
 # What columns of these components are often called.
 ALSO = {
     "theta": ("angle", "phi", "position"),
-    "omega": ("speed", "velocity", "angular velocity", "v", "w", "thetadot", "dtheta"),
+    "omega": (
+        *("speed", "velocity", "angular velocity", "angular speed", "angular rate", "v", "w", "rate", "gyro"),
+        *("thetadot", "theta dot", "dtheta", "dtheta dt", "phidot", "phi dot", "dphi", "dphi dt", "angle rate"),
+    ),
     "U": ("voltage", "u", "v"),
     "I": ("current", "i"),
     "x": ("position", "displacement", "elongation"),
     "v": ("velocity", "speed"),
 }
 DATES = ("date", "day", "datum", "tag", "fecha", "giorno", "jour")
-ALIKE = 0.6  # of two names, by difflib
+ALIKE = 0.8  # of two names, by difflib
+# What a column beside the measured one is called: theta_ref, theta_std.
+OTHERS = {
+    "ref",
+    "reference",
+    "set",
+    "setpoint",
+    "target",
+    "cmd",
+    "command",
+    "goal",
+    "desired",
+    "sim",
+    "std",
+    "sigma",
+    "err",
+}
 # What dates begin with, as 2024-05-31 or 31.05.2024, and times of day, as 10:59:50 or 10:59 pm.
 MOMENT = re.compile(r"\s*(\d{4}[./-]\d{1,2}[./-]\d{1,2}|\d{1,2}([./-])\d{1,2}\2\d{2,4}|\d{1,3}:\d{2})(?!\d)")
 CLOCK_TIME = re.compile(r"\s*\d{1,2}:\d{2}(:\d{2}([.,]\d*)?)?(\s*[AaPp]\.?[Mm]\.?)?\s*$")
@@ -159,6 +180,10 @@ def _time(numbers: Mapping[str, np.ndarray], table: Table, trajectory: str | Non
     dates = [name for name in table.names if name not in (*numbers, trajectory) and _holds(table, name, MOMENT)]
     if dates:
         return dates[0]
+    parts = [name for name, values in numbers.items() if name != trajectory and _is_of_time(name, values)]
+    if len(parts) > 1:
+        found = f"'{parts[0]}' and '{parts[1]}' are parts of the time, or times of several kinds"
+        raise InputError(table.path, found, "join them in one column, or name the time by --time")
     for name, values in numbers.items():
         steps = np.diff(values)
         if name != trajectory and len(steps) and np.isfinite(values).all() and (steps > 0).mean() > 0.9:
@@ -184,14 +209,22 @@ def _holds(table: Table, name: str, pattern: re.Pattern[str]) -> bool:
 def _trajectory(numbers: Mapping[str, np.ndarray], table: Table) -> str | None:
     """A column that is called so, or whole numbers that stay the same for many rows."""
     for name in table.names:
-        if _bare(name) in TRAJECTORIES:
-            return name
+        if _bare(name) in TRAJECTORIES and len(set(table.texts(name).tolist())) < max(len(table), 2):
+            return name  # where each row has its own it counts the rows
     for name, values in numbers.items():
-        if np.isfinite(values).all() and (values == np.rint(values)).all() and _bare(name) not in TIMES:
+        if np.isfinite(values).all() and (values == np.rint(values)).all() and not _is_of_time(name, values):
             several, blocks = len(np.unique(values)), 1 + int((np.diff(values) != 0).sum())
             if several == blocks <= min(MANY, len(values) // 10):
                 return name
     return None
+
+
+def _is_of_time(name: str, values: np.ndarray) -> bool:
+    """Whether a column of whole numbers is a time or a part of one, as tv_sec beside tv_usec."""
+    words = re.split(r"[\W_]+", name.lower())
+    units = [parse(word) for word in words if len(word) > 1 and not unsure(word)]
+    of_time = any(unit is not None and unit.kind == "time" for unit in units)
+    return of_time or _bare(name) in TIMES or is_since_1970(float(values[0])) is not None
 
 
 def _components(
@@ -221,7 +254,7 @@ def _components(
         for component, unit in names.state.items()
         if component in found
     }
-    _refuse_half_told(columns, table, names)
+    check_half_told(table, columns, names.state, "--unit '{column}={unit}'")
     return columns, certain
 
 
@@ -229,21 +262,13 @@ def _told(name: str, table: Table) -> Told:
     return told(name, table.units.get(name))
 
 
-def _refuse_half_told(columns: Mapping[str, Column], table: Table, names: Names) -> None:
-    """Where an angle is told to be in degrees and nothing is told of its speed, or the other way round, neither
-    reading of the other is safe: 57 times lies between them."""
-    kinds = {name: parse(names.state[name]) for name in columns}
-    angular = {name: kind for name, kind in kinds.items() if kind and kind.kind in ("angle", "angular speed")}
-    other = [n for n in angular if (unit := parse(columns[n].unit or "rad")) and unit.factor not in (1.0,)]
-    silent = [n for n in angular if columns[n].unit is None]
-    if other and silent:
-        told_of, column = columns[other[0]], columns[silent[0]].name
-        found = f"'{told_of.name}' is in {told_of.unit}, and no unit is told of '{column}'"
-        raise InputError(table.path, found, f"say which: --unit '{column}={names.state[silent[0]]}', or another")
-
-
 def _likeness(component: str, column: str) -> float:
+    """How much a column is called as a component: 2 and 1.5 for its name and what it is often called, less than 1 where
+    only a part or most letters are the same."""
     bare = _bare(column)
+    words = bare.split()
+    if OTHERS & set(words):
+        return 0.0
     number = re.sub(r".*?(\d*)$", r"\1", component)
     others = ALSO.get(component, ALSO.get(re.sub(r"\d+$", "", component), ()))
     candidates = [component.lower(), *(f"{one}{number}".lower() for one in others)]
@@ -251,4 +276,6 @@ def _likeness(component: str, column: str) -> float:
     if bare in candidates or bare.replace(" ", "") in candidates:
         return 2.0 if bare == component.lower() else 1.5
     ends = re.search(r"\d+$", bare)
-    return 0.0 if (ends[0] if ends else "") != number or len(bare) < 3 else best
+    if (ends[0] if ends else "") != number or len(bare) < 3:
+        return 0.0
+    return max(best, 0.9 if any(len(one) > 2 and f" {one} " in f" {bare} " for one in candidates) else 0.0)

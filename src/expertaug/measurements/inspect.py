@@ -20,7 +20,7 @@ from expertaug.measurements.names import Names
 from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import MeasurementSettings, TableKeys, column_of
 from expertaug.measurements.table import read_table
-from expertaug.measurements.time_order import check_one_row_a_time, check_seconds, check_sortable
+from expertaug.measurements.time_order import check_one_row_a_time, check_repeats, check_seconds, check_sortable
 from expertaug.measurements.trajectory import times_of
 from expertaug.measurements.units import conversion
 
@@ -83,29 +83,23 @@ class Inspection:
             raise InputError(self.files[0], "no column of numbers beside the times", "give a table of measurements")
         if self.guess.time.unit is None:
             check_seconds(self.table, self.guess.time.name, self.table.numbers(self.guess.time.name))
-        self._leave_out_marks()
+        self._marks: list[float] = []
         self.settings, self.data = self._read(list(paths))
-        self.resolution, self.noise = self._look_at_sensors()
+        self._look_at_sensors()
         if angles := self._angles():
             self.settings = self.settings.model_copy(update={"angles": angles})
             self.data = measured(self.settings, self.names, {self.files[0]: self.table})
+        assert self.data.noise is not None and self.data.resolution is not None
+        self.noise, self.resolution = self.data.noise, self.data.resolution
         self.slopes = self.data.slopes_off()
 
-    def _leave_out_marks(self) -> None:
-        """Take numbers that stand for nothing measured out of the columns."""
-        if "missing" in self.given:
-            return
-        found: dict[float, str] = {}
-        for column in self.guess.columns.values():
-            values = self.table.mostly(column.name)
-            for mark in sensors.marks_of_nothing(np.zeros(0) if values is None else values):
-                found.setdefault(mark, column.name)
-        if found:
-            marks = [int(mark) if float(mark).is_integer() else mark for mark in found]
-            told = ", ".join(f"{mark:.10g} (in '{name}')" for mark, name in found.items())
-            self.remarks.append(f"taken for marks of what was not measured (missing): {told}; if not: --set missing=[]")
-            self.keys["missing"] = marks
-            self.table = replace(self.table, keys=self.table.keys.model_copy(update={"missing": marks}))
+    def _leave_out(self, marks: Mapping[float, str]) -> None:
+        """Take numbers that stand for nothing measured, and the column of each, out of the columns."""
+        told = ", ".join(f"{mark:.10g} (in '{name}')" for mark, name in marks.items())
+        self.remarks.append(f"taken for marks of what was not measured (missing): {told}; if not: --set missing=[]")
+        self._marks += [mark for mark in marks if mark not in self._marks]
+        self.keys["missing"] = self._marks
+        self.table = replace(self.table, keys=self.table.keys.model_copy(update={"missing": self._marks}))
 
     def _read(self, paths: list[str]) -> tuple[MeasurementSettings, Measured]:
         """The strictest settings that read the files."""
@@ -131,12 +125,13 @@ class Inspection:
         while True:
             settings = MeasurementSettings.from_mapping(given)
             try:
-                data = measured(settings, self.names, {self.files[0]: self.table})
+                data = self._without_marks(settings)
+                settings = data.settings
             except InputError as error:
                 mend = next((m for m in mends if m[1] in str(error) and not m[0].keys() & self.given.keys()), None)
                 if mend is None:
                     raise
-                self._check_order(settings)
+                self._check_order(settings, "duplicates" in mend[0])
                 mends.remove(mend)
                 given |= mend[0]
                 self.remarks.append(f"{mend[2]}: {error.found}" if "uneven" in mend[0] else mend[2])
@@ -149,6 +144,16 @@ class Inspection:
             if data.grid.lying >= (ON if data.grid.broken else LYING) or "uneven" in given or self.names.held:
                 return self._with_fewer_seen(data)
             given |= {"uneven": "own"} | self._finest_step()
+
+    def _without_marks(self, settings: MeasurementSettings) -> Measured:
+        """What these settings read, without what a column of any of the files has in place of measured numbers."""
+        while True:
+            try:
+                return measured(settings, self.names, {self.files[0]: self.table})
+            except sensors.Marked as error:
+                self._leave_out(error.marks)
+                given = settings.model_dump(exclude_unset=True) | {"missing": self._marks}
+                settings = MeasurementSettings.from_mapping(given)
 
     def _with_fewer_seen(self, data: Measured) -> tuple[MeasurementSettings, Measured]:
         """The same with a ``min_seen`` that the most complete chunks have, where sensors have rates of their own."""
@@ -174,7 +179,7 @@ class Inspection:
         factor, _ = conversion(column.unit, "s", "time")
         return {"step_s": float(f"{digit * column.factor * factor:.9g}")}
 
-    def _check_order(self, settings: MeasurementSettings) -> None:
+    def _check_order(self, settings: MeasurementSettings, averages: bool) -> None:
         """Rows are not sorted, nor averaged, where that would mix what does not belong together.
 
         Raises:
@@ -193,28 +198,22 @@ class Inspection:
             if self.guess.trajectory is None:
                 check_one_row_a_time(table, t, used)
             check_sortable(table, t, groups)
+            if averages:
+                check_repeats(table, t, [table.measured(column.name) for column in self.guess.columns.values()])
 
-    def _components(self) -> Iterator[tuple[int, str, np.ndarray]]:
-        """Place and name of each component with a column, and its column's numbers as they are, (n,)."""
+    def _look_at_sensors(self) -> None:
+        """Remark what is odd."""
         for k, name in enumerate(self.names.state):
-            if name in self.settings.columns:
-                yield k, name, self.table.measured(column_of(self.settings.columns[name]).name)
-
-    def _look_at_sensors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Resolution and noise of each component, (K,); what is odd is remarked."""
-        noise = np.full(len(self.names.state), np.nan) if self.data.noise is None else self.data.noise.copy()
-        found = np.full(len(noise), np.nan)
-        for k, name, values in self._components():
-            column = column_of(self.settings.columns[name])
-            factor, _ = conversion(column.unit, self.names.state[name], f"columns.{name}")
-            step = sensors.resolution(values) if sensors.stands_still(values) else None
-            least = 0.0 if step is None else abs(step * factor * column.factor) / math.sqrt(12)
-            if least and noise[k] < least:
-                found[k], noise[k] = least * math.sqrt(12), least
-            if stuck := sensors.rows_stuck(values):
-                told = f"'{column.name}' stays at {stuck[1]:.6g}, an end of its range, for up to {stuck[0]} rows"
-                self.remarks.append(f"{told}: if its sensor is saturated there, leave these cells empty")
-        return found, noise
+            if name not in self.settings.columns:
+                continue
+            column = column_of(self.settings.columns[name]).name
+            of_files = {one.rows.path: one.rows for one in self.data.grid.series}
+            for path in of_files:
+                values = np.concatenate([one.rows.y[:, k] for one in self.data.grid.series if one.rows.path == path])
+                where = f" in {path.name}" if len(of_files) > 1 else ""
+                if stuck := sensors.rows_stuck(values):
+                    told = f"'{column}' stays at {stuck[1]:.6g}, an end of its range{where}, for up to {stuck[0]} rows"
+                    self.remarks.append(f"{told}: if its sensor is saturated there, leave these cells empty")
 
     def _angles(self) -> list[str]:
         """Components that jump by whole turns."""
@@ -225,7 +224,10 @@ class Inspection:
             if name not in self.settings.columns:
                 continue
             series, unit = [one.rows.y[:, k] for one in self.data.grid.series], self.names.state[name]
-            if unit in ("rad", "") and sensors.jumps_by_turns(series):
+            if unit == "rad" and sensors.jumps_by_turns(series, math.pi):
+                told = f"{name} stays within half a turn and jumps from end to end, as the direction of a rod does"
+                self.remarks.append(f"{told}: make it continuous, or give the direction of one of its ends")
+            elif unit in ("rad", "") and sensors.jumps_by_turns(series):
                 found.append(name)
                 self.remarks.append(f"{name} jumps by whole turns: it is unwrapped (angles)")
             elif unit == "" and sensors.jumps_by_turns(series, 360.0):

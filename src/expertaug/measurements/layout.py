@@ -23,7 +23,7 @@ from expertaug.measurements.table import (
 )
 
 COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
-WHOLE = re.compile(r"[-+]?\d{1,3}|[-+]?[1-9]\d{0,2}([.,]\d{3})+")  # as 987 and 1.234, and never 1.2
+WHOLE = re.compile(r"[-+]?\d{1,3}|[-+]?[1-9]\d{0,2}([.,' ]\d{3})+")  # as 987 and 1.234, and never 1.2
 SEVERAL = 3  # numbers of each kind that are no coincidence
 MOST_SENSORS = 200  # of a table in long format
 # What the columns of such a table are often called.
@@ -130,6 +130,8 @@ def _thousands(table: Table) -> Marks | None:
         if several and all(map(WHOLE.fullmatch, texts)) and len({match["thousands"] for match in matches}) == 1:
             mark = matches[0]["thousands"]
             return Marks(mark, "," if mark == "." else ".", matches[0][0])
+        if matches and matches[0]["thousands"] in "' " and all(map(WHOLE.fullmatch, texts)):
+            return Marks(matches[0]["thousands"], ".", matches[0][0])  # nothing else stands so in a number
     return None
 
 
@@ -167,6 +169,8 @@ def _long(table: Table) -> dict[str, object] | None:
         return None
     pivot: dict[str, object] = {"name": sensors[0], "value": values[0], **({"unit": units[0]} if units else {})}
     rest = [name for name in table.names if name not in (sensors[0], values[0], *units)]
+    if called[sensors[0]] in SENSORS and _count_different(table, rest) == len(table):
+        return pivot  # each sensor at times of its own
     for by in (rest, rest[:1]):  # what else a row says, as its number or quality, may differ from sensor to sensor
         if by and _count_different(table, [*by, sensors[0]]) == len(table) > _count_different(table, by):
             return pivot | ({} if by == rest else {"by": by})

@@ -130,7 +130,8 @@ def _sharing(found: Inspection, constants: Sequence[str]) -> list[str]:
 
 
 def _marks(values: Sequence[float | str]) -> list[float | str]:
-    return [int(one) if isinstance(one, float) and one.is_integer() else one for one in values]
+    whole = [isinstance(one, float) and one.is_integer() and abs(one) < 1e15 for one in values]
+    return [int(one) if is_whole else one for one, is_whole in zip(values, whole, strict=True)]
 
 
 def _noise(found: Inspection) -> str | dict[str, float]:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
+
+from expertaug.errors import InputError
+from expertaug.measurements.table import Table
 
 # Numbers that stand for nothing measured: of nines (999, -9999.9) and the like, ends of integers, fill values.
 MARK = re.compile(r"-?(9{2,}(\.9+)?|999\.25|8{3,}|7{3,}|32767|32768|65535|2147483647|2147483648)")
 HUGE = 1e20
 MOST_MARKS = 3  # of one column
+REPEATED = 3  # rows with one value far from all others that are no coincidence
 LEVELS = 20  # different values, below which a column's extremes say nothing
 ROUNDING = 1e-6  # of a column's range: differences below are none
 STILL = 0.2  # share of the rows that are as the one before
@@ -19,21 +24,62 @@ STUCK = 5  # rows in succession at one end of a sensor's range
 CROWDED = 4  # times as many rows as at the level beside it
 
 
+class Marked(InputError):
+    """A column has numbers that stand for nothing measured.
+
+    Attributes:
+        marks: these, and the column of each.
+    """
+
+    def __init__(self, path: Path, line: int, marks: Mapping[float, str]) -> None:
+        self.marks = dict(marks)
+        mark, name = next(iter(self.marks.items()))
+        listed = ", ".join(f"{one:.10g}" for one in self.marks)
+        found = f"row {line}, column {name}: {mark:.10g} is far from all others, as what stands for nothing measured"
+        super().__init__(path, found, f"set data.files.missing to [{listed}], or to [] where it was measured")
+
+
+def check_marks(table: Table, columns: Iterable[str]) -> None:
+    """Refuse numbers that stand for nothing measured, where ``missing`` says nothing.
+
+    Raises:
+        Marked: there are some.
+    """
+    found: dict[float, str] = {}
+    line = 0
+    for name in columns if table.keys.missing is None else ():
+        values = table.mostly(name)
+        for mark in marks_of_nothing(values) if values is not None else ():
+            line = line or int(table.line[np.argmax(values == mark)])
+            found.setdefault(mark, name)
+    if found:
+        raise Marked(table.path, line, found)
+
+
 def marks_of_nothing(values: np.ndarray) -> list[float]:
-    """Numbers (n,) that stand far from all others and look as what loggers write where nothing was measured."""
+    """Numbers (n,) that stand far from all others, and either look as what loggers write where nothing was measured or
+    come several times."""
     rest, found = np.sort(values[np.isfinite(values)]), []
     for _ in range(MOST_MARKS):
         for end in (rest[-1], rest[0]) if len(rest) else ():
             others = rest[rest != end]
-            if len(others) < 2 or not (MARK.fullmatch(f"{end:.10g}") or abs(end) >= HUGE):
+            looks = bool(MARK.fullmatch(f"{end:.10g}")) or abs(end) >= HUGE
+            if len(others) < 2 or not (looks or _comes_again(end, rest, others)):
                 continue
-            if np.abs(others - end).min() > 2 * (others[-1] - others[0]) > 0:
+            far = 1 if looks and abs(end) >= 999 else 2  # times the range of the others
+            if np.abs(others - end).min() > far * (others[-1] - others[0]) > 0:
                 found.append(float(end))
                 rest = others
                 break
         else:
             break
     return found
+
+
+def _comes_again(end: float, rest: np.ndarray, others: np.ndarray) -> bool:
+    """Whether a value is that of several rows, of few beside the others, which have many."""
+    count = len(rest) - len(others)
+    return REPEATED <= count < len(others) and len(np.unique(others)) >= LEVELS
 
 
 def resolution(values: np.ndarray) -> float | None:
@@ -71,10 +117,8 @@ def stands_still(values: np.ndarray) -> bool:
 def jumps_by_turns(series: Sequence[np.ndarray], turn: float = 2 * math.pi) -> bool:
     """Whether an angle's numbers, (n,) of each trajectory, stay within one turn and jump from one end to the other."""
     known = [one[np.isfinite(one)] for one in series]
-    pooled = np.concatenate(known) if known else np.zeros(0)
-    if not len(pooled) or np.ptp(pooled) > 1.01 * turn:
-        return False
-    steps = np.abs(np.concatenate([np.diff(one) for one in known])) / turn
+    within = [one for one in known if len(one) and np.ptp(one) <= 1.01 * turn]  # of others somebody took them out
+    steps = np.abs(np.concatenate([np.zeros(0), *(np.diff(one) for one in within)])) / turn
     return bool((steps > 0.7).any() and not ((steps > 0.35) & (steps < 0.7)).any())
 
 

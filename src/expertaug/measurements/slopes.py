@@ -177,7 +177,7 @@ class Off:
     @property
     def may_be_scale(self) -> bool:
         """Whether a sensor's scale, rather than another unit, may be it."""
-        return self.likely and abs(np.log(self.slope.factor)) < LARGEST
+        return self.likely and self.slope.factor > 0 and abs(np.log(self.slope.factor)) < LARGEST
 
     def says(self, settings: MeasurementSettings) -> str:
         """One line."""

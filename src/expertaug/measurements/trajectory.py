@@ -11,9 +11,11 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug.measurements import expression
 from expertaug.measurements.names import Names
+from expertaug.measurements.sensors import check_marks
 from expertaug.measurements.settings import Column, MeasurementSettings, column_of, label_of
 from expertaug.measurements.table import Table, read_table
-from expertaug.measurements.units import conversion, parse, told, unsure
+from expertaug.measurements.time_order import check_seconds, check_sortable
+from expertaug.measurements.units import Unit, conversion, parse, told, unsure
 
 WHERE = "data.files"
 
@@ -62,10 +64,55 @@ def read(
     _check_names(settings, names)
     stems = _short_names(files)
     found: list[Rows] = []
+    units: dict[str, tuple[Unit, str, Path]] = {}
     for path, stem in zip(files, stems, strict=True):
         table = tables[path] if tables and path in tables else read_table(path, settings)
+        _refuse_other_units(table, units)
         found += _of_table(table, stem, settings, names)
     return found
+
+
+def _refuse_other_units(table: Table, known: dict[str, tuple[Unit, str, Path]]) -> None:
+    """Columns whose units this file's row of units tells otherwise than an earlier file's."""
+    for name, text in table.units.items():
+        unit = parse(text)
+        if unit is None:
+            continue
+        of, before, path = known.setdefault(name, (unit, text, table.path))
+        if of != unit:
+            found = f"column '{name}' is in {text}, and in {before} in {path.name}"
+            raise InputError(table.path, found, "write it in one unit, or read the files one by one")
+
+
+def check_half_told(table: Table, columns: Mapping[str, Column], state: Mapping[str, str], remedy: str) -> None:
+    """Refuse an angle that is told to be in degrees where nothing is told of its speed, or the other way round: neither
+    reading of the other is safe, and 57 times lies between them.
+
+    Arguments:
+        columns: of components.
+        state: component → its unit.
+        remedy: with {column} and {unit}.
+
+    Raises:
+        InputError: the two columns.
+    """
+    kinds = {name: parse(state[name]) for name in columns}
+    angular = [name for name, kind in kinds.items() if kind and kind.kind in ("angle", "angular speed")]
+    said = {name: columns[name].unit or _unit_told(table, columns[name].name) for name in angular}
+    other = [name for name in angular if (unit := parse(said[name] or "rad")) and unit.factor != 1.0]
+    silent = [n for n in angular if said[n] is None and (columns[n].factor, columns[n].offset) == (1.0, 0.0)]
+    if other and silent:
+        column = columns[silent[0]].name
+        found = f"'{columns[other[0]].name}' is in {said[other[0]]}, and no unit is told of '{column}'"
+        told_how = remedy.format(column=column, component=silent[0], unit=state[silent[0]])
+        raise InputError(table.path, found, f"say which: {told_how}, or another")
+
+
+def _unit_told(table: Table, name: str) -> str | None:
+    """The unit that a column's header or the row of units tells for certain."""
+    header = told(name, table.units.get(name))
+    sure = header.unit and (header.sure or not unsure(header.unit)) and parse(header.unit) is not None
+    return header.unit if sure else None
 
 
 def _short_names(files: Sequence[Path]) -> list[str]:
@@ -102,6 +149,8 @@ def _check_names(settings: MeasurementSettings, names: Names) -> None:
 
 
 def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Names) -> list[Rows]:
+    columns = {name: column_of(settings.columns[name]) for name in names.state if name in settings.columns}
+    check_marks(table, [column.name for column in columns.values()])
     t, y = times_of(table, settings), np.full((len(table), len(names.state)), np.nan)
     for k, (component, unit) in enumerate(names.state.items()):
         if component in settings.columns:
@@ -110,6 +159,7 @@ def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Nam
                 column = column_of(settings.columns[component]).name
                 found = f"column {column} holds no number"
                 raise InputError(table.path, found, f"leave {WHERE}.columns.{component} out if nobody measured it")
+    check_half_told(table, columns, names.state, "set data.files.columns.{component}.unit to {unit}")
     named = ((column_of(settings.inputs[name]), unit, f"inputs.{name}") for name, unit in names.inputs.items())
     u = np.array([_column(table, *one) for one in named]).reshape(len(names.inputs), len(table)).T
     labels = np.full((len(table), len(names.parameters)), np.nan)
@@ -148,6 +198,8 @@ def times_of(table: Table, settings: MeasurementSettings) -> np.ndarray:
         t = table.times(column.name, settings.time_format, settings.date)
         return t * column.factor + column.offset
     t = _column(table, column, "s", "time")
+    if column == Column(name=column.name) and _unit_told(table, column.name) is None:
+        check_seconds(table, column.name, t)
     table._refuse(column.name, np.isnan(t), "is no time", "every row needs a time")
     return t
 
@@ -200,10 +252,12 @@ def _in_order(
     """Rows in order of time, each time once: their places in the table, how many others there were, their states and
     inputs, as y has them."""
     back = np.flatnonzero(np.diff(t[index]) < 0)
+    if len(back) and settings.pivot is None and settings.unordered == "sort":
+        check_sortable(table, t, [index], apart=True)
     if len(back) and settings.unordered == "refuse" and settings.pivot is None:
         row, before = index[back[0] + 1], index[back[0]]
         found = f"row {table.line[row]}: the time goes back from {t[before]:g} to {t[row]:g} s"
-        remedy = f"name the column that tells trajectories apart ({WHERE}.trajectory), or set unordered to sort"
+        remedy = f"name the column that tells trajectories apart ({WHERE}.trajectory); of one: set unordered to sort"
         raise InputError(table.path, found, remedy)
     index = index[np.argsort(t[index], kind="stable")]
     first = np.concatenate(([True], np.diff(t[index]) > 0))

@@ -96,6 +96,7 @@ _PREFIXED: Mapping[str, Unit] = {
     "deg": Unit(_RAD, _TURN / 360),
     "dps": Unit(_dimension(1, -1), _TURN / 360),
 }
+_SMALL = ("rad", "deg", "dps", "s")  # never a thousand of them: Grad is German for degree, Ms somebody's ms
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "h": 1e2, "k": 1e3, "M": 1e6, "G": 1e9, "p": 1e-12}
 _ALONE: Mapping[str, Unit] = {
     "gon": Unit(_RAD, _TURN / 400),
@@ -209,7 +210,7 @@ def parse(text: str) -> Unit | None:
         text = text[1:-1].strip()
     for symbol, plain in _SYMBOLS.items():
         text = text.replace(symbol, plain)
-    text = re.sub(r"(?<![A-Za-z])per(?![A-Za-z])|(?<=[a-z])(?:Per|per)(?=[A-Z_])", "/", text)
+    text = re.sub(r"(?<![A-Za-z])(?:per|Per|PER)(?![A-Za-z])|(?<=[a-z])(?:Per|per)(?=[A-Z_])", "/", text)
     text = re.sub(r"(?<=[A-Za-z0-9])\.(?=[A-Za-z])", "*", text)
     text = re.sub(r"[\s_]*([*/^])[\s_]*", r"\1", text)
     atom = _atom(text)
@@ -279,7 +280,7 @@ def _symbol(word: str) -> Unit | None:
         return _PREFIXED[word]
     for stem, unit in _PREFIXED.items():
         factor = _PREFIXES.get(word[: -len(stem)]) if word.endswith(stem) else None
-        if factor is not None and not (stem == "s" and factor > 1e-3):  # Ms is somebody's ms, not 10⁶ s
+        if factor is not None and not (stem in _SMALL and factor > 1e-3):
             return Unit(unit.dimension, factor * unit.factor)
     return None
 
@@ -376,7 +377,18 @@ def _of_header(header: str) -> Told:
     match = _AFTER_SLASH.match(header)
     if match and parse(match[2]) is not None:  # not dtheta/dt
         return Told(match[1].strip(), match[2].strip(), True)
-    return suffix or Told(header)
+    return suffix or _in_front(header) or Told(header)
+
+
+def _in_front(header: str) -> Told | None:
+    """A header that begins with its unit, as deg_theta: of angles and their speeds alone, since a word before a name
+    is seldom a unit."""
+    for place in [m.start() for m in re.finditer(r"[_\s.\-]+", header)][::-1]:
+        unit, name = header[:place], header[place:].strip("_ .-")
+        of = parse(unit) if len(unit) > 1 and name else None
+        if of is not None and of.kind in ("angle", "angular speed"):
+            return Told(name, unit)
+    return None
 
 
 def _suffixes(header: str) -> Iterator[tuple[str, str]]:
