@@ -45,8 +45,13 @@ def lines(error: InputError) -> list[str]:
     return [str(one) for one in (error.errors if isinstance(error, InputErrors) else [error])]
 
 
+def printable(text: str) -> str:
+    """The text with what a terminal, YAML or Markdown would obey escaped: a name may hold a line break."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
 def _one_line(text: str) -> str:
-    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split())[: 10 * LONGEST])
+    text = printable(" ".join(text.split())[: 10 * LONGEST])
     return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
 
 

@@ -70,8 +70,3 @@ def list_pictures(folder: Path) -> list[Path]:
 def is_series(folder: Path) -> bool:
     """Whether a folder holds a series of pictures."""
     return folder.is_dir() and len(list_pictures(folder)) >= FEWEST
-
-
-def printable(text: str) -> str:
-    """The text with what is not printable escaped: a file's name may hold a newline."""
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
 
 from expertaug.cli import main
+from expertaug.config import load as config
+from expertaug.config import sources
+from expertaug.errors import InputError
 from expertaug.measurements.proposal import comment, flow
+from expertaug.stages import STAGES
+
+ROOT = Path(__file__).parents[2]
 
 ODD = [
     "a\ntracking: {uri: x}",
@@ -58,3 +66,20 @@ def test_a_column_of_any_name_adds_no_keys(tmp_path, capsys, name):
     assert list(config) == ["results", "run", "experiments"]
     columns = config["experiments"]["measured"]["data"]["files"]["columns"].values()
     assert name in columns
+
+
+@pytest.mark.parametrize(("name", "said"), [("-x.csv", "begins with a dash"), ("a{b}.csv", "has braces")])
+def test_names_that_the_workflow_takes_otherwise_are_refused(name, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(400) * 0.05
+    rows = pd.DataFrame({"t": t, "theta": np.cos(2 * t), "omega": -2 * np.sin(2 * t)})
+    rows.to_csv(tmp_path / name, index=False)
+    if name.startswith("-"):
+        with pytest.raises(SystemExit) as stop:
+            main(["inspect-data", name, "--system", "pendulum"])
+        assert stop.value.code == 2 and "write ./-x.csv" in capsys.readouterr().err
+    assert main(["inspect-data", f"./{name}", "--system", "pendulum"]) == 0
+    (tmp_path / "mine.yaml").write_text(capsys.readouterr().out)
+    given = config.completed(config.load([ROOT / "config" / "config.yaml", tmp_path / "mine.yaml"]), STAGES)
+    with pytest.raises(InputError, match=rf"{said}.*; rename it"):
+        sources.list_measurements(given)

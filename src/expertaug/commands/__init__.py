@@ -25,6 +25,7 @@ TITLES = {
     "inspect": "look at configurations and runs",
     "stages": "stages of the workflow, which calls them (snakemake -n -p prints how)",
 }
+LONGEST = 256  # a file's name
 WIDTH, COLUMN = 100, 24  # of the list of subcommands, and of their names in it
 
 
@@ -89,6 +90,9 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
         near = difflib.get_close_matches(command, known, n=3, cutoff=0.6)
         meant = f"did you mean {' or '.join(near)}?" if near else "expertaug --help lists all"
         found.exit(2, f"expertaug: no command '{command}'; {meant}\n")
+    for word in words:
+        if word.startswith("-") and len(word) < LONGEST and Path(word).is_file():
+            found.exit(2, f"expertaug: '{word}' is taken for an option; write ./{word} where the file is meant\n")
     arguments, rest = found.parse_known_args(words)
     if "rest" in arguments:
         arguments.rest = rest

@@ -267,14 +267,18 @@ def list_measurements(config: Configuration) -> dict[str, list[str]]:
     """Files of each experiment of the run that takes some.
 
     Raises:
-        InputError: a name or a glob finds nothing.
+        InputError: a name or a glob finds nothing, or a name means something to the workflow.
     """
-    measured = {name: config.experiments[name].data for name in config.run}
-    return {
-        name: [str(file) for file in list_files(data.files.files, f"experiments.{name}.data.files.paths")]
-        for name, data in measured.items()
-        if data.source == "files"
-    }
+    found: dict[str, list[str]] = {}
+    for name in config.run:
+        data, where = config.experiments[name].data, f"experiments.{name}.data.files.paths"
+        if data.source == "files":
+            found[name] = [str(file) for file in list_files(data.files.files, where)]
+            for file in found[name]:
+                if file.startswith("-") or set(file) & set("{}"):
+                    what = "begins with a dash" if file.startswith("-") else "has braces"
+                    raise InputError(where, f"'{file}' {what}, which the workflow takes otherwise", "rename it")
+    return found
 
 
 def refuse_within_results(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from expertaug.errors import InputError
+from expertaug.errors import InputError, printable
 from expertaug.evaluation.metrics import Metric
 from expertaug.files import write_text
 
@@ -256,13 +257,22 @@ def grid(header: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -> li
 
 
 def escape(text: str) -> str:
-    """Text in a cell of a Markdown table."""
-    return text.replace("|", "\\|")
+    """Text in a cell of a Markdown table: of one line, and nothing in it is HTML."""
+    return re.sub(r"[|]|<(?=[A-Za-z/!?])", r"\\\g<0>", printable(text))
 
 
 def tex(text: str) -> str:
     """Text in LaTeX."""
-    for plain, escaped in (("\\", r"\textbackslash "), ("&", r"\&"), ("%", r"\%"), ("$", r"\$"), ("#", r"\#")):
+    text = printable(text)
+    for plain, escaped in (
+        ("\\", r"\textbackslash "),
+        ("^", r"\textasciicircum "),
+        ("~", r"\textasciitilde "),
+        ("&", r"\&"),
+        ("%", r"\%"),
+        ("$", r"\$"),
+        ("#", r"\#"),
+    ):
         text = text.replace(plain, escaped)
     for plain, escaped in (("_", r"\_"), ("{", r"\{"), ("}", r"\}"), ("±", r"$\pm$"), ("−", "$-$"), (DASH, "--")):
         text = text.replace(plain, escaped)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import yaml
 
-from expertaug.errors import InputError
+from expertaug.errors import InputError, printable
 from expertaug.measurements.cut import chunks_of
 from expertaug.measurements.inspect import Inspection
 from expertaug.measurements.sensors import rows_of_a_period
@@ -240,4 +240,4 @@ def flow(value: object) -> str:
 
 def comment(line: str) -> str:
     """A line as a comment of YAML: what a file's names hold of line breaks and the like is escaped."""
-    return "# " + "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
+    return f"# {printable(line)}"

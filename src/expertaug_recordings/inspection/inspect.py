@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import yaml
 
-from expertaug.errors import InputError
+from expertaug.errors import InputError, printable
 from expertaug.files import atomic
 from expertaug_recordings.angles.pendulum_fit import Gravity
 from expertaug_recordings.angles.rectify import describe
@@ -21,7 +21,7 @@ from expertaug_recordings.inspection.look import SHOWN, Look, count_with, look_a
 from expertaug_recordings.markers.appearance import ROLES
 from expertaug_recordings.markers.disks import fitter
 from expertaug_recordings.markers.geometry import best
-from expertaug_recordings.names import by_name, printable
+from expertaug_recordings.names import by_name
 from expertaug_recordings.reports import drawing
 from expertaug_recordings.settings import StatedTimes, TrackMarkersJob
 
