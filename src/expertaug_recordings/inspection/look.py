@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from expertaug_recordings.markers.appearance import COLOURS, ROLES, Colour
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.settings import AngleKeys, StatedTimes, TrackMarkersJob
+from expertaug_recordings.video.declared import FilmedOtherwise
 from expertaug_recordings.video.source import open_frames
 
 RANGE_DEG = 25.0  # half a proposed range of hues, or less where markers are nearer to each other
@@ -162,7 +163,7 @@ MIN_SHARE = 0.5  # of the frames in which the tracker must find all markers with
 @dataclass(frozen=True)
 class Footage:
     """Frames (H, W, 3) spread over a video with their numbers, what the file says of itself (times (n,) in s of its
-    frames where they are uneven), and what its user does."""
+    frames where they are uneven), and what is stated, by its user or by a tag of the file on which a note says so."""
 
     path: Path
     frames: list[np.ndarray]
@@ -171,6 +172,7 @@ class Footage:
     count: int
     times: np.ndarray | None
     stated: StatedTimes
+    note: str = ""
 
     @property
     def facts(self) -> str:
@@ -206,6 +208,11 @@ class Look:
     refusal: str = ""
     view: View | None = None
 
+    @property
+    def notes(self) -> list[str]:
+        """What its user should know of it."""
+        return [self.footage.note] if self.footage.note else []
+
 
 def look_at(video: Path, stated: StatedTimes) -> Look:
     """Look for a pendulum's markers.
@@ -221,7 +228,9 @@ def look_at(video: Path, stated: StatedTimes) -> Look:
     if geometry is None or counts["all"] < MIN_SHARE * counts["frames"]:
         refusal = f"its markers are all found in {counts['all']} of {counts['frames']} frames only"
         return Look(footage, spots, found, tracking, None, geometry, counts, refusal)
-    gravity, view = told_by_motion(video, stated, footage.times, geometry, TrackMarkersJob.from_mapping(tracking))
+    gravity, view = told_by_motion(
+        video, footage.stated, footage.times, geometry, TrackMarkersJob.from_mapping(tracking)
+    )
     return Look(footage, spots, found, tracking, gravity, geometry, counts, view=view)
 
 
@@ -231,6 +240,18 @@ def count_with(frames: Sequence[np.ndarray], tracking: Mapping[str, object]) -> 
 
 
 def _read(path: Path, stated: StatedTimes) -> Footage:
+    """As :func:`_frames_of`; where a tag says that a video was filmed at another rate than it is shown, that is stated,
+    as long as its user states none."""
+    try:
+        return _frames_of(path, stated)
+    except FilmedOtherwise as found:
+        told = {"rate_hz": found.rate_hz, "rate_provenance": f"the file's tag {found.tag}"}
+        note = f"filmed at {found.rate_hz:g} Hz by its tag {found.tag} and shown at {found.shown_hz:g} Hz: rate_hz says"
+        note += f" so; if the tag is wrong, give --rate {found.shown_hz:g}"
+        return replace(_frames_of(path, stated.model_copy(update=told)), note=note)
+
+
+def _frames_of(path: Path, stated: StatedTimes) -> Footage:
     """All of the video is decoded, since only that tells whether it is sound and when its frames were taken."""
     with open_frames(path, stated) as video:
         wanted = max(SHOWN, min(FRAMES, MEMORY // (video.width * video.height * 3)))
