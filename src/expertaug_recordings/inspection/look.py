@@ -19,6 +19,7 @@ from expertaug_recordings.angles.quality import trust_tracker
 from expertaug_recordings.angles.rectify import View, seen_through, worth_it
 from expertaug_recordings.angles.smoothing import Smoothing, longest_window, smooth_motion
 from expertaug_recordings.inspection.detect import Pendulum, Spot, look_for_pendulum
+from expertaug_recordings.inspection.left_over import left_over
 from expertaug_recordings.markers.appearance import COLOURS, ROLES, Colour
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
 from expertaug_recordings.markers.tracker import track_frames
@@ -211,7 +212,10 @@ class Look:
     @property
     def notes(self) -> list[str]:
         """What its user should know of it."""
-        return [self.footage.note] if self.footage.note else []
+        beside = []
+        if self.found is not None:
+            beside = left_over(self.found, self.spots[self.found.style], len(self.footage.frames))
+        return ([self.footage.note] if self.footage.note else []) + beside
 
 
 def look_at(video: Path, stated: StatedTimes) -> Look:
