@@ -85,6 +85,13 @@ def test_markers_of_one_colour_are_refused(tmp_path):
     refused(tmp_path, draw(centres, SIZE, [PAINT["red"]] * 3), r"hues near 0° in \d+ of \d+ frames, but no two")
 
 
+def test_a_swing_too_short_to_find_its_pivot_names_the_key(tmp_path):
+    theta = np.stack([0.12 * np.sin(0.4 * np.arange(16)), np.zeros(16)], axis=1)
+    frames = draw(markers_of(theta, (160.2, 30.3), (140.0, 60.0)), (320, 240), [None, PAINT["blue"], None], 16)
+    key = r"moves over \d+° only: too little to find the pivot .*set recordings.tracking.markers.pivot_px"
+    refused(tmp_path, frames, key)
+
+
 def test_a_sheet_must_be_a_picture(tmp_path):
     with pytest.raises(InputError, match=r"contact\.mp4: suffix '\.mp4'; a contact sheet is \.png or \.jpg"):
         inspect(tmp_path / "none.mp4", tmp_path / "contact.mp4")

@@ -18,10 +18,10 @@ from expertaug_recordings.angles.pendulum_fit import SPAN_S, Gravity, find_gravi
 from expertaug_recordings.angles.quality import trust_tracker
 from expertaug_recordings.angles.rectify import View, seen_through, worth_it
 from expertaug_recordings.angles.smoothing import Smoothing, longest_window, smooth_motion
-from expertaug_recordings.inspection.detect import Pendulum, Spot, look_for_pendulum
+from expertaug_recordings.inspection.detect import MIN_FRAMES, Pendulum, Spot, by_hue, cleanest, look_for_pendulum
 from expertaug_recordings.inspection.left_over import left_over
 from expertaug_recordings.markers.appearance import COLOURS, ROLES, Colour
-from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
+from expertaug_recordings.markers.geometry import Geometry, centre_of_circle, estimate_geometry
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.settings import AngleKeys, StatedTimes, TrackMarkersJob
 from expertaug_recordings.video.declared import FilmedOtherwise
@@ -290,5 +290,20 @@ def _missing(spots: Mapping[str, Sequence[Spot]], frames: int) -> str:
     listed = ", ".join(f"{hue}°" for hue in hues[:8])
     return (
         f"round {style}s of hues near {listed} in {seen} of {frames} frames, but no two or three of different colours"
-        " that keep their distances while they swing about a fixed point"
+        f" that keep their distances while they swing about a fixed point{_short_swing(spots[style])}"
     )
+
+
+def _short_swing(spots: Sequence[Spot]) -> str:
+    """What helps where something swings too little to tell where its pivot is; empty otherwise."""
+    for group in by_hue(spots):
+        own = cleanest(group)
+        centres = np.array([spot.centre for spot in own.values()])
+        moves = float(np.hypot(*np.ptp(centres, axis=0)))
+        if len(own) >= MIN_FRAMES and moves > float(np.median([spot.diameter for spot in own.values()])):
+            try:
+                centre_of_circle(centres)
+            except InputError as error:
+                told = error.found.replace("the joint", f"the one of hue {own[min(own)].colour[0]:.0f}°")
+                return f" ({told} unless that has a marker; else say where it is: {error.remedy})"
+    return ""

@@ -28,6 +28,24 @@ TURN_DEG = 0.5  # by which a display matrix may be off quarter turns
 LAST_STEPS = 2.5  # frames by which a container's duration may be off: some count from the first decoding time
 
 
+GIF = (
+    "is a GIF: at most 256 colours, which spoil markers' edges, and times in whole 1/100 s",
+    "give the video that it was made from",
+)
+PICTURE = "is a single picture, or several in a row without reliable times", "give a video, or a folder of pictures"
+NO_VIDEOS = {b"GIF8": GIF, b"\x89PNG": PICTURE, b"\xff\xd8\xff": PICTURE, b"II*\0": PICTURE, b"MM\0*": PICTURE}
+
+
+def no_video(path: Path) -> tuple[str, str]:
+    """What a file is that cannot be opened as a video, and what would be right."""
+    with path.open("rb") as stream:
+        first = stream.read(12)
+    if first[:4] == b"RIFF" and first[8:] == b"WEBP":
+        return PICTURE
+    unknown = "cannot be opened as a video", "it is truncated or not a video: copy the recording again"
+    return next((told for start, told in NO_VIDEOS.items() if first.startswith(start)), unknown)
+
+
 class FilmedOtherwise(InputError):
     """A file whose tag says that it was filmed at another rate than it is shown, while no rate is stated.
 

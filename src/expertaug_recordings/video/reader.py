@@ -18,6 +18,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug_recordings.video import declared, timestamps
+from expertaug_recordings.video.interlacing import Fields
 from expertaug_recordings.video.pixel_layout import Layout
 
 RATES_HZ = (1.0, 20_000.0)  # outside, a declared frame rate is taken for a missing one
@@ -25,6 +26,8 @@ MIN_SIDE_PX, MAX_PX = 16, 2**25  # of an image: 8K video has 2^24.98 px, a forge
 # Playlists, picture sequences and the like are not read: they name other files.
 CONTAINERS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,ivf,asf,flv,ogg,nut,mxf,yuv4mpegpipe"
 OPTIONS = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
+
+RATE_KEY = "set recordings.videos.rate_hz (of expertaug inspect-video --rate)"
 
 
 class Video:
@@ -77,9 +80,7 @@ class Video:
         streams = self._container.streams.video if self._container is not None else ()
         if not streams or streams[0].codec_context is None:  # without a known codec
             self.close()
-            raise InputError(
-                path, "cannot be opened as a video", "it is truncated or not a video: copy the recording again"
-            )
+            raise InputError(path, *declared.no_video(self.path))
         try:
             stream = streams[0]
             stream.codec_context.thread_count = 1
@@ -130,9 +131,7 @@ class Video:
         self._declared_rate = declared_rate if counted and RATES_HZ[0] <= declared_rate <= RATES_HZ[1] else None
         if rate_hz is None and self._declared_rate is None:
             found = f"{declared_rate:g} Hz" if counted else "none"
-            raise InputError(
-                self.path, f"no usable frame rate in its metadata ({found})", "set recordings.videos.rate_hz"
-            )
+            raise InputError(self.path, f"no usable frame rate in its metadata ({found})", RATE_KEY)
         if rate_hz is None:
             declared.refuse_filmed_otherwise(*told)
         self.rate_hz = float(rate_hz if rate_hz is not None else self._declared_rate)
@@ -178,20 +177,24 @@ class Video:
             Index from 0 (the first that is wanted) and the decoder's frame, of :attr:`layout`.
 
         Raises:
-            InputError: the file ends early or late, changes its size, has timestamps that run backwards or none, or its
-                decoder reported spoiled frames.
+            InputError: the file ends early or late, changes its size, has timestamps that run backwards or none, is
+                interlaced, or its decoder reported spoiled frames.
         """
         times = array("d")  # 8 bytes a frame: all that grows with the length
         picture, self._first = self._first, None
+        fields = Fields(self.path, self.count)
         first, stop = (0, math.inf) if self._wanted is None else (self._wanted.start, self._wanted.stop)
         while picture is not None:
             index = len(times)
             times.append(self._time_ms(picture, index))
             self._check_so_far(index, picture)
+            if index >= first:
+                fields.look(index - first, picture)
             if index >= first and (index - first) % step == 0:
                 yield index - first, picture
             picture = self._next() if index + 1 < stop else None
         self._check_end(np.frombuffer(times), first, min(stop, self._declared))
+        fields.refuse()
 
     def _next(self) -> av.VideoFrame | None:
         """The next frame; None at the end, and where decoding fails, which then is a complaint."""
@@ -270,7 +273,7 @@ class Video:
             raise InputError(
                 self.path,
                 f"declares {self.rate_hz:g} Hz but its timestamps step as {1000 / step:.4g} Hz",
-                "set recordings.videos.rate_hz",
+                RATE_KEY,
             )
 
     def close(self) -> None:
