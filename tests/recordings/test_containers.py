@@ -2,6 +2,7 @@
 
 import struct
 from fractions import Fraction
+from pathlib import Path
 
 import av
 import numpy as np
@@ -10,8 +11,9 @@ import yaml
 from drawn import PAINT, draw, markers_of, swinging
 
 from expertaug.errors import InputError
-from expertaug_recordings.inspection.inspect import inspect
-from expertaug_recordings.settings import ExtractFramesJob
+from expertaug_recordings.inspection.inspect import combine, inspect
+from expertaug_recordings.inspection.look import Footage, Look
+from expertaug_recordings.settings import ExtractFramesJob, StatedTimes
 from expertaug_recordings.video import declared
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 from expertaug_recordings.video.reader import Video
@@ -102,26 +104,51 @@ def test_inspect_proposes_the_rate_of_the_tag_and_says_so(tmp_path, caplog):
     assert f"# {note}" in text and note in caplog.text
 
 
-def test_an_edit_list_does_not_change_the_rate(tmp_path):
-    """Its header's count and duration are of other frames than a player shows."""
-    path = write(tmp_path / "clip.mp4", grey(), bf="0")
+def test_tags_of_some_files_go_under_their_names():
+    def look(name, **stated):
+        known = StatedTimes(from_s=0.5, **stated)
+        footage = Footage(Path(name), [], [], stated.get("rate_hz", 30.0), 90, None, known)
+        return Look(footage, {}, None, {"markers": {"style": "disk"}, "marker_diameter_px": 20.0})
+
+    block = combine([look("plain.mp4"), look("slow.mp4", rate_hz=240.0, rate_provenance="tag")])
+    assert block["videos"] == {"path": ["plain.mp4", "slow.mp4"], "from_s": 0.5} and block["analysis_rate_hz"] == 30
+    assert block["by_recording"] == {"slow": {"videos": {"rate_hz": 240.0, "rate_provenance": "tag"}}}
+    both = combine([look(name, rate_hz=240.0) for name in ("a.mp4", "b.mp4")])
+    assert both["videos"]["rate_hz"] == 240 and "by_recording" not in both
+
+
+def with_long_last_frame(path, times):
+    """Make the last frame of an MP4 of even ones last for so many; the rate in its metadata is then lower."""
     data = bytearray(path.read_bytes())
     at = data.index(b"stts") + 8
-    count, each = struct.unpack(">II", data[at + 4 : at + 12])
-    assert data[at : at + 4] == struct.pack(">I", 1) and count == 40
-    head = data.index(b"mdhd") + 20  # the last frame lasts for five
-    (length,) = struct.unpack(">I", data[head : head + 4])
-    grown = struct.pack(">IIIII", 2, count - 1, each, 1, 5 * each)
+    entries, count, each = struct.unpack(">III", data[at : at + 12])
+    assert entries == 1
     size = data.index(b"stts") - 4
-    data[size : at + 12] = struct.pack(">I", 32) + b"stts" + bytes(4) + grown
-    data[head : head + 4] = struct.pack(">I", length + 4 * each)
+    data[size : at + 12] = struct.pack(">I4sIIIIII", 32, b"stts", 0, 2, count - 1, each, 1, times * each)
+    head = data.index(b"mdhd") + 20
+    data[head : head + 4] = struct.pack(">I", struct.unpack(">I", data[head : head + 4])[0] + (times - 1) * each)
     for box in (b"moov", b"trak", b"mdia", b"minf", b"stbl"):
         start = data.index(box) - 4
         data[start : start + 4] = struct.pack(">I", struct.unpack(">I", data[start : start + 4])[0] + 8)
     path.write_bytes(data)
+
+
+@pytest.mark.parametrize("first", [0, 17])
+@pytest.mark.parametrize("b_frames", [0, 2])
+def test_the_rate_is_that_of_the_frames_that_are_shown(tmp_path, b_frames, first):
+    """A header's count and duration, of which FFmpeg makes a rate, know no edit list, and what the last frame does."""
+    path = write(tmp_path / "clip.mp4", grey(), bf=str(b_frames))
+    data = bytearray(path.read_bytes())
+    at = data.index(b"elst") + 12
+    length, start = struct.unpack(">Ii", data[at : at + 8])
+    (ticks,) = struct.unpack(">I", data[(head := data.index(b"mdhd") + 16) : head + 4])
+    data[at : at + 8] = struct.pack(">Ii", length - first * 1000 // 30, start + first * ticks // 30)
+    path.write_bytes(data)
+    with_long_last_frame(path, 5)
     with av.open(str(path)) as container:
         assert abs(float(container.streams.video[0].average_rate) - 30) > 2
-    assert read(path)[1].rate_hz == pytest.approx(30)
+    images, video = read(path)
+    assert len(images) == 40 - first and video.rate_hz == pytest.approx(30)
 
 
 # ── The first time ───────────────────────────────────────────────────────────
@@ -182,6 +209,17 @@ def test_pixels_are_made_square(tmp_path, aspect, size, shown):
     assert (np.ptp(columns), np.ptp(rows)) == pytest.approx((60, 60), abs=3)
 
 
+def test_a_fragmented_file_is_counted(tmp_path):
+    frames = grey()
+    with av.open(str(tmp_path / "clip.mp4"), "w", options={"movflags": "frag_keyframe+empty_moov"}) as made:
+        stream = made.add_stream("libx264", rate=30, options={"g": "12"})
+        stream.height, stream.width, stream.pix_fmt = 48, 64, "yuv420p"
+        for image in frames:
+            made.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24").reformat(format="yuv420p")))
+        made.mux(stream.encode())
+    assert len(read(tmp_path / "clip.mp4")[0]) == 40
+
+
 def test_an_absurd_aspect_is_refused(tmp_path):
     def stretched(stream):
         stream.codec_context.sample_aspect_ratio = Fraction(20, 1)
@@ -205,6 +243,14 @@ def test_all_eight_ways_of_holding_a_camera_are_read(tmp_path, degrees, mirror):
     upright = np.rot90(image, degrees // 90)
     upright = {"": upright, "hflip": upright[:, ::-1], "vflip": upright[::-1]}[mirror]
     np.testing.assert_allclose(read(path)[0][0].astype(int), upright, atol=40)
+
+
+def test_pixels_are_made_square_before_they_are_turned(tmp_path):
+    def prepare(stream):
+        stream.codec_context.sample_aspect_ratio = Fraction(4, 3)
+        stream.set_display_rotation(90)
+
+    assert read(write(tmp_path / "clip.mkv", grey(size=(96, 120)), prepare=prepare))[0].shape == (40, 160, 96, 3)
 
 
 @pytest.mark.parametrize("degrees", [30, 45])

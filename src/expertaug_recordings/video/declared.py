@@ -139,22 +139,33 @@ def kept_of_edit_list(container: av.container.InputContainer) -> int:
     return kept if 0 < kept < stream.frames else 0
 
 
-def declared_rate(container: av.container.InputContainer) -> float:
-    """Frames per second by the metadata; of an MP4 whose packets are even by their times, where these say otherwise.
+def declared_rate(
+    path: Path, container: av.container.InputContainer, options: Mapping[str, str], tick_ms: float
+) -> float:
+    """Frames per second by the metadata; of an MP4 whose frames are evenly shown by its times, where these say
+    otherwise.
 
-    Its own rate is then a quotient of its header's, of a count that knows no edit list or a last frame that lasts
-    longer, and not the rate at which a player shows its frames.
+    Its own rate is a quotient of its header's: of a count that knows no edit list, or with a last frame that lasts
+    longer, it is not the rate at which a player shows the frames.
+
+    Arguments:
+        path, container: of the file.
+        options: with which FFmpeg opens it.
+        tick_ms: of its clock.
     """
     stream = container.streams.video[0]
     rate = float(stream.average_rate or stream.guessed_rate or 0)
-    if "mov" not in container.format.name or not stream.time_base:
+    entries = list(stream.index_entries) if "mov" in container.format.name else []
+    if len(entries) < 3:
         return rate
-    ticks = np.array([entry.timestamp for entry in stream.index_entries if not entry.is_discard], np.float64)
-    steps = np.diff(ticks)
-    if len(steps) < 2 or steps.min() <= 0 or np.ptp(steps) > max(1.0, timestamps.JITTER * steps.mean()):
+    usual = (entries[-1].timestamp - entries[0].timestamp) / (len(entries) - 1) * tick_ms
+    if abs(rate * usual / 1000 - 1) < SAME_MEAN and not kept_of_edit_list(container):
         return rate
-    shown = len(steps) / ((ticks[-1] - ticks[0]) * float(stream.time_base))
-    return rate if abs(rate / shown - 1) < SAME_MEAN else float(f"{shown:.6g}")
+    shown = timestamps.shown_ms(path, options, tick_ms)
+    if shown is None or len(shown) < 3 or not (np.diff(shown) > 0).all():
+        return rate
+    step, even = timestamps.judge(path, shown, tick_ms)
+    return rate if not even or abs(rate * step / 1000 - 1) < SAME_MEAN else float(f"{1000 / step:.6g}")
 
 
 def pixel_aspect(path: Path, stream: av.VideoStream) -> float:
