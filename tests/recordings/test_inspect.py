@@ -55,6 +55,7 @@ def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monke
     assert block["recordings"]["angles"]["rotation_deg"] == pytest.approx(tilt, abs=0.5)
     assert recording_settings.track_markers(found).marker_diameter_px == pytest.approx(24, abs=0.5)
     assert recording_settings.split_chunks(found, "double_pendulum").rate_hz == pytest.approx(60)
+    assert "left over" not in text
     assert "all found in 24 of 24" in text or "all found in 23 of 24" in text
     sheet = cv2.imread(str(tmp_path / "contact.png"))
     assert sheet.shape[0] > 500 and sheet.shape[1] > 1400

@@ -119,13 +119,13 @@ def frame_count(
     if known := kept_of_edit_list(container) or stream.frames:
         return known
     length_s = (container.duration or 0) / av.time_base
-    start_s = max(0.0, (stream.start_time or 0) * tick_ms / 1000)
+    times = timestamps.packets_ms(path, options, tick_ms) if length_s > 0 else None
+    start_s = max(0.0, float(times[0]) / 1000) if times is not None else 0.0
     lasts = [length_s - start_s, length_s] if 0 < start_s < length_s else [length_s]
-    shown = timestamps.shown_ms(path, options, tick_ms) if length_s > 0 else None
-    if shown is not None and len(shown) > 2:
-        step = float(np.median(np.diff(shown)))
-        if any(abs(shown[-1] + step - 1000 * last) <= LAST_STEPS * step for last in lasts):
-            return len(shown)
+    if times is not None and len(times) > 2:
+        step = float(np.median(np.diff(times)))
+        if any(abs(times[-1] - times[0] + step - 1000 * last) <= LAST_STEPS * step for last in lasts):
+            return len(times)
     return math.floor(lasts[0] * rate_hz + 0.5)
 
 
@@ -155,8 +155,8 @@ def declared_rate(
     """
     stream = container.streams.video[0]
     rate = float(stream.average_rate or stream.guessed_rate or 0)
-    entries = list(stream.index_entries) if "mov" in container.format.name else []
-    if len(entries) < 3:
+    entries = stream.index_entries
+    if "mov" not in container.format.name or len(entries) < 3:
         return rate
     usual = (entries[-1].timestamp - entries[0].timestamp) / (len(entries) - 1) * tick_ms
     if abs(rate * usual / 1000 - 1) < SAME_MEAN and not kept_of_edit_list(container):
