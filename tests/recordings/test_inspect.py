@@ -55,6 +55,7 @@ def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monke
     assert block["recordings"]["angles"]["rotation_deg"] == pytest.approx(tilt, abs=0.5)
     assert recording_settings.track_markers(found).marker_diameter_px == pytest.approx(24, abs=0.5)
     assert recording_settings.split_chunks(found, "double_pendulum").rate_hz == pytest.approx(60)
+    assert "left over" not in text
     assert "all found in 24 of 24" in text or "all found in 23 of 24" in text
     sheet = cv2.imread(str(tmp_path / "contact.png"))
     assert sheet.shape[0] > 500 and sheet.shape[1] > 1400
@@ -83,6 +84,13 @@ def test_a_pendulum_at_rest_is_refused(tmp_path):
 def test_markers_of_one_colour_are_refused(tmp_path):
     centres = markers_of(swinging(40)[:, :2], PIVOT, ARMS)
     refused(tmp_path, draw(centres, SIZE, [PAINT["red"]] * 3), r"hues near 0° in \d+ of \d+ frames, but no two")
+
+
+def test_a_swing_too_short_to_find_its_pivot_names_the_key(tmp_path):
+    theta = np.stack([0.12 * np.sin(0.4 * np.arange(16)), np.zeros(16)], axis=1)
+    frames = draw(markers_of(theta, (160.2, 30.3), (140.0, 60.0)), (320, 240), [None, PAINT["blue"], None], 16)
+    key = r"moves over \d+° only: too little to find the pivot .*set recordings.tracking.markers.pivot_px"
+    refused(tmp_path, frames, key)
 
 
 def test_a_sheet_must_be_a_picture(tmp_path):

@@ -126,7 +126,7 @@ def test_a_joint_that_hardly_moves_tells_no_pivot():
     points[7] += 25  # taken for another marker
     assert centre_of_circle(points) == pytest.approx((300, 200), abs=1e-6)
     with pytest.raises(
-        InputError, match=r"the joint moves over \d+° only: too little to find the pivot; give pivot_px"
+        InputError, match=r"the joint moves over \d+° only: too little to find the pivot; set recordings.*pivot_px"
     ):
         centre_of_circle(points[-5:])
 

@@ -51,7 +51,7 @@ def test_times_of_names_give_order_and_rate(tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({}, "pictures have no frame rate; set recordings.videos.rate_hz or .times"),
+        ({}, "pictures have no frame rate; set recordings.videos.rate_hz or .times .*--rate or --times"),
         ({"rate_hz": 50, "times": "names"}, "give one of them"),
         ({"times": "tied.csv"}, "frame 3 is not later than the one before"),
         ({"times": "none.csv"}, "none.csv: no such file"),

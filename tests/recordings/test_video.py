@@ -103,6 +103,27 @@ def test_broken_file_is_one_line(good, tmp_path, kind, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "codec", "pixels", "message"),
+    [
+        ("gif", "gif", "rgb8", r"is a GIF: at most 256 colours, .* times in whole 1/100 s; give the video"),
+        ("png", "apng", "rgb24", "is a single picture, or several in a row .*; give a video, or a folder of pictures"),
+        ("mp4", "gif", "rgb8", "is a GIF"),
+    ],
+)
+def test_a_gif_or_a_picture_is_called_one(tmp_path, suffix, codec, pixels, message):
+    path = tmp_path / f"clip.{suffix}"
+    with av.open(str(path), "w", format=codec) as made:
+        stream = made.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, pixels
+        for image in drawn(5):
+            made.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24").reformat(format=pixels)))
+        made.mux(stream.encode())
+    with pytest.raises(InputError, match=message) as caught:
+        Video(path)
+    assert "\n" not in str(caught.value)
+
+
 def test_missing_file(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         Video(tmp_path / "none.mp4")
@@ -129,7 +150,7 @@ def test_wrong_size(good):
 
 def test_missing_rate_is_refused_unless_given(good, tmp_path):
     bare = remux(good, tmp_path / "bare.h264", format="h264")
-    with pytest.raises(InputError, match="no usable frame rate in its metadata"):
+    with pytest.raises(InputError, match=r"no usable frame rate .* set recordings.videos.rate_hz .*--rate"):
         Video(bare)
     with pytest.raises(InputError, match="no frame count in its metadata"):
         Video(bare, rate_hz=400)

@@ -101,12 +101,13 @@ def _apart(spots: Sequence[Spot], least: float) -> list[dict[int, Spot]]:
             there = [s for s in spots if np.hypot(*np.subtract(s.centre, spot.centre)) < reach]
             if len(there) >= least:
                 places.append(spot.centre)
-                groups.append(_cleanest(there))
+                groups.append(cleanest(there))
     moving = [s for s in spots if all(np.hypot(*np.subtract(s.centre, place)) > TWIN * s.diameter for place in places)]
-    return [*groups, _cleanest(moving)] + ([_cleanest(spots)] if len(places) == 1 and moving else [])
+    return [*groups, cleanest(moving)] + ([cleanest(spots)] if len(places) == 1 and moving else [])
 
 
-def _cleanest(spots: Sequence[Spot]) -> dict[int, Spot]:
+def cleanest(spots: Sequence[Spot]) -> dict[int, Spot]:
+    """Of each frame the spot with the cleanest rim."""
     best: dict[int, Spot] = {}
     for spot in spots:
         if spot.frame not in best or spot.share > best[spot.frame].share:

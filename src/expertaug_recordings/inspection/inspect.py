@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import json
+import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,6 +25,8 @@ from expertaug_recordings.markers.geometry import best
 from expertaug_recordings.names import by_name
 from expertaug_recordings.reports import drawing
 from expertaug_recordings.settings import StatedTimes, TrackMarkersJob
+
+logger = logging.getLogger(__name__)
 
 AS_GOOD = 0.95  # of the frames that a recording's own settings find, for the shared ones to do
 SAME_DEG = 1.0  # by which directions of gravity may differ
@@ -46,9 +49,13 @@ def combine(looks: Sequence[Look]) -> dict[str, object]:
     angles = ({} if rotation is None else {"rotation_deg": rotation}) | (
         {"rectify": {"ellipse": True}} if askew else {}
     )
+    stated = [look.footage.stated.model_dump(exclude_unset=True) for look in looks]
+    of_all = {k: v for k, v in stated[0].items() if all(k in one and one[k] == v for one in stated)}
     own: dict[str, dict[str, object]] = {}
-    for look in looks:
+    for look, its in zip(looks, stated, strict=True):
         block: dict[str, dict[str, object]] = {}
+        if its != of_all:
+            block["videos"] = {k: v for k, v in its.items() if k not in of_all}
         if look.tracking != shared and count_with(look.footage.frames, shared) < AS_GOOD * look.counts["all"]:
             block["tracking"] = {k: v for k, v in look.tracking.items() if shared.get(k) != v}
         if rotation is not None and look.gravity is not None and _apart(look.gravity, rotation):
@@ -59,12 +66,11 @@ def combine(looks: Sequence[Look]) -> dict[str, object]:
             own[names[look.footage.path]] = block
     paths = [glob.escape(str(look.footage.path)) for look in looks]
     rate = min(look.footage.rate_hz for look in looks)
-    stated = looks[0].footage.stated.model_dump(exclude_unset=True)
     return {
         "source": "videos",
         "analysis_rate_hz": float(f"{rate:.9g}"),
         "arms_m": None,
-        "videos": {"path": paths[0] if len(paths) == 1 else paths, **stated},
+        "videos": {"path": paths[0] if len(paths) == 1 else paths, **of_all},
         "tracking": shared,
         **({"angles": angles} if angles else {}),
         **({"by_recording": own} if own else {}),
@@ -148,6 +154,9 @@ def inspect(videos: str | Path | Sequence[str | Path], sheet: str | Path, stated
     used = [look for look in looks if not look.refusal]
     if not used:
         raise refused[0]
+    for look in used:
+        for note in look.notes:
+            logger.warning("%s: %s", printable(str(look.footage.path)), note)
     return _yaml(used, refused)
 
 
@@ -158,6 +167,7 @@ def _yaml(looks: Sequence[Look], refused: Sequence[InputError]) -> str:
             f"# {printable(look.footage.path.name)}: {look.footage.facts}",
             f"# {_caption(look)}; all found in {look.counts['all']} of {look.counts['frames']} frames",
         ]
+        lines += [f"# {note}" for note in look.notes]
         if look.view is not None:
             lines.append(
                 f"# the camera looks askew, a circle is {describe(look.view)}: recordings.angles.rectify undoes it"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -18,11 +18,13 @@ from expertaug_recordings.angles.pendulum_fit import SPAN_S, Gravity, find_gravi
 from expertaug_recordings.angles.quality import trust_tracker
 from expertaug_recordings.angles.rectify import View, seen_through, worth_it
 from expertaug_recordings.angles.smoothing import Smoothing, longest_window, smooth_motion
-from expertaug_recordings.inspection.detect import Pendulum, Spot, look_for_pendulum
+from expertaug_recordings.inspection.detect import MIN_FRAMES, Pendulum, Spot, by_hue, cleanest, look_for_pendulum
+from expertaug_recordings.inspection.left_over import left_over
 from expertaug_recordings.markers.appearance import COLOURS, ROLES, Colour
-from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
+from expertaug_recordings.markers.geometry import Geometry, centre_of_circle, estimate_geometry
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.settings import AngleKeys, StatedTimes, TrackMarkersJob
+from expertaug_recordings.video.declared import FilmedOtherwise
 from expertaug_recordings.video.source import open_frames
 
 RANGE_DEG = 25.0  # half a proposed range of hues, or less where markers are nearer to each other
@@ -162,7 +164,7 @@ MIN_SHARE = 0.5  # of the frames in which the tracker must find all markers with
 @dataclass(frozen=True)
 class Footage:
     """Frames (H, W, 3) spread over a video with their numbers, what the file says of itself (times (n,) in s of its
-    frames where they are uneven), and what its user does."""
+    frames where they are uneven), and what is stated, by its user or by a tag of the file on which a note says so."""
 
     path: Path
     frames: list[np.ndarray]
@@ -171,6 +173,7 @@ class Footage:
     count: int
     times: np.ndarray | None
     stated: StatedTimes
+    note: str = ""
 
     @property
     def facts(self) -> str:
@@ -206,6 +209,14 @@ class Look:
     refusal: str = ""
     view: View | None = None
 
+    @property
+    def notes(self) -> list[str]:
+        """What its user should know of it."""
+        beside = []
+        if self.found is not None:
+            beside = left_over(self.found, self.spots[self.found.style], len(self.footage.frames))
+        return ([self.footage.note] if self.footage.note else []) + beside
+
 
 def look_at(video: Path, stated: StatedTimes) -> Look:
     """Look for a pendulum's markers.
@@ -221,7 +232,9 @@ def look_at(video: Path, stated: StatedTimes) -> Look:
     if geometry is None or counts["all"] < MIN_SHARE * counts["frames"]:
         refusal = f"its markers are all found in {counts['all']} of {counts['frames']} frames only"
         return Look(footage, spots, found, tracking, None, geometry, counts, refusal)
-    gravity, view = told_by_motion(video, stated, footage.times, geometry, TrackMarkersJob.from_mapping(tracking))
+    gravity, view = told_by_motion(
+        video, footage.stated, footage.times, geometry, TrackMarkersJob.from_mapping(tracking)
+    )
     return Look(footage, spots, found, tracking, gravity, geometry, counts, view=view)
 
 
@@ -231,6 +244,18 @@ def count_with(frames: Sequence[np.ndarray], tracking: Mapping[str, object]) -> 
 
 
 def _read(path: Path, stated: StatedTimes) -> Footage:
+    """As :func:`_frames_of`; where a tag says that a video was filmed at another rate than it is shown, that is stated,
+    as long as its user states none."""
+    try:
+        return _frames_of(path, stated)
+    except FilmedOtherwise as found:
+        told = {"rate_hz": found.rate_hz, "rate_provenance": f"the file's tag {found.tag}"}
+        note = f"filmed at {found.rate_hz:g} Hz by its tag {found.tag} and shown at {found.shown_hz:g} Hz: rate_hz says"
+        note += f" so; if the tag is wrong, give --rate {found.shown_hz:g}"
+        return replace(_frames_of(path, stated.model_copy(update=told)), note=note)
+
+
+def _frames_of(path: Path, stated: StatedTimes) -> Footage:
     """All of the video is decoded, since only that tells whether it is sound and when its frames were taken."""
     with open_frames(path, stated) as video:
         wanted = max(SHOWN, min(FRAMES, MEMORY // (video.width * video.height * 3)))
@@ -265,5 +290,20 @@ def _missing(spots: Mapping[str, Sequence[Spot]], frames: int) -> str:
     listed = ", ".join(f"{hue}°" for hue in hues[:8])
     return (
         f"round {style}s of hues near {listed} in {seen} of {frames} frames, but no two or three of different colours"
-        " that keep their distances while they swing about a fixed point"
+        f" that keep their distances while they swing about a fixed point{_short_swing(spots[style])}"
     )
+
+
+def _short_swing(spots: Sequence[Spot]) -> str:
+    """What helps where something swings too little to tell where its pivot is; empty otherwise."""
+    for group in by_hue(spots):
+        own = cleanest(group)
+        centres = np.array([spot.centre for spot in own.values()])
+        moves = float(np.hypot(*np.ptp(centres, axis=0)))
+        if len(own) >= MIN_FRAMES and moves > float(np.median([spot.diameter for spot in own.values()])):
+            try:
+                centre_of_circle(centres)
+            except InputError as error:
+                told = error.found.replace("the joint", f"the one of hue {own[min(own)].colour[0]:.0f}°")
+                return f" ({told} unless that has a marker; else say where it is: {error.remedy})"
+    return ""

@@ -188,7 +188,9 @@ def centre_of_circle(points: np.ndarray) -> tuple[float, float]:
     arc = 360 - np.diff(np.append(angle, angle[0] + 360)).max() if len(angle) > 2 else 0.0
     if arc < MIN_ARC_DEG:
         raise InputError(
-            f"{WHERE}.pivot", f"the joint moves over {arc:.0f}° only: too little to find the pivot", "give pivot_px"
+            f"{WHERE}.pivot",
+            f"the joint moves over {arc:.0f}° only: too little to find the pivot",
+            f"set {WHERE}.pivot_px",
         )
     return float(a), float(b)
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import av
+import cv2
 import numpy as np
 from av.video.reformatter import VideoReformatter
 
@@ -28,6 +29,9 @@ class Layout:
         width, height: in px, as the decoder gives them.
         rotation: quarter turns counterclockwise from there to an upright image.
         colorspace, color_range: FFmpeg's numbers for how YUV becomes BGR.
+        mirrored: whether left and right are exchanged before it is turned.
+        aspect: width of a pixel of the decoder over its height; images have square ones, made by stretching the side
+            that has fewer.
     """
 
     pixel_format: str
@@ -36,14 +40,16 @@ class Layout:
     rotation: int = 0
     colorspace: int = 2  # unspecified
     color_range: int = 0  # unspecified
+    mirrored: bool = False
+    aspect: float = 1.0
 
     @classmethod
-    def of(cls, frame: av.VideoFrame) -> Layout:
-        """That in which a decoder's frame is kept."""
+    def of(cls, frame: av.VideoFrame, turns: int = 0, mirrored: bool = False, aspect: float = 1.0) -> Layout:
+        """That in which a decoder's frame is kept, which becomes an image by these."""
         fits = frame.width % 2 == 0 and frame.height % 4 == 0  # else PyAV cannot take the planes back
         name = frame.format.name if frame.format.name in KEPT and fits else "bgr24"
-        turns = round(frame.rotation / 90) % 4
-        return cls(name, frame.width, frame.height, turns, int(frame.colorspace), int(frame.color_range))
+        colours = int(frame.colorspace), int(frame.color_range)
+        return cls(name, frame.width, frame.height, turns, *colours, mirrored, aspect)
 
     @property
     def frame_bytes(self) -> int:
@@ -52,7 +58,18 @@ class Layout:
     @property
     def image_shape(self) -> tuple[int, int, int]:
         """(height, width, 3) of the upright image."""
-        return (self.width, self.height, 3) if self.rotation % 2 else (self.height, self.width, 3)
+        width, height = self._square_size
+        return (width, height, 3) if self.rotation % 2 else (height, width, 3)
+
+    @property
+    def as_decoded(self) -> bool:
+        """Whether the upright image has the decoder's pixels where they are."""
+        return not self.rotation and not self.mirrored and self._square_size == (self.width, self.height)
+
+    @property
+    def _square_size(self) -> tuple[int, int]:
+        """Width and height in square pixels."""
+        return round(self.width * max(1.0, self.aspect)), round(self.height / min(1.0, self.aspect))
 
     def pack(self, frame: av.VideoFrame | np.ndarray, out: np.ndarray) -> None:
         """Put a frame, of the decoder or an image uint8 (height, width, 3), into bytes (frame_bytes,).
@@ -90,7 +107,11 @@ class Layout:
         return self._upright(_bgr(frame))
 
     def _upright(self, image: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(np.rot90(image, self.rotation)) if self.rotation else image
+        if self.as_decoded:
+            return image
+        if self._square_size != image.shape[1::-1]:
+            image = cv2.resize(image, self._square_size, interpolation=cv2.INTER_CUBIC)
+        return np.ascontiguousarray(np.rot90(image[:, ::-1] if self.mirrored else image, self.rotation))
 
 
 def _bgr(frame: av.VideoFrame) -> np.ndarray:
@@ -128,7 +149,7 @@ class KeptFrame:
     @property
     def in_patches(self) -> bool:
         """Whether patches can be made without the image."""
-        return self._layout.pixel_format in KEPT and not self._layout.rotation
+        return self._layout.pixel_format in KEPT and self._layout.as_decoded
 
     def patches(self, corners: list[tuple[int, int]], size: int) -> np.ndarray:
         """Squares of the image side by side, uint8 BGR (size, m * size, 3), as they are in it to the bit.

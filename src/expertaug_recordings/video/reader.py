@@ -17,7 +17,8 @@ import av
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug_recordings.video import timestamps
+from expertaug_recordings.video import declared, timestamps
+from expertaug_recordings.video.interlacing import Fields
 from expertaug_recordings.video.pixel_layout import Layout
 
 RATES_HZ = (1.0, 20_000.0)  # outside, a declared frame rate is taken for a missing one
@@ -25,6 +26,8 @@ MIN_SIDE_PX, MAX_PX = 16, 2**25  # of an image: 8K video has 2^24.98 px, a forge
 # Playlists, picture sequences and the like are not read: they name other files.
 CONTAINERS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,ivf,asf,flv,ogg,nut,mxf,yuv4mpegpipe"
 OPTIONS = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
+
+RATE_KEY = "set recordings.videos.rate_hz (of expertaug inspect-video --rate)"
 
 
 class Video:
@@ -77,9 +80,7 @@ class Video:
         streams = self._container.streams.video if self._container is not None else ()
         if not streams or streams[0].codec_context is None:  # without a known codec
             self.close()
-            raise InputError(
-                path, "cannot be opened as a video", "it is truncated or not a video: copy the recording again"
-            )
+            raise InputError(path, *declared.no_video(self.path))
         try:
             stream = streams[0]
             stream.codec_context.thread_count = 1
@@ -101,9 +102,10 @@ class Video:
             )
 
     def _use_first(self, stream: av.VideoStream, image_size_px: int | tuple[int, int] | None) -> None:
-        """Only a decoded frame tells how the images are turned."""
+        """Only a decoded frame tells how the images are turned; they are as players show them."""
         if self._first is not None:
-            self.layout = Layout.of(self._first)
+            turned = declared.orientation(self.path, self._first)
+            self.layout = Layout.of(self._first, *turned, declared.pixel_aspect(self.path, stream))
             self._shape = (self._first.width, self._first.height, self._first.format.name)
         else:
             self.layout = Layout("bgr24", stream.codec_context.width, stream.codec_context.height)
@@ -117,17 +119,21 @@ class Video:
                 )
 
     def _check_metadata(self, stream, rate_hz, rate_provenance, expected_frames) -> None:
-        declared_rate = float(stream.average_rate or stream.guessed_rate or 0)
-        length_s = (self._container.duration or 0) / av.time_base
-        declared_count = self._shown(stream) or stream.frames or math.floor(length_s * declared_rate + 0.5)
+        self._tick_ms = float(1000 * (stream.time_base or Fraction(1, 1000)))
+        told = self.path, self._container, OPTIONS, self._tick_ms
+        heard = len(self._complaints)
+        with self._listening():
+            declared_rate = declared.declared_rate(*told)
+            count = declared.frame_count(*told, declared_rate)
+        del self._complaints[heard:]  # what is spoiled is told where it is decoded
         # A bare stream has neither a count nor a rate; the rate that FFmpeg then reports is its own guess.
-        counted = 0 < declared_count < 2**40
+        counted = 0 < count < 2**40
         self._declared_rate = declared_rate if counted and RATES_HZ[0] <= declared_rate <= RATES_HZ[1] else None
         if rate_hz is None and self._declared_rate is None:
             found = f"{declared_rate:g} Hz" if counted else "none"
-            raise InputError(
-                self.path, f"no usable frame rate in its metadata ({found})", "set recordings.videos.rate_hz"
-            )
+            raise InputError(self.path, f"no usable frame rate in its metadata ({found})", RATE_KEY)
+        if rate_hz is None:
+            declared.refuse_filmed_otherwise(*told, declared_rate)
         self.rate_hz = float(rate_hz if rate_hz is not None else self._declared_rate)
         if not RATES_HZ[0] <= self.rate_hz <= RATES_HZ[1]:
             raise InputError(
@@ -137,22 +143,9 @@ class Video:
         self.rate_provenance = (rate_provenance or "configured") if self._is_configured else "video metadata"
         if expected_frames is None and not counted:
             raise InputError(self.path, "no frame count in its metadata", "convert it to mp4, which keeps it")
-        self.count = self._declared = int(expected_frames if expected_frames is not None else declared_count)
-        self._tick_ms = float(1000 * (stream.time_base or Fraction(1, 1000)))
-        if expected_frames is not None and counted and declared_count != expected_frames:
-            raise InputError(
-                self.path, f"declares {declared_count} frames", f"{expected_frames} expected (expected_frames)"
-            )
-
-    def _shown(self, stream: av.VideoStream) -> int:
-        """Frames that a player shows of a clip that was trimmed by an edit list, as phones do it; 0 of any other.
-
-        Its header counts what was filmed; packets that only serve to decode others are to be discarded.
-        """
-        kept = (
-            sum(not entry.is_discard for entry in stream.index_entries) if "mov" in self._container.format.name else 0
-        )
-        return kept if 0 < kept < stream.frames else 0
+        self.count = self._declared = int(expected_frames if expected_frames is not None else count)
+        if expected_frames is not None and counted and count != expected_frames:
+            raise InputError(self.path, f"declares {count} frames", f"{expected_frames} expected (expected_frames)")
 
     def trim(self, from_s: float, to_s: float | None) -> None:
         """Give only the frames that a player shows in a span of time in s (None: to the end), numbered from 0; what
@@ -184,20 +177,24 @@ class Video:
             Index from 0 (the first that is wanted) and the decoder's frame, of :attr:`layout`.
 
         Raises:
-            InputError: the file ends early or late, changes its size, has timestamps that run backwards or none, or its
-                decoder reported spoiled frames.
+            InputError: the file ends early or late, changes its size, has timestamps that run backwards or none, is
+                interlaced, or its decoder reported spoiled frames.
         """
         times = array("d")  # 8 bytes a frame: all that grows with the length
         picture, self._first = self._first, None
+        fields = Fields(self.path, self.count)
         first, stop = (0, math.inf) if self._wanted is None else (self._wanted.start, self._wanted.stop)
         while picture is not None:
             index = len(times)
             times.append(self._time_ms(picture, index))
             self._check_so_far(index, picture)
+            if index >= first:
+                fields.look(index - first, picture)
             if index >= first and (index - first) % step == 0:
                 yield index - first, picture
             picture = self._next() if index + 1 < stop else None
         self._check_end(np.frombuffer(times), first, min(stop, self._declared))
+        fields.refuse()
 
     def _next(self) -> av.VideoFrame | None:
         """The next frame; None at the end, and where decoding fails, which then is a complaint."""
@@ -276,7 +273,7 @@ class Video:
             raise InputError(
                 self.path,
                 f"declares {self.rate_hz:g} Hz but its timestamps step as {1000 / step:.4g} Hz",
-                "set recordings.videos.rate_hz",
+                RATE_KEY,
             )
 
     def close(self) -> None:

@@ -61,7 +61,8 @@ class Pictures:
             self._take_times(times, time_unit_s, rate_hz)
             self.rate_provenance = rate_provenance or f"times of the pictures ({times})"
         elif rate_hz is None:
-            raise InputError(path, "pictures have no frame rate", "set recordings.videos.rate_hz or .times")
+            remedy = "set recordings.videos.rate_hz or .times (of expertaug inspect-video --rate or --times)"
+            raise InputError(path, "pictures have no frame rate", remedy)
         else:
             self.rate_hz, self.rate_provenance = float(rate_hz), rate_provenance or "configured"
         if not RATES_HZ[0] <= self.rate_hz <= RATES_HZ[1]:

@@ -55,8 +55,13 @@ SLACK = 1e-3  # of an interval by which a frame may be outside
 
 
 def shown_ms(path: Path, options: Mapping[str, str], tick_ms: float) -> np.ndarray | None:
-    """When a player shows a video's frames in ms from the first, (n,), by its packets alone; None where they do not
-    say.
+    """When a player shows a video's frames in ms from the first, (n,); see :func:`packets_ms`."""
+    times = packets_ms(path, options, tick_ms)
+    return times - times[0] if times is not None else None
+
+
+def packets_ms(path: Path, options: Mapping[str, str], tick_ms: float) -> np.ndarray | None:
+    """Times of a video's frames in ms, (n,) ascending, by its packets alone; None where they do not say.
 
     Arguments:
         options: with which FFmpeg opens the file.
@@ -72,8 +77,7 @@ def shown_ms(path: Path, options: Mapping[str, str], tick_ms: float) -> np.ndarr
                     ticks.append(packet.pts)
         except av.FFmpegError:  # what is spoiled is told where it is decoded
             pass
-    times = np.sort(np.array(ticks, np.float64)) * tick_ms
-    return times - times[0] if len(times) else None
+    return np.sort(np.array(ticks, np.float64)) * tick_ms if ticks else None
 
 
 def span(where: object, times_s: np.ndarray, from_s: float, to_s: float | None) -> range:
