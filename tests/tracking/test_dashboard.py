@@ -81,9 +81,9 @@ def page_of(dashboard: str, run, tab: str = "") -> str:
 
 
 def test_the_link_opens_the_list_of_runs_and_their_charts(dashboard, page, tracking):
-    page.open(dashboard, "swing/Hybrid+", "test/log_mse_sum", "-1.75")
+    page.open(dashboard, "Hybrid+ · swing", "test/log_mse_sum", "-1.75")
     page.keep("runs")
-    page.open(f"{dashboard}&compareRunsMode=CHART", "swing/Hybrid+")
+    page.open(f"{dashboard}&compareRunsMode=CHART", "Hybrid+ · swing")
     page.wait_for(page.charts)
     page.keep("charts")
 
@@ -92,17 +92,17 @@ def test_a_row_of_the_report_leads_to_the_runs_behind_it(dashboard, page, tracki
     path = results / "swing" / "mean" / "seeds_0" / "log.jsonl"
     with RunLog(path, type(RUN)(**FIELDS | {"label": "Mean", "method": "mean"}), tracking) as log:
         log.metrics(0, {"loss": [1.0, 1.0]})
-    page.open(dashboard, "swing/Hybrid+", "swing/Mean")
+    page.open(dashboard, "Hybrid+ · swing", "Mean · swing")
     rows = [SimpleNamespace(method=method, label=label) for method, label in (("hybrid+", "Hybrid+"), ("mean", "Mean"))]
     links = Dashboard(tracking_of_run(results)).of(Table(["method"], [("", [["Hybrid+"]])]), "swing", rows)
     link = links["", "Hybrid+"]
-    page.open(link.replace("http://127.0.0.1:5000", dashboard.partition("/#")[0]), "swing/Hybrid+")
+    page.open(link.replace("http://127.0.0.1:5000", dashboard.partition("/#")[0]), "Hybrid+ · swing")
     page.keep("found")
-    assert "swing/Mean" not in page.text()
+    assert "Mean · swing" not in page.text()
 
 
 def test_the_page_of_a_method_shows_mean_spread_parameters_data_and_a_figure(dashboard, page, tracking):
-    run = run_named(tracking, "swing/Hybrid+")
+    run = run_named(tracking, "Hybrid+ · swing")
     page.open(
         page_of(dashboard, run), "tables/swing.md", "test/log_mse_sum sd", "-1.75", "training.rate", "swing train"
     )
@@ -113,12 +113,12 @@ def test_the_page_of_a_method_shows_mean_spread_parameters_data_and_a_figure(das
 
 
 def test_two_runs_are_compared(dashboard, page, tracking):
-    found = [run_named(tracking, f"swing/Hybrid+ · seed {seed} · evaluate") for seed in (0, 1)]
+    found = [run_named(tracking, f"Hybrid+ · seed {seed} · evaluate · swing") for seed in (0, 1)]
     ids = "%22,%22".join(run.info.run_id for run in found)
     experiment = dashboard.partition("/experiments/")[2].partition("/")[0]
     base = dashboard.partition("/experiments/")[0]
     address = f"{base}/compare-runs?runs=[%22{ids}%22]&experiments=[%22{experiment}%22]"
-    page.open(address, "swing/Hybrid+ · seed 0", "swing/Hybrid+ · seed 1", "training.rate", "test/log_mse_sum")
+    page.open(address, "Hybrid+ · seed 0", "Hybrid+ · seed 1", "training.rate", "test/log_mse_sum")
     page.keep("compared")
 
 
@@ -127,8 +127,8 @@ def test_a_curve_moves_while_a_training_runs_and_has_no_gap_after_a_kill(dashboa
     fields = FIELDS | {"seeds": [0], "label": "Other", "method": "other", "stage": "stuck"}
     job = start(str(path), tracking, fields, 0, code=SLOWLY)
     try:
-        page.wait_for(lambda: any(run.info.run_name == "swing/Other · seed 0 · stuck" for run in runs_of(tracking)))
-        charts = page_of(dashboard, run_named(tracking, "swing/Other · seed 0 · stuck"), "/model-metrics")
+        page.wait_for(lambda: any(run.info.run_name == "Other · seed 0 · stuck · swing" for run in runs_of(tracking)))
+        charts = page_of(dashboard, run_named(tracking, "Other · seed 0 · stuck · swing"), "/model-metrics")
         page.open(charts, "loss")
         page.wait_for(lambda: max(page.points(), default=0) > 1)
         first = max(page.points())

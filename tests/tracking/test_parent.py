@@ -29,11 +29,11 @@ def test_a_parent_has_mean_spread_parameters_data_and_figures(tmp_path, tracking
         log.metrics(2, {"loss": [1, 3], "validation_score": [1, 2]})
         log.artifact(folder / "curve.png")
     with RunLog(folder.parent / "seeds_2" / "log.jsonl", RUN.model_copy(update={"seeds": (2,)}), tracking) as log:
-        log.metrics(2, {"loss": [8]})
+        log.metrics(2, {"loss": [8], "validation_score": [6]})
     parent = parent_of(tracking)
-    assert parent.data.metrics["loss"] == 4
-    assert parent.data.metrics["loss sd"] == pytest.approx(np.std([1, 3, 8], ddof=1))
-    assert parent.data.metrics["selection score - observed window - per dimension"] == 1.5
+    score = "selection score - observed window - per dimension"
+    assert parent.data.metrics[score] == 3 and "loss" not in parent.data.metrics
+    assert parent.data.metrics[f"{score} sd"] == pytest.approx(np.std([1, 2, 6], ddof=1))
     assert parent.data.params["training.rate"] == "0.001" and "seed" not in parent.data.params
     assert "tables/swing.md" in parent.data.tags["mlflow.note.content"]
     client = MlflowClient(tracking_uri=tracking.uri)

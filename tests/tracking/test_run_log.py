@@ -146,12 +146,12 @@ def test_store_holds_what_was_logged(tmp_path, tracking):
         for step in range(3):
             log.metrics(step, {"loss": [step, 10 + step], "odd=name": [1, 1]})
         log.artifact(folder / "model.bin")
-    parent, *children = sorted(contents(tracking))
-    assert parent[0] == "swing/Hybrid+"
-    assert [child[0] for child in children] == ["swing/Hybrid+ · seed 0 · train", "swing/Hybrid+ · seed 1 · train"]
+    *children, parent = sorted(contents(tracking))
+    assert parent[0] == "Hybrid+ · swing"
+    assert [child[0] for child in children] == ["Hybrid+ · seed 0 · train · swing", "Hybrid+ · seed 1 · train · swing"]
     for position, (_, info, tags, parent_name, params, metrics, datasets, artifacts) in enumerate(children):
         assert info[0] == "FINISHED"
-        assert parent_name == "swing/Hybrid+"
+        assert parent_name == "Hybrid+ · swing"
         assert (tags["rule"], tags["stage"], tags["seed"]) == ("train", "train", str(position))
         assert params["training.rate"] == "0.001"
         assert (params["widths"], params["nothing"]) == ("[50, 50]", "null")

@@ -71,7 +71,7 @@ def test_a_rerun_marks_the_runs_that_it_replaces(tmp_path, tracking):
     valid = {run.data.tags["seed"]: run.data.metrics.get("loss") for run in found if not superseded(run)}
     assert valid == {"0": 3, "1": 3, "2": None}
     names = {run.info.run_name for run in found if superseded(run)}
-    assert names == {f"swing/Hybrid+ · seed {seed} · train (superseded)" for seed in (0, 1)}
+    assert names == {f"Hybrid+ · seed {seed} · train · swing (superseded)" for seed in (0, 1)}
     assert len(found) == 7
     again = elsewhere(tracking, uri=f"sqlite:///{tmp_path}/again/mlflow.db", experiment="again")
     rebuild(tmp_path / "results", again.uri, again.experiment)

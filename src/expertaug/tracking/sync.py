@@ -42,7 +42,7 @@ TRAININGS = ("train", "finetune", "alternate", "during_training")  # stages whos
 WORST_FIRST = ("FAILED", "KILLED", "RUNNING", "SCHEDULED")
 SPREAD = " sd"  # of a metric's name: its standard deviation over seeds
 IDENTITY = ("experiment", "method", "label", "system", "preset")
-NOTE = f"""Each metric is the mean of the last values of this method's runs below, over {{count}} seeds;
+NOTE = f"""Each metric is the mean of the scores of this method's runs below, over {{count}} seeds;
 `NAME{SPREAD}` is their standard deviation. Logarithms are natural and of mean squared errors, `rmse_NAME` has the unit
 of NAME, `relative_error` is in percent. The table with these numbers is `{{table}}` in the results folder.
 """
@@ -185,8 +185,7 @@ class Mirror:
                 tags["mlflow.source.git.commit"] = tags["git_revision"].removesuffix("-dirty")
             tags |= {"mlflow.source.type": "LOCAL", "mlflow.source.name": f"expertaug {header.stage}"}
             tags |= {"mlflow.parentRunId": self.parent, "log_key": log_key, "log_place": self._place}
-            of = header.stage if seed is None else f"seed {seed} · {header.stage}"
-            run = self._client.get_run(self._create(f"{self._method} · {of}", tags))
+            run = self._client.get_run(self._create(self._name(seed), tags))
         elif run.info.status != "RUNNING":
             self._client.update_run(run.info.run_id, status="RUNNING")
         run_id = run.info.run_id
@@ -297,12 +296,17 @@ class Mirror:
             return run.info.run_id
         tags = {name: getattr(header, name) for name in IDENTITY} | {"parent_key": key}
         tags |= {"mlflow.source.type": "LOCAL", "mlflow.source.name": "expertaug"}
-        return self._create(self._method, tags)
+        return self._create(f"{header.label} · {header.experiment}", tags)
 
-    @property
-    def _method(self) -> str:
-        """What names the method's runs, so that those of several can be told from each other when they are compared."""
-        return f"{self._header.experiment}/{self._header.label}"
+    def _name(self, seed: int | None) -> str:
+        """What a run is called: what differs most often first, since lists and comparisons show the beginning alone."""
+        header = self._header
+        of_seed = () if seed is None else (f"seed {seed}",)
+        return " · ".join((header.label, *of_seed, header.stage, header.experiment))
+
+    def _is_score(self, name: str) -> bool:
+        """Whether a mean over seeds says something: that of a loss or a learning rate does not."""
+        return self._header.stage not in TRAININGS or "/" in name or name in SHOWN.values()
 
     def _end_parent(self, end: int) -> None:
         """A log has ended, at ``end`` in ms: its parent gets mean and spread of this stage's values, and a state."""
@@ -312,7 +316,8 @@ class Mirror:
         children = [run for run in children if run.data.tags.get(SUPERSEDED) != "true"]
         of_stage = [run for run in children if run.data.tags.get("stage") == self._header.stage]
         metrics = []
-        for name in sorted({name for run in of_stage for name in run.data.metrics}):
+        names = {name for run in of_stage for name in run.data.metrics}
+        for name in sorted(filter(self._is_score, names)):
             values = [run.data.metrics[name] for run in of_stage if name in run.data.metrics]
             metrics.append(Metric(name, float(np.mean(values)), end, 0))
             if len(values) > 1:
