@@ -62,11 +62,6 @@ def test_figures_compare_the_classical_estimator_first():
     assert len(versions.compared(names, "least_squares")) == versions.LINES
 
 
-def test_a_version_is_made_from_the_one_before_it():
-    assert str(Version("a").augmented("wide").with_estimator(versions.FLOW)) == "a+wide~flow"
-    assert str(Version("a").control().with_estimator(versions.REFINED)) == "a=~refined"
-
-
 def test_settings_hold_versions_and_json_their_names():
     class Shown(Settings):
         method: Version

@@ -85,14 +85,6 @@ def dash(variant: str) -> str | tuple:
     return "-" if version.is_augmented else DASHED
 
 
-def hatch(variant: str) -> str:
-    """The pattern of a version's bar, for versions of one colour: stripes for a control, crosses for a flow, dots for
-    refined estimates."""
-    version = Version.parse(variant)
-    stripes = "////" if version.is_control else ""
-    return stripes + ("xxxx" if version.is_flow else "") + ("...." if version.is_refined else "")
-
-
 def marker(variant: str) -> str:
     """The marker on a version's line."""
     version = Version.parse(variant)

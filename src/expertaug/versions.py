@@ -92,10 +92,6 @@ class Version:
         """The control of the method's augmented version."""
         return Version(self.method, CONTROL)
 
-    def with_estimator(self, name: str) -> Version:
-        """The same with one more estimator in the encoder's place."""
-        return replace(self, estimators=(*self.estimators, name))
-
     def label(self, method: str) -> str:
         """What is printed, for a method that is printed as ``method``."""
         sign = AUGMENTED if self.is_augmented else ""

@@ -46,6 +46,15 @@ def test_training_options_are_those_of_the_trainer():
     assert set(TrainingOptions.__annotations__) == set(TrainSettings.model_fields) - given_otherwise
 
 
+def test_options_of_flows_and_alternation_are_those_of_their_settings():
+    from expertaug.api.inference import AlternatingOptions
+    from expertaug.api.posterior import FlowOptions
+    from expertaug.inference.settings import AlternatingSettings, FlowSettings
+
+    for options, settings in ((FlowOptions, FlowSettings), (AlternatingOptions, AlternatingSettings)):
+        assert set(options.__annotations__) == set(settings.model_fields) - {"checkpoint_s"}
+
+
 def test_classes_and_mappings_make_the_same_model(sets, recipe, fit):
     encoder = partial(ea.RecurrentEncoder, hidden=8, layers=[8])
     other = ea.HybridModel(ea.DampedPendulum(), encoder, partial(ea.MLPInteraction, layers=(6, 6)))

@@ -19,7 +19,8 @@ from expertaug_recordings.names import list_pictures
 from expertaug.config.checks import PUBLISHED
 from expertaug.source_files import PACKAGE
 from expertaug.stages.files import LEARNING_SETS, Files
-from expertaug.stages.planned import STUDIES, products_of, products_of_all, stages_read, studies, study_files
+from expertaug.stages.planned import STUDIES, overviews, products_of, products_of_all
+from expertaug.stages.planned import stages_read, studies, study_files
 from expertaug.versions import MAIN_SETS, Version
 
 FILES = Files(CONFIG)

@@ -6,8 +6,7 @@ FIGURES = {product.name: product.name.replace("_", " ") for product in products.
     "curves": "trainings",
 }
 OVERVIEW = shown_settings.overview(CONFIG, RUN)["experiments"]
-OVERVIEWS = {"log_mse": "log-MSE", "parameter_errors": "parameter errors"} if any(e["shown"] for e in OVERVIEW) else {}
-OVERVIEWS |= {"za_shifted": "log-MSE, z_a shifted"} if any(e["shifted"] for e in OVERVIEW) else {}
+OVERVIEWS = {name: name.replace("log_mse", "log-MSE").replace("_", " ") for name in overviews(CONFIG)}
 SUMMARY = [results("recordings/summary.csv"), results("recordings/summary.md")] if RECORDED else []
 SHOWN = []  # path, caption and title of each
 
@@ -21,8 +20,9 @@ def shown(path, caption, title, category, subcategory=None, **labels):
 
 def table(stem, caption, title, category, **labels):
     """The files of a table."""
-    files = [results(f"tables/{stem}.{end}") for end in ("csv", "tex", "md")]
-    return [*files[:2], shown(files[2], caption, title, category, **labels)]
+    files = {end: results(f"tables/{stem}.{end}") for end in products.TABLE_ENDS}
+    markdown = shown(files.pop("md"), caption, title, category, **labels)
+    return [*files.values(), markdown]
 
 
 def figure(stem, caption, title, category, **labels):

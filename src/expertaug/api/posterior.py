@@ -32,11 +32,20 @@ class FlowOptions(TypedDict, total=False):
     steps: int
     batch_size: int
     learning_rate: float
+    warmup: float
+    clip_norm: float | None
     pool: int
     uses: int
     held_out: int
+    layers: Sequence[int]
+    summary: int
     transforms: int
+    hidden: Sequence[int]
+    bins: int
+    latent: int
+    jitter: float
     resample_x: bool
+    margin: float
     samples: int
     forecasts: int
     solver: Mapping

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from expertaug.stages.options import add_outputs, add_paths, add_prior, add_tracking, tracking_of, with_prior
-from expertaug.stages.stage import HORIZONS, SETS, TRAINED, Stage
+from expertaug.stages.options import add_outputs, add_paths, add_prior, add_tracking, tracking_of
+from expertaug.stages.stage import HORIZONS, SETS, TRAINED, Stage, StageWithPrior
 from expertaug.stages.study import StudyStage
 
 if TYPE_CHECKING:
@@ -40,15 +40,7 @@ MODELS = (*TRAINED, "finetune", "flow")  # stages that write model files
 STUDY = "files, .csv, .md, .tex, .png or .pdf"
 
 
-class _WithPrior(Stage):
-    """A stage whose p⁺ may have found its own ranges."""
-
-    @classmethod
-    def complete(cls, a: argparse.Namespace, settings: dict[str, Any]) -> dict[str, Any]:
-        return with_prior(a, settings)
-
-
-class Evaluate(_WithPrior):
+class Evaluate(StageWithPrior):
     """score a model's forecasts on every set"""
 
     name = "evaluate"
@@ -91,7 +83,7 @@ class LogEvaluations(Stage):
         log_evaluations(a.forecasts, a.output, tracking_of(a))
 
 
-class DuringTraining(_WithPrior):
+class DuringTraining(StageWithPrior):
     """augment and fine-tune a model at several stages of its training"""
 
     name = "during-training"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from expertaug.stages.options import add_paths, add_prior, add_tracking, tracking_of, with_prior
-from expertaug.stages.stage import SETS, TRAINED, Stage
+from expertaug.stages.options import add_paths, add_prior, add_tracking, tracking_of
+from expertaug.stages.stage import SETS, TRAINED, Stage, StageWithPrior
 
 if TYPE_CHECKING:
     from expertaug.inference.settings import AlternateJob, FlowJob, OwnPriorJob
@@ -37,14 +37,6 @@ class Simulate(Stage):
         simulate(a.set, a.output, job)
 
 
-class _Training(Stage):
-    """A stage that fits a model, whose p⁺ may have found its own ranges."""
-
-    @classmethod
-    def complete(cls, a: argparse.Namespace, settings: dict[str, Any]) -> dict[str, Any]:
-        return with_prior(a, settings)
-
-
 def _add_training(parser: argparse.ArgumentParser) -> None:
     add_paths(parser, data="folder of the sets", output="model file", work="folder for checkpoints")
     parser.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
@@ -52,7 +44,7 @@ def _add_training(parser: argparse.ArgumentParser) -> None:
     add_prior(parser)
 
 
-class Train(_Training):
+class Train(StageWithPrior):
     """train a method on a group of seeds"""
 
     name = "train"
@@ -76,7 +68,7 @@ class Train(_Training):
         run_stage(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
 
 
-class Alternate(_Training):
+class Alternate(StageWithPrior):
     """learn an interaction model from fits of each window"""
 
     name = "alternate"
@@ -94,7 +86,7 @@ class Alternate(_Training):
         run_stage(a.data, a.output, a.work, job, tracking_of(a), a.calibration)
 
 
-class Share(_Training):
+class Share(StageWithPrior):
     """fit what all windows share to the training windows together"""
 
     name = "share"
@@ -140,7 +132,7 @@ class OwnPrior(Stage):
         print(find_prior(a.model, a.data, a.output, job, a.calibration).says)
 
 
-class Augment(_Training):
+class Augment(StageWithPrior):
     """draw augmented samples from a trained model"""
 
     name = "augment"
@@ -162,7 +154,7 @@ class Augment(_Training):
         run_stage(a.model, a.data, a.output, job)
 
 
-class Finetune(_Training):
+class Finetune(StageWithPrior):
     """fine-tune a model on real and augmented samples"""
 
     name = "finetune"
@@ -188,7 +180,7 @@ class Finetune(_Training):
         run_stage(a.model, a.augmented, a.data, a.output, a.work, job, tracking_of(a))
 
 
-class Flow(_Training):
+class Flow(StageWithPrior):
     """learn the posterior of a trained model from its own draws"""
 
     name = "flow"

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from expertaug.stages.options import read_settings
+from expertaug.stages.options import read_settings, with_prior
 
 if TYPE_CHECKING:
     from expertaug.settings import Settings
@@ -146,3 +146,11 @@ class Stage:
 
         modules = [cls.code, *extra]
         return [source_files.digest(modules), *source_files.versions(modules)]
+
+
+class StageWithPrior(Stage):
+    """A stage whose p⁺ may have found its own ranges, in a file that the command line names."""
+
+    @classmethod
+    def complete(cls, a: argparse.Namespace, settings: dict[str, Any]) -> dict[str, Any]:
+        return with_prior(a, settings)
