@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from docs_pages import OWN, ROOT, prose, words
+from docs_pages import OWN, ROOT, blocks, name_of, prose, words
+from docs_pages import PAGES as TESTED
 
 NUMBER = r"-?\d*\.?\d+"
 INTERVAL = re.compile(rf"({NUMBER}) \[({NUMBER}), ({NUMBER})\]")
@@ -70,6 +71,17 @@ def test_what_a_page_may_not_say_is_found():
         DIALECT.search("not told apart") and DIALECT.search("with three seeds of then") and not DIALECT.search("often")
     )
     assert BARE_DECIMAL.search("off by .08 s") and not BARE_DECIMAL.search("0.08 s, model.1, e.g. this")
+
+
+@pytest.mark.parametrize("page", [page for page in TESTED if page != ROOT / "config" / "README.md"], ids=name_of)
+def test_code_fits_the_page(page):
+    """Lines that are copied and pasted; config/README.md is made from the models."""
+    lines = [
+        (f"{block.page}:{block.line + k}", line)
+        for block in blocks(page)
+        for k, line in enumerate(block.text.splitlines())
+    ]
+    assert [where for where, line in lines if len(line) > 100] == []
 
 
 def test_the_documentation_is_short():
