@@ -254,6 +254,7 @@ def test_every_stage_has_a_command():
         "config",
         "forecast",
         "inspect",  # as inspect-video was called
+        "example-table",
         "inspect-data",
         "inspect-video",
         "validate",
