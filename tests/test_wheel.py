@@ -18,11 +18,11 @@ import expertaug
 from expertaug.commands import parse, workflow
 
 ROOT = Path(__file__).parents[1]
-FILES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "CHANGELOG.md", "CITATION.cff", "LICENSE")
-FILES += ("constraints.txt", "Snakefile")
 FOLDERS = ("src", "workflow", "config", "profiles")
-SOURCES = (*FILES, *FOLDERS, "tests", "results/published/smoke")  # the last two are there to be left out
-SHIPPED = (*FILES, "PKG-INFO", "setup.cfg", "results/published/*/costs.csv")  # beside the folders
+SOURCES = ("pyproject.toml", "setup.py", "README.md", "LICENSE", "Snakefile", *FOLDERS)  # of a wheel
+OF_SDIST = ("MANIFEST.in", "CHANGELOG.md", "CITATION.cff", "constraints.txt")  # as well
+SHIPPED = (*SOURCES, *OF_SDIST, "PKG-INFO", "setup.cfg", "results/published/*/costs.csv")
+LEFT_OUT = ("tests", "results/published/smoke")  # but for its costs
 
 PIP = ("pip", "--quiet", "--disable-pip-version-check")
 
@@ -38,7 +38,7 @@ def built(tmp_path_factory) -> tuple[Path, Path]:
     """An sdist of a clean copy of the checkout, and a wheel made from it."""
     folder = tmp_path_factory.mktemp("built")
     tree = folder / "tree"
-    for name in SOURCES:
+    for name in (*SOURCES, *OF_SDIST, *LEFT_OUT):
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("*.egg-info", "__pycache__"))
