@@ -57,7 +57,7 @@ def main() -> None:
             maker, {"omega0": (1.2, 3.1)}, {"alpha": (alpha, alpha)}, n=n, t=t, noise=noise, seed=1000 + k
         )
         found = ea.compare(EXPERTS, data, observed_s=float(t[-1]), noise=noise, priors=PRIORS, starts=12, tries=3)
-        verdict = "right" if found.chosen == truth else "not told apart" if found.chosen is None else "wrong"
+        verdict = "right" if found.chosen == truth else "undecided" if found.chosen is None else "wrong"
         counts[verdict] += 1
         counts["the right one explains"] += found.choice.goodness[truth].explains
         if verdict != "right":

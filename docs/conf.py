@@ -1,10 +1,11 @@
-"""How the documentation's site is built: ``sphinx-build -W -c docs . FOLDER`` from the repository's root.
+"""How the site is built: ``sphinx-build -W -c docs . FOLDER`` from the repository's root.
 
-The source folder is the root, so that pages, README and the configuration's reference link each other, their figures
-and the code by paths that hold in the repository as well.
+The source folder is the root, so that pages, README and the configuration's reference link each
+other, their figures and the code by paths that hold in the repository as well.
 """
 
 import re
+from pathlib import Path
 
 from pygments.lexers.special import TextLexer
 
@@ -18,11 +19,18 @@ version = ".".join(release.split(".")[:2])
 root_doc = "docs/index"
 include_patterns = ["docs/**", "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "config/README.md"]
 include_patterns += ["benchmarks/README.md", "results/published/search/README.md"]
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_copybutton"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx_copybutton",
+]
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
-nb_execution_mode = "off"  # notebooks are kept with what they print; tests/test_notebooks.py runs their cells
+# Notebooks are kept with what they print; tests/test_notebooks.py runs their cells.
+nb_execution_mode = "off"
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -39,6 +47,16 @@ def _escape_shapes(app, what, name, obj, options, lines: list[str]) -> None:
     lines[:] = [re.sub(r"(?<![*\w])\*(?=[a-z]+[),.])", r"\*", line) for line in lines]
 
 
+def _lead_in(app, error: Exception | None) -> None:
+    """The site's root, which a browser asks for index.html, leads to the front page."""
+    if error is None and app.builder.format == "html":
+        page = f"{root_doc}.html"
+        text = f'<!doctype html><meta charset="utf-8"><title>{project}</title>'
+        text += f'<meta http-equiv="refresh" content="0; url={page}"><a href="{page}">{project}</a>'
+        (Path(app.outdir) / "index.html").write_text(f"{text}\n", encoding="utf-8")
+
+
 def setup(app) -> None:
     app.add_lexer("mermaid", TextLexer)  # the repository's own pages draw it
     app.connect("autodoc-process-docstring", _escape_shapes)
+    app.connect("build-finished", _lead_in)

@@ -254,6 +254,7 @@ def test_every_stage_has_a_command():
         "config",
         "forecast",
         "inspect",  # as inspect-video was called
+        "example-table",
         "inspect-data",
         "inspect-video",
         "validate",
@@ -309,7 +310,12 @@ def test_every_command_that_is_no_stage_has_examples_that_it_takes(capsys):
 
 @pytest.mark.parametrize(
     ("word", "expected"),
-    [("trian", "did you mean train?"), ("validat", "did you mean validate"), ("xyz", "expertaug --help lists all")],
+    [
+        ("trian", "did you mean train?"),
+        ("validat", "did you mean validate"),
+        ("inspct", "did you mean inspect-video or inspect-data?\n"),
+        ("xyz", "expertaug --help lists all"),
+    ],
 )
 def test_a_misspelt_command_is_one_line_with_a_suggestion(word, expected, capsys):
     with pytest.raises(SystemExit) as stop:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import pytest
 import yaml
 
+from expertaug.config import load
 from expertaug.config.models import Configuration, Data, Experiment, Override
+from expertaug.evaluation import costs
 from expertaug.learning.settings import TrainSettings
 from expertaug.runs import demand
 from expertaug.systems.settings import SimulatedSet
+
+ROOT = Path(__file__).parents[1]
 
 
 def config(seeds, per_job, epochs, size=100):
@@ -47,3 +54,27 @@ def test_a_stage_that_nobody_has_measured_is_not_free(published):
     lines = demand.table(demand.of_config(config([0], 1, 10), published))
     assert "| augment | 1 | ? | ? | ? | 0 |" in lines
     assert lines[-1] == "| all | 8 | 1.9 | 1.0 | 1000 | 4 |"
+
+
+def test_the_same_job_is_taken_as_it_was_from_the_run_that_has_most_of_them(published):
+    """A run of more seeds or samples says nothing of jobs that another run has as they are asked for."""
+    text = (published / "one" / "config.yaml").read_text()
+    others = {"larger": config([0], 1, 10, 900), "more_seeds": config([0, 1, 2], 3, 10)}
+    for name, other in {**others, "fewer_jobs": None}.items():
+        (published / name).mkdir()
+        (published / name / "config.yaml").write_text(yaml.safe_dump(other.dump()) if other else text)
+        seeds = "0_1_2" if name == "more_seeds" else "0"
+        row = f"train/p_q_a_seeds_{seeds},9000,8000"
+        (published / name / "costs.csv").write_text(f"job,seconds,peak_memory_mb\n{row}\n")
+    rows = {row.stage: row for row in demand.of_config(config([0], 1, 10), published)}
+    assert rows["train"][1:] == pytest.approx((2, 1.01, 1.0, 1000, 2))
+
+
+def test_the_default_run_asks_for_what_the_published_one_took():
+    told = json.loads((ROOT / "results/published/default/provenance.json").read_text(encoding="utf-8"))
+    took = costs.read(ROOT / "results/published/default/costs.csv")
+    seconds = sum(cost.seconds for job, cost in took.items() if job.partition("/")[0] in demand.STAGES)
+    asked = load.completed(load.load(load.with_defaults([ROOT / "config/config.yaml"])))
+    rows = demand.of_config(asked, ROOT / "results/published")
+    assert sum(row.hours for row in rows) == pytest.approx(seconds / 3600)
+    assert max(row.memory_mb for row in rows) == told["peak_memory_mb"]

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import re
+from pathlib import Path
 
 import pytest
 
-from docs_pages import OWN, ROOT, prose, words
+from docs_pages import OWN, ROOT, blocks, name_of, words
+from docs_pages import PAGES as TESTED
 
 NUMBER = r"-?\d*\.?\d+"
 INTERVAL = re.compile(rf"({NUMBER}) \[({NUMBER}), ({NUMBER})\]")
 PAGES = ["README.md", *(str(page.relative_to(ROOT)) for page in sorted((ROOT / "docs").glob("*.md")))]
 
-READ = [ROOT / "README.md", *OWN, ROOT / "docs" / "index.md"]  # by users; records of trials are not
+# By users; records of trials are not.
+READ = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", ROOT / "benchmarks" / "README.md"]
+READ += [ROOT / "config" / "README.md", *OWN, ROOT / "docs" / "index.md", *sorted(ROOT.glob("docs/notebooks/*.ipynb"))]
 # A revision of the repository: seven hexadecimal digits or more, with a letter and a digit among them.
 HASH = re.compile(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,40}\b")
 DIALECT = re.compile(
@@ -48,20 +53,27 @@ def test_a_number_that_no_table_has_is_found(published):
     assert not intervals("gains 5.69 [−.96, 12.05] nats") & published
 
 
-@pytest.mark.parametrize("page", READ, ids=lambda page: page.name)
+def said(page: Path) -> str:
+    """What a page says, tables too, without code; of a notebook its cells of text."""
+    text = page.read_text(encoding="utf-8")
+    if page.suffix == ".ipynb":
+        cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "markdown"]
+        text = "\n\n".join("".join(cell["source"]) for cell in cells)
+    return re.sub(r"`[^`]*`", "", re.sub(r"^```.*?^```$|<!--.*?-->", "", text, flags=re.M | re.S))
+
+
+@pytest.mark.parametrize("page", READ, ids=name_of)
 def test_pages_say_what_holds_now(page):
     """No revisions and none of the words of those who wrote them; code and its output are left out."""
-    text = re.sub(r"`[^`]*`", "", prose(page))
+    text = said(page)
     assert HASH.findall(text) == [] and DIALECT.findall(re.sub(r"\s+", " ", text)) == []
 
 
-@pytest.mark.parametrize("page", READ, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", READ, ids=name_of)
 def test_decimals_have_one_style(page):
     """A digit before the point, in tables as well."""
-    code_left_out = re.sub(
-        r"`[^`]*`", "", re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
-    )
-    assert [code_left_out[m.start() - 20 : m.end() + 9] for m in BARE_DECIMAL.finditer(code_left_out)] == []
+    text = said(page)
+    assert [text[max(m.start() - 20, 0) : m.end() + 9] for m in BARE_DECIMAL.finditer(text)] == []
 
 
 def test_what_a_page_may_not_say_is_found():
@@ -70,6 +82,17 @@ def test_what_a_page_may_not_say_is_found():
         DIALECT.search("not told apart") and DIALECT.search("with three seeds of then") and not DIALECT.search("often")
     )
     assert BARE_DECIMAL.search("off by .08 s") and not BARE_DECIMAL.search("0.08 s, model.1, e.g. this")
+
+
+@pytest.mark.parametrize("page", [page for page in TESTED if page != ROOT / "config" / "README.md"], ids=name_of)
+def test_code_fits_the_page(page):
+    """Lines that are copied and pasted; config/README.md is made from the models."""
+    lines = [
+        (f"{block.page}:{block.line + k}", line)
+        for block in blocks(page)
+        for k, line in enumerate(block.text.splitlines())
+    ]
+    assert [where for where, line in lines if len(line) > 100] == []
 
 
 def test_the_documentation_is_short():

@@ -195,7 +195,7 @@ SIMULATED = (
     Simulated(
         "rlc",
         "system.source_rad_s",
-        "ω of the source V(t) = 2.5 sin(ω t) + 1: the paper prints 4π, which steps of .1 s sample five times per "
+        "ω of the source V(t) = 2.5 sin(ω t) + 1: the paper prints 4π, which steps of 0.1 s sample five times per "
         "period; the release has 2, which produced the published numbers",
         paper=12.566370614359172,
         code=2.0,
@@ -213,8 +213,8 @@ SIMULATED = (
     Simulated(
         "reaction_diffusion",
         "data.sets.test.z_e.b",
-        "range of b in the test set: the paper prints .1 as its upper end, the release .01; p+ ends at .01 in both, "
-        "so that .1 is taken for a slip: nine tenths of that test set would lie outside the augmented range",
+        "range of b in the test set: the paper prints 0.1 as its upper end, the release 0.01; p+ ends at 0.01 in both, "
+        "so that 0.1 is taken for a slip: nine tenths of that test set would lie outside the augmented range",
         paper=[0.001, 0.1],
         code=[0.001, 0.01],
         corrected=[0.001, 0.01],
@@ -232,8 +232,8 @@ SIMULATED = (
     Simulated(
         "pendulum_shift",
         "data.sets.train.z_a.alpha",
-        "range of friction on which the study of friction shifts is trained: [0, .3] in the paper, [0, .6] everywhere "
-        "in the release",
+        "range of friction on which the study of friction shifts is trained: [0, 0.3] in the paper, [0, 0.6] "
+        "everywhere in the release",
         paper=[0.0, 0.3],
         code=[0.0, 0.6],
         corrected=[0.0, 0.3],

@@ -214,11 +214,11 @@ class TrackKeys(Settings):
         None, "half the width of the ring in which a marker is searched for; null = by diameter and spread", "px"
     )
     diameter_tolerance_px: Positive | None = key(
-        None, "how much the diameter of a fitted disk may differ; null = 4, or .16 of a diameter over 25", "px"
+        None, "how much the diameter of a fitted disk may differ; null = 4, or 0.16 of a diameter over 25", "px"
     )
     rim_tolerance_px: Positive | None = key(
         None,
-        "a rim point this close to the fitted circle counts as on it; null = .6, or .024 of a diameter over 25",
+        "a rim point this close to the fitted circle counts as on it; null = 0.6, or 0.024 of a diameter over 25",
         "px",
     )
     min_rim_share: Share = key(0.5, "share of rim points on the circle below which a disk is not a marker")
@@ -330,7 +330,7 @@ class AngleKeys(Settings):
     arm_tolerance: Share | None = key(
         None,
         "a frame in which an arm differs from its median length by more than this share is unusable; null = eight "
-        "standard deviations of the recording's own lengths, but .5 % at least and 10 % at most",
+        "standard deviations of the recording's own lengths, but 0.5 % at least and 10 % at most",
     )
     model_offsets: bool = key(
         True,
@@ -355,7 +355,7 @@ class AngleKeys(Settings):
     smoothing_window_s: Positive | None = key(
         None,
         "window of the local polynomial that gives angles and speeds; null = for each frame, as long as it helps "
-        "given the markers' own noise, from none to .08 s or 9 frames",
+        "given the markers' own noise, from none to 0.08 s or 9 frames",
         "s",
     )
     smoothing_order: int = key(5, "order of this polynomial", ge=1, le=9)

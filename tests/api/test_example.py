@@ -19,6 +19,6 @@ def test_it_prints_two_sentences_of_which_the_second_is_better(capsys):
     assert names["found"].y.shape == (50, 101, 2) and names["found"].z_e["omega0"].shape == (50,)
 
 
-def test_it_has_ten_lines_beside_its_imports():
+def test_it_has_fifteen_lines_beside_its_imports():
     lines = EXAMPLE.read_text(encoding="utf-8").splitlines()[1:]
-    assert len([line for line in lines if line.strip() and not re.match("#|import |from ", line)]) == 10
+    assert len([line for line in lines if line.strip() and not re.match("#|import |from ", line)]) <= 15

@@ -42,10 +42,10 @@ def ours(level, of_seeds=0.1):
 @pytest.mark.parametrize(
     ("level", "of_seeds", "expected"),
     [
-        (-3.3, 0.1, "not told apart"),
+        (-3.3, 0.1, "no clear difference"),
         (-3.9, 0.1, "better"),
         (-2.7, 0.1, "worse"),
-        (-3.9, 1.0, "not told apart"),  # our seeds are too different
+        (-3.9, 1.0, "no clear difference"),  # our seeds are too different
     ],
 )
 def test_verdicts(level, of_seeds, expected):
@@ -59,7 +59,7 @@ def test_verdicts_without_a_finite_value():
 
 def test_a_deviation_printed_as_zero_and_digits_that_are_not_printed_are_spread():
     found = [verdict(level, difference_of(number(2, 0, 0), ours(level, 0.01))) for level in (1.2, 1.7, 2.4, 2.9)]
-    assert found == ["better", "not told apart", "not told apart", "worse"]
+    assert found == ["better", "no clear difference", "no clear difference", "worse"]
 
 
 def write(tmp_path, experiment, labels, level, sets=("validation", "test"), seeds=(0, 1, 2, 3)):
@@ -101,7 +101,7 @@ def test_tables(runs, tmp_path):
     assert len(table) == 32
     row = table.set_index(["experiment", "label", "set", "metric"])
     cell = row.loc[("swing", "APHYNITY+", "test", "log_mse_sum")]  # published -3.3 +- .3
-    assert (cell["mean"], cell["n"], cell["verdict"]) == (pytest.approx(-3.3, abs=0.02), 4, "not told apart")
+    assert (cell["mean"], cell["n"], cell["verdict"]) == (pytest.approx(-3.3, abs=0.02), 4, "no clear difference")
     assert cell["low"] < cell["mean"] < cell["high"] and cell["at_or_below"]
     assert row.loc[("swing", "APHYNITY", "test", "log_mse_sum"), "verdict"] == "better"  # -.9 +- .2
     assert row.loc[("other", "APHYNITY+", "test", "log_mse_sum"), "verdict"] == "worse"
@@ -113,8 +113,8 @@ def test_tables(runs, tmp_path):
     logs = table.query("metric == 'log_mse_sum' and verdict != 'not run'")
     below, counts = logs["at_or_below"].eq(True).sum(), logs["verdict"].value_counts()
     assert f"At or below the published mean plus one standard deviation: {below} of 12." in text
-    better, apart, worse = (counts[name] for name in ("better", "not told apart", "worse"))
-    assert f"Of 12 cells {better} better, {apart} not told apart, {worse} worse." in text
+    better, apart, worse = (counts[name] for name in ("better", "no clear difference", "worse"))
+    assert f"Of 12 cells {better} better, {apart} no clear difference, {worse} worse." in text
     tex = outputs[2].read_text()
     assert r"\label{tab:synth_log_mse}" in tex and r"\label{tab:param_acc}" in tex
     assert tex.isascii() and tex.count("{") == tex.count("}")

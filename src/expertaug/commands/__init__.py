@@ -35,14 +35,15 @@ def parser() -> argparse.ArgumentParser:
 
 
 @functools.cache  # one process may run hundreds of short jobs
-def _parser() -> tuple[argparse.ArgumentParser, list[str]]:
-    """The parser, and the names of its subcommands."""
+def _parser() -> tuple[argparse.ArgumentParser, dict[str, str]]:
+    """The parser, and what each name of a subcommand, former ones too, is called now."""
     raw = argparse.RawDescriptionHelpFormatter
     text = "An equation and a learned term: from data to trusted forecasts. Each command has its own --help."
     parser = argparse.ArgumentParser(prog="expertaug", description=text, formatter_class=raw)
     parser.add_argument("--version", action="version", version=__version__)
     subparsers = parser.add_subparsers(dest="stage", required=True, metavar="COMMAND", help="one of those below")
     groups: dict[str, list[str]] = {group: [] for group in TITLES}
+    called: dict[str, str] = {}
 
     def add(
         name: str,
@@ -58,6 +59,7 @@ def _parser() -> tuple[argparse.ArgumentParser, list[str]]:
         made.set_defaults(run=run)
         made.add_argument("--log", type=Path, metavar="FILE", help="also write progress and errors to this file")
         groups[group].append(_line(name, text))
+        called.update(dict.fromkeys((name, *former), name))
         return made
 
     for subject in SUBJECTS:
@@ -68,7 +70,7 @@ def _parser() -> tuple[argparse.ArgumentParser, list[str]]:
             made.add_argument("--settings", required=True, metavar="JSON", help="JSON text, or a JSON or YAML file")
         stage.add_arguments(made)
     parser.epilog = "\n\n".join(f"{title}:\n" + "\n".join(groups[group]) for group, title in TITLES.items())
-    return parser, list(subparsers.choices)
+    return parser, called
 
 
 def _line(name: str, text: str) -> str:
@@ -83,11 +85,12 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
 
     A misspelt subcommand ends, with exit status 2, in one line that says which may have been meant.
     """
-    found, known = _parser()
+    found, called = _parser()
     words = list(sys.argv[1:] if argv is None else argv)
     command = next((word for word in words if not word.startswith("-")), None)
-    if command is not None and command not in known:
-        near = difflib.get_close_matches(command, known, n=3, cutoff=0.6)
+    if command is not None and command not in called:
+        near = difflib.get_close_matches(command, called, n=3, cutoff=0.6)
+        near = list(dict.fromkeys(called[name] for name in near))
         meant = f"did you mean {' or '.join(near)}?" if near else "expertaug --help lists all"
         found.exit(2, f"expertaug: no command '{command}'; {meant}\n")
     for word in words:

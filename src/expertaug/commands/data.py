@@ -31,6 +31,9 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     p.add_argument("--times", metavar="CSV", help=text)
     p.add_argument("--time-unit", type=float, metavar="S", help="seconds of a unit of these times (default: 1)")
 
+    text = "write a table of simulated swings to try the other commands on"
+    add("example-table", _example_table, text, "use", "expertaug example-table > swings.csv")
+
     examples = """
     expertaug inspect-data swings.csv --system pendulum > mine.yaml
     expertaug inspect-data lab/*.csv --system pendulum --unit angle=deg --set skip_lines=3
@@ -81,6 +84,12 @@ def _inspect(a: argparse.Namespace) -> None:
     text = inspect(a.videos, a.output, known)
     logger.info("%s: contact sheet", a.output)
     print(text, end="")
+
+
+def _example_table(_: argparse.Namespace) -> None:
+    from expertaug.measurements.example import table
+
+    print(table(), end="")
 
 
 def _inspect_data(a: argparse.Namespace) -> None:

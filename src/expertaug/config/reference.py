@@ -35,7 +35,9 @@ def reference() -> str:
     shown: dict[type[BaseModel], str] = {}
     for path, kind in _blocks("", Configuration):
         shown.setdefault(kind, path)
-    sections = [_section(path or "Top level", kind, _pointers(path, kind, shown)) for kind, path in shown.items()]
+    # Between backticks, since Markdown takes <name> for HTML.
+    titles = {kind: f"`{path}`" if path else "Top level" for kind, path in shown.items()}
+    sections = [_section(titles[kind], kind, _pointers(path, kind, shown)) for kind, path in shown.items()]
     for name, kinds in (("system", SYSTEMS), ("model.encoder", ENCODERS), ("model.interaction", INTERACTIONS)):
         key = "name" if name == "system" else "kind"
         sections += [_section(f"{name}, {key}: {kind}", model) for kind, model in kinds.items()]

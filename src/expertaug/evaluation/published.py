@@ -25,7 +25,7 @@ TITLES = {
     "relative_error": "relative error of the expert parameters in % (paper, table param_acc)",
 }
 HEADER = ["experiment", "set", "method", "published", "ours", "seeds", "p", "verdict"]
-NO_VALUE, NOT_APART = "not run", "not told apart"
+NO_VALUE, NOT_APART = "not run", "no clear difference"
 
 
 @dataclass(frozen=True)

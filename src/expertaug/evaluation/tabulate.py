@@ -44,7 +44,7 @@ WORST = (
     "Log-MSE of the worst seed; in brackets, how many seeds are more than a nat behind the best of the same version, "
     "or have no finite value."
 )
-BEST = "Bold: the best of each column, and those that are not told apart from it."
+BEST = "Bold: the best of each column, and those without a significant difference from it."
 # Only the first is a gain of augmentation: an augmented version was also trained for longer than its base.
 OVER_CONTROL, FROM_BASE = "gain over control", "difference from base"
 CHOICE = (
@@ -59,7 +59,7 @@ GAINS = (
     "Gain over control: how much lower the error is than that of the control, the same base model trained on for the "
     "same steps on the real data alone. Difference from base: how much lower it is than that of the base model, which "
     "had fewer steps: no gain of augmentation. Positive is better. Means over pairs of the same seed and the same "
-    "samples with their 95 % intervals; bold: told apart from 0."
+    "samples with their 95 % intervals; bold: significant."
 )
 
 

@@ -80,7 +80,7 @@ class FlowSettings(Settings):
     forecasts: Count = key(
         32,
         "how many of these draws are forecast; the forecast is their mean. They are spread evenly, and the mean over "
-        "32 agrees with the mean over all to within .02 of a log-MSE",
+        "32 agrees with the mean over all to within 0.02 of a log-MSE",
     )
     checkpoint_s: NotNegative = key(30.0, "shortest time between two checkpoints", "s")
     solver: SolverSettings = key(LEFT_OUT, "solver for the draws; left out = that of the model's forecasts")

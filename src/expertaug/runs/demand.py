@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,12 +21,24 @@ STAGES = ("train", "augment", "finetune", "flow", "evaluate")
 
 
 class Job(NamedTuple):
-    """A job to come: its stage, experiment and version, and how much it does, in passes over all samples and seeds."""
+    """A job to come: its stage, experiment and version, how much it does, in passes over all samples and seeds, its
+    number of seeds and the samples of each set."""
 
     stage: str
     experiment: str
     variant: str
     work: float
+    seeds: int
+    sizes: Mapping[str, int]
+
+
+class Seen(NamedTuple):
+    """A job of a published run, and what it took."""
+
+    run: str
+    seconds: float
+    memory_mb: float
+    job: Job
 
 
 class Row(NamedTuple):
@@ -77,15 +90,17 @@ class _PublishedRun(_Published):
 def of_config(config: Configuration, published: Path) -> list[Row]:
     """What the run of a completed configuration asks for, by stage.
 
-    The job of the same stage, experiment and version in a published run is taken, its seconds times the ratio of
-    passes, samples and seeds (an upper bound, as seeds are trained together), its memory times that of seeds. Without
-    one, the mean of the stage's jobs in that experiment, else in all. Networks of other sizes are not accounted for.
+    The same job in a published run is taken as it was: stage, experiment, version, passes, samples, seeds; of several
+    runs that which has most of the jobs asked for. Without one, the mean of jobs of the same stage, experiment and
+    version, their seconds times the ratio of passes, samples and seeds (an upper bound, as seeds are trained together),
+    their memory times that of seeds. Without these, the mean of the stage's jobs in that experiment, else in all.
+    Networks of other sizes are not accounted for.
     """
-    known = _published(published)
+    asked, known = list(_jobs(config)), _published(published)
+    runs = Counter(seen.run for job in asked for seen in known.get(job[:3], []) if seen.job == job)
     rows = []
     for stage in STAGES:
-        of_stage = [(job, group) for job, group in _jobs(config) if job.stage == stage]
-        each = [_like(job, len(group), known) for job, group in of_stage]
+        each = [_like(job, known, runs) for job in asked if job.stage == stage]
         if each:
             seconds = [one[0] for one in each]
             memory = max(one[1] for one in each)
@@ -105,22 +120,19 @@ def table(rows: list[Row]) -> list[str]:
     return [f"| {' | '.join(line)} |" for line in (head, ["---", *["---:"] * 5], *cells)]
 
 
-def _jobs(config: Configuration) -> Iterator[tuple[Job, list[int]]]:
-    """The learning and evaluating jobs of a completed configuration, each with its seeds."""
+def _jobs(config: Configuration) -> Iterator[Job]:
+    """The learning and evaluating jobs of a completed configuration."""
     for experiment in config.run:
         versions = [*jobs.variants(config, experiment), *jobs.further_variants(config, experiment)]
         for seeds in jobs.seed_groups(config, experiment).values():
             for variant in versions:
                 for stage in _stages(variant):
-                    yield (
-                        Job(
-                            stage,
-                            experiment,
-                            variant,
-                            _work(config.experiments[experiment], stage, variant, len(seeds)),
-                        ),
-                        seeds,
-                    )
+                    yield _job(config.experiments[experiment], stage, experiment, variant, len(seeds))
+
+
+def _job(one: Experiment | _PublishedExperiment, stage: str, experiment: str, variant: str, seeds: int) -> Job:
+    sizes = {name: each.size for name, each in (one.data.sets or {}).items()}
+    return Job(stage, experiment, variant, _work(one, stage, variant, seeds), seeds, sizes)
 
 
 def _stages(variant: str) -> tuple[str, ...]:
@@ -145,9 +157,9 @@ def _work(one: Experiment | _PublishedExperiment, stage: str, variant: str, seed
     return float(next(iter(said), 1) * (train.size if train is not None else 1) * seeds)
 
 
-def _published(folder: Path) -> dict[tuple[str, str, str], list[tuple[float, float, float, int]]]:
-    """Seconds, memory in MB, work and number of seeds by stage, experiment and version, of every published run."""
-    costs_of: dict[tuple[str, str, str], list[tuple[float, float, float, int]]] = {}
+def _published(folder: Path) -> dict[tuple[str, str, str], list[Seen]]:
+    """What jobs of every published run took, by stage, experiment and version."""
+    found: dict[tuple[str, str, str], list[Seen]] = {}
     for path in sorted(Path(folder).glob("*/config.yaml")):
         run = _PublishedRun.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
         for name, cost in costs.read(path.with_name("costs.csv")).items():
@@ -156,23 +168,28 @@ def _published(folder: Path) -> dict[tuple[str, str, str], list[tuple[float, flo
             if stage not in STAGES or experiment is None:
                 continue
             variant, _, numbers = rest.removeprefix(f"{experiment}_").partition("_seeds_")
-            seeds = len(numbers.split("_"))
-            work = _work(run.experiments[experiment], stage, variant, seeds)
-            key = stage, experiment, variant
-            costs_of.setdefault(key, []).append((cost.seconds, cost.peak_memory_mb, work, seeds))
-    return costs_of
+            job = _job(run.experiments[experiment], stage, experiment, variant, len(numbers.split("_")))
+            found.setdefault(job[:3], []).append(Seen(path.parent.name, cost.seconds, cost.peak_memory_mb, job))
+    return found
 
 
 def _like(
-    job: Job, seeds: int, known: dict[tuple[str, str, str], list[tuple[float, float, float, int]]]
+    job: Job, known: Mapping[tuple[str, str, str], Sequence[Seen]], runs: Mapping[str, int]
 ) -> tuple[float, float, bool]:
-    """Seconds and memory of a job, and whether one like it is known."""
-    own = known.get((job.stage, job.experiment, job.variant))
+    """Seconds and memory of a job, and whether one like it is known; ``runs`` says how many of the jobs asked for each
+    published run has."""
+    own = known.get(job[:3], [])
+    if same := [seen for seen in own if seen.job == job]:
+        most = max(same, key=lambda seen: runs[seen.run]).run
+        own = [seen for seen in same if seen.run == most]
     of_experiment = [c for (s, e, _), each in known.items() if (s, e) == (job.stage, job.experiment) for c in each]
     of_stage = [c for (s, _, _), each in known.items() if s == job.stage for c in each]
-    like = own or of_experiment or of_stage or [(math.nan, math.nan, 1.0, 1)]
-    seconds = sum(c[0] * (job.work / c[2] if own else seeds / c[3]) for c in like) / len(like)
-    return seconds, max(c[1] * max(1.0, seeds / c[3]) for c in like), own is not None
+    like = own or of_experiment or of_stage
+    if not like:
+        return math.nan, math.nan, False
+    ratios = [job.work / seen.job.work if own else job.seeds / seen.job.seeds for seen in like]
+    seconds = sum(seen.seconds * ratio for seen, ratio in zip(like, ratios, strict=True)) / len(like)
+    return seconds, max(seen.memory_mb * max(1.0, job.seeds / seen.job.seeds) for seen in like), bool(own)
 
 
 def _number(value: float) -> str:

@@ -20,7 +20,7 @@ CAPTION = (
     "there, and the augmented model (+) that is best there, with its control, the same base trained on for the same "
     "steps on the real data alone, and that base. Beside them stand, whatever their scores, least squares on each "
     "window and the floor, the equation that made the data. Gain: of an augmented model over its control on the test "
-    "set; *: told apart from 0."
+    "set; *: significant."
 )
 
 BESIDE = {OVER_CONTROL: "its control", FROM_BASE: "its base"}
@@ -100,8 +100,8 @@ def sentence(long: Sequence[TabledMean], job: ReportExperiment) -> tuple[str, st
     for row in rows:
         gained = gain(scores.get((row.method, "test"))) if "best +" in row.why else ""
         if gained:
-            apart = "told apart from 0" if STAR in gained else "not told apart from 0"
-            text += f" {labels[row.method]} gains {gained.replace(STAR, '')} over its control there, {apart}."
+            clear = "significantly" if STAR in gained else "not significantly"
+            text += f" {labels[row.method]} gains {gained.replace(STAR, '')} over its control there, {clear}."
     return title, text
 
 

@@ -121,7 +121,7 @@ def _of_experiment(
     if choice := tables.choice(long, experiment):
         shown.append(("Choice", CHOICE, choice))
     if gained := tables.gains(long, experiment):
-        shown.append(("Gains", f"{GAINS.partition(' bold')[0]} {STAR}: told apart from 0.", gained))
+        shown.append(("Gains", f"{GAINS.partition(' bold')[0]} {STAR}: significant.", gained))
     if worst := tables.worst_seeds(long, experiment):
         shown.append(("Worst seeds", WORST, worst))
     blocks = [numbers.table(*one, links=dashboard.of(one[2], experiment.name, long)) for one in shown]

@@ -144,7 +144,7 @@ class Choice:
     def says(self) -> str:
         """One sentence."""
         if self.chosen is None:
-            return f"{' and '.join(self.as_good)} are not told apart by these windows"
+            return f"these windows do not decide between {' and '.join(self.as_good)}"
         beyond = "" if self.goodness[self.chosen].explains else ", but does not explain them to within their noise"
         return f"these windows speak for {self.chosen}{beyond}"
 
