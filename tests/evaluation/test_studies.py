@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
+
+import numpy as np
 import pandas as pd
 import pytest
-from fake_runs import write_metrics
+from fake_runs import tables_of, write_metrics, write_samples
 
 from expertaug.errors import InputError
 from expertaug.evaluation import studies
 from expertaug.evaluation.dots import overview
 from expertaug.evaluation.settings import OverviewJob, StudyJob
 from expertaug.evaluation.studies import study
+from expertaug.evaluation.tabulate import tabulate
 
 COLUMNS = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
 SHIFTS = {
@@ -65,6 +69,25 @@ def test_shifts(tmp_path, drawn):
     assert left.get_xticklabels()[1].get_text() == "small\n$\\alpha$: 0.3\nto 0.6"
 
 
+def test_bars_are_the_tables_intervals(tmp_path, drawn):
+    """Of seeds and samples, as the experiment's own table has them; none of what no samples are kept."""
+    path = write(tmp_path / "m.csv", {"hybrid": "Hybrid"}, ("validation", "test", "near", "both"))
+    errors = {s: np.exp(np.random.default_rng(3).normal(size=(2, 40))) for s in ("validation", "near")}
+    samples = write_samples(tmp_path / "f.npz", "hybrid", (0, 1), errors, preset="paper")
+    settings = READING | {"study": "out_of_expertise", "labels": [["hybrid", "Hybrid"]], "options": SHIFTS}
+    study([path], outputs(tmp_path), StudyJob.from_mapping(settings), [samples])
+    tabulate([path], [tmp_path / "t_long.csv"], forecasts=[samples])
+    table = pd.read_csv(tmp_path / "t_long.csv").query("metric == 'log_mse_sum'").set_index("set")
+    left, right = (axis.containers[0].lines[2][0].get_segments() for axis in drawn[0].axes)
+    for bar, name in zip(left, ("validation", "near"), strict=True):
+        assert list(bar[:, 1]) == pytest.approx(list(table.loc[name, ["low", "high"]]))
+        assert np.ptp(bar[:, 1]) > 0
+    assert all(np.ptp(bar[:, 1]) == 0 for bar in right)
+    assert drawn[0].get_suptitle() == "swing"
+    row = next(line for line in (tmp_path / "study.md").read_text().splitlines() if "z_a shifted | small" in line)
+    assert row.endswith("] |") and "95 % interval, for which samples" in (tmp_path / "study.md").read_text()
+
+
 def test_horizons(tmp_path, drawn):
     labels = {"hybrid": "Hybrid", "hybrid+": "Hybrid+"}
     path = write(tmp_path / "m.csv", labels, ("train", "validation", "test", "validation_1s", "test_1s"))
@@ -113,7 +136,13 @@ def test_during_training(tmp_path, drawn):
     options = {"method": "hybrid", "epochs": [1, 10], "finetune_epochs": [1, 10]}
     settings = READING | {"study": "during_training", "labels": [["hybrid", "Hybrid"]], "options": options}
     study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
-    assert "| 10 | – | 0.53 ± 0.71 |" in (tmp_path / "study.md").read_text()
+    text = (tmp_path / "study.md").read_text()
+    cell = re.search(r"\| 10 \| – \| 0.53 \[(.*?), (.*?)\]", text)  # Student's t of two seeds, one apart
+    low, high = (float(end.replace("−", "-")) for end in cell.groups())
+    assert high - 0.53 == pytest.approx(0.5 * 12.7, rel=0.2) and low - 0.53 == pytest.approx(-0.5 * 12.7, rel=0.2)
+    assert "95 % interval, that their spread gives" in text
+    bars = drawn[0].axes[0].containers[0].lines[2][0].get_segments()
+    assert np.ptp(bars[1][:, 1]) == pytest.approx(high - low, abs=0.02)
     lines = drawn[0].axes[0].containers
     assert len(lines) == 9 and list(lines[6].lines[0].get_ydata()) == pytest.approx([0.7, 0.73])
     assert [line.lines[0].get_marker() for line in lines[:3]] == ["o", "s", "*"]
@@ -146,7 +175,7 @@ def test_overview(tmp_path, drawn):
     one["opponents"] = ["mean"]
     other = one | {"name": "double_swing", "shifted": None, "convention": "dim", "title": "two swings", "opponents": []}
     settings = {"experiments": [one, other], "hues": [["mean", 0], ["hybrid", 1]]}
-    overview(metrics, tmp_path / "figures", OverviewJob.from_mapping(settings))
+    overview(tables_of(metrics), tmp_path / "figures", OverviewJob.from_mapping(settings))
     names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "figures").iterdir()} == names
     left, right = drawn[0].axes

@@ -14,9 +14,9 @@ from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import RELATIVE_ERROR, Metric, log_mse_of
 from expertaug.evaluation.settings import DataCurvesJob
-from expertaug.evaluation.summary import TabledMean, cell_of, in_domain
+from expertaug.evaluation.summary import TabledMean, cell_of, in_domain, read_long
 from expertaug.evaluation.table import Study, Table, plain
-from expertaug.rows import frame, grouped, read_csv
+from expertaug.rows import frame, grouped
 from expertaug.versions import Version
 
 AXES = {"samples": "training trajectories", "noise": "standard deviation of the noise"}
@@ -65,7 +65,7 @@ def data_curves(tables: Sequence[Path], outputs: Sequence[Path], job: DataCurves
     """
     means: dict[str, list[TabledMean]] = {}
     for path in tables:
-        for mean in read_csv(path, TabledMean, "make it again with tabulate"):
+        for mean in read_long(path):
             means.setdefault(mean.experiment, []).append(mean)
     if missing := [name for _, points in job.axes for _, name in points if name not in means]:
         raise InputError(missing[0], "no table of this experiment", "give the long table of every point")
