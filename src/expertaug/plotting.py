@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -20,7 +20,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.hues import HUES, assigned
+from expertaug.hues import EQUATION, FLOOR, HUES, assigned
 from expertaug.versions import Version, base
 
 WIDTH = 7.0  # inches: the text width of a page
@@ -64,6 +64,9 @@ def colours(variants: Sequence[str], hues: Mapping[str, int] | None = None) -> d
     drawn = list(dict.fromkeys(map(base, variants)))
     hues, found = assigned([drawn], hues), {}
     for variant in variants:
+        if hues[base(variant)] == FLOOR:
+            found[variant] = to_rgb(EQUATION)
+            continue
         red, green, blue = to_rgb(HUES[hues[base(variant)]])
         if Version.parse(variant).is_augmented:
             found[variant] = (0.72 * red, 0.72 * green, 0.72 * blue)
@@ -97,6 +100,14 @@ def marker(variant: str) -> str:
     """The marker on a version's line."""
     version = Version.parse(variant)
     return "s" if version.is_refined else "^" if version.is_flow else "v" if version.is_control else "o"
+
+
+def look(variant: str, colours: Mapping[str, tuple[float, float, float]], size: float = 3) -> dict[str, Any]:
+    """Colour, dash and marker of a version's line; the true equation's is dotted, without markers, in every figure."""
+    if colours[variant] == to_rgb(EQUATION):
+        return {"color": EQUATION, "linestyle": ":", "marker": ""}
+    shown = {"linestyle": dash(variant), "marker": marker(variant), "markersize": size}
+    return {"color": colours[variant], **shown}
 
 
 def symbol(name: str) -> str:

@@ -143,9 +143,10 @@ def test_during_training(tmp_path, drawn):
     assert "95 % interval, that their spread gives" in text
     bars = drawn[0].axes[0].containers[0].lines[2][0].get_segments()
     assert np.ptp(bars[1][:, 1]) == pytest.approx(high - low, abs=0.02)
-    lines = drawn[0].axes[0].containers
-    assert len(lines) == 9 and list(lines[6].lines[0].get_ydata()) == pytest.approx([0.7, 0.73])
-    assert [line.lines[0].get_marker() for line in lines[:3]] == ["o", "s", "*"]
+    panels = [axis.containers for axis in drawn[0].axes]
+    assert [len(lines) for lines in panels] == [3, 3, 3], "a panel a set"
+    assert list(panels[2][0].lines[0].get_ydata()) == pytest.approx([0.7, 0.73])
+    assert [line.lines[0].get_marker() for line in panels[0]] == ["o", "s", "*"]
     with pytest.raises(InputError, match="no column 'epoch'"):
         study(
             [write(tmp_path / "n.csv", {"hybrid": "Hybrid"}, ("test",))],

@@ -12,6 +12,7 @@ from expertaug.evaluation.coverage import coverage
 from expertaug.evaluation.distance import beyond, distance
 from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.windows import read_windows
+from expertaug.hues import EQUATION
 
 N, S = 400, 2
 RANGE = {"omega0": [1.5, 3.1]}
@@ -178,6 +179,15 @@ def test_curves_by_distance(files, tmp_path):
     table = pd.read_csv(outputs[0])
     assert np.allclose(table.query("method == 'a'")["skill"], 0)
     assert np.allclose(table.query("method == 'a+~flow'")["skill"], 1)
+
+
+def test_curves_have_seven_lines_with_the_true_equation(tmp_path, drawn):
+    names = [*(f"m{k}" for k in range(9)), "truth"]
+    files = [fake(tmp_path / f"{name}.npz", name, [0, 1]) for name in names]
+    job = CURVES | {"labels": [[name, name] for name in names], "floor": "truth"}
+    distance(files, [tmp_path / "distance.png"], WindowStudyJob.from_mapping(job))
+    assert len(drawn[0].axes[0].lines) == 7
+    assert drawn[0].axes[0].lines[-1].get_color() == EQUATION
 
 
 def test_curves_by_the_distance_of_z_a_too(tmp_path):

@@ -16,16 +16,15 @@ from expertaug.evaluation.metrics import RELATIVE_ERROR, Metric, log_mse_of
 from expertaug.evaluation.settings import DataCurvesJob
 from expertaug.evaluation.summary import TabledMean, cell_of, in_domain, read_long
 from expertaug.evaluation.table import Study, Table, plain
+from expertaug.hues import FLOOR
 from expertaug.rows import frame, grouped
-from expertaug.versions import Version
+from expertaug.versions import LINES, Version
 
 AXES = {"samples": "training trajectories", "noise": "standard deviation of the noise"}
 CAPTION = (
     "Mean over seeds with its 95 % interval, or ± standard deviation over seeds where samples' errors are not kept. "
     "log-MSE: natural logarithm of the mean squared error of the forecast; lower is better."
 )
-WIDEST = 7  # lines of a panel
-FLOOR = {"color": "0.55", "linestyle": ":", "linewidth": 1.2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,9 +114,10 @@ def _table(
 def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: DataCurvesJob, title: str) -> Figure:
     """A row of panels for what differs, a column for each set, a line for each version; the floor is dotted."""
     named = [version for version, _ in job.labels if any(point.method == version for point in points)]
-    shown = [v for v in named if v != job.floor and not Version.parse(v).is_control][:WIDEST]
-    drawn = [*shown] if job.floor is None else [*shown, job.floor]
-    colours = plotting.colours(shown, dict(job.hues))
+    floor = [v for v in named if v == job.floor]
+    shown = [v for v in named if v not in floor and not Version.parse(v).is_control][: LINES - len(floor)]
+    drawn = [*shown, *floor]
+    colours = plotting.colours(drawn, dict(job.hues) | dict.fromkeys(floor, FLOOR))
     with plotting.styled():
         figure = plotting.new_figure(0.6 + 2.3 * len(job.axes))
         axes = figure.subplots(len(job.axes), len(sets), squeeze=False, sharey="row")
@@ -128,8 +128,8 @@ def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: Dat
             for axis, name in zip(row, sets, strict=True):
                 for place, version in enumerate(drawn):
                     own = lines.get((along, name, version), [])
-                    look = _look(version, colours) if version in colours else FLOOR
-                    _line(axis, values, own, look, 0.16 * (place / len(shown) - 0.5) if version in colours else 0.0)
+                    aside = 0.0 if version in floor else 0.16 * (place / len(shown) - 0.5)
+                    _line(axis, values, own, plotting.look(version, colours), aside)
                 axis.set_xticks(range(len(values)), [f"{value:g}" for value in values])
                 axis.set_xlabel(AXES[along])
                 axis.grid(axis="y")
@@ -145,11 +145,6 @@ def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: Dat
     return figure
 
 
-def _look(version: str, colours: dict) -> dict:
-    look = {"linestyle": plotting.dash(version), "marker": plotting.marker(version), "markersize": 3}
-    return {"color": colours[version], "elinewidth": 0.8, "capsize": 1.6, **look}
-
-
 def _line(axis: Axes, values: Sequence[float], points: Sequence[Point], look: dict, aside: float) -> None:
     """Means with their intervals; what has no finite value is left out."""
     good = [point for point in points if np.isfinite(point.mean)]
@@ -157,4 +152,5 @@ def _line(axis: Axes, values: Sequence[float], points: Sequence[Point], look: di
         return
     ends = np.nan_to_num([[point.mean - point.low for point in good], [point.high - point.mean for point in good]])
     places = [values.index(point.value) + aside for point in good]
-    axis.errorbar(places, [point.mean for point in good], ends, label=good[0].label, **look)
+    bars = {"elinewidth": 0.8, "capsize": 1.6}
+    axis.errorbar(places, [point.mean for point in good], ends, label=good[0].label, **look, **bars)

@@ -16,9 +16,10 @@ from expertaug.evaluation.alarms import KNOWN
 from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
+from expertaug.hues import FLOOR
 from expertaug.inference.diagnostics.alarm import attainable, threshold
 from expertaug.rows import frame, grouped
-from expertaug.versions import compared
+from expertaug.versions import LINES, compared
 
 SINGLE = 1e-6  # of a value: what rounding to single precision moves it by, and more
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
@@ -180,8 +181,9 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
     """A panel a metric, a line a version: those that people choose between."""
     floor = job.floor
     named = list(dict.fromkeys(bin_.method for bin_ in bins))
-    chosen = compared([v for v in named if v != floor], job.classical)
-    colours = plotting.colours(chosen, dict(job.hues))
+    chosen = compared([v for v in named if v != floor], job.classical, LINES - (floor in named))
+    drawn = [*chosen, floor] if floor in named else chosen
+    colours = plotting.colours(drawn, dict(job.hues) | ({} if floor is None else {floor: FLOOR}))
     with plotting.styled():
         shifted = list(dict.fromkeys(bin_.of for bin_ in bins))
         figure = plotting.new_figure(4.6 if len(shifted) == 1 else 7.6)
@@ -191,11 +193,8 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
         for of, column in zip(shifted, panels, strict=True):
             block = grouped((bin_ for bin_ in bins if bin_.of == of), lambda bin_: bin_.method)
             for axis, (metric, name) in zip(column, METRICS.items(), strict=True):
-                for v in chosen:
-                    _line(axis, block.get(v, []), metric, _look(v, colours))
-                if floor in named and metric != "skill":
-                    look = {"color": "0.55", "linestyle": ":", "linewidth": 1.2, "label": "True equation"}
-                    _line(axis, block.get(floor, []), metric, look)
+                for v in chosen if metric == "skill" else drawn:  # the floor's skill is 1
+                    _line(axis, block.get(v, []), metric, plotting.look(v, colours))
                 axis.set_ylabel(name)
                 axis.grid(alpha=0.4)
                 if metric == "parameter_error":
@@ -213,18 +212,8 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
     return figure
 
 
-def _look(version: str, colours: Mapping) -> dict:
-    return {
-        "color": colours[version],
-        "linestyle": plotting.dash(version),
-        "marker": plotting.marker(version),
-        "markersize": 3,
-        "linewidth": 1.2,
-    }
-
-
 def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: Mapping) -> None:
     good = [bin_ for bin_ in curve if np.isfinite(getattr(bin_, metric))]
     if good:
         levels = [getattr(bin_, metric) for bin_ in good]
-        axis.plot([bin_.distance for bin_ in good], levels, **{"label": curve[0].label, **look})
+        axis.plot([bin_.distance for bin_ in good], levels, linewidth=1.2, label=curve[0].label, **look)

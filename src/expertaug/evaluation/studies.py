@@ -31,17 +31,19 @@ from expertaug.evaluation.summary import (
 from expertaug.evaluation.table import Study as Made
 from expertaug.evaluation.table import Table
 from expertaug.rows import frame
-from expertaug.versions import base, compared
+from expertaug.versions import LINES, base, compared
 
 DURING_TRAINING_SETS = ("train", "validation", "test")
-ALONG_COLOURS = {"train": "#7A7A7A", "validation": "#0072B2", "test": "#D55E00"}
 # Of the model as trained, then of each length of fine-tuning.
-ALONG_LINES = (
-    ("-", "o", 3),
-    (plotting.DASHED, "s", 3),
-    ((0, (1, 1.4)), "*", 6),
-    ("-.", "^", 4),
-    ((0, (6, 1.5)), "v", 4),
+ALONG_LINES = tuple(
+    {"color": plotting.HUES[hue], "linestyle": dash, "marker": marker, "markersize": size}
+    for hue, dash, marker, size in (
+        (0, plotting.DASHED, "o", 3),
+        (5, "-", "s", 3),
+        (6, (0, (1, 1.4)), "*", 6),
+        (7, "-.", "^", 4),
+        (2, (0, (6, 1.5)), "v", 4),
+    )
 )
 Printed = tuple[list[str], list[list[str]], int]  # header, rows of text, number of columns that are text
 
@@ -91,15 +93,14 @@ def _by_set(
             for place, variant in enumerate(labels):
                 x = np.arange(len(names)) + _dodge(place, len(labels))
                 each = [means.get((metric, name, variant)) for name in names]
-                _line(axis, x, each, colours[variant], plotting.dash(variant), plotting.marker(variant))
+                _line(axis, x, each, plotting.look(variant, colours))
             places = zip(job.options.distances, names, strict=True)
             axis.set_xticks(range(len(names)), [_tick(distance, name, job) for distance, name in places])
             axis.set_xlim(-0.4, len(names) - 0.6)
             axis.set(title=plotting.text(title), xlabel=xlabel)
             axis.grid(axis="y")
         grid[0].set_ylabel("log-MSE (lower is better)")
-        looks = {v: {"linestyle": plotting.dash(v), "marker": plotting.marker(v), "markersize": 3} for v in labels}
-        handles = [Line2D([], [], color=colours[v], **looks[v], label=label) for v, label in labels.items()]
+        handles = [Line2D([], [], **plotting.look(v, colours), label=label) for v, label in labels.items()]
         plotting.legend(figure, handles)
         plotting.heading(figure, job.of_experiment(summary[0].experiment))
     return figure
@@ -107,7 +108,7 @@ def _by_set(
 
 def widths(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
     """Log-MSE and parameters' error against the prior, the narrowest first: a line for each method and set."""
-    methods = list(dict.fromkeys(map(base, job.label_of)))
+    methods = list(dict.fromkeys(map(base, job.label_of)))[: LINES // len(width_sets(summary))]
     ranges = job.priors[methods[0]]
     priors = by_width(ranges)
     colours = plotting.colours([f"{method}+" for method in methods], dict(job.hues))
@@ -122,7 +123,9 @@ def widths(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
                     variants = [method, *(f"{method}+{prior}" for prior in priors)]
                     each = [means.get((metric, name, variant)) for variant in variants]
                     x = np.arange(len(variants)) + _dodge(place, len(methods))
-                    _line(axis, x, each, colours[f"{method}+"], line, "o" if name == "test" else "s")
+                    marker = "o" if name == "test" else "s"
+                    look = {"color": colours[f"{method}+"], "linestyle": line, "marker": marker, "markersize": 3}
+                    _line(axis, x, each, look)
             alike = {name: all(job.priors[m][name] == ranges[name] for m in methods) for name in priors}
             extents = [_extent(ranges, name) if alike[name] else "" for name in priors]
             ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
@@ -144,49 +147,41 @@ def widths(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
 
 
 def during_training(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
-    """The log-MSE along the training: a colour for each set, a line for each length of fine-tuning."""
+    """The log-MSE along the training: a panel for each set, a line for each length of fine-tuning."""
     metric, means = log_mse_of(job.convention).name, by_passes(summary)
     epochs = sorted({epoch for _, _, epoch, _ in means})
     lengths = sorted({length for _, _, _, length in means})
     lines = {length: ALONG_LINES[k % len(ALONG_LINES)] for k, length in enumerate(lengths)}
     with plotting.styled():
-        figure = plotting.new_figure(3.4, 5.6)
-        axis = figure.subplots()
-        for name in DURING_TRAINING_SETS:
-            for place, (length, (dash, marker, size)) in enumerate(lines.items()):
+        figure = plotting.new_figure(3.0)
+        panels = figure.subplots(1, len(DURING_TRAINING_SETS), sharey=True)
+        for axis, name in zip(panels, DURING_TRAINING_SETS, strict=True):
+            for place, (length, look) in enumerate(lines.items()):
                 each = [means.get((metric, name, epoch, length)) for epoch in epochs]
-                x = np.array(epochs) * (1 + 0.3 * _dodge(place, len(lines)))
-                _line(axis, x, each, ALONG_COLOURS[name], dash, marker, size)
-        axis.set_xscale("log")
-        axis.set_xticks(epochs, map(str, epochs))
-        axis.minorticks_off()
-        axis.set(xlabel="passes of the training", ylabel="log-MSE (lower is better)")
-        axis.grid(axis="y")
-        handles = [Line2D([], [], color=c, linewidth=3, label=job.of_set(s)) for s, c in ALONG_COLOURS.items()]
-        for length, (dash, marker, size) in lines.items():
+                _line(axis, np.array(epochs) * (1 + 0.3 * _dodge(place, len(lines))), each, look)
+            axis.set_xscale("log")
+            axis.set_xticks(epochs, map(str, epochs))
+            axis.minorticks_off()
+            axis.set(title=job.of_set(name), xlabel="passes of the training")
+            axis.grid(axis="y")
+        panels[0].set_ylabel("log-MSE (lower is better)")
+        handles = []
+        for length, look in lines.items():
             text = f"fine-tuned, {length} pass{'es' if length > 1 else ''}" if length else "as trained"
-            handles.append(Line2D([], [], color="0.3", linestyle=dash, marker=marker, markersize=size, label=text))
+            handles.append(Line2D([], [], **look, label=text))
         plotting.legend(figure, handles)
         plotting.heading(figure, job.of_experiment(summary[0].experiment))
     return figure
 
 
-def _line(
-    axis: Axes,
-    x: np.ndarray,
-    means: Sequence[TabledMean | None],
-    colour: object,
-    dash: object,
-    marker: str = "o",
-    size: float = 3,
-) -> None:
+def _line(axis: Axes, x: np.ndarray, means: Sequence[TabledMean | None], look: Mapping) -> None:
     """Means with their 95 % intervals as bars; what has no finite value is left out."""
     good = [(place, mean) for place, mean in zip(x, means, strict=True) if mean is not None and mean.n > 0]
     levels = [mean.mean for _, mean in good]
     spread = np.nan_to_num([[mean.mean - mean.low for _, mean in good], [mean.high - mean.mean for _, mean in good]])
     bars = {"elinewidth": 0.8, "capsize": 1.6}
     places = [place for place, _ in good]
-    axis.errorbar(places, levels, spread, color=colour, linestyle=dash, marker=marker, markersize=size, **bars)
+    axis.errorbar(places, levels, spread, **look, **bars)
 
 
 def _dodge(place: int, count: int) -> float:

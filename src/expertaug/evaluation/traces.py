@@ -113,8 +113,8 @@ def draw_forecasts(
                 for method in methods:
                     kept, place = found[method].kept[name], places[method]
                     order = 4 if Version.parse(method).is_augmented else 3
-                    line = {"color": colours[method], "linestyle": plotting.dash(method), "zorder": order}
-                    axis.plot(first.t, kept.prediction[place, sample, :, dimension], linewidth=1.2, **line)
+                    line = {"linewidth": 1.2, "zorder": order, **_look(method, colours)}
+                    axis.plot(first.t, kept.prediction[place, sample, :, dimension], **line)
                     if kept.band is not None:
                         low, high = kept.band[:, place, sample, :, dimension]
                         times = first.t[len(first.t) - len(low) :]
@@ -286,7 +286,7 @@ def curves(
             for axis, (metric, title) in zip(grid[row], metrics.items(), strict=True):
                 for method in methods:
                     if method in group:
-                        _curve(axis, group[method], metric, colours[method], plotting.dash(method))
+                        _curve(axis, group[method], metric, _look(method, colours))
                 _scale(axis)
                 axis.set(title=reading.of_experiment(experiment), xlabel="step", ylabel=title)
                 axis.grid(axis="y")
@@ -311,7 +311,7 @@ def _limits(axes: Sequence[Axes], truth: np.ndarray) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _curve(axis: Axes, logs: Sequence[Log], metric: str, colour: tuple, dash: object) -> None:
+def _curve(axis: Axes, logs: Sequence[Log], metric: str, look: Mapping) -> None:
     """Groups of seeds of one method side by side; a long course is averaged in bins."""
     by_step: dict[int, list[float]] = {}
     for log in logs:
@@ -331,8 +331,8 @@ def _curve(axis: Axes, logs: Sequence[Log], metric: str, colour: tuple, dash: ob
     steps = np.add.reduceat(steps, edges) / counts
     values = np.add.reduceat(values, edges) / counts[:, None]
     if widest > 1:
-        axis.fill_between(steps, values.min(1), values.max(1), color=colour, alpha=0.25, linewidth=0)
-    axis.plot(steps, values.mean(1), color=colour, linestyle=dash, linewidth=1.3)
+        axis.fill_between(steps, values.min(1), values.max(1), color=look["color"], alpha=0.25, linewidth=0)
+    axis.plot(steps, values.mean(1), linewidth=1.3, **look)
 
 
 def _scale(axis: Axes) -> None:
@@ -381,5 +381,9 @@ def _first_trained(found: Mapping[str, Forecasts]) -> int:
 
 def _handles(methods: Sequence[str], labels: Mapping[str, str], colours: Mapping) -> list[Line2D]:
     """Entries of a legend."""
-    lines = {m: {"color": colours[m], "linestyle": plotting.dash(m)} for m in methods}
-    return [Line2D([], [], label=labels.get(m, m), **line) for m, line in lines.items()]
+    return [Line2D([], [], label=labels.get(m, m), **_look(m, colours)) for m in methods]
+
+
+def _look(version: str, colours: Mapping) -> dict:
+    """Of a line through so many points that none is marked."""
+    return plotting.look(version, colours) | {"marker": ""}
