@@ -23,7 +23,7 @@ OWN = {
     "least_squares_friction": 8,
     "expert_only_point_mass": 3,
     "aphynity_point_mass": 3,
-    "hvae_point_mass": 8,
+    "hvae_point_mass": 1,
     "aphynity_of_z_e": 3,
     "aphynity_diffusion": 3,
     "aphynity_damping": 8,

@@ -130,8 +130,8 @@ def wrapped(words: str, width: float, size: float = RC["axes.titlesize"]) -> str
 
 
 def quantity(name: str, unit: str) -> str:
-    """Symbol and unit of an axis."""
-    return f"{symbol(name)} [{unit}]" if unit else symbol(name)
+    """Symbol and unit of an axis; a pure number's is 1."""
+    return f"{symbol(name)} [{unit or 1}]"
 
 
 def plain_log(axes: Axes, which: Literal["x", "y"] = "y") -> None:
@@ -166,7 +166,7 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 def heading(figure: Figure, words: str) -> None:
     """A line above all panels that says what the figure is of."""
-    figure.suptitle(words, fontsize=7.5, color="0.35")
+    figure.suptitle(words, fontsize=RC["axes.titlesize"])
 
 
 def legend(figure: Figure, handles: Sequence[Artist]) -> None:

@@ -54,6 +54,8 @@ def test_a_row_is_a_point_and_a_method_and_a_line_its_intervals(tmp_path, drawn)
     assert set(csv["metric"]) == {"log_mse_sum", "relative_error"} and len(csv) == 4 * 2 * (4 + 3)
     (figure,) = drawn
     assert [axis.get_xlabel().split()[0] for axis in figure.axes] == ["training"] * 2 + ["standard"] * 2
+    assert figure.axes[2].get_xlabel().endswith("[the component's unit]")
+    assert figure.get_suptitle() == "many: how errors depend on the data"
     assert [axis.get_title() for axis in figure.axes] == ["IID test", "test (OOD)", "", ""]
     iid = figure.axes[0]
     assert [tick.get_text() for tick in iid.get_xticklabels()] == ["20", "1000"]

@@ -94,6 +94,7 @@ def test_several_experiments_and_long_labels_fit(tmp_path, drawn, monkeypatch, s
         assert_nothing_is_cut(drawn[-1])
         dots.parameter_errors(tables, [tmp_path / f"{number}.png"], PlotJob(labels=[]))
         assert_nothing_is_cut(drawn[-1])
+    assert all(axis.get_xlabel() for axis in drawn[-1].axes), "below each column"
     assert [axis.get_title() for axis in drawn[-1].axes][:2] == [r"swing: $\omega_{0}$", r"double swing: $\omega_{1}$"]
 
 
@@ -144,7 +145,7 @@ def test_symbols():
     assert plotting.symbol("theta") == r"$\theta$"
     assert plotting.symbol("L") == "$L$"
     assert plotting.symbol("spring_rate") == "spring rate"
-    assert plotting.quantity("k", "") == "$k$"
+    assert plotting.quantity("k", "") == "$k$ [1]"
 
 
 def test_names_with_underscores_are_made_readable():
@@ -157,7 +158,11 @@ def test_names_with_underscores_are_made_readable():
 
 def test_forecasts(tmp_path, drawn):
     paths = write_forecasts(tmp_path)
-    traces.forecasts(paths, [tmp_path / "f.png"], FigureReading(**pairs()), View(seed=1))
+    for path in paths.values():
+        np.savez(path, **np.load(path), version=["swing", "corrected", "a"])
+    title = "swing (toy run)"
+    traces.forecasts(paths, [tmp_path / "f.png"], FigureReading(**pairs(), title=title), View(seed=1))
+    assert drawn[-1].get_suptitle() == "swing (toy run): forecasts on the test (OOD) set, seed 1"
     panels = drawn[-1].axes
     assert len(panels) == 6
     assert [panels[0].get_ylabel(), panels[3].get_ylabel()] == [r"$\theta$ [rad]", r"$\omega$ [rad/s]"]
@@ -227,6 +232,11 @@ def test_methods_without_parameters_get_a_note(tmp_path, drawn):
     assert [figure.texts[0].get_text() for figure in drawn] == ["no method estimates parameters"] * 2
     assert (tmp_path / "a.png").is_file()
     assert (tmp_path / "b.png").is_file()
+    rows = pd.read_csv(tables[0])
+    unknown = rows[rows["metric"] == "log_mse_sum"].assign(metric="relative_error", n=0, of=0, mean=np.nan)
+    pd.concat([rows, unknown]).to_csv(tables[0], index=False)
+    dots.parameter_errors(tables, [tmp_path / "b.png"], PlotJob(labels=[]))
+    assert drawn[-1].texts[0].get_text() == "the true parameters are not known"
 
 
 def test_estimates_outside_are_counted(tmp_path, drawn):
@@ -250,7 +260,7 @@ def test_curves(tmp_path, drawn):
     assert_nothing_is_cut(drawn[-1])
     traces.curves(logs, [tmp_path / "c.png"], FigureReading(**pairs()), ["hybrid", "hybrid+"])
     assert len(drawn[-1].axes[0].lines) == 2
-    assert drawn[-1].get_suptitle() == "curves of 1 more are in the dashboard"
+    assert not drawn[-1].get_suptitle() and drawn[-1].axes[1].get_ylabel() == "selection score"
     assert_nothing_is_cut(drawn[-1])
 
 

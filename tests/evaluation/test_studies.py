@@ -53,6 +53,7 @@ def test_shifts(tmp_path, drawn):
         "labels": list(labels.items()),
         "options": SHIFTS,
         "sets": ranges,
+        "units": {"alpha": "1/s"},
     }
     study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
     text = (tmp_path / "study.md").read_text()
@@ -66,7 +67,7 @@ def test_shifts(tmp_path, drawn):
         pytest.approx([1.6, 1.8]),
     ]
     assert right.get_title() == "$z_a$ and $z_e$ shifted"
-    assert left.get_xticklabels()[1].get_text() == "small\n$\\alpha$: 0.3\nto 0.6"
+    assert left.get_xticklabels()[1].get_text() == "small\n$\\alpha$: 0.3 to\n0.6 1/s"
 
 
 def test_bars_are_the_tables_intervals(tmp_path, drawn):
@@ -127,7 +128,7 @@ def test_widths_of_methods_with_priors_of_their_own(tmp_path, drawn):
     table = (tmp_path / "study.md").read_text()
     assert "| one + | w ∈ [1, 3] |" in table and "| two + | w ∈ [2, 3] |" in table
     ticks = [tick.get_text() for tick in drawn[0].axes[0].get_xticklabels()]
-    assert ticks == ["none", "default\n", "wide\n[0, 9]"], "the axis cannot say what differs"
+    assert ticks == ["none", "default\n", "wide\n0 to 9"], "the axis cannot say what differs"
 
 
 def test_during_training(tmp_path, drawn):
@@ -180,6 +181,8 @@ def test_overview(tmp_path, drawn):
     names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "figures").iterdir()} == names
     left, right = drawn[0].axes
+    assert left.get_xlabel() == right.get_xlabel() == "log-MSE (lower is better)"
     assert (marks(left), marks(right)) == (6, 4), "two sets, Hybrid and Hybrid+; on the left Mean beside them"
     assert left.get_title().startswith("swing (summed") and right.get_title().startswith("two swings (averaged")
     assert len(drawn[2].axes) == 1 and marks(drawn[2].axes[0]) == 3
+    assert not drawn[2].legends, "of one set"

@@ -186,8 +186,19 @@ def test_curves_have_seven_lines_with_the_true_equation(tmp_path, drawn):
     files = [fake(tmp_path / f"{name}.npz", name, [0, 1]) for name in names]
     job = CURVES | {"labels": [[name, name] for name in names], "floor": "truth"}
     distance(files, [tmp_path / "distance.png"], WindowStudyJob.from_mapping(job))
-    assert len(drawn[0].axes[0].lines) == 7
+    log_mse = drawn[0].axes[0]
+    assert len(log_mse.lines) == 7
     assert drawn[0].axes[0].lines[-1].get_color() == EQUATION
+
+
+def test_a_true_equation_far_below_leaves_the_panel_to_the_others(files, tmp_path, drawn):
+    sets = ("validation", "iid", "test")
+    far = {f"{name}_errors": np.full((2, N), 1e-20) for name in sets}
+    path = fake(tmp_path / "truth.npz", "truth", [0, 1], spoiled=far)
+    job = CURVES | {"labels": [*LABELS, ["truth", "True equation"]], "floor": "truth"}
+    distance([*files, path], [tmp_path / "distance.png"], WindowStudyJob.from_mapping(job))
+    axis = drawn[0].axes[0]
+    assert axis.get_ylim()[0] > -10 and [text.get_text() for text in axis.texts] == ["True equation: −46"]
 
 
 def test_curves_by_the_distance_of_z_a_too(tmp_path):

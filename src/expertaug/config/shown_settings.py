@@ -11,6 +11,7 @@ from typing import Any
 from expertaug.config.jobs import estimating, found_priors, label, place_on, seed_groups, starts, studied, variants
 from expertaug.config.models import Augmentation, Configuration, Experiment, OutOfExpertise
 from expertaug.hues import FLOOR, OWN, assigned
+from expertaug.systems.settings import SYSTEMS
 from expertaug.versions import Version, base
 
 TRACED = 6  # lines of one figure
@@ -27,6 +28,7 @@ def study(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
         "hues": hues(config, studied(config, experiment, name)),
         "sets": {k: simulated.dump() for k, simulated in settings.data.simulated.items()},
         "classical": _classical(config, experiment),
+        "units": SYSTEMS[system].UNITS if (system := settings.system["name"]) in SYSTEMS else {},
         **reading(config, experiment),
     }
     if name == "prior_width":

@@ -21,6 +21,7 @@ from expertaug.rows import frame, grouped
 from expertaug.versions import LINES, Version
 
 AXES = {"samples": "training trajectories", "noise": "standard deviation of the noise"}
+UNITS = {"samples": "", "noise": " [the component's unit]"}
 CAPTION = (
     "Mean over seeds with its 95 % interval, or ± standard deviation over seeds where samples' errors are not kept. "
     "log-MSE: natural logarithm of the mean squared error of the forecast; lower is better."
@@ -131,12 +132,12 @@ def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: Dat
                     aside = 0.0 if version in floor else 0.16 * (place / len(shown) - 0.5)
                     _line(axis, values, own, plotting.look(version, colours), aside)
                 axis.set_xticks(range(len(values)), [f"{value:g}" for value in values])
-                axis.set_xlabel(AXES[along])
+                axis.set_xlabel(AXES[along] + UNITS[along])
                 axis.grid(axis="y")
             row[0].set_ylabel("log-MSE (lower is better)")
         for axis, name in zip(axes[0], sets, strict=True):
             axis.set_title(plotting.text(job.of_set(name)))
-        plotting.heading(figure, f"{title}; squared error {job.convention_text}; 95 % intervals")
+        plotting.heading(figure, title)
         each = [zip(*axis.get_legend_handles_labels(), strict=True) for axis in axes.flat]
         handles = {text: handle for panel in each for handle, text in panel}  # a panel may lack a version
         for text, handle in handles.items():

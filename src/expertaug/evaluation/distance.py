@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
 
 from expertaug import plotting
 from expertaug.errors import InputError
@@ -22,6 +23,8 @@ from expertaug.rows import frame, grouped
 from expertaug.versions import LINES, compared
 
 SINGLE = 1e-6  # of a value: what rounding to single precision moves it by, and more
+ROOM = 2.0  # of the range of the versions shown: a floor within it is in the panel
+WORST = -2.0  # skill below which an axis is logarithmic
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
 CAPTION = (
     "Distance: how far the true z_e of a window lies beyond the training range, in widths of that range, the largest "
@@ -197,10 +200,8 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
                     _line(axis, block.get(v, []), metric, plotting.look(v, colours))
                 axis.set_ylabel(name)
                 axis.grid(alpha=0.4)
-                if metric == "parameter_error":
-                    plotting.log_scaled(axis)
-                if metric == "skill":
-                    axis.set_ylim(-0.5, 1.15)
+                shown = [getattr(bin_, metric) for v in chosen for bin_ in block.get(v, [])]
+                _scale(axis, metric, shown, [getattr(bin_, metric) for bin_ in block.get(floor, [])])
         for axis in axes[-1]:
             of = shifted[0] if len(shifted) == 1 else shifted[list(axes[-1]).index(axis)]
             axis.set_xlabel(f"{plotting.text(of)} beyond the training range [its widths]")
@@ -210,6 +211,38 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
             handle.set_label(plotting.text(text))
         plotting.legend(figure, handles)
     return figure
+
+
+def _scale(axis: Axes, metric: str, shown: Sequence[float], floor: Sequence[float]) -> None:
+    """Limits by the versions that people choose between: a floor far below them is told in words, where it would leave
+    them little of the panel."""
+    if metric == "parameter_error":
+        plotting.plain_log(axis)
+    good, own = (np.array([value for value in each if np.isfinite(value)]) for each in (shown, floor))
+    logarithmic = axis.get_yscale() == "log"
+    good, own = (np.log(each[each > 0]) if logarithmic else each for each in (good, own))
+    if not len(good):
+        return
+    if metric == "skill" and good.min() < WORST:
+        axis.set_yscale("symlog", linthresh=1.0)
+        axis.set_ylim(2 * good.min(), max(1.0, good.max()) + 0.15)
+        axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        return
+    low, high = good.min(), good.max()
+    if len(own) and min(low, own.min()) > high - ROOM * ((high - low) or 1.0):
+        low, high = min(low, own.min()), max(high, own.max())
+    margin = 0.07 * ((high - low) or 1.0)
+    limits = np.array([low - margin, high + margin])
+    axis.set_ylim(*(np.exp(limits) if logarithmic else limits))
+    if len(own) and own.max() < limits[0]:
+        ends = np.exp([own.min(), own.max()]) if logarithmic else (own.min(), own.max())
+        texts = dict.fromkeys(_plain(end) for end in ends)
+        words = f"True equation: {' to '.join(texts)}"
+        axis.annotate(words, (0.99, 0.03), xycoords="axes fraction", ha="right", fontsize=6.5, color="0.3")
+
+
+def _plain(value: float) -> str:
+    return np.format_float_positional(float(f"{value:.2g}"), trim="-").replace("-", "−")
 
 
 def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: Mapping) -> None:

@@ -65,25 +65,27 @@ def draw_dots(
     heights = [0.75 + ROW * len(methods) for methods in versions]
     with plotting.styled():
         figure = plotting.new_figure(0.75 + sum(heights), plotting.WIDTH if columns > 1 else 5.2)
+        width = (figure.get_figwidth() - LABELS) / columns
         grid = figure.subplots(len(beside), columns, squeeze=False, sharey="row", height_ratios=heights)
         for axes, line, methods in zip(grid, beside, versions, strict=True):
             for axis, panel in zip(axes, line, strict=False):
                 _panel(axis, panel, methods, colours, floor)
-                axis.set_title(plotting.wrapped(panel.title, (figure.get_figwidth() - LABELS) / columns))
+                axis.set_title(plotting.wrapped(panel.title, width))
                 if logarithmic:
                     plotting.plain_log(axis, "x")
             axes[0].set_ylim(len(methods) - 0.5, -0.5)
             axes[0].set_yticks(range(len(methods)), [plotting.text(labels[m]) for m in methods])
         for axis in grid.flat[len(panels) :]:
             axis.set_axis_off()
-        lowest = [axis for axis in grid[-1] if axis.axison]
-        lowest[len(lowest) // 2].set_xlabel(axis_label)  # in the axes' room: below it comes the legend
+        for axis in grid.flat[max(0, len(panels) - columns) : len(panels)]:  # the lowest of each column
+            axis.set_xlabel(plotting.wrapped(axis_label, width))
         sets = order_sets(row.set for row in rows)
         handles = [_mark(name, "0.3", panels[0].titles) for name in sets]
         if floor in labels:
             text = f"{labels[floor]}, {panels[0].titles.of_set(sets[-1])}"
             handles.append(Line2D([], [], color="0.35", linewidth=0.9, linestyle=":", label=text))
-        plotting.legend(figure, handles)
+        if len(handles) > 1:
+            plotting.legend(figure, handles)
     return figure
 
 
@@ -154,16 +156,16 @@ def overview(tables: Sequence[Path], output: Path, job: OverviewJob) -> None:
         panels = [_panel_of(rows, experiment, RELATIVE_ERROR.name) for experiment in shown]
         panels = [panel for panel in panels if panel.rows]
         if panels:
-            save("parameter_errors", panels, "relative error of the expert parameters [%] (lower is better)", True)
+            save("parameter_errors", panels, "relative error [%] (lower is better)", True)
         else:
-            plotting.save_note("no method estimates parameters", folder / "parameter_errors")
+            plotting.save_note(_without_errors(rows), folder / "parameter_errors")
     panels = [
         _panel_of(rows, experiment, _log_mse(experiment), sets=[experiment.shifted])
         for experiment in job.experiments
         if experiment.shifted
     ]
     if panels:
-        save("za_shifted", panels, "log-MSE where the interaction's parameters are shifted as well (lower is better)")
+        save("za_shifted", panels, "log-MSE (lower is better)")
 
 
 def _log_mse(reading: Reading) -> str:
@@ -208,14 +210,14 @@ def log_mse(tables: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob
 def parameter_errors(tables: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
     """Draw the relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`log_mse`.
 
-    Where no method estimates parameters the figure says so.
+    Where no error is known the figure says why.
     """
     rows = [row for path in tables for row in read_long(path)]
     evaluated = list(dict.fromkeys(row.metric for row in rows if row.of))
     names = [name for name in evaluated if metric_of(name).family is RELATIVE_ERROR_OF]
     names = names or [name for name in (RELATIVE_ERROR.name,) if name in evaluated]
     if not names:
-        plotting.save_note("no method estimates parameters", outputs)
+        plotting.save_note(_without_errors(rows), outputs)
         return
     panels = []
     for (experiment, metric), part in _select(rows, names).items():
@@ -224,6 +226,12 @@ def parameter_errors(tables: Sequence[Path], outputs: Path | Sequence[Path], job
     axis = "relative error [%] (lower is better)"
     with plotting.styled():
         plotting.save(draw_dots(panels, dict(job.hues), axis, logarithmic=True), outputs)
+
+
+def _without_errors(rows: Sequence[TabledMean]) -> str:
+    """Why no method's error of the parameters is known."""
+    unknown = any(row.metric == RELATIVE_ERROR.name for row in rows)  # a row of no seed
+    return "the true parameters are not known" if unknown else "no method estimates parameters"
 
 
 def _select(rows: Sequence[TabledMean], metrics: Sequence[str]) -> dict[tuple[str, str], list[TabledMean]]:

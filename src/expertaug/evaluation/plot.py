@@ -33,6 +33,5 @@ def plot(table: Path, forecasts: Sequence[Path], logs: Sequence[Path], prefix: P
     dots.log_mse([table], output("log_mse"), job)
     dots.parameter_errors([table], output("parameter_errors"), job)
     parameters(traced, output("parameters"), job)
-    view = traces.View(left_out=len(by_method) - len(traced), measured=job.measured)
-    traces.forecasts(traced, output("forecasts"), job, view)
+    traces.forecasts(traced, output("forecasts"), job, traces.View(measured=job.measured))
     traces.curves(logs, output("curves"), job, job.traced)

@@ -127,7 +127,7 @@ def widths(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
                     look = {"color": colours[f"{method}+"], "linestyle": line, "marker": marker, "markersize": 3}
                     _line(axis, x, each, look)
             alike = {name: all(job.priors[m][name] == ranges[name] for m in methods) for name in priors}
-            extents = [_extent(ranges, name) if alike[name] else "" for name in priors]
+            extents = [_extent(ranges, name, job.units) if alike[name] else "" for name in priors]
             ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
             axis.set_xticks(range(len(ticks)), ticks)
             axis.set_xlabel("augmentation prior p⁺")
@@ -192,16 +192,17 @@ def _dodge(place: int, count: int) -> float:
 def _tick(distance: str, name: str, job: StudyJob) -> str:
     """The distance, and below it the range of the interaction's parameters."""
     ranges = z_a_of(job, name)
-    return "\n".join([distance, *(f"{plotting.symbol(p)}: {low:g}\nto {high:g}" for p, (low, high) in ranges.items())])
+    each = [f"{plotting.symbol(p)}: {low:g} to\n{high:g} {job.units.get(p, '')}" for p, (low, high) in ranges.items()]
+    return "\n".join([distance, *map(str.rstrip, each)])
 
 
-def _extent(priors: Mapping[str, Mapping | None], name: str) -> str:
+def _extent(priors: Mapping[str, Mapping | None], name: str, units: Mapping[str, str]) -> str:
     """The range of a single parameter; of several the volume as a multiple of the experiment's own prior."""
     if priors[name] is None or priors[""] is None:
         return "its own"
     if len(priors[name]) == 1:
-        low, high = next(iter(priors[name].values()))
-        return f"[{low:g}, {high:g}]"
+        parameter, (low, high) = next(iter(priors[name].items()))
+        return f"{low:g} to {high:g}\n{units.get(parameter, '')}".rstrip()
     own, this = (math.prod(high - low for low, high in priors[key].values()) for key in ("", name))
     return f"volume × {this / own:.2g}" if own else ""
 

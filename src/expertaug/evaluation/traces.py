@@ -32,7 +32,7 @@ GAP = 0.25  # between states and errors, in widths of a panel
 COLOURS = "RdBu_r"
 OVERSHOOT = 0.1  # of the truth's range that the colours reach beyond it
 QUANTILE = 99.0  # of the errors that their colours reach to: one forecast that runs away would hide all others
-METRICS = {"loss": "training loss", "validation_score": "validation log-MSE"}
+METRICS = {"loss": "training loss", "validation_score": "selection score"}
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,12 @@ class View:
         samples: positions among those kept; empty: the first three, of fields the one whose z_e is farthest outside the
             training set's range.
         seed: whose; None: the first that could be trained.
-        left_out: how many versions are not drawn.
         measured: whether the states were measured, not simulated.
     """
 
     set: str = "test"
     samples: Sequence[int] = ()
     seed: int | None = None
-    left_out: int = 0
     measured: bool = False
 
 
@@ -134,10 +132,8 @@ def draw_forecasts(
         if any(one.kept[name].band is not None for one in found.values()):
             handles.append(Patch(facecolor="0.5", alpha=0.2, label="90 % band, where a method has one"))
         plotting.legend(figure, handles)
-        words = f"forecasts on the {reading.of_set(name)} set, seed {seed}"
-        if view.left_out:
-            words += f"; {view.left_out} further versions are in the tables"
-        plotting.heading(figure, plotting.text(words))
+        title = plotting.text(f"{_title(first, reading)}forecasts on the {reading.of_set(name)} set, seed {seed}")
+        plotting.heading(figure, title)
     return figure
 
 
@@ -183,9 +179,14 @@ def _draw_fields(found: Mapping[str, Forecasts], reading: FigureReading, view: V
             if image is not None:
                 label = f"{quantity}, forecast − truth"
                 figure.colorbar(image, ax=right, location="bottom", shrink=0.8, aspect=22, label=label, extend="both")
-        title = f"a sample of the {reading.of_set(name)} set ({', '.join(_parameters_of(first, name, sample))})"
-        plotting.heading(figure, f"{title}, seed {seed}; below a method, root mean square of its error")
+        sampled = f"a sample of the {reading.of_set(name)} set ({', '.join(_parameters_of(first, name, sample))})"
+        plotting.heading(figure, f"{plotting.text(_title(first, reading))}{sampled}, seed {seed}")
     return figure
+
+
+def _title(data: Forecasts, reading: FigureReading) -> str:
+    """The experiment's name before what a figure shows; nothing of a file that does not say it."""
+    return f"{reading.of_experiment(data.version.experiment)}: " if data.version is not None else ""
 
 
 def farthest(data: Forecasts, name: str, samples: Sequence[int]) -> int:
@@ -293,8 +294,6 @@ def curves(
         handles = _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
         plotting.legend(figure, handles)
-        if left_out := len(trained - shown):
-            plotting.heading(figure, plotting.text(f"curves of {left_out} more are in the dashboard"))
         plotting.save(figure, outputs)
 
 
