@@ -138,7 +138,14 @@ def test_validity(value):
     along = Validity("omega0", edges, np.full(3, value), np.full(3, value), value, (0.0, 1.0))
     found = {"a": ("A", {"train": refit, "test": refit}, {"omega0": along}, "1/s")}
     job = ValidityJob.from_mapping({"experiment": "e", "versions": [], "validity": {}, "device": "cpu"})
-    drawn(validity._draw(found, job, "title"))
+    figure = validity._draw(found, job, "title")
+    drawn(figure)
+    assert figure.legends[0].get_texts()[-1].get_text() == "range of the training windows' estimates"
+    figure = validity._draw(found, job, "title", (0.2, 0.5))
+    assert [patch.get_x() for patch in figure.axes[0].patches] == [0.2] and len(figure.axes[0].get_xticks()) <= 7
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["A", "training windows (left: their 95 % quantile)", "training range"]
+    assert figure.axes[0].get_xlabel() == r"$\omega_{0}$ [1/s]"
 
 
 def drawn(figure):

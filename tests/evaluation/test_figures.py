@@ -174,6 +174,21 @@ def test_forecasts(tmp_path, drawn):
     assert_nothing_is_cut(drawn[-1])
 
 
+def test_bands_in_the_legend_are_those_that_can_be_seen(tmp_path, drawn):
+    paths = write_forecasts(tmp_path, labels=("Hybrid", "Hybrid+", "Mean"))
+    for method, width in (("hybrid", 0.3), ("hybrid+", 1e-3)):
+        arrays = dict(np.load(paths[method]))
+        later = arrays["test_prediction"][..., -150:, :]
+        np.savez(paths[method], **arrays, test_band=np.stack((later - width, later + width)))
+    traces.forecasts(paths, [tmp_path / "f.png"], FigureReading(**pairs(("Hybrid", "Hybrid+", "Mean"))))
+    legend = drawn[-1].legends[0]
+    bands = [text.get_text() for text in legend.get_texts() if "band" in text.get_text()]
+    assert bands == ["90 % band of Hybrid"]
+    truth, *others = drawn[-1].axes[0].lines
+    assert all(truth.get_zorder() < line.get_zorder() for line in others), "no forecast is wholly under the truth"
+    assert truth.get_linewidth() > 2 * max(line.get_linewidth() for line in others)
+
+
 def test_forecasts_of_four_dimensions(tmp_path, drawn):
     paths = write_double_forecasts(tmp_path)
     traces.forecasts(paths, [tmp_path / "f.png"], view=View(set="validation", samples=[0, 2]))
@@ -245,7 +260,22 @@ def test_estimates_outside_are_counted(tmp_path, drawn):
     arrays["test_z_e_hat"][:] = 50
     np.savez(paths["hybrid"], **arrays)
     parameters.parameters(paths, [tmp_path / "p.png"])
-    assert [text.get_text() for text in drawn[-1].axes[0].texts] == ["50 % outside"]
+    (told,) = drawn[-1].axes[0].texts
+    assert told.get_text() == "50 % outside" and told.get_position()[1] > 1, "above the panel"
+    assert_nothing_is_cut(drawn[-1])
+
+
+def test_filled_marks_are_the_shifted_sets_as_in_dots(tmp_path, drawn):
+    parameters.parameters(write_forecasts(tmp_path, labels=("Hybrid",)), [tmp_path / "p.png"])
+    looks = {
+        text.get_text(): line
+        for text, line in zip(drawn[-1].legends[0].get_texts(), drawn[-1].legends[0].legend_handles, strict=True)
+    }
+    assert looks["test (OOD)"].get_markerfacecolor() != "none"
+    assert looks["validation (set of choices)"].get_markerfacecolor() == "none"
+    for name, (marker, face) in dots.LOOKS.items():
+        if name in ("validation", "iid", "test"):
+            assert parameters.MARKERS[name] == marker and (face == "own") == (name == "test")
 
 
 def test_curves(tmp_path, drawn):

@@ -21,8 +21,9 @@ from expertaug.evaluation.settings import FigureReading
 from expertaug.tracking.log import Log, read_log
 from expertaug.versions import Version, ordered, paired
 
-TRUTH = "0.05"
+TRUTH = {"color": "0.75", "linewidth": 3.2}  # wide and below all forecasts, so that one right above it is seen
 MOST_DIMENSIONS = 4
+SEEN = 0.04  # of an axis: a band that is narrower lies below its line
 CURVE_POINTS = 150
 # A forecast may run away; the axis shows the truth's range and this share of it on each side.
 ROOM = 0.5
@@ -106,8 +107,7 @@ def draw_forecasts(
         for row, dimension in enumerate(dimensions):
             for axis, sample in zip(grid[row], samples, strict=True):
                 axis.axvspan(first.t[0], first.t[first.observed], color="0.92", linewidth=0, zorder=0)
-                line = {"color": TRUTH, "linewidth": 1.0, "marker": "." if gaps else "", "markersize": 3, "zorder": 5}
-                axis.plot(first.t, truth[sample, :, dimension], **line)
+                axis.plot(first.t, truth[sample, :, dimension], marker="." if gaps else "", zorder=2, **TRUTH)
                 for method in methods:
                     kept, place = found[method].kept[name], places[method]
                     order = 4 if Version.parse(method).is_augmented else 3
@@ -126,11 +126,13 @@ def draw_forecasts(
         grid[0, 0].set_xlim(first.t[0], first.t[-1])
         figure.align_ylabels(grid[:, 0])
         what = "measured" if gaps or view.measured else "truth"
-        handles = [Line2D([], [], color=TRUTH, linewidth=1.0, label=what)]
+        handles = [Line2D([], [], label=what, **TRUTH)]
         handles += _handles(methods, reading.label_of, colours)
         handles.append(Patch(facecolor="0.92", label="observed window"))
-        if any(one.kept[name].band is not None for one in found.values()):
-            handles.append(Patch(facecolor="0.5", alpha=0.2, label="90 % band, where a method has one"))
+        for method in methods:
+            if _is_seen(found[method].kept[name].band, places[method], samples, dimensions, grid[:, 0]):
+                label = f"90 % band of {reading.printed(method)}"
+                handles.append(Patch(facecolor=colours[method], alpha=0.2, label=label))
         plotting.legend(figure, handles)
         title = plotting.text(f"{_title(first, reading)}forecasts on the {reading.of_set(name)} set, seed {seed}")
         plotting.heading(figure, title)
@@ -182,6 +184,19 @@ def _draw_fields(found: Mapping[str, Forecasts], reading: FigureReading, view: V
         sampled = f"a sample of the {reading.of_set(name)} set ({', '.join(_parameters_of(first, name, sample))})"
         plotting.heading(figure, f"{plotting.text(_title(first, reading))}{sampled}, seed {seed}")
     return figure
+
+
+def _is_seen(
+    band: np.ndarray | None, place: int, samples: Sequence[int], dimensions: Sequence[int], axes: Sequence[Axes]
+) -> bool:
+    """Whether a band is wide enough to be seen beside a line, on the axis of any row."""
+    if band is None:
+        return False
+    widths = np.diff(band[:, place][:, list(samples)], axis=0)[0]
+    return any(
+        bool(np.nanmax(widths[..., dimension], initial=0.0) > SEEN * np.ptp(axis.get_ylim()))
+        for dimension, axis in zip(dimensions, axes, strict=True)
+    )
 
 
 def _title(data: Forecasts, reading: FigureReading) -> str:
