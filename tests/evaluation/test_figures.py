@@ -208,9 +208,12 @@ def test_a_runaway_forecast_leaves_the_truth_visible(tmp_path, drawn):
 @pytest.mark.parametrize("write", [write_forecasts, write_double_forecasts])
 def test_parameters(tmp_path, drawn, write):
     paths = write(tmp_path)
+    for path in paths.values():
+        np.savez(path, **np.load(path), version=["swing", "corrected", "a"])
     ranges = {"omega0": [1.5, 3.1], "omega1": [-20, 20], "omega2": [-40, 40]}
     reading = ParameterReading(training_range=ranges, priors={"hybrid": {"omega0": [0.25, 3.5]}}, **pairs())
     parameters.parameters(paths, [tmp_path / "p.png"], reading)
+    assert drawn[-1].get_suptitle() == "swing: expert parameters"
     panels = drawn[-1].axes
     estimating = [label for label in LABELS if method_of(label) in paths and label not in ("Mean", "ML only")]
     assert [axis.get_title() for axis in panels[: len(estimating)]] == estimating

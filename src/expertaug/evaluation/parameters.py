@@ -83,6 +83,9 @@ def draw_parameters(found: Mapping[str, Forecasts], reading: ParameterReading) -
                 axis.set_title(title, pad=12 if any(told) else None)  # above what is told of points outside
             grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, reading)
+        if first.version is not None:
+            title = f"{reading.of_experiment(first.version.experiment)}: expert parameters"
+            plotting.heading(figure, plotting.text(title))
     return figure
 
 
