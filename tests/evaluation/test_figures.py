@@ -294,6 +294,8 @@ def test_curves(tmp_path, drawn):
     traces.curves(logs, [tmp_path / "c.png"], FigureReading(**pairs()), ["hybrid", "hybrid+"])
     assert len(drawn[-1].axes[0].lines) == 2
     assert not drawn[-1].get_suptitle() and drawn[-1].axes[1].get_ylabel() == "selection score"
+    traces.curves(logs[:3], [tmp_path / "c.png"], FigureReading(**pairs()))
+    assert drawn[-1].get_suptitle() == "swing" and not any(axis.get_title() for axis in drawn[-1].axes)
     assert_nothing_is_cut(drawn[-1])
 
 

@@ -11,7 +11,7 @@ from fake_runs import tables_of, write_metrics, write_samples
 
 from expertaug.errors import InputError
 from expertaug.evaluation import studies
-from expertaug.evaluation.dots import overview
+from expertaug.evaluation.dots import LOOKS, overview
 from expertaug.evaluation.settings import OverviewJob, StudyJob
 from expertaug.evaluation.studies import study
 from expertaug.evaluation.tabulate import tabulate
@@ -129,6 +129,8 @@ def test_widths_of_methods_with_priors_of_their_own(tmp_path, drawn):
     assert "| one + | w ∈ [1, 3] |" in table and "| two + | w ∈ [2, 3] |" in table
     ticks = [tick.get_text() for tick in drawn[0].axes[0].get_xticklabels()]
     assert ticks == ["none", "default\n", "wide\n0 to 9"], "the axis cannot say what differs"
+    markers = {handle.get_label(): handle.get_marker() for handle in drawn[0].legends[0].legend_handles}
+    assert {LOOKS[name][0] for name in ("validation", "test")} == set(markers.values()) - {"None", ""}
 
 
 def test_during_training(tmp_path, drawn):

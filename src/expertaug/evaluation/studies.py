@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 
 from expertaug import plotting
 from expertaug.errors import InputError
+from expertaug.evaluation.dots import LOOKS
 from expertaug.evaluation.forecasts import read_forecasts
 from expertaug.evaluation.metrics import DIVERGED, RELATIVE_ERROR, log_mse_of, metric_of
 from expertaug.evaluation.samples import Samples
@@ -123,9 +124,7 @@ def widths(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
                     variants = [method, *(f"{method}+{prior}" for prior in priors)]
                     each = [means.get((metric, name, variant)) for variant in variants]
                     x = np.arange(len(variants)) + _dodge(place, len(methods))
-                    marker = "o" if name == "test" else "s"
-                    look = {"color": colours[f"{method}+"], "linestyle": line, "marker": marker, "markersize": 3}
-                    _line(axis, x, each, look)
+                    _line(axis, x, each, _of_set(name, line, colours[f"{method}+"]))
             alike = {name: all(job.priors[m][name] == ranges[name] for m in methods) for name in priors}
             extents = [_extent(ranges, name, job.units) if alike[name] else "" for name in priors]
             ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
@@ -138,12 +137,18 @@ def widths(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
                 plotting.plain_log(axis)
         names = {f"{method}+": job.label_of[method] for method in methods}
         handles = [Line2D([], [], color=colours[m], linewidth=3, label=label) for m, label in names.items()]
-        for name, line, marker in zip(sets, (plotting.DASHED, "-"), "so", strict=True):
-            look = {"color": "0.3", "linestyle": line, "marker": marker, "markersize": 3}
-            handles.append(Line2D([], [], label=job.of_set(name), **look))
+        for name, line in zip(sets, (plotting.DASHED, "-"), strict=True):
+            handles.append(Line2D([], [], label=job.of_set(name), **_of_set(name, line, "0.3")))
         plotting.legend(figure, handles)
         plotting.heading(figure, job.of_experiment(summary[0].experiment))
     return figure
+
+
+def _of_set(name: str, line: object, colour: object) -> dict:
+    """A line of a set, with its marker as in the figures of dots."""
+    marker, face = LOOKS[name]
+    face = colour if face == "own" else face
+    return {"color": colour, "linestyle": line, "marker": marker, "markersize": 3.5, "markerfacecolor": face}
 
 
 def during_training(summary: Sequence[TabledMean], job: StudyJob) -> Figure:

@@ -304,11 +304,13 @@ def curves(
                     if method in group:
                         _curve(axis, group[method], metric, _look(method, colours))
                 _scale(axis)
-                axis.set(title=reading.of_experiment(experiment), xlabel="step", ylabel=title)
+                axis.set(title=reading.of_experiment(experiment) if len(found) > 1 else "", xlabel="step", ylabel=title)
                 axis.grid(axis="y")
         handles = _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
         plotting.legend(figure, handles)
+        if len(found) == 1:
+            plotting.heading(figure, plotting.text(reading.of_experiment(next(iter(found)))))
         plotting.save(figure, outputs)
 
 
