@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 from fake_runs import tables_of, write_metrics, write_samples
 
+from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.evaluation import studies
 from expertaug.evaluation.dots import LOOKS, overview
@@ -87,6 +89,9 @@ def test_bars_are_the_tables_intervals(tmp_path, drawn):
     assert drawn[0].get_suptitle() == "swing"
     row = next(line for line in (tmp_path / "study.md").read_text().splitlines() if "z_a shifted | small" in line)
     assert row.endswith("] |") and "95 % interval, for which samples" in (tmp_path / "study.md").read_text()
+    given, told = tmp_path / "told.md", json.dumps(settings)
+    assert main(["study", str(path), str(samples), "--output", str(given), "--settings", told]) == 0
+    assert given.read_text() == (tmp_path / "study.md").read_text(), "the command takes both kinds of files"
 
 
 def test_horizons(tmp_path, drawn):
